@@ -24,6 +24,11 @@ def one_line(value: Any, length: int = _VALUE_LENGTH) -> str:
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
+def quoted(value: Any) -> Any:
+    """Put text in quotes, as it stands in a TOML file, and leave everything else alone."""
+    return f'"{one_line(value)}"' if isinstance(value, str) else value
+
+
 class DermisError(Exception):
     """A run that ends with a message instead of a result."""
 
@@ -46,7 +51,7 @@ class InputError(DermisError):
     key : str
         Dotted name, or the place in a table ("line 3, value 7").
     value : object
-        What was found there.
+        What was found there; text is shown as it is, so quote it first where it stands for text in a file.
     allowed : str
         What may stand there.
     """
@@ -58,9 +63,8 @@ class InputError(DermisError):
         self.key = key
         self.value = value
         self.allowed = allowed
-        shown = f'"{one_line(value)}"' if isinstance(value, str) else one_line(value)
         super().__init__(
-            f"{one_line(self.file, 400)}: {one_line(key, 200)} = {shown}: {one_line(allowed, 1000)}"
+            f"{one_line(self.file, 400)}: {one_line(key, 200)} = {one_line(value)}: {one_line(allowed, 1000)}"
         )
 
 

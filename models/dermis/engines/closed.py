@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The closed engine: one array solve a frame and the exact pulse-count formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dermis.array import column_currents
+from dermis.engines import Result
+from dermis.errors import InputError
+from dermis.plan import Plan
+from dermis.vfc import W_PRESET, code
+
+HONOURS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "g_lateral_row_s",
+        "g_lateral_column_s",
+        "gain",
+        "i_offset_a",
+        "packet_error",
+        "preset_error_v",
+        "v_comp_offset_v",
+    }
+)
+
+# Frames solved at once: 128 of 16x16 keep the elimination inside a 1 MB cache.
+_VALUES_AT_ONCE = 1 << 15
+
+
+def run(plan: Plan, progress: Callable[[int, int], None] | None = None) -> Result:
+    """Run a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    progress : callable, optional
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    Result
+        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them.
+
+    Raises
+    ------
+    InputError
+        The start of the count is more than a packet from the threshold, where the formula does not hold.
+    """
+    converter = plan.converter
+    packet = 1.0 + converter.packet_error
+    start = W_PRESET + converter.preset_error_v / converter.packet_v()
+    threshold = converter.v_comp_offset_v / converter.packet_v()
+    distance = threshold - start
+    if not ((distance > 0) & (distance <= packet)).all():
+        column = int(np.argmax(~((distance > 0) & (distance <= packet))))
+        raise InputError(
+            plan.scene.path,
+            "effects.preset_error and effects.comparator_offset",
+            f"a start {distance[column]:.3g} packets below the threshold",
+            "above 0 and at most one packet for engine closed; engine event takes any",
+        )
+    base = plan.network(0)
+    codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8)
+    x = np.empty(plan.resistance_ohm.shape)
+    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
+    for first in range(0, plan.frames, step):
+        part = slice(first, min(first + step, plan.frames))
+        x[part] = converter.duty(column_currents(base, plan.conductance_s(part)))
+        codes[part] = code(
+            x[part],
+            plan.timing.gate_clocks,
+            plan.timing.code_max,
+            w0=start,
+            packet=packet,
+            threshold=threshold,
+        )
+        if progress is not None:
+            progress(part.stop, plan.frames)
+    return Result(codes, {"x": x})

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a scene to what is simulated: frames, records of network and converter, effects with their reasons."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import effects, scene
+from dermis.array import Network
+from dermis.design import Design
+from dermis.errors import InputError
+from dermis.scene import Scene
+from dermis.sensor import InverseSensor, make_sensor
+from dermis.stimulus import Surroundings, make_frames
+from dermis.vfc import Converter
+
+Floats = NDArray[np.float64]
+
+ENGINES = ("closed", "event", "cosim")
+
+
+class EffectState(NamedTuple):
+    """Whether an effect is simulated, and why."""
+
+    name: str
+    on: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Clocks of one row slot: preset for settle_clocks, then count for gate_clocks."""
+
+    f_clk_hz: float
+    slot_clocks: int
+    settle_clocks: int
+    gate_clocks: int
+    code_max: int
+    rows: int
+    # A one decided at clock n pulls its packet out between clocks n + delay and n + delay + 1: the second
+    # flip-flop.
+    charge_delay_clocks: float = 1.0
+
+    @property
+    def slot_s(self) -> float:
+        """Length of a row slot in seconds."""
+        return self.slot_clocks / self.f_clk_hz
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame in seconds."""
+        return self.rows * self.slot_s
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What changes in time: one frame of resistances after the other, each held for t_frame_s seconds."""
+
+    t_frame_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything an engine, a deck or a report needs; nothing in here knows an engine.
+
+    Attributes
+    ----------
+    scene : Scene
+        The resolved scene.
+    topology : str
+        One of design.TOPOLOGIES.
+    timing : Timing
+    resistance_ohm : ndarray
+        [frames, rows, cols], 0..inf.
+    force_n : ndarray or None
+        [frames, rows, cols] in newtons; None where a stimulus has none.
+    sensor : InverseSensor
+        The law that ties the two.
+    converter : Converter
+    drive : Drive
+    effects : tuple of EffectState
+        Every effect there is, on or off, with the reason.
+    engine, seed, views : str, int, str
+    surrounding : dict
+        Fields of Network other than the taxels and the bias.
+    """
+
+    scene: Scene
+    topology: str
+    timing: Timing
+    resistance_ohm: Floats
+    force_n: Floats | None
+    sensor: InverseSensor
+    converter: Converter
+    drive: Drive
+    effects: tuple[EffectState, ...]
+    engine: str
+    seed: int
+    views: str
+    surrounding: dict[str, Any]
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.resistance_ohm.shape[0]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.resistance_ohm.shape[1]
+
+    @property
+    def cols(self) -> int:
+        """Number of columns."""
+        return self.resistance_ohm.shape[2]
+
+    @property
+    def v_bias_v(self) -> float:
+        """Bias of the driven row in volt."""
+        return self.scene.table.interface.v_bias_v
+
+    def conductance_s(self, frames: slice | int = slice(None)) -> Floats:
+        """Taxel conductance of some frames in siemens; inf where the resistance is 0."""
+        with np.errstate(divide="ignore", over="ignore"):
+            return np.divide(1.0, self.resistance_ohm[frames])
+
+    def network(self, frame: int) -> Network:
+        """The network of one frame."""
+        return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
+
+    def networks(self) -> Iterator[Network]:
+        """The network of every frame."""
+        return (self.network(frame) for frame in range(self.frames))
+
+    def duty_ideal(self) -> Floats:
+        """x = V_b / (k i0 R) without any effect, [frames, rows, cols]."""
+        with np.errstate(over="ignore"):
+            return self.v_bias_v * self.conductance_s() / (self.converter.k * self.converter.i0_a)
+
+    def force_of_duty(self, x: Floats) -> Floats:
+        """Force in newtons whose ideal duty is x (last axis: columns)."""
+        return self.sensor.force_n(self._ohm_of_duty(x))
+
+    def _ohm_of_duty(self, x: Floats) -> Floats:
+        with np.errstate(divide="ignore", over="ignore"):
+            return self.v_bias_v / (self.converter.k * self.converter.i0_a) / (np.asarray(x) + 0.0)
+
+    def active_fields(self) -> frozenset[str]:
+        """Names of the record fields that are away from the ideal."""
+        return self.network(0).active_fields() | self.converter.active_fields()
+
+    def effects_of_field(self, field: str) -> tuple[str, ...]:
+        """Names of the effects that set a record field (for an engine that must refuse it)."""
+        return tuple(
+            name
+            for name, parameters in self.scene.effects.items()
+            for part in [effects.EFFECTS[name].contribute(parameters, self._setting())]
+            if field in part.network or field in part.converter
+        )
+
+    def resolved_toml(self, directory: Path | None = None) -> str:
+        """The scene with every default, and with the engine of this plan; see Scene.to_toml."""
+        run = self.scene.table.run.model_copy(update={"engine": self.engine})
+        table = self.scene.table.model_copy(update={"run": run})
+        return Scene(self.scene.path, table, self.scene.effects, self.scene.design).to_toml(directory)
+
+    def _setting(self) -> effects.Setting:
+        return _setting(self.scene)
+
+
+def load(scene_path: str | Path, engine: str | None = None, design: Design | None = None) -> Plan:
+    """Read a scene and plan it.
+
+    Parameters
+    ----------
+    scene_path : path
+        The TOML file.
+    engine : str, optional
+        Overrides run.engine of the scene.
+    design : Design, optional
+        Other than models/design.toml.
+
+    Raises
+    ------
+    InputError
+        Anything wrong with the scene or the files it names.
+    """
+    return make(scene.load(scene_path, design), engine)
+
+
+def make(world: Scene, engine: str | None = None) -> Plan:
+    """Plan a resolved scene."""
+    table, design = world.table, world.design
+    engine = table.run.engine if engine is None else engine
+    if engine not in ENGINES:
+        raise InputError("command line", "engine", engine, "one of " + ", ".join(ENGINES))
+    rows, cols, interface = table.array.rows, table.array.cols, table.interface
+    direct = interface.topology == "direct"
+    timing = Timing(
+        f_clk_hz=design.converter.f_clk_hz,
+        slot_clocks=design.timing.slot_clocks,
+        settle_clocks=design.timing.settle_clocks,
+        gate_clocks=design.timing.gate_clocks,
+        code_max=design.timing.code_max,
+        rows=rows,
+    )
+    contribution = effects.gather(world.effects, _setting(world))
+    converter = Converter(
+        k=np.full(cols, 1.0 if direct else float(interface.k)),
+        i0_a=np.full(cols, interface.i0_a * (interface.k if direct else 1)),
+        c_int_f=np.full(cols, interface.c_int_f * (interface.k if direct else 1)),
+        f_clk_hz=design.converter.f_clk_hz,
+        v_sign=1.0 if interface.topology == "conveyor_mirror_inverted" else -1.0,
+        **contribution.converter,
+    )
+    sensor = make_sensor(table.sensor)
+    unit_ohm = interface.v_bias_v / (interface.k * interface.i0_a)
+
+    def force_of_code(code: Floats) -> Floats:
+        return sensor.k_force_n_ohm / unit_ohm * code / timing.gate_clocks
+
+    about = Surroundings(world.path, rows, cols, sensor, force_of_code)
+    made = make_frames(table.stimulus, about)
+    for array in (made.resistance_ohm, made.force_n):
+        if array is not None:
+            array.flags.writeable = False
+    return Plan(
+        scene=world,
+        topology=interface.topology,
+        timing=timing,
+        resistance_ohm=made.resistance_ohm,
+        force_n=made.force_n,
+        sensor=sensor,
+        converter=converter,
+        drive=Drive(t_frame_s=timing.frame_s),
+        effects=tuple(
+            EffectState(
+                name, name in world.effects, "named in the scene" if name in world.effects else "not named"
+            )
+            for name in effects.EFFECTS
+        ),
+        engine=engine,
+        seed=table.run.seed,
+        views=table.run.views,
+        surrounding=dict(contribution.network),
+    )
+
+
+def _setting(world: Scene) -> effects.Setting:
+    table = world.table
+
+    def rng(name: str) -> np.random.Generator:
+        word = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+        return np.random.default_rng([table.run.seed, word])
+
+    return effects.Setting(table.array.cols, table.interface.topology, table.interface.k, world.design, rng)

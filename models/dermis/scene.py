@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: what the world is, read strictly from TOML, with every default filled in."""
+
+from __future__ import annotations
+
+import os
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from dermis.design import Design
+from dermis.design import load as load_design
+from dermis.effects import EffectsTable, Setting, resolve_effects
+from dermis.errors import InputError
+from dermis.schema import Strict, entry, read_toml, validate, write_toml
+from dermis.sensor import SensorTable
+from dermis.stimulus import StimulusTable
+
+
+class ArrayTable(Strict):
+    """[array]: the size of the sheet."""
+
+    rows: int | None = entry(
+        None,
+        "Rows, read one after the other",
+        "a whole number 1..256",
+        default_from="array.rows",
+        ge=1,
+        le=256,
+    )
+    cols: int | None = entry(
+        None, "Columns, one converter each", "a whole number 1..256", default_from="array.cols", ge=1, le=256
+    )
+
+
+class InterfaceTable(Strict):
+    """[interface]: what stands between a column and its converter."""
+
+    topology: (
+        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
+    ) = entry(
+        None,
+        "direct: Fig. 3; conveyor_mirror: Fig. 5a; conveyor_mirror_inverted: Fig. 5b; "
+        "multi_output_conveyor: Fig. 6",
+        'one of "direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"',
+        default_from="interface.topology",
+    )
+    k: int | None = entry(
+        None,
+        "The column current is divided by k (direct: the packet is k times larger instead)",
+        "one of interface.k_options in models/design.toml",
+        default_from="interface.k",
+        ge=1,
+    )
+    v_bias_v: float | None = entry(
+        None,
+        "Bias of the driven row, in V",
+        "a finite number > 0, at most 10",
+        default_from="interface.v_bias_v",
+        gt=0,
+        le=10,
+    )
+    i0_a: float | None = entry(
+        None,
+        "Reference current of a packet, before k, in A",
+        "a finite number from 1e-9 to 1",
+        default_from="converter.i0_a",
+        ge=1e-9,
+        le=1,
+    )
+    c_int_f: float | None = entry(
+        None,
+        "Integration capacitor, before k, in F",
+        "a finite number from 1e-15 to 1e-6",
+        default_from="converter.c_int_f",
+        ge=1e-15,
+        le=1e-6,
+    )
+
+
+class RunTable(Strict):
+    """[run]: how to compute it."""
+
+    engine: Literal["closed", "event", "cosim"] = entry(
+        "closed",
+        "closed: array solve and count formula; event: clock by clock; cosim: the real Verilog with ngspice",
+        'one of "closed", "event", "cosim"',
+    )
+    seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
+    views: Literal["behavioural"] = entry(
+        "behavioural", "View of the SPICE blocks in cosim", 'one of "behavioural"'
+    )
+
+
+class SceneTable(Strict):
+    """A whole scene."""
+
+    title: Annotated[str, Field(max_length=10_000)] = entry(
+        "", "For people; it goes into reports and into nothing else", "text of at most 10000 characters"
+    )
+    array: ArrayTable = entry(ArrayTable(), "Size of the sheet", "a table")
+    sensor: SensorTable = entry(SensorTable(), "Law between force and resistance", "a table")
+    stimulus: StimulusTable = entry(..., "What presses on the sheet", "a table with a kind")
+    interface: InterfaceTable = entry(InterfaceTable(), "What stands between column and converter", "a table")
+    effects: EffectsTable = entry(  # type: ignore[valid-type]
+        EffectsTable(), "What departs from the ideal; what is not named is off", "a table of effects"
+    )
+    run: RunTable = entry(RunTable(), "How to compute it", "a table")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene with every default filled in.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read; file names in it are relative to this.
+    table : SceneTable
+        The resolved tables. `table.effects` is as written; `effects` holds what is on, every parameter given.
+    effects : dict
+        Effect name -> parameters.
+    design : Design
+        Where the defaults came from.
+    """
+
+    path: Path
+    table: SceneTable
+    effects: dict[str, Strict]
+    design: Design
+
+    @property
+    def title(self) -> str:
+        """For people only: it may hold anything, so it must never reach a deck or a shell."""
+        return self.table.title
+
+    def to_toml(self, directory: Path | None = None) -> str:
+        """The scene as TOML with every default written out; it loads to an identical plan.
+
+        Parameters
+        ----------
+        directory : Path, optional
+            Where the text will be saved: file names are rewritten relative to it. Without it they are
+            absolute.
+        """
+        data = self.table.model_dump()
+        data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
+        if "file" in data["stimulus"]:
+            file = (self.path.parent / data["stimulus"]["file"]).resolve()
+            data["stimulus"]["file"] = (
+                str(file) if directory is None else os.path.relpath(file, directory.resolve())
+            )
+        return write_toml(data)
+
+
+def load(path: str | Path, design: Design | None = None) -> Scene:
+    """Read a scene and fill in its defaults.
+
+    Raises
+    ------
+    InputError
+        Anything wrong in or with the file, as one line "FILE: KEY = VALUE: what is allowed".
+    """
+    path = Path(path)
+    return from_data(read_toml(path), path, design)
+
+
+def from_data(data: dict[str, Any], path: Path, design: Design | None = None) -> Scene:
+    """Make a scene from TOML data; `path` is named in errors, and file names are relative to it."""
+    return resolve(validate(SceneTable, data, path), path, design)
+
+
+def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
+    """Fill in every default that comes from the design, and check what no single key can."""
+    design = design or load_design()
+    array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
+    sensor = _filled(table.sensor, k_force_n_ohm=design.sensor.k_force_n_ohm)
+    interface = _filled(
+        table.interface,
+        topology=design.interface.topology,
+        k=design.interface.k,
+        v_bias_v=design.interface.v_bias_v,
+        i0_a=design.converter.i0_a,
+        c_int_f=design.converter.c_int_f,
+    )
+    if interface.k not in design.interface.k_options:
+        options = ", ".join(str(k) for k in design.interface.k_options)
+        raise InputError(path, "interface.k", interface.k, f"one of {options}")
+    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
+    if packet_v > design.swing_v:
+        lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
+        allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
+        raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
+    stimulus = table.stimulus
+    if stimulus.kind == "indenter":
+        stimulus = _filled(stimulus, center_row=(array.rows - 1) / 2, center_col=(array.cols - 1) / 2)
+    resolved = table.model_copy(
+        update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
+    )
+    setting = Setting(array.cols, interface.topology, interface.k, design, rng=_no_rng)
+    return Scene(path, resolved, resolve_effects(table.effects, setting, path), design)
+
+
+def _no_rng(name: str) -> Any:
+    raise AssertionError(f"{name}: no random number is drawn while a scene is read")
+
+
+def _filled(table: Any, **defaults: Any) -> Any:
+    return table.model_copy(update={k: v for k, v in defaults.items() if getattr(table, k) is None})
+
+
+def schema_rows() -> Iterator[tuple[str, str, str, str]]:
+    """Every key a scene may have as (key, default, what is allowed, meaning), in the order of the schema."""
+    yield from _rows("", SceneTable)
+
+
+def schema_table() -> str:
+    """The keys of a scene as Markdown tables, one a section, as docs/scenes.md holds them."""
+    lines: list[str] = []
+    section = None
+    for key, default, allowed, meaning in schema_rows():
+        head, _, name = key.rpartition(".")
+        if head != section:
+            section = head
+            lines += ["", f"### `[{head}]`" if head else "### Top level", ""]
+            lines += ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+        cells = (f"`{name}`", default, allowed, meaning)
+        lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+    return "\n".join(lines).strip("\n") + "\n"
+
+
+def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
+    inner: list[tuple[str, type[BaseModel]]] = []
+    for name, field in model.model_fields.items():
+        members = _members(field.annotation)
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        if members and bool not in typing.get_args(field.annotation):
+            tagged = len(members) > 1
+            for member in members:
+                tag = typing.get_args(member.model_fields["kind"].annotation)[0] if tagged else ""
+                inner.append((f"{prefix}{name}" + (f" kind = {tag}" if tagged else ""), member))
+            continue
+        if members:
+            inner.append((f"{prefix}{name}", members[0]))
+        yield prefix + name, _default(field, extra), str(extra.get("allowed", "")), field.description or ""
+    for name, member in inner:
+        yield from _rows(name + ".", member)
+
+
+def _default(field: Any, extra: dict[str, Any]) -> str:
+    if field.is_required():
+        return "must be given"
+    if extra.get("default_from"):
+        return str(extra["default_from"])
+    if field.default is None:
+        return "off" if bool in typing.get_args(field.annotation) else "left out"
+    return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
+
+
+def _members(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) in (typing.Union, Annotated):
+        return [m for a in typing.get_args(annotation) for m in _members(a)]
+    return []

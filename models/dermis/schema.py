@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a schema is made of: strict models, keys that carry their documentation, strict TOML in and out."""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dermis.errors import InputError, quoted
+
+# A scene is written by hand; anything larger is a file given by mistake.
+SCENE_BYTES_MAX = 1 << 20
+
+
+class Strict(BaseModel):
+    """A table of a scene: unknown keys, text for numbers, NaN and infinity are all refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+def entry(default: Any, meaning: str, allowed: str, *, default_from: str = "", **limits: Any) -> Any:
+    """Declare one key of a scene.
+
+    Parameters
+    ----------
+    default : object
+        `...` for a key that must be given; None together with `default_from` for a value that lives in
+        design.toml.
+    meaning, allowed : str
+        One line each: for the table in docs/scenes.md and for the error that quotes what may stand there.
+    default_from : str
+        Where the default comes from when it is not a constant, e.g. "interface.k".
+    limits
+        ge, gt, le, lt, min_length ... as pydantic takes them.
+    """
+    extra = {"allowed": allowed, "default_from": default_from}
+    return Field(default, description=meaning, json_schema_extra=extra, **limits)
+
+
+def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
+    """Read a regular file of at most `limit` bytes, or raise InputError.
+
+    `told_by` is (file, key, value) of the entry that named it; without it the file itself is blamed.
+    """
+    file, key, value = told_by or (path, "file", path.name)
+    value = quoted(value)
+    try:
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
+            # A pipe or a device could block for ever.
+            raise InputError(file, key, value, "a regular file")
+        if status.st_size > limit:
+            raise InputError(
+                file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
+            )
+        with open(path, "rb") as stream:
+            data = stream.read(limit + 1)
+    except OSError as error:
+        raise InputError(file, key, value, f"a readable file ({error.strerror or error})") from None
+    except ValueError as error:  # a NUL in the name
+        raise InputError(file, key, value, f"a file name ({error})") from None
+    if len(data) > limit:
+        raise InputError(file, key, value, f"a file of at most {limit} bytes")
+    return data
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file strictly (duplicate keys are errors in TOML), or raise InputError."""
+    data = read_bytes(path, SCENE_BYTES_MAX)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"byte {error.start}", data[error.start], "text in UTF-8") from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, "TOML", _line_of(error, text), f"valid TOML ({error})") from None
+    except RecursionError:
+        raise InputError(path, "TOML", "nested too deeply", "valid TOML of a few levels") from None
+    except (ValueError, OverflowError) as error:  # impossible dates, integers of thousands of digits
+        raise InputError(path, "TOML", "a value out of range", f"valid TOML ({error})") from None
+
+
+def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
+    lines = text.splitlines()
+    words = str(error).replace(",", " ").replace(")", " ").split()
+    if "line" in words:
+        number = words[words.index("line") + 1]
+        if number.isdigit() and 0 < int(number) <= len(lines):
+            return lines[int(number) - 1]
+    return lines[-1] if lines else ""
+
+
+def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = "") -> Any:
+    """Build `model` from `data`; the first thing wrong becomes an InputError that names its key."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+    except RecursionError:
+        raise InputError(file, prefix or "scene", "nested too deeply", "a few levels of tables") from None
+    except OverflowError:
+        raise InputError(file, prefix or "scene", "an integer", "numbers that a double can hold") from None
+    # Among many, a key that is not known explains most: it is usually the misspelt twin of a missing one.
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    raise _input_error(model, data, first, file, prefix)
+
+
+def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str, prefix: str) -> InputError:
+    # Union tags stand in the location as well; following the data skips them.
+    names: list[str] = [prefix] if prefix else []
+    here: Any = data
+    schema: Any = model
+    allowed = ""
+    missing = False
+    for part in error["loc"]:
+        if isinstance(here, dict) and part in here:
+            here = here[part]
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
+            here = here[part]
+        elif error["type"] == "missing" and part == error["loc"][-1]:
+            missing = True
+        else:
+            schema = _pick(schema, part)
+            continue
+        names.append(str(part))
+        if isinstance(part, str):
+            schema = _models_of(schema)
+            field = next((m.model_fields[part] for m in schema if part in m.model_fields), None)
+            if field is not None:
+                extra = field.json_schema_extra
+                allowed = extra.get("allowed", "") if isinstance(extra, dict) else ""
+                schema = field.annotation
+    key = ".".join(names) or "scene"
+    if error["type"] == "extra_forbidden":
+        owner = _models_of(schema)
+        keys = sorted({k for m in owner for k in m.model_fields})
+        return InputError(file, key, quoted(here), "unknown key; known here: " + (", ".join(keys) or "none"))
+    if error["type"] == "union_tag_not_found":
+        tag = str(error["ctx"]["discriminator"]).strip("'")
+        kinds = ", ".join(_tags(schema, tag))
+        return InputError(file, f"{key}.{tag}", "nothing", f"one of {kinds}")
+    if error["type"] == "union_tag_invalid":
+        tag = str(error["ctx"]["discriminator"]).strip("'")
+        return InputError(
+            file, f"{key}.{tag}", quoted(error["ctx"]["tag"]), f"one of {error['ctx']['expected_tags']}"
+        )
+    shown = "nothing" if missing else quoted(here)
+    return InputError(file, key, shown, allowed or error["msg"])
+
+
+def _models_of(annotation: Any) -> list[type[BaseModel]]:
+    """Every model an annotation may stand for."""
+    if isinstance(annotation, list):
+        return [m for a in annotation for m in _models_of(a)]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is not None:
+        return [m for a in typing.get_args(annotation) for m in _models_of(a)]
+    return []
+
+
+def _pick(annotation: Any, tag: Any) -> Any:
+    """Narrow a tagged union to the member that carries `tag`."""
+    chosen = [
+        m for m in _models_of(annotation) for f in m.model_fields.values() if tag in _literals(f.annotation)
+    ]
+    return chosen or annotation
+
+
+def _literals(annotation: Any) -> tuple[Any, ...]:
+    return typing.get_args(annotation) if typing.get_origin(annotation) is typing.Literal else ()
+
+
+def _tags(annotation: Any, key: str) -> list[str]:
+    found = [m.model_fields[key] for m in _models_of(annotation) if key in m.model_fields]
+    return [str(v) for f in found for v in _literals(f.annotation)]
+
+
+def write_toml(tables: dict[str, Any]) -> str:
+    """Write plain data (numbers, booleans, text, lists, tables) as TOML that reads back to the same data.
+
+    Keys are bare names of the schema; None is left out. Tables within tables are written inline.
+    """
+    lines = [
+        f"{k} = {_toml_value(v)}" for k, v in tables.items() if v is not None and not isinstance(v, dict)
+    ]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"]
+            lines += [f"{k} = {_toml_value(v)}" for k, v in table.items() if v is not None]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        if math.isinf(value):
+            return "inf" if value > 0 else "-inf"
+        return repr(value)
+    if isinstance(value, str):
+        return '"' + "".join(_toml_character(c) for c in value) + '"'
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    if isinstance(value, dict):
+        inner = ", ".join(f"{k} = {_toml_value(v)}" for k, v in value.items() if v is not None)
+        return "{ " + inner + " }" if inner else "{}"
+    raise TypeError(f"no TOML for {type(value).__name__}")
+
+
+def _toml_character(c: str) -> str:
+    if c in '"\\':
+        return "\\" + c
+    if c.isprintable():
+        return c
+    return f"\\u{ord(c):04x}" if ord(c) < 0x10000 else f"\\U{ord(c):08x}"

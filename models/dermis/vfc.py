@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The synchronized voltage-to-frequency converter: charge balance as a formula, and its exact slow twin.
+
+Charge is counted in packets (one packet = i0 / f_clk). w is the stored charge, x = iD / i0 what one clock
+adds, and
+
+    w at clock n already includes x ;  q[n] = (w >= threshold) and not q[n-1] ;  then w -= packet * q[n]
+
+starting from w0 = -1/2 when the preset is released (docs/scenes.md, "Converter convention").
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+W_PRESET = -0.5
+
+# Structural: they say what converter it is, not how it departs from the ideal one.
+_STRUCTURE = ("k", "i0_a", "c_int_f", "f_clk_hz", "v_sign")
+
+
+@dataclass(frozen=True, eq=False)
+class Converter:
+    """The converters of one row of columns; every field but f_clk_hz is an array [cols].
+
+    The defaults are the ideal converter. Volts are counted in the direction of the stored charge: plus means
+    that more charge is needed (thresholds) or is there (preset), whatever the sign of the topology. `v_sign`
+    turns that into the voltage of the integrator: v_int = v_sign * w * packet_v().
+    """
+
+    k: NDArray[np.float64]
+    i0_a: NDArray[np.float64]
+    c_int_f: NDArray[np.float64]
+    f_clk_hz: float
+    v_sign: float = -1.0
+    gain: ArrayLike = 1.0  # of iD
+    i_offset_a: ArrayLike = 0.0  # adds to iD, after the mirror
+    inv_gain_dc: ArrayLike = 0.0  # 1 / open-loop gain of the integrator
+    g_in_s: ArrayLike = 0.0  # conductance across the integrator's input
+    packet_error: ArrayLike = 0.0  # relative
+    preset_error_v: ArrayLike = 0.0
+    v_comp_offset_v: ArrayLike = 0.0
+    v_hysteresis_v: ArrayLike = 0.0  # full width of the window
+    t_comp_delay_s: ArrayLike = 0.0
+
+    def __post_init__(self) -> None:
+        cols = np.shape(np.atleast_1d(np.asarray(self.k, dtype=float)))[0]
+        for field in dataclasses.fields(self):
+            if field.name in ("f_clk_hz", "v_sign"):
+                continue
+            array = np.broadcast_to(np.asarray(getattr(self, field.name), dtype=float), (cols,)).copy()
+            array.flags.writeable = False
+            object.__setattr__(self, field.name, array)
+
+    @property
+    def cols(self) -> int:
+        """Number of columns."""
+        return self.k.shape[0]
+
+    @property
+    def t_clk_s(self) -> float:
+        """Clock period in seconds."""
+        return 1.0 / self.f_clk_hz
+
+    def packet_v(self) -> NDArray[np.float64]:
+        """One ideal packet as a voltage on c_int_f, [cols]."""
+        return self.i0_a / self.f_clk_hz / self.c_int_f
+
+    def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
+        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere."""
+        i_column = np.asarray(i_column_a, dtype=float)
+        return (self.gain * i_column + self.k * self.i_offset_a) / (self.k * self.i0_a)
+
+    def active_fields(self) -> frozenset[str]:
+        """Names of the fields that are away from the ideal."""
+        return frozenset(n for n, v in _IDEAL.items() if bool(np.any(getattr(self, n) != v)))
+
+
+_IDEAL: dict[str, float] = {
+    f.name: f.default for f in dataclasses.fields(Converter) if f.name not in _STRUCTURE
+}
+
+
+def count_exact(
+    x: Fraction | int | float,
+    clocks: int,
+    w0: Fraction | int | float = Fraction(-1, 2),
+    packet: Fraction | int | float = 1,
+    threshold: Fraction | int | float = 0,
+) -> int:
+    """Count the ones of `clocks` decisions, walking through them in exact rationals: the slow reference.
+
+    Parameters
+    ----------
+    x : rational
+        Packets added a clock. A float is taken at its exact binary value.
+    clocks : int
+        Number of decisions.
+    w0 : rational
+        Charge before the first clock, in packets.
+    packet, threshold : rational
+        What a one takes away, and the level of the decision, in ideal packets.
+    """
+    return sum(bits_exact(x, clocks, w0, packet, threshold))
+
+
+def bits_exact(
+    x: Fraction | int | float,
+    clocks: int,
+    w0: Fraction | int | float = Fraction(-1, 2),
+    packet: Fraction | int | float = 1,
+    threshold: Fraction | int | float = 0,
+) -> Iterator[bool]:
+    """Walk through `clocks` decisions in exact rationals and yield each bit (parameters: `count_exact`)."""
+    x, w, packet, threshold = Fraction(x), Fraction(w0), Fraction(packet), Fraction(threshold)
+    q = False
+    for _ in range(clocks):
+        w += x
+        q = w >= threshold and not q
+        w -= packet * q
+        yield q
+
+
+def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
+    """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above x = 1/2.
+
+    Valid for -1 <= w0 < 0 and packets of 1, as FACTS 1.2 has it (there the state already includes the first
+    x).
+    """
+    if not -1 <= w0 < 0:
+        raise ValueError(f"w0 = {w0} is outside [-1, 0)")
+    if x < -w0 / clocks:
+        return 0
+    if x <= Fraction(1, 2):
+        return math.floor(w0 + clocks * x) + 1
+    first = math.ceil(-w0 / x)
+    return (clocks - first) // 2 + 1
+
+
+def count(
+    x: ArrayLike,
+    clocks: int = 510,
+    w0: ArrayLike = W_PRESET,
+    packet: ArrayLike = 1.0,
+    threshold: ArrayLike = 0.0,
+) -> NDArray[np.int64]:
+    """Count of the closed formula in doubles, any shape.
+
+    Parameters
+    ----------
+    x : array_like
+        Packets a clock; -inf..inf, no NaN.
+    clocks : int
+        Decisions in the gate, N.
+    w0, packet, threshold : array_like
+        As in `count_exact`. The formula needs -packet <= w0 - threshold < 0; outside that the first pulses
+        are not one a packet, and `ValueError` is raised.
+
+    Notes
+    -----
+    For packets of 1 this is floor(w0 + N x) + 1 (FACTS 1.2) and every second clock once x > 1/2. N x is
+    rounded once, so the float version may differ from `count_exact` only where N x + (w0 - threshold) lies
+    within ulp(N x) / 2 of an integer, i.e. the force within 1.2e-16 relative of a decision threshold. With w0
+    = -1/2, x = c / N is half a count away from any. Up to x = packet/2 the rounded sum is compared without a
+    second rounding.
+    """
+    x, w0, packet, threshold = np.broadcast_arrays(
+        *(np.asarray(a, dtype=float) for a in (x, w0, packet, threshold))
+    )
+    if np.isnan(x).any():
+        raise ValueError("x is not a number")
+    start = threshold - w0  # what must be gathered before the first one, in (0, packet]
+    if not ((start > 0) & (start <= packet)).all():
+        raise ValueError("the closed formula needs a start within one packet below the threshold")
+    with np.errstate(over="ignore", invalid="ignore"):
+        # N x >= start + m * packet  <=>  at least m + 1 ones.
+        ones = np.floor(np.divide(clocks * x - start, packet))
+        ones = np.where(np.isfinite(ones), ones, 0.0)
+        ones += clocks * x >= start + (ones + 1) * packet  # division and difference may round either way
+        ones -= clocks * x < start + ones * packet
+        balanced = np.clip(ones + 1, 0, None)
+        fast = 2 * x > packet
+        first = np.ceil(np.divide(start, np.where(fast, x, 1.0)))  # inf x: 0, which is the first clock
+        first = np.where(fast, np.clip(first, 1, clocks + 1), 1)
+        first -= (first > 1) & ((first - 1) * x >= start)
+        first += first * np.where(fast, x, np.inf) < start
+        gated = np.maximum((clocks - first) // 2 + 1, 0)
+    return np.where(fast, gated, balanced).astype(np.int64)
+
+
+def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:
+    """min(code_max, count): what the saturating counter holds at the end of the gate."""
+    return np.minimum(count(x, clocks, **start), code_max)
+
+
+def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
+    """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole clocks.
+
+    A different machine from charge balance, kept to show both (FACTS 1.1). Over N clocks it gives
+    ceil(N / ceil(1/x)) pulses with the first at clock 0; x = 0 gives 0 and no cycle is shorter than two
+    clocks.
+
+    1/x within 1e-12 relative of an integer is taken as that integer: R = n * 250 ohm is meant to be on the
+    step.
+    """
+    x = np.asarray(x, dtype=float)
+    if not (x >= 0).all():
+        raise ValueError("x must be 0 or above")
+    with np.errstate(divide="ignore", over="ignore"):
+        period = np.divide(1.0, x)
+    whole = np.round(np.where(np.isfinite(period), period, 0.0))
+    near = np.abs(period - whole) <= 1e-12 * whole
+    period = np.maximum(np.where(near, whole, np.ceil(period)), 2.0)
+    return np.ceil(clocks / period).astype(np.int64)
+
+
+def gaps(x: Fraction) -> tuple[int, int]:
+    """The only two distances between pulses for 0 < x <= 1/2: floor(1/x) and ceil(1/x)."""
+    return math.floor(1 / x), math.ceil(1 / x)
