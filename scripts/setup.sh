@@ -70,6 +70,9 @@ is_ready() {
 if is_ready; then
     exit 0
 fi
+if [[ $root == *[[:space:]]* ]]; then
+    fail "'$root' has a space in it, and Verilator cannot run from such a path: please move the tree"
+fi
 
 # --- one at a time ---------------------------------------------------------------------------------------------
 
@@ -110,6 +113,7 @@ step() { # step "what it does" command...: output to the log, a sign of life eve
             sleep 15 &
             nap=$!
             wait "$nap"
+            kill -0 $$ 2>/dev/null || exit 0 # the set-up itself was killed
             last=$(tail -n 1 "$log" | tr -cd '[:print:]')
             say "  $((SECONDS - begin)) s: ${last:0:90}"
         done
@@ -155,27 +159,30 @@ print("libpython", path, version)
 # Sets python (a usable one, or empty), and python_packages (what apt can add to make /usr/bin/python3 usable).
 # cocotb embeds Python in the simulator, so a Python without its shared library will not do.
 choose_python() {
-    local candidate status path version
+    local candidate status path version seen
     python='' python_packages=() python_seen=()
-    for candidate in ${DERMIS_PYTHON:+"$DERMIS_PYTHON"} python3 python3.11 python3.12 python3.13 python3.14 /usr/bin/python3; do
-        read -r status path version < <("$candidate" -c "$python_probe" 2>/dev/null) || continue
+    local candidates=(python3 python3.11 python3.12 python3.13 python3.14 /usr/bin/python3)
+    if [[ -n ${DERMIS_PYTHON:-} ]]; then
+        candidates=("$DERMIS_PYTHON") # asked for by name: no other will do
+    fi
+    for candidate in "${candidates[@]}"; do
+        read -r status path version <<<"$("$candidate" -c "$python_probe" 2>/dev/null || true)"
         case $status in
             ok)
                 python=$path
                 return
                 ;;
-            version) python_seen+=("$path is $version") ;;
-            *) python_seen+=("$path has no $status") ;;
+            '') seen="${DERMIS_PYTHON:+$candidate does not run}" ;;
+            version) seen="$path is $version" ;;
+            *) seen="$path has no $status" ;;
         esac
-        if [[ -n ${DERMIS_PYTHON:-} ]]; then
-            return # asked for by name: no other will do
-        fi
-        if [[ $candidate == /usr/bin/python3 && $status != version ]]; then
+        [[ -z $seen || " ${python_seen[*]} " == *" $seen "* ]] || python_seen+=("$seen")
+        if [[ $candidate == /usr/bin/python3 && ($status == venv || $status == libpython) ]]; then
             python_packages=(python3-venv "libpython$version")
         fi
     done
     if [[ ! -x /usr/bin/python3 ]]; then
-        python_packages=(python3 python3-venv)
+        python_packages=(python3 python3-venv libpython3-dev) # -dev: names no version, and none is known yet
     fi
 }
 
@@ -214,18 +221,15 @@ install_packages() { # install_packages "a b c"
         "${as_root[@]}" apt-get "${wait_for_lock[@]}" -qy install --no-install-recommends "${packages[@]}"
 }
 
-# Twice: only an installed python3 can say which libpython it needs.
-for _ in 1 2; do
-    choose_python
-    packages=$(missing_packages)
-    [[ -n $packages ]] || break
+packages=$(missing_packages)
+if [[ -n $packages ]]; then
     install_packages "$packages"
     hash -r
-done
+fi
 choose_python
 if [[ -z $python ]]; then
     fail "needs Python 3.11 to 3.14 with venv and its shared library; seen: $(
-        IFS=';'
+        IFS=,
         echo "${python_seen[*]:-none}"
     ); DERMIS_PYTHON=path names another"
 fi
