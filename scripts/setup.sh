@@ -4,7 +4,7 @@
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
-# DERMIS_PYTHON=path chooses the Python that .venv is made from.
+# DERMIS_PYTHON=path chooses the Python that .venv is made from (remove .venv to change it).
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -51,7 +51,7 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
     local tool
     {
         sha256sum requirements.txt pyproject.toml scripts/setup.sh
-        for tool in "${tools[@]}"; do command -v "$tool" || echo "no $tool"; done
+        for tool in "${tools[@]}"; do command -v "$tool" >/dev/null || echo "no $tool"; done
         ngspice_header
         ngspice_library
         echo "$root" # a venv is not relocatable: a moved or copied tree needs its own
