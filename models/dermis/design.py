@@ -10,13 +10,13 @@ from __future__ import annotations
 import functools
 import math
 import re
-import tomllib
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
+from dermis import schema
 from dermis.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,6 +25,8 @@ SPEC_FILE = ROOT / "models" / "spec.toml"
 
 TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
 K_BOLTZMANN_J_PER_K = 1.380649e-23
+# Relative: what a value computed elsewhere in doubles may be off and still meet a cross-check.
+_ROUNDING = 1e-12
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -109,7 +111,7 @@ class Converter(_Strict):
 
 
 class Timing(_Strict):
-    """One frame, one row slot, one gate; slot_clocks and settle_clocks follow from the frame, the rows and the clock."""
+    """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the rest."""
 
     frame_s: Positive
     gate_clocks: int = Field(ge=1, le=2**24)
@@ -258,35 +260,54 @@ class Design(_Strict):
         slot = exact(self.timing.frame_s) / self.array.rows
         clocks = slot * exact(self.converter.f_clk_hz)
         timing, sensor, interface = self.timing, self.sensor, self.interface
-        if clocks.denominator != 1:
-            _cross("timing.frame_s", timing.frame_s, f"a row slot frame_s / rows of whole clocks, not {float(clocks)!r}")
-        timing._slot_clocks, timing._slot_s = int(clocks), float(slot)
+        # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
+        if round(clocks) < 1 or abs(clocks - round(clocks)) > clocks * _ROUNDING:
+            said = f"a row slot frame_s / rows of whole clocks, not of {float(clocks)!r}"
+            _cross("timing.frame_s", timing.frame_s, said)
+        clocks = round(clocks)
+        timing._slot_clocks, timing._slot_s = clocks, float(slot)
         timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
         if timing.settle_clocks < 1:
-            _cross("timing.gate_clocks", timing.gate_clocks, f"below the {int(clocks)} clocks of a row slot")
+            _cross("timing.gate_clocks", timing.gate_clocks, f"below the {clocks} clocks of a row slot")
         if 2 * timing.code_max > timing.gate_clocks:
             need = 2 * timing.code_max
-            _cross("timing.gate_clocks", timing.gate_clocks, f"at least {need} clocks for {timing.code_bits} bits")
+            _cross(
+                "timing.gate_clocks",
+                timing.gate_clocks,
+                f"at least {need} clocks for {timing.code_bits} bits",
+            )
         if sensor.r_max_ohm <= sensor.r_min_ohm:
             _cross("sensor.r_max_ohm", sensor.r_max_ohm, f"above r_min_ohm = {sensor.r_min_ohm!r}")
         if self.array.r_floor_ohm >= sensor.r_min_ohm:
-            _cross("array.r_floor_ohm", self.array.r_floor_ohm, f"below sensor.r_min_ohm = {sensor.r_min_ohm!r}")
+            _cross(
+                "array.r_floor_ohm", self.array.r_floor_ohm, f"below sensor.r_min_ohm = {sensor.r_min_ohm!r}"
+            )
         if sorted(set(interface.k_options)) != interface.k_options:
             _cross("interface.k_options", interface.k_options, "four different ratios, rising")
         if interface.k not in interface.k_options:
             _cross("interface.k", interface.k, f"one of k_options = {interface.k_options}")
-        if self.duty(sensor.r_min_ohm) > 0.5:
+        if self.duty(sensor.r_min_ohm) > 0.5 * (1 + _ROUNDING):
             low = self.resistance_full_scale_ohm
             _cross("sensor.r_min_ohm", sensor.r_min_ohm, f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm")
         if 2 * self.converter.t_edge_s >= self.converter.t_clk_s:
-            _cross("converter.t_edge_s", self.converter.t_edge_s, f"below half a clock of {self.converter.t_clk_s!r} s")
+            _cross(
+                "converter.t_edge_s",
+                self.converter.t_edge_s,
+                f"below half a clock of {self.converter.t_clk_s!r} s",
+            )
         amplifier, supply = self.integrator, self.supply
         if amplifier.v_out_max_v > supply.vdd_v:
-            _cross("integrator.v_out_max_v", amplifier.v_out_max_v, f"at most supply.vdd_v = {supply.vdd_v!r}")
+            _cross(
+                "integrator.v_out_max_v", amplifier.v_out_max_v, f"at most supply.vdd_v = {supply.vdd_v!r}"
+            )
         if amplifier.v_out_min_v < supply.vss_v:
-            _cross("integrator.v_out_min_v", amplifier.v_out_min_v, f"at least supply.vss_v = {supply.vss_v!r}")
-        if self.converter.packet_v > self.swing_v:
-            _cross("converter.c_int_f", self.converter.c_int_f, f"a packet of at most {self.swing_v!r} V on it")
+            _cross(
+                "integrator.v_out_min_v", amplifier.v_out_min_v, f"at least supply.vss_v = {supply.vss_v!r}"
+            )
+        if self.converter.packet_v > self.swing_v * (1 + _ROUNDING):
+            _cross(
+                "converter.c_int_f", self.converter.c_int_f, f"a packet of at most {self.swing_v!r} V on it"
+            )
         return self
 
     @property
@@ -320,7 +341,7 @@ class Design(_Strict):
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> Design:
-        """Same as `load`."""
+        """Load and check a design file, as the function `load`."""
         return load(path)
 
     def replace(self, **sections: dict[str, Any]) -> Design:
@@ -357,7 +378,7 @@ class Design(_Strict):
 
     @property
     def v_preset_v(self) -> float:
-        """Preset of the integrator in volt: half a packet, w = -1/2 (negative of it for the inverted topology)."""
+        """Preset of the integrator in volt: half a packet, w = -1/2 (negative for the inverted topology)."""
         return float(exact(self.converter.packet_v) / 2)
 
 
@@ -388,7 +409,9 @@ def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> Inpu
         return InputError(file, cause.key, repr(cause.value), cause.allowed)
     path = [str(part) for part in first["loc"]]
     value = "(absent)" if first["type"] == "missing" else repr(first["input"])
-    allowed = _SAY.get(first["type"]) or first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    allowed = _SAY.get(first["type"]) or first["msg"].removeprefix("Input should be ").removeprefix(
+        "Value error, "
+    )
     if first["type"] == "extra_forbidden":
         level: Any = model
         for part in path[:-1]:
@@ -403,8 +426,8 @@ def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> Inpu
 
 
 _DERIVED_KEYS = frozenset(
-    "k_force_n_ohm force_min_n t_clk_s packet_c packet_v f_max_hz slot_clocks settle_clocks code_max slot_s gate_s "
-    "settle_s t_gbw_s t_pole_s v_preset_v i0_direct_a c_direct_f swing_v".split()
+    "k_force_n_ohm force_min_n t_clk_s packet_c packet_v f_max_hz slot_clocks settle_clocks code_max slot_s "
+    "gate_s settle_s t_gbw_s t_pole_s v_preset_v i0_direct_a c_direct_f swing_v".split()
 )
 
 
@@ -424,23 +447,17 @@ def shown(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
+    """Read a TOML file strictly; a key given twice is an error of TOML itself.
 
     Raises
     ------
     InputError
-        The file cannot be read, is no UTF-8, is no TOML, or names a key twice.
+        The file cannot be read or is no TOML.
     """
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(shown(path), "file", path.name, error.strerror or "a readable file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(shown(path), "file", f"byte {error.start}", "UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        where = f"line {found[1]}" if found else "end of file"
-        raise InputError(shown(path), "toml", where, str(error)) from None
+        return schema.read_toml(Path(path))
+    except InputError as error:
+        raise InputError(shown(path), error.key, error.value, error.allowed) from None
 
 
 def load(path: str | Path | None = None) -> Design:
@@ -521,7 +538,9 @@ def load_spec(path: str | Path) -> dict[str, Limit]:
     limits: dict[str, Limit] = {}
     for name, entry in read_toml(path).items():
         if not re.fullmatch(r"[a-z0-9_]+(\.[a-z0-9_]+)+", name):
-            raise InputError(shown(path), "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]')
+            raise InputError(
+                shown(path), "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]'
+            )
         try:
             limits[name] = Limit.model_validate(entry)
         except ValidationError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what follows from models/design.toml: the Verilog header, the SPICE parameters, the array netlist, tables in docs/.
+"""Writes what follows from models/design.toml: Verilog header, SPICE parameters, array, tables in docs.
 
 ``check`` compares the files of the tree with what would be written now and shows each difference.
 """
@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-import os
 import re
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,9 +17,11 @@ import click
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dermis import calculator, verdict
 from dermis import design as design_module
 from dermis.design import ROOT, Design, exact
 from dermis.errors import InputError
+from dermis.files import write_atomic
 
 HEADER = "SPDX-License-Identifier: Apache-2.0"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
@@ -65,7 +65,8 @@ def spice_params(design: Design) -> str:
             if isinstance(value, str):
                 lines.append(f"* {name}: {value}")
             elif isinstance(value, list):
-                lines += [f".param {name.removesuffix('_options')}_{i} = {spice_number(v)}" for i, v in enumerate(value)]
+                stem = name.removesuffix("_options")
+                lines += [f".param {stem}_{i} = {spice_number(v)}" for i, v in enumerate(value)]
             else:
                 lines.append(f".param {name} = {spice_number(value)}")
     return "\n".join([*lines, ""])
@@ -77,25 +78,28 @@ def array_subckt(
     resistance_ohm: ArrayLike | None = None,
     lateral_ohm: ArrayLike | str | None = None,
     name: str = "array",
+    design: Design | None = None,
 ) -> str:
     """Write the taxel array as a subckt with the pins r0 r1 ... c0 c1 ...
 
-    A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the column line.
-    A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and (3, 5). Those along a column
-    would have both ends on one line (there is no trace resistance here) and are not written.
+    A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the column
+    line. A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and (3, 5). Those
+    along a column would have both ends on one line (there is no trace resistance here) and are not written.
 
     Parameters
     ----------
     rows, cols
         Size of the array.
     resistance_ohm
-        [rows, cols] in ohm; inf leaves the element out, 0 becomes array.r_floor_ohm of design.toml. None makes each
-        taxel a parameter ``r_r3c4_ohm`` of the subckt, r_max_ohm by default.
+        Scalar or [rows, cols] in ohm; inf leaves the element out, what is below array.r_floor_ohm of the
+        design becomes that. None makes each taxel a parameter ``r_r3c4_ohm``, r_max_ohm by default.
     lateral_ohm
-        Scalar or [rows, cols - 1] in ohm (inf and 0 as above), None to leave the lateral resistors out, "parameter" to
-        make them all ``{r_lateral_ohm}``, a parameter of the subckt.
+        Scalar or [rows, cols - 1] in ohm (inf and 0 as above), None to leave the lateral resistors out,
+        "parameter" to make them all ``{r_lateral_ohm}``, a parameter of the subckt.
     name
         Name of the subckt.
+    design
+        Where the defaults come from; models/design.toml when None.
 
     Raises
     ------
@@ -106,7 +110,7 @@ def array_subckt(
         raise InputError("array", "rows, cols", f"{rows}, {cols}", "at least 1 each")
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise InputError("array", "name", repr(name), "a lower_snake word")
-    design = design_module.load()
+    design = design or design_module.load()
     floor = design.array.r_floor_ohm
     params: list[str] = []
     elements: list[str] = []
@@ -125,7 +129,8 @@ def array_subckt(
         if lateral_ohm != "parameter":
             raise InputError("array", "lateral_ohm", repr(lateral_ohm), 'a number, None or "parameter"')
         params.append(f"r_lateral_ohm={spice_number(design.array.r_lateral_ohm)}")
-        elements += [f"rlat_r{r}c{c} c{c} c{c + 1} {{r_lateral_ohm}}" for r in range(rows) for c in range(cols - 1)]
+        for r in range(rows):
+            elements += [f"rlat_r{r}c{c} c{c} c{c + 1} {{r_lateral_ohm}}" for c in range(cols - 1)]
     elif lateral_ohm is not None:
         for (r, c), ohm in _resistances("lateral_ohm", lateral_ohm, (rows, cols - 1)):
             if math.isfinite(ohm):
@@ -140,15 +145,18 @@ def array_subckt(
 
 def _resistances(key: str, values: ArrayLike, shape: tuple[int, int]) -> list[tuple[tuple[int, int], float]]:
     try:
-        table = np.broadcast_to(np.asarray(values, dtype=float), shape) if np.ndim(values) == 0 else np.asarray(values, float)
+        table = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError("array", key, "(not numeric)", "numbers in ohm") from None
+    if table.ndim == 0:
+        table = np.broadcast_to(table, shape)
     if table.shape != shape:
         raise InputError("array", key, f"shape {table.shape}", f"shape {shape}")
     bad = np.argwhere(~(table >= 0))
     if len(bad):
         r, c = map(int, bad[0])
-        raise InputError("array", f"{key}[{r}, {c}]", repr(float(table[r, c])), "0 ohm or more, inf for an open taxel")
+        value = repr(float(table[r, c]))
+        raise InputError("array", f"{key}[{r}, {c}]", value, "0 ohm or more, inf for an open taxel")
     return [((r, c), float(table[r, c])) for r in range(shape[0]) for c in range(shape[1])]
 
 
@@ -157,108 +165,142 @@ def _folded(words: list[str], per_line: int) -> list[str]:
 
 
 def array_file(design: Design) -> str:
-    """Return spice/array/array.sp: `array` without and `array_lateral` with lateral resistors, all values parameters."""
+    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as parameters."""
     rows, cols = design.array.rows, design.array.cols
-    text = [f"* {HEADER}", f"* The {rows} x {cols} taxel array, each taxel r_r<row>c<col>_ohm. {ORIGIN}"]
-    text += ["* Take `array` to leave the lateral resistors out, `array_lateral` to have them (r_lateral_ohm)."]
-    plain = array_subckt(rows, cols)
-    return "\n".join([*text, plain + array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral")])
+    text = [
+        f"* {HEADER}",
+        f"* The {rows} x {cols} taxel array, each taxel r_r<row>c<col>_ohm. {ORIGIN}",
+        "* Take `array` to leave the lateral resistors out, `array_lateral` to have them (r_lateral_ohm).",
+        array_subckt(rows, cols, design=design)
+        + array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design),
+    ]
+    return "\n".join(text)
 
 
 _MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
 
 
-def _plain(value: Any) -> str:
-    return value if isinstance(value, str) else repr(value)
+def _cell(text: object) -> str:
+    return str(text).replace("|", "/")
 
 
-def design_table(design: Design) -> str:
+def design_table(design: Design, root: Path) -> str:
     """Return the table of stored and derived design values for docs/numbers.md."""
-    why = design_module.reasons()
+    why = design_module.reasons(root / "models" / "design.toml")
     lines = ["| value | | from | reason |", "|---|---|---|---|"]
     for key, value in design.stored().items():
-        reason = why[key]
-        lines.append(f"| `{key}` | {_plain(value)} | {_MARKS[reason.mark]} | {reason.text.replace('|', '/')} |")
+        mark, text = why[key].mark, why[key].text
+        lines.append(f"| `{key}` | {_cell(value)} | {_MARKS[mark]} | {_cell(text)} |")
     lines += ["", "| derived | |", "|---|---|"]
     lines += [f"| `{key}` | {value:.9g} |" for key, value in design.derived().items()]
     return "\n".join(lines)
 
 
-def limits_table(_design: Design) -> str:
+def limits_table(_design: Design, root: Path) -> str:
     """Return the table of limits for docs/numbers.md."""
-    lines = ["| limit | min | max | unit | gates | conditions | measured by |", "|---|---|---|---|---|---|---|"]
-    for name, limit in design_module.spec().items():
+    head = ("limit", "min", "max", "unit", "gates", "conditions", "measured by")
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
         gates = "yes" if limit.gate else "no"
-        text = limit.conditions.replace("|", "/")
-        lines.append(f"| `{name}` | {low} | {high} | {limit.unit} | {gates} | {text} | `{limit.command}` |")
+        cells = (f"`{name}`", low, high, limit.unit, gates, _cell(limit.conditions), f"`{limit.command}`")
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def sizing_table(_design: Design) -> str:
+def range_table(design: Design, _root: Path) -> str:
     """Return the calculator's answer to the default wish, R against code, for docs/numbers.md."""
-    from dermis import calculator
+    answer = calculator.solve(calculator.Wish(), design)
+    lines = [
+        "| " + " | ".join(calculator.RANGE_COLUMNS) + " |",
+        "|---:" * len(calculator.RANGE_COLUMNS) + "|",
+    ]
+    lines += ["| " + " | ".join(f"{cell:.6g}" for cell in row) + " |" for row in answer.range_table()]
+    return "\n".join(lines)
 
-    return calculator.range_table_markdown(calculator.solve(calculator.Wish()))
+
+# One wish of each kind: the paper's, a larger array, another sensor, more bits, and three that cannot be met.
+EXAMPLES: tuple[dict[str, Any], ...] = (
+    {},
+    {"rows": 32, "cols": 32, "frame_rate_hz": 200.0},
+    {"r_min_ohm": 1000.0, "k_force_n_ohm": 6000.0, "i_sensor_a": 5e-4},
+    {"bits": 10},
+    {"f_clk_hz": 4e6, "bits": 9},
+    {"frame_s": 1e-4},
+    {"topology": "direct", "gain_dc": 1000.0},
+)
 
 
-TABLES: dict[str, dict[str, Callable[[Design], str]]] = {
-    DOCS_NUMBERS: {"design": design_table, "limits": limits_table, "range": sizing_table},
+def examples_table(design: Design, _root: Path) -> str:
+    """Return the calculator's answers to `EXAMPLES` for docs/numbers.md."""
+    head = (
+        "wish",
+        "f_clk [Hz]",
+        "slot = settle + gate",
+        "V_b [V]",
+        "k",
+        "i0 [A]",
+        "C [F]",
+        "can it be built",
+    )
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for wishes in EXAMPLES:
+        answer = calculator.solve(calculator.make_wish(**wishes), design)
+        v = answer.values()
+        options = " ".join(f"--{name.replace('_', '-')} {_cell(value)}" for name, value in wishes.items())
+        cells = [f"`dermis calc {options}`".replace(" `", "`"), f"{v['f_clk_hz']:.6g}"]
+        cells += [f"{v['slot_clocks']} = {v['settle_clocks']} + {v['gate_clocks']}"]
+        cells += [f"{v[name]:.6g}" for name in ("v_bias_v", "k", "i0_a", "c_int_f")]
+        missed = [f"{r['name']}: {r['note']}" for r in answer.rows if r["status"] != "PASS"]
+        lines.append("| " + " | ".join([*cells, _cell("; ".join(missed)) or "yes"]) + " |")
+    return "\n".join(lines)
+
+
+TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
+    "docs/numbers.md": {
+        "design": design_table,
+        "limits": limits_table,
+        "range": range_table,
+        "examples": examples_table,
+    },
 }
 
 
-def _with_tables(path: str, text: str, design: Design) -> str:
+def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
     for name, make in TABLES[path].items():
-        begin, end = f"<!-- begin: {name} (generated by dermis generate) -->", f"<!-- end: {name} -->"
-        head, found_begin, rest = text.partition(begin)
-        _, found_end, tail = rest.partition(end)
-        if not (found_begin and found_end):
-            raise InputError(path, f"table {name}", "(absent)", f"the lines {begin} and {end}")
-        text = f"{head}{begin}\n{make(design)}\n{end}{tail}"
+        begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
+        if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+            raise InputError(
+                path, f"table {name}", "(its markers)", f"once each, in this order: {begin} {end}"
+            )
+        head, rest = text.split(begin)
+        tail = rest.split(end)[1]
+        text = f"{head}{begin}\n{make(design, root)}\n{end}{tail}"
     return text
 
 
 def generate_all(root: Path = ROOT) -> dict[str, str]:
-    """Return every generated file as ``{path from the root: text}``; files with tables keep the rest of their text."""
-    design = design_module.load(None if root == ROOT else root / "models" / "design.toml")
+    """Return every generated file as ``{path from the root: text}``; in docs only the tables change."""
+    design = design_module.load(root / "models" / "design.toml")
     files = {
         "rtl/dermis_design.vh": verilog_header(design),
         "spice/design.inc": spice_params(design),
         "spice/array/array.sp": array_file(design),
     }
     for path in TABLES:
-        if (root / path).exists():
-            files[path] = _with_tables(path, (root / path).read_text(encoding="utf-8"), design)
+        text = _read(root / path)
+        if text is None:
+            raise InputError(path, "file", "(absent)", "a file with the marks of its generated tables")
+        files[path] = _with_tables(path, text, design, root)
     return files
-
-
-def write_atomic(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def write(root: Path = ROOT) -> list[str]:
     """Write the generated files that differ; return their paths."""
-    changed = [path for path, text in generate_all(root).items() if _read(root / path) != text]
-    files = generate_all(root)
-    for path in changed:
-        write_atomic(root / path, files[path])
-    return changed
+    changed = {path: text for path, text in generate_all(root).items() if _read(root / path) != text}
+    for path, text in changed.items():
+        write_atomic(root / path, text)
+    return list(changed)
 
 
 def _read(path: Path) -> str | None:
@@ -266,50 +308,46 @@ def _read(path: Path) -> str | None:
 
 
 def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
-    """Return ``{path: first lines of the difference}`` of every generated file that is not as it would be written."""
+    """Return ``{path: its first differing lines}`` of the files that are not as they would be written."""
     found: dict[str, str] = {}
     for path, text in generate_all(root).items():
         have = _read(root / path)
         if have is None:
             found[path] = "missing"
         elif have != text:
-            pair = (have.splitlines(), text.splitlines(), f"{path} (in the tree)", f"{path} (from models/design.toml)")
-            diff = list(difflib.unified_diff(*pair, lineterm="", n=0))
+            names = (f"{path} (in the tree)", f"{path} (from models/design.toml)")
+            diff = list(difflib.unified_diff(have.splitlines(), text.splitlines(), *names, lineterm="", n=0))
             more = [f"... {len(diff) - lines} more lines"] if len(diff) > lines else []
             found[path] = "\n".join(diff[:lines] + more) or "line ends differ"
     return found
 
 
-def check(root: Path = ROOT) -> list[dict[str, Any]]:
-    """Return one verdict row a generated file: 0 where the tree has it as it would be written, else 1 and a difference."""
-    from dermis import verdict
-
+def check(root: Path = ROOT) -> list[verdict.Row]:
+    """Return one verdict row a generated file: 0 as it would be written, 1 (and the difference) if not."""
     drifted = drift(root)
-    return [
-        verdict.judge(f"generate.drift_files.{path.rpartition('/')[2].replace('.', '_')}", int(path in drifted),
-                      f"{path}: {drifted[path]}" if path in drifted else path)
-        for path in generate_all(root)
-    ]
+    rows = []
+    for path in generate_all(root):
+        name = "generate.drift_files." + path.replace("/", "_").replace(".", "_")
+        note = f"{path}: {drifted[path]}" if path in drifted else path
+        rows.append(verdict.judge(name, int(path in drifted), note))
+    return rows
 
 
 @click.command("generate")
-@click.option("--check", "only_check", is_flag=True, help="Write nothing; fail on each file that is not up to date.")
-def generate_command(only_check: bool) -> int:
-    """Write the Verilog header, the SPICE parameters, the array netlist and the tables in docs from design.toml."""
-    from dermis import verdict
-
-    if not only_check:
-        changed = write()
-        for path in changed:
-            click.echo(f"written: {path}")
-        click.echo("" if changed else "everything is up to date", nl=not changed)
-        return 0
-    rows = check()
-    verdict.write_rows("gen-check", rows)
-    verdict.print_rows(rows, "generated files")
-    for text in drift().values():
-        click.echo(text)
-    code = verdict.exit_code(rows)
-    if code:
-        raise click.exceptions.Exit(code)
-    return code
+@click.option(
+    "--check", "only_check", is_flag=True, help="Write nothing; fail on each file that has drifted."
+)
+def generate_command(only_check: bool) -> None:
+    """Write the Verilog header, the SPICE parameters, the array netlist and the tables in docs."""
+    if only_check:
+        rows = check()
+        verdict.write_rows("gen-check", rows)
+        verdict.print_rows(rows, "Generated files")
+        if code := verdict.exit_code(rows):
+            raise click.exceptions.Exit(code)
+        return
+    changed = write()
+    for path in changed:
+        click.echo(f"written: {path}")
+    if not changed:
+        click.echo("everything is up to date")
