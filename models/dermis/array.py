@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The resistor array between row drivers and column inputs: the current of each column for each driven row."""
+"""The resistor array between row drivers and column inputs: column currents for each driven row."""
 
 from __future__ import annotations
 

@@ -148,6 +148,23 @@ class _IntegratorGain(Strict):
     )
 
 
+class _IntegratorRange(Strict):
+    v_max_v: float | None = entry(
+        None,
+        "Highest output of the integrator, in V",
+        "a finite number > 0",
+        default_from="integrator.v_out_max_v",
+        gt=0,
+    )
+    v_min_v: float | None = entry(
+        None,
+        "Lowest output of the integrator, in V",
+        "a finite number < 0",
+        default_from="integrator.v_out_min_v",
+        lt=0,
+    )
+
+
 class _ComparatorOffset(Strict):
     v_v: PerColumn | None = entry(
         None,
@@ -262,6 +279,13 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorGain,
             lambda d, t: {"gain_dc": d.integrator.gain_dc, "r_in_ohm": d.integrator.r_in_ohm},
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
+        ),
+        Effect(
+            "integrator_range",
+            "the output of the integrator stops at its limits, and charge beyond them is lost",
+            _IntegratorRange,
+            lambda d, t: {"v_max_v": d.integrator.v_out_max_v, "v_min_v": d.integrator.v_out_min_v},
+            lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
         ),
         Effect(
             "comparator_offset",

@@ -44,6 +44,8 @@ class Converter:
     i_offset_a: ArrayLike = 0.0  # adds to iD, after the mirror
     inv_gain_dc: ArrayLike = 0.0  # 1 / open-loop gain of the integrator
     g_in_s: ArrayLike = 0.0  # conductance across the integrator's input
+    v_int_max_v: ArrayLike = np.inf  # range of the integrator's output; charge beyond it is lost
+    v_int_min_v: ArrayLike = -np.inf
     packet_error: ArrayLike = 0.0  # relative
     preset_error_v: ArrayLike = 0.0
     v_comp_offset_v: ArrayLike = 0.0
