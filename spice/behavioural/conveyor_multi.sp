@@ -1,0 +1,32 @@
+* SPDX-License-Identifier: Apache-2.0
+* Multiple-output conveyor: x follows y, zp sources 1/k of what enters x and zn sinks as much; the ratio is in the output stages, so no mirror follows.
+* Defaults are the physical values of design.inc. Ideal: as conveyor.
+.subckt conveyor_multi y x zp zn ibias vdd vss
++ params: k={interface_k} r_x_ohm={conveyor_r_x_ohm} v_offset_v={conveyor_v_offset_v} t_pole_s={conveyor_t_pole_s}
++ r_z_ohm={conveyor_r_z_ohm} i_out_max_a={conveyor_i_out_max_a} gain_error={conveyor_gain_error}
+.if (i_out_max_a < 1e3)
+* Beyond the limit x is let go: 100 kohm in series with the excess.
+vx x v_x {v_offset_v}
+bx v_x y v = {r_x_ohm}*i(vx) + 1e5*(max(i(vx) - {i_out_max_a}, 0) + min(i(vx) + {i_out_max_a}, 0))
+.elseif (r_x_ohm > 0)
+vx x v_x {v_offset_v}
+rx v_x y {r_x_ohm}
+.else
+vx x y {v_offset_v}
+.endif
+.if (t_pole_s > 0)
+fpole 0 v_z vx {1 + gain_error}
+rpole v_z 0 1e3
+cpole v_z 0 {1e-3*t_pole_s}
+gzp 0 zp v_z 0 {1e-3/k}
+gzn zn 0 v_z 0 {1e-3/k}
+.else
+fzp 0 zp vx {(1 + gain_error)/k}
+fzn zn 0 vx {(1 + gain_error)/k}
+.endif
+.if (r_z_ohm < 1e17)
+* an output stage k times smaller has k times the output resistance
+rzp zp 0 {k*r_z_ohm}
+rzn zn 0 {k*r_z_ohm}
+.endif
+.ends conveyor_multi
