@@ -33,14 +33,14 @@ HONOURS = frozenset(
 _VALUES_AT_ONCE = 1 << 15
 
 
-def run(plan: Plan, progress: Callable[[int, int], None] | None = None) -> Result:
+def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan.
 
     Parameters
     ----------
     plan : Plan
     progress : callable, optional
-        Called with (frames done, frames in all).
+        Called with the number of row slots done so far.
 
     Returns
     -------
@@ -81,5 +81,5 @@ def run(plan: Plan, progress: Callable[[int, int], None] | None = None) -> Resul
             threshold=threshold,
         )
         if progress is not None:
-            progress(part.stop, plan.frames)
+            progress(part.stop * plan.rows)
     return Result(codes, {"x": x})

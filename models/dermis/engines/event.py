@@ -73,14 +73,14 @@ class Cells:
     delay: NDArray[np.float64]
 
 
-def run(plan: Plan, progress: Callable[[int, int], None] | None = None) -> Result:
+def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     """Run a plan.
 
     Parameters
     ----------
     plan : Plan
     progress : callable, optional
-        Called with (frames done, frames in all).
+        Called with the number of row slots done so far.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def run(plan: Plan, progress: Callable[[int, int], None] | None = None) -> Resul
         )
         codes[part] = np.minimum(counts, plan.timing.code_max)
         if progress is not None:
-            progress(part.stop, plan.frames)
+            progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
 
 

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dermis import hdl, netlist
+from dermis.design import ROOT
+from dermis.engines import Result
+from dermis.errors import SimulatorError
+from dermis.plan import Plan
+
+HONOURS = netlist.HONOURS
+
+START_LIMIT_S = 120.0
+"""Longest wait for the first row slot: loading, parsing, operating point."""
+SLOT_LIMIT_S = 120.0
+"""Longest wait for each further slot; behavioural ones take under a second."""
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s."""
+
+    t_edge_s: float = 1e-9
+    t_max_step_s: float = 1e-6
+
+
+@dataclass(frozen=True)
+class Job:
+    """What the child process needs; see dermis.engines.cosim_hdl."""
+
+    plan: Plan
+    frames: tuple[int, ...]
+    simulator: str
+    build: Path
+    sync_latch: bool
+    analog: Literal["ngspice", "exact"]
+    solver: Solver = field(default_factory=Solver)
+    record: bool = False
+
+
+def run(
+    plan: Plan,
+    progress: Callable[[int], None] | None = None,
+    *,
+    simulator: str = "icarus",
+    sync_latch: bool = False,
+    analog: Literal["ngspice", "exact"] = "ngspice",
+    solver: Solver | None = None,
+    record: bool = False,
+    jobs: int | None = None,
+    work: Path | None = None,
+) -> Result:
+    """Read every frame of a plan through the Verilog.
+
+    Parameters
+    ----------
+    plan : Plan
+    progress : callable, optional
+        Called with the number of row slots done so far, over all processes.
+    simulator : "icarus" or "verilator"
+    sync_latch : build the chip with the flip-flop + latch synchronizer
+    analog : "ngspice", or "exact" for the ideal converters without a circuit simulator
+    solver : step control
+    record : keep waveforms (info["trace"], info["waves"])
+    jobs : processes at once; default one a core
+    work : directory for decks and logs, emptied first; default a new one in build/cosim
+
+    Returns
+    -------
+    Result
+        codes uint8 [frames, rows, cols]; info has the work directory, seconds, ngspice's step counts.
+
+    Raises
+    ------
+    SimulatorError
+        Either simulator failed, stopped answering or left no result.
+    """
+    jobs = max(1, min(jobs or os.cpu_count() or 1, plan.frames))
+    parameters = {
+        "ROWS": plan.rows,
+        "COLS": plan.cols,
+        "CODE_BITS": plan.timing.code_max.bit_length(),
+        "GATE_CLOCKS": plan.timing.gate_clocks,
+        "SETTLE_CLOCKS": plan.timing.settle_clocks,
+        "SYNC_LATCH": int(sync_latch),
+    }
+    build = hdl.build(simulator, "dermis_top", parameters)
+    if work is None:
+        base = ROOT / "build" / "cosim"
+        base.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
+    else:
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+    done = [0] * jobs
+    chunks = [tuple(int(f) for f in part) for part in np.array_split(np.arange(plan.frames), jobs)]
+
+    def one(index: int) -> dict[str, Any]:
+        def on_slots(slots: int) -> None:
+            done[index] = slots
+            if progress is not None:
+                progress(sum(done))
+
+        job = Job(plan, chunks[index], simulator, build, sync_latch, analog, solver or Solver(), record)
+        return _run_job(job, work / f"job_{index}", on_slots)
+
+    start = time.perf_counter()
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = [pool.submit(one, i) for i in range(jobs)]
+        try:
+            parts = [future.result() for future in futures]
+        except BaseException:
+            _end_all()
+            raise
+    codes = np.concatenate([part["codes"] for part in parts])
+    info: dict[str, Any] = {
+        "work": str(work),
+        "seconds": time.perf_counter() - start,
+        "simulator": simulator,
+        "steps": {n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")},
+    }
+    if record:
+        info["records"] = parts
+    return Result(codes.astype(np.uint8) if plan.timing.code_max < 256 else codes, info)
+
+
+_children: set[subprocess.Popen[bytes]] = set()
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a child and what it started: it leads a session of its own, so nothing else is hit."""
+    if child.poll() is None:
+        try:
+            os.killpg(child.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        child.wait()
+
+
+def _end_all() -> None:
+    for child in list(_children):
+        _end(child)
+
+
+def _slots_done(path: Path) -> int:
+    try:
+        return int(path.read_text() or 0)
+    except (FileNotFoundError, ValueError):
+        return 0
+
+
+def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict[str, Any]:
+    directory.mkdir(parents=True)
+    (directory / "job.pickle").write_bytes(pickle.dumps(job))
+    console = directory / "console.log"
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    with console.open("wb") as out:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+    _children.add(child)
+    try:
+        slots, since = 0, time.monotonic()
+        while child.poll() is None:
+            time.sleep(0.05)
+            now = _slots_done(directory / "progress")
+            if now != slots:
+                slots, since = now, time.monotonic()
+                on_slots(slots)
+            elif time.monotonic() - since > (SLOT_LIMIT_S if slots else START_LIMIT_S):
+                _end(child)
+                raise SimulatorError(f"the co-simulation stopped answering in {_place(job, slots)}", directory)
+    finally:
+        _end(child)
+        _children.discard(child)
+    return _result(job, directory, _slots_done(directory / "progress"))
+
+
+def _place(job: Job, slots: int) -> str:
+    frame = min(slots // job.plan.rows, len(job.frames) - 1)
+    return f"frame {job.frames[frame]}, row {slots % job.plan.rows}"
+
+
+def _result(job: Job, directory: Path, slots: int) -> dict[str, Any]:
+    failure = directory / "error.json"
+    if failure.exists():
+        said = json.loads(failure.read_text())
+        raise SimulatorError(f"{_place(job, slots)}: {said['what']}", said["log"] or directory)
+    try:
+        with np.load(directory / "result.npz") as data:
+            return dict(data)
+    except (OSError, ValueError):
+        raise SimulatorError(f"the HDL simulator ended without a result in {_place(job, slots)}", directory) from None

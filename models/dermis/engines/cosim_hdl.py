@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The child process of the cosim engine: an HDL simulator with cocotb and, in the same process, ngspice.
+
+Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module again as the cocotb test.
+A job is a directory: job.pickle in; progress, result.npz or error.json, and logs out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dermis import bridge, netlist
+from dermis.analog import ExactHalf
+from dermis.errors import SimulatorError
+from dermis.files import write_atomic
+from dermis.ngspice import NgspiceHalf
+
+if TYPE_CHECKING:
+    from dermis.engines.cosim import Job
+
+JOB_VARIABLE = "DERMIS_COSIM_JOB"
+
+
+def main(job_dir: Path) -> int:
+    """Run the HDL simulator on a job; its exit code says nothing, the files it leaves do."""
+    from cocotb_tools.runner import get_runner
+
+    from dermis import hdl
+
+    job = load(job_dir)
+    hdl.prepare(job.simulator)
+    try:
+        get_runner(job.simulator).test(
+            test_module=__name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl",
+            hdl_toplevel="dermis_top",
+            hdl_toplevel_lang="verilog",
+            build_dir=job.build,
+            test_dir=job_dir,
+            results_xml=str(job_dir / "results.xml"),
+            seed=1,
+            timescale=("1ns", "1ps"),
+            log_file=job_dir / "hdl.log",
+            extra_env={JOB_VARIABLE: str(job_dir), "COCOTB_LOG_LEVEL": "WARNING"},
+        )
+    except (RuntimeError, SystemExit) as error:
+        print(f"the HDL simulator: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def load(job_dir: Path) -> Job:
+    """Read the job that this project's own parent process wrote."""
+    return pickle.loads((job_dir / "job.pickle").read_bytes())
+
+
+async def _frames(dut: Any, job_dir: Path) -> None:
+    job = load(job_dir)
+    plan = job.plan
+    halves: list[Any] = []
+    waveforms: list[tuple[Any, Any]] = []
+    statistics = {"accepted": 0, "rejected": 0, "loads": 0}
+
+    class Counted(NgspiceHalf):
+        def close(self) -> None:
+            for name, value in self.statistics.items():
+                statistics[name] += value
+            if job.record:
+                waveforms.append(self.waveform())
+
+    def make_half(frame: int, levels: list[float]) -> Any:
+        index = job.frames[frame]
+        if job.analog == "exact":
+            duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
+            half: Any = ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
+        else:
+            deck = netlist.frame_deck(plan, index, levels, record=job.record)
+            write_atomic(job_dir / f"frame_{index}.cir", "\n".join(deck.lines) + "\n")
+            half = Counted(
+                deck,
+                t_edge_s=job.solver.t_edge_s,
+                t_max_step_s=job.solver.t_max_step_s,
+                t_stop_s=plan.timing.frame_s,
+                log=job_dir / "ngspice.log",
+                record=job.record,
+            )
+        halves.append(half)
+        return half
+
+    progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+
+    def on_slot(slots: int) -> None:
+        os.pwrite(progress, f"{slots}\n".encode(), 0)
+
+    chip = bridge.Bridge(
+        dut, plan.timing, plan.cols, sync_latch=job.sync_latch, trace=job.record, progress=on_slot
+    )
+    codes = await chip.run(len(job.frames), make_half)
+    arrays: dict[str, Any] = {"codes": codes, **{f"statistics_{k}": v for k, v in statistics.items()}}
+    if chip.trace is not None:
+        for name, values in vars(chip.trace).items():
+            arrays[f"trace_{name}"] = np.array([f"{v:x}" for v in values])
+        for i, (time, probes) in enumerate(waveforms):
+            arrays[f"wave{i}_time_s"] = time
+            arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
+    scratch = job_dir / "result.partial.npz"
+    np.savez(scratch, **arrays)
+    scratch.replace(job_dir / "result.npz")
+
+
+if JOB_VARIABLE in os.environ:
+    import cocotb
+
+    @cocotb.test()
+    async def frames(dut: Any) -> None:
+        """Read the frames of the job; whatever goes wrong is left as error.json for the parent."""
+        job_dir = Path(os.environ[JOB_VARIABLE])
+        try:
+            await _frames(dut, job_dir)
+        except SimulatorError as error:
+            write_atomic(job_dir / "error.json", json.dumps({"what": error.what, "log": error.log}))
+            raise
+        except Exception as error:
+            what = f"{type(error).__name__} in the co-simulation: {error}"
+            (job_dir / "traceback.log").write_text(traceback.format_exc())
+            write_atomic(job_dir / "error.json", json.dumps({"what": what, "log": str(job_dir / "traceback.log")}))
+            raise
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(Path(sys.argv[1])))

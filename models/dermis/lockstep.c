@@ -1,0 +1,407 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * Drives one ngspice transient in exact lock-step with a caller that knows every digital edge in advance.
+ *
+ * ngspice runs as a coroutine on a stack of its own: lockstep_advance() enters it, the synchronisation callback
+ * leaves it again once a time point stands at the requested time. One thread, so a hand-over costs a
+ * context switch in user space instead of two wake-ups of the scheduler, and Python is never called back.
+ *
+ * Edges are exact because the digital source is a function of time (a ramp from t to t + t_edge), and because
+ * every corner of that function is a time point of the solution. Between corners the sources are
+ * straight lines, which trapezoidal integration of a capacitor follows without error.
+ */
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/mman.h>
+#include <ucontext.h>
+
+#include <ngspice/sharedspice.h>
+
+#define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
+#define NAME_SLOTS 1024         /* power of two, more than twice the sources a deck may have */
+#define MAX_SOURCES 400
+#define MAX_CORNERS (2 * MAX_SOURCES + 8)
+#define TEXT_BYTES 4096
+
+enum state { CLOSED, READY, RUNNING, ENDED, FAILED };
+
+struct source {
+    char name[64];
+    double from, to, t; /* level before and after the edge that starts at t */
+};
+
+static struct {
+    enum state state;
+    ucontext_t caller, runner;
+    void *stack;
+    char command[256];
+
+    struct source source[MAX_SOURCES];
+    int n_source;
+    struct { const char *key; int index; } slot[NAME_SLOTS];
+
+    char probe_name[MAX_SOURCES][64];
+    int probe_vector[MAX_SOURCES], n_probe, n_vector;
+    double probe[MAX_SOURCES];
+
+    double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
+    int n_corner;
+
+    double t_now, t_data, t_target, t_edge, t_max_step, t_stop;
+
+    /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
+    double remembered[3];
+    enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
+    bool first_of_kind;
+
+    double *record;
+    size_t record_rows, record_room;
+    bool recording;
+
+    long accepted, rejected, loads;
+    FILE *log;
+    char error[TEXT_BYTES];
+    char trouble[TEXT_BYTES]; /* the last lines in which ngspice complained */
+} ls;
+
+/* ---- text from ngspice ------------------------------------------------------------------------------------ */
+
+static int on_char(char *text, int id, void *user)
+{
+    (void)id, (void)user;
+    if (ls.log)
+        fprintf(ls.log, "%s\n", text);
+    const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
+    if (strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
+        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence")) {
+        size_t used = strlen(ls.trouble);
+        snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
+    }
+    return 0;
+}
+
+static int on_stat(char *text, int id, void *user)
+{
+    (void)text, (void)id, (void)user;
+    return 0;
+}
+
+static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, void *user)
+{
+    (void)immediate, (void)quit, (void)id, (void)user;
+    size_t used = strlen(ls.trouble);
+    snprintf(ls.trouble + used, TEXT_BYTES - used, "%sngspice gave up (status %d)", used ? "; " : "", status);
+    ls.state = FAILED;
+    if (ls.log)
+        fflush(ls.log);
+    return 0;
+}
+
+/* ---- sources ---------------------------------------------------------------------------------------------- */
+
+static int source_index(const char *name)
+{
+    size_t h = ((size_t)name >> 4) & (NAME_SLOTS - 1);
+    for (;; h = (h + 1) & (NAME_SLOTS - 1)) {
+        if (ls.slot[h].key == name)
+            return ls.slot[h].index;
+        if (ls.slot[h].key == NULL)
+            break;
+    }
+    /* ngspice hands over the instance's own name, so its address is a key that stays */
+    for (int i = 0; i < ls.n_source; i++)
+        if (!strcasecmp(ls.source[i].name, name)) {
+            ls.slot[h].key = name;
+            ls.slot[h].index = i;
+            return i;
+        }
+    return -1;
+}
+
+static double level(const struct source *s, double t)
+{
+    if (t <= s->t)
+        return s->from;
+    if (t >= s->t + ls.t_edge)
+        return s->to;
+    return s->from + (s->to - s->from) * ((t - s->t) / ls.t_edge);
+}
+
+static int on_source(double *value, double t, char *name, int id, void *user)
+{
+    (void)id, (void)user;
+    int i = source_index(name);
+    *value = i < 0 ? 0.0 : level(&ls.source[i], t);
+    ls.loads++;
+    return 0;
+}
+
+/* ---- time ------------------------------------------------------------------------------------------------- */
+
+static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t), 1e-12); }
+
+static void add_corner(double t)
+{
+    int i = ls.n_corner;
+    while (i > 0 && ls.corner[i - 1] > t)
+        i--;
+    if (i > 0 && fabs(ls.corner[i - 1] - t) <= ulps(t))
+        return;
+    memmove(ls.corner + i + 1, ls.corner + i, (size_t)(ls.n_corner - i) * sizeof *ls.corner);
+    ls.corner[i] = t;
+    ls.n_corner++;
+}
+
+static void drop_corners_until(double t)
+{
+    int n = 0;
+    while (n < ls.n_corner && ls.corner[n] <= t + ulps(t))
+        n++;
+    if (n) {
+        memmove(ls.corner, ls.corner + n, (size_t)(ls.n_corner - n) * sizeof *ls.corner);
+        ls.n_corner -= n;
+    }
+}
+
+static void leave(void) { swapcontext(&ls.runner, &ls.caller); }
+
+static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
+{
+    (void)old_delta, (void)id, (void)user;
+    if (where != 0) {
+        if (redo) {
+            ls.rejected++;
+            if (ls.first_of_kind && ls.remembered[ls.kind] > *delta)
+                ls.remembered[ls.kind] = *delta;
+        }
+        return 0;
+    }
+    ls.t_now = t;
+    ls.accepted++;
+    bool landed = false;
+    if (ls.n_corner && ls.corner[0] <= t + ulps(t)) {
+        drop_corners_until(t);
+        landed = true;
+        ls.kind = AFTER_RAMP;
+    }
+    if (t >= ls.t_target - ulps(t)) {
+        if (!landed)
+            ls.kind = AFTER_SAMPLE;
+        int before = ls.n_corner;
+        leave();
+        if (ls.n_corner > before)
+            ls.kind = AT_RAMP;
+        drop_corners_until(t);
+        landed = true;
+    }
+    double next = ls.t_target;
+    if (ls.n_corner && ls.corner[0] < next)
+        next = ls.corner[0];
+    double left = next - t;
+    ls.first_of_kind = landed;
+    if (landed) {
+        /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
+           start instead with what was accepted at the same place last time, and let it be a little bolder */
+        *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
+    }
+    if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
+        *delta = fmin(*delta, 0.2 * left);
+    if (*delta > 0.999 * left) /* a step that misses the corner by rounding would be halved for ever */
+        *delta = left;
+    else if (1.9 * *delta > left)
+        *delta = 0.5 * left;
+    if (landed)
+        ls.remembered[ls.kind] = *delta;
+    return 0;
+}
+
+/* ---- data ------------------------------------------------------------------------------------------------- */
+
+static int on_init_data(pvecinfoall all, int id, void *user)
+{
+    (void)id, (void)user;
+    ls.n_vector = all->veccount;
+    for (int p = 0; p < ls.n_probe; p++) {
+        ls.probe_vector[p] = -1;
+        for (int v = 0; v < all->veccount; v++)
+            if (!strcasecmp(all->vecs[v]->vecname, ls.probe_name[p]))
+                ls.probe_vector[p] = v;
+    }
+    return 0;
+}
+
+static int on_data(pvecvaluesall all, int count, int id, void *user)
+{
+    (void)count, (void)id, (void)user;
+    for (int p = 0; p < ls.n_probe; p++)
+        if (ls.probe_vector[p] >= 0)
+            ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
+    for (int v = 0; v < all->veccount; v++)
+        if (all->vecsa[v]->is_scale)
+            ls.t_data = all->vecsa[v]->creal;
+    if (ls.recording) {
+        size_t width = (size_t)ls.n_probe + 1;
+        if (ls.record_rows == ls.record_room) {
+            ls.record_room = ls.record_room ? 2 * ls.record_room : 4096;
+            ls.record = realloc(ls.record, ls.record_room * width * sizeof(double));
+            if (!ls.record)
+                abort();
+        }
+        double *row = ls.record + ls.record_rows++ * width;
+        row[0] = ls.t_data;
+        memcpy(row + 1, ls.probe, (size_t)ls.n_probe * sizeof(double));
+    }
+    return 0;
+}
+
+/* ---- the coroutine ---------------------------------------------------------------------------------------- */
+
+static void run(void)
+{
+    int rc = ngSpice_Command(ls.command);
+    if (ls.state == RUNNING)
+        ls.state = rc ? FAILED : ENDED;
+    swapcontext(&ls.runner, &ls.caller);
+}
+
+/* ---- the interface ---------------------------------------------------------------------------------------- */
+
+const char *lockstep_error(void) { return ls.error; }
+double lockstep_time(void) { return ls.t_now; }
+long lockstep_accepted(void) { return ls.accepted; }
+long lockstep_rejected(void) { return ls.rejected; }
+long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
+size_t lockstep_record_rows(void) { return ls.record_rows; }
+const double *lockstep_record(void) { return ls.record; }
+
+static int fail(const char *what)
+{
+    snprintf(ls.error, TEXT_BYTES, "%s%s%.3000s", what, ls.trouble[0] ? ": " : "", ls.trouble);
+    ls.state = FAILED;
+    if (ls.log)
+        fflush(ls.log);
+    return -1;
+}
+
+int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_source, const char **source_names,
+                  const double *levels, int n_probe, const char **probe_names, double t_edge, double t_max_step,
+                  double t_stop, int recording, int use_ic)
+{
+    static bool initialised;
+    static int ident;
+    if (ls.state == READY || ls.state == RUNNING)
+        return fail("a circuit is open already");
+    if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
+        return fail("too many sources or probes");
+    if (ls.log)
+        fclose(ls.log);
+    ls.log = fopen(log_path, "a");
+    if (!ls.log)
+        return fail("cannot write the log");
+    ls.error[0] = ls.trouble[0] = 0;
+    ls.n_source = n_source;
+    memset(ls.slot, 0, sizeof ls.slot);
+    for (int i = 0; i < n_source; i++) {
+        snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
+        ls.source[i].from = ls.source[i].to = levels[i];
+        ls.source[i].t = -1.0;
+    }
+    ls.n_probe = n_probe;
+    for (int i = 0; i < n_probe; i++) {
+        snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", probe_names[i]);
+        ls.probe_vector[i] = -1;
+    }
+    for (int i = 0; i < n_probe; i++)
+        ls.probe[i] = NAN;
+    ls.n_corner = 0;
+    ls.t_now = ls.t_data = 0.0;
+    ls.t_target = 0.0;
+    ls.t_edge = t_edge;
+    ls.t_max_step = t_max_step;
+    ls.t_stop = t_stop;
+    for (int k = 0; k < 3; k++)
+        ls.remembered[k] = t_max_step;
+    ls.kind = AFTER_SAMPLE;
+    ls.first_of_kind = false;
+    ls.recording = recording != 0;
+    ls.record_rows = 0;
+    free(ls.record);
+    ls.record = NULL;
+    ls.record_room = 0;
+    ls.accepted = ls.rejected = ls.loads = 0;
+
+    if (!initialised) {
+        if (ngSpice_Init(on_char, on_stat, on_exit_wish, on_data, on_init_data, NULL, NULL))
+            return fail("ngspice does not start");
+        ngSpice_Init_Sync(on_source, NULL, on_sync, &ident, NULL);
+        initialised = true;
+    } else {
+        ngSpice_Command("destroy all");
+        ngSpice_Command("remcirc");
+    }
+    ls.state = READY;
+    char **lines = calloc((size_t)n_lines + 1, sizeof *lines);
+    for (int i = 0; i < n_lines; i++)
+        lines[i] = strdup(deck[i]);
+    int rc = ngSpice_Circ(lines);
+    for (int i = 0; i < n_lines; i++)
+        free(lines[i]);
+    free(lines);
+    if (rc || ls.state == FAILED)
+        return fail("ngspice refuses the deck");
+    snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", t_edge, t_stop, t_max_step,
+             use_ic ? " uic" : "");
+    return 0;
+}
+
+/* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
+   samples receives the probes at `to`. */
+int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
+                     double *samples)
+{
+    if (ls.state != READY && ls.state != RUNNING)
+        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
+    if (to > ls.t_stop * (1.0 + 1e-12))
+        return fail("asked to go beyond the end of the transient");
+    for (int i = 0; i < n_edge; i++) {
+        struct source *s = &ls.source[edge_source[i]];
+        double t = edge_time[i];
+        if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
+            return fail("an edge lies outside the interval");
+        s->from = level(s, t);
+        s->to = edge_level[i];
+        s->t = t;
+        add_corner(t);
+        add_corner(t + ls.t_edge);
+    }
+    ls.t_target = to;
+    if (ls.state == READY) {
+        if (!ls.stack) {
+            ls.stack = mmap(NULL, STACK_BYTES, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+            if (ls.stack == MAP_FAILED) {
+                ls.stack = NULL;
+                return fail("no memory for the stack of ngspice");
+            }
+        }
+        getcontext(&ls.runner);
+        ls.runner.uc_stack.ss_sp = ls.stack;
+        ls.runner.uc_stack.ss_size = STACK_BYTES;
+        ls.runner.uc_link = &ls.caller;
+        makecontext(&ls.runner, run, 0);
+        ls.state = RUNNING;
+    }
+    swapcontext(&ls.caller, &ls.runner);
+    bool reached = ls.t_now >= to - ulps(to) || (ls.state == ENDED && ls.t_data >= to - ulps(to));
+    if (!reached || ls.state == FAILED)
+        return fail("ngspice stopped");
+    for (int p = 0; p < ls.n_probe; p++) {
+        if (ls.probe_vector[p] < 0)
+            return fail("a probe is not in the circuit");
+        samples[p] = ls.probe[p];
+    }
+    return 0;
+}

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
+
+The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the project's errors.
+ngspice keeps its circuit in global variables, so there is one circuit per process: parallel circuits are parallel processes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.analog import Edge
+from dermis.design import ROOT
+from dermis.errors import InputError, SimulatorError
+
+SOURCE = Path(__file__).with_name("lockstep.c")
+COMPILE_LIMIT_S = 60
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A circuit ready for lock-step.
+
+    Attributes
+    ----------
+    lines : the netlist, first line the title, without analysis commands.
+    sources : names of the voltage sources declared `external`, driven by the digital side.
+    levels : their values at time zero, in volt.
+    probes : names of the nodes to sample.
+    """
+
+    lines: tuple[str, ...]
+    sources: tuple[str, ...]
+    levels: tuple[float, ...]
+    probes: tuple[str, ...]
+
+
+def library() -> Path:
+    """Return the compiled lock-step driver, compiling it when its source is newer than any copy in build/."""
+    source = SOURCE.read_bytes()
+    target = ROOT / "build" / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
+    if target.exists():
+        return target
+    compiler = shutil.which(os.environ.get("CC", "cc"))
+    if compiler is None:
+        raise InputError("PATH", "cc", "missing", "a C compiler; `make setup` installs it")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    scratch = target.with_suffix(f".{os.getpid()}.tmp")
+    command = [compiler, "-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-o", str(scratch), str(SOURCE), "-lngspice"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
+    if done.returncode:
+        scratch.unlink(missing_ok=True)
+        log = target.with_suffix(".log")
+        log.write_text(done.stderr)
+        raise SimulatorError("lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)", log)
+    scratch.replace(target)
+    return target
+
+
+def _load() -> ctypes.CDLL:
+    lib = ctypes.CDLL(str(library()))
+    text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
+    texts = ctypes.POINTER(text)
+    lib.lockstep_open.argtypes = [text, texts, whole, whole, texts, ctypes.POINTER(number), whole, texts]
+    lib.lockstep_open.argtypes += [number, number, number, whole, whole]
+    lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
+    lib.lockstep_error.restype = text
+    lib.lockstep_time.restype = number
+    for name in ("accepted", "rejected", "loads"):
+        getattr(lib, f"lockstep_{name}").restype = ctypes.c_long
+    lib.lockstep_record_rows.restype = ctypes.c_size_t
+    lib.lockstep_record.restype = ctypes.POINTER(number)
+    return lib
+
+
+_lib: ctypes.CDLL | None = None
+
+
+def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
+    return (ctypes.c_char_p * len(items))(*[item.encode() for item in items])
+
+
+class NgspiceHalf:
+    """One ngspice transient as an analog half (see dermis.analog.AnalogHalf).
+
+    Parameters
+    ----------
+    deck : Deck
+    t_edge_s : float
+        Rise and fall time of every source; its corners become time points of the solution.
+    t_max_step_s : float
+        Largest time step.
+    t_stop_s : float
+        End of the transient; `advance` may go there and not beyond.
+    log : Path
+        Where ngspice's own words go (appended).
+    record : bool
+        Keep every accepted time point of the probes (see `waveform`).
+    use_ic : bool
+        Start from the initial conditions in the deck instead of an operating point.
+
+    Raises
+    ------
+    SimulatorError
+        ngspice refuses the deck or stops; the message carries the time and ngspice's complaint.
+    """
+
+    def __init__(
+        self,
+        deck: Deck,
+        *,
+        t_edge_s: float,
+        t_max_step_s: float,
+        t_stop_s: float,
+        log: Path,
+        record: bool = False,
+        use_ic: bool = False,
+    ) -> None:
+        global _lib
+        _lib = _lib or _load()
+        self._log = log
+        self._probes = deck.probes
+        log.parent.mkdir(parents=True, exist_ok=True)
+        levels = (ctypes.c_double * len(deck.levels))(*deck.levels)
+        lines = [*deck.lines, ".save " + " ".join(f"v({p})" for p in deck.probes), ".end"]
+        if _lib.lockstep_open(
+            str(log).encode(),
+            _texts(lines),
+            len(lines),
+            len(deck.sources),
+            _texts(deck.sources),
+            levels,
+            len(deck.probes),
+            _texts(deck.probes),
+            t_edge_s,
+            t_max_step_s,
+            t_stop_s,
+            int(record),
+            int(use_ic),
+        ):
+            self._raise()
+        room = max(1, 4 * len(deck.sources))
+        self._source = np.zeros(room, np.int32)
+        self._time = np.zeros(room)
+        self._level = np.zeros(room)
+        self._sample = np.zeros(len(deck.probes))
+        self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
+
+    def _raise(self) -> None:
+        words = _lib.lockstep_error().decode(errors="replace")
+        raise SimulatorError(f"ngspice at {_lib.lockstep_time():.9g} s: {words}", self._log)
+
+    def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites)."""
+        for i, (time, source, level) in enumerate(edges):
+            self._source[i] = source
+            self._time[i] = time
+            self._level[i] = level
+        if _lib.lockstep_advance(to, len(edges), *self._pointers):
+            self._raise()
+        return self._sample
+
+    def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set."""
+        rows = _lib.lockstep_record_rows()
+        width = len(self._probes) + 1
+        if rows == 0:
+            return np.zeros(0), {p: np.zeros(0) for p in self._probes}
+        table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
+        return table[:, 0], {p: table[:, i + 1] for i, p in enumerate(self._probes)}
+
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Accepted and rejected time points and source evaluations (about one per Newton iteration) so far."""
+        return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
+
+    def close(self) -> None:
+        """Nothing to release: the next circuit of this process replaces this one."""
