@@ -48,7 +48,8 @@ inside() {
         chroot "$bare" /bin/bash -c "cd /root/dermis && $1"
 }
 # A clone and a Makefile take git and make; all else must come from the project itself.
-inside "command -v make git >/dev/null || { apt-get -qq update && apt-get -qqy install --no-install-recommends make git; } >/dev/null"
+inside "command -v make git >/dev/null || { export DEBIAN_FRONTEND=noninteractive; apt-get -qq update &&
+    apt-get -qqy install --no-install-recommends make git; } >/root/bootstrap.log 2>&1"
 for command in "$@"; do
     begin=$SECONDS status=0
     echo "== $command"
