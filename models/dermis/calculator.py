@@ -462,7 +462,10 @@ def _judged(
         {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None},
     )  # fmt: skip
 
-    counted = vfc.count_rational(usable, answer.gate_clocks)
+    # Whatever the phase: pulses that come for sure, or, where those are enough, what rounding counts.
+    counted = math.floor(answer.gate_clocks * usable)
+    if counted >= answer.code_max:
+        counted = vfc.count_rational(usable, answer.gate_clocks)
     holds = (counted + 1).bit_length() - 1
     exact_gate = math.ceil(answer.code_max / usable)
     row(
@@ -500,11 +503,12 @@ def _judged(
         # Whole clocks, so that rounding a slot down cannot take the last one back.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
         longer: dict[str, float | int | None] = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
-    elif settle > 0:
+    elif settle >= Fraction(1, 20):
         longer = {"frame_s": _at_least(answer.frame_s * settle_min / (slot_s * settle))}
+    elif settle_min <= slot_s / 2:
+        longer = {"settle_fraction": _at_least(settle_min / slot_s)}
     else:
-        longer = {"frame_s": max(float(answer.frame_s), _at_least(2 * settle_min * answer.array_rows))}
-        longer["settle_fraction"] = 0.5
+        longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.array_rows)}
     row("settle_s", settle_s, f"{answer.settle_clocks} clocks", longer)
 
     delay = exact(base.comparator.t_delay_s)

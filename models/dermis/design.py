@@ -403,7 +403,9 @@ _SAY = {
 
 def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> InputError:
     """Turn the first complaint of pydantic into the one line a user gets."""
-    first = error.errors(include_url=False)[0]
+    found = error.errors(include_url=False)
+    # An unknown key says most: it is usually the misspelt twin of the missing one.
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, _Cross):
         return InputError(file, cause.key, repr(cause.value), cause.allowed)

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The calculator: the paper's wish gives the paper's design, feasible wishes hold, others say why not."""
+
+from __future__ import annotations
+
+import json
+import math
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from dermis import calculator, verdict, vfc
+from dermis import design as dd
+from dermis.calculator import make_wish, solve
+from dermis.errors import InputError
+
+# What the paper states; nothing of the answer is in it.
+PAPER_WISH = {
+    "rows": 16,
+    "cols": 16,
+    "frame_s": 2e-3,
+    "bits": 8,
+    "settle_fraction": 0.184,
+    "force_max_n": 15.0,
+    "k_force_n_ohm": 7500.0,
+    "r_max_ohm": 64250.0,
+    "i_sensor_a": 1e-3,
+    "c_int_f": 5e-12,
+    "packet_v": 1.0,
+    "topology": "conveyor_mirror",
+}
+
+
+@pytest.mark.parametrize("wishes", [{}, PAPER_WISH])
+def test_the_papers_wish_gives_exactly_the_papers_design(wishes: dict[str, Any]) -> None:
+    answer = solve(make_wish(**wishes))
+    assert answer.feasible
+    assert answer.f_clk_hz == 5_000_000
+    assert (answer.slot_clocks, answer.gate_clocks, answer.settle_clocks) == (625, 510, 115)
+    assert answer.i0_a == Fraction(25, 10**6)
+    assert answer.v_bias_v == Fraction(1, 2)
+    assert answer.k == 80
+    assert answer.c_int_f == Fraction(5, 10**12)
+    assert answer.packet_v == 1
+    assert answer.r_min_ohm == 500
+    assert answer.r_unit_ohm == 250
+    assert answer.design() == dd.load()
+
+
+def test_eq6_taken_literally_gives_516_clocks_and_code_258() -> None:
+    answer = solve()
+    full_scale_hz = answer.f_clk_hz * (answer.duty(answer.r_min_ohm) - answer.duty(answer.r_max_ohm))
+    clocks = round(256 / full_scale_hz * answer.f_clk_hz)
+    assert clocks == 516
+    assert vfc.count_rational(answer.duty(answer.r_min_ohm), clocks) == 258
+
+
+def test_without_k_the_papers_full_scale_would_be_40_kohm() -> None:
+    answer = solve()
+    assert 2 * answer.v_bias_v / answer.i0_a == 40_000
+    assert 2 * answer.v_bias_v / (answer.k * answer.i0_a) == 500
+
+
+def test_resolution_follows_the_square_of_resistance_and_is_constant_in_force() -> None:
+    table = solve().range_table()
+    for r, force, x, rate, _code, _eq3, d_r, d_force in table:
+        assert force * r == pytest.approx(7500)
+        assert x * r == pytest.approx(250)
+        assert rate == pytest.approx(5e6 * x)
+        assert d_r == pytest.approx(r * r / 127_500)
+        assert d_force == pytest.approx(7500 / 127_500)
+    assert [row[0] for row in (table[0], table[-1])] == [500, 64250]
+    assert [row[4] for row in (table[0], table[-1])] == [255, 2]
+
+
+def test_the_code_column_is_the_walk_through_the_gate() -> None:
+    answer = solve(make_wish(rows=32, bits=7))
+    for row in answer.range_table(8):
+        x = answer.duty(dd.exact(row[0]))
+        assert row[4] == min(127, vfc.count_exact(x, answer.gate_clocks))
+
+
+wishes = st.fixed_dictionaries(
+    {
+        "rows": st.integers(1, 128),
+        "cols": st.integers(1, 128),
+        "bits": st.integers(2, 10),
+        "frame_s": st.floats(1e-4, 1.0),
+        "settle_fraction": st.floats(0.0, 0.9),
+        "r_min_ohm": st.floats(50.0, 1e5),
+        "c_int_f": st.one_of(st.none(), st.floats(0.2e-12, 50e-12)),
+        "packet_v": st.one_of(st.none(), st.floats(0.05, 1.5)),
+        "k": st.one_of(st.none(), st.sampled_from(dd.load().interface.k_options)),
+        "topology": st.sampled_from(dd.TOPOLOGIES),
+    }
+)
+
+
+def random_wish(wishes: dict[str, Any]) -> calculator.Wish:
+    """Return the wish with a range that its bits resolve."""
+    return make_wish(**wishes, r_max_ohm=wishes["r_min_ohm"] * 2 ** wishes["bits"] * 0.9)
+
+
+@settings(deadline=None, max_examples=100)
+@given(wishes)
+def test_a_feasible_wish_becomes_a_design_that_meets_it(wishes: dict[str, Any]) -> None:
+    answer = solve(random_wish(wishes))
+    assume(answer.feasible)
+    # The loader accepts it and derives the same clocks.
+    design = answer.design()
+    assert design.timing.slot_clocks == answer.slot_clocks
+    assert design.timing.settle_clocks == answer.settle_clocks >= 1
+    assert answer.settle_clocks >= wishes["settle_fraction"] * answer.slot_clocks - 1e-6
+    assert design.timing.frame_s == wishes["frame_s"]
+    assert design.converter.packet_v <= min(wishes["packet_v"] or 1.5, design.swing_v) * (1 + 1e-12)
+    # The converter of that design, walked through clock by clock, has the bits and the range.
+    code_max = 2 ** wishes["bits"] - 1
+    gate = design.timing.gate_clocks
+    at_full = dd.exact(design.interface.v_bias_v) / (design.interface.k * dd.exact(design.converter.i0_a))
+    x = at_full / dd.exact(design.sensor.r_min_ohm)
+    # doubles of the design carry x = 1/2 to 1e-12
+    assert abs(x - Fraction(1, 2)) < Fraction(1, 10**12)
+    assert vfc.count_exact(Fraction(1, 2), gate) == code_max
+    assert vfc.count_exact(x, gate) == code_max
+    assert vfc.count_exact(Fraction(code_max - 1, gate), gate) == code_max - 1
+    assert vfc.count_exact(at_full / dd.exact(design.sensor.r_max_ohm), gate) >= 1
+    assert design.interface.v_bias_v / design.sensor.r_min_ohm <= 1e-3 * (1 + 1e-12)
+
+
+def test_most_random_wishes_are_feasible() -> None:
+    # Guards the property above: it says nothing about wishes that are assumed away.
+    found = [
+        solve(make_wish(rows=rows, bits=bits, frame_s=t, r_min_ohm=r, r_max_ohm=r * 2**bits * 0.9)).feasible
+        for rows in (4, 16, 64)
+        for bits in (6, 8, 10)
+        for t in (2e-3, 1e-2, 0.1)
+        for r in (250.0, 500.0, 5000.0)
+    ]
+    assert sum(found) > len(found) / 2
+
+
+IMPOSSIBLE = [
+    # limit, wish, a piece of what is said
+    ("sensor_current_a", {"v_bias_v": 0.6}, "0.6 V on 500 ohm"),
+    ("sensor_current_a", {"i_sensor_a": 2e-3}, "1 V on 500 ohm"),
+    ("v_bias_supply", {"v_bias_v": 2.0, "r_min_ohm": 5000.0}, "2 V of 1.65 V"),
+    ("v_bias_supply", {"i_sensor_a": 1e-3, "r_min_ohm": 5000.0}, "5 V of 1.65 V"),
+    ("k_distance", {"k": 50}, "k = 50, switchable 20, 40, 80, 160"),
+    ("k_distance", {"k": 1000}, "k = 1000"),
+    ("k_distance", {"i0_a": 1e-6}, "k = 2000"),
+    ("duty_full_scale", {"v_bias_v": 0.5, "k": 80, "i0_a": 20e-6}, "500 ohm"),
+    ("full_scale_code_error_lsb", {"gate_clocks": 509}, "count to 254"),
+    ("full_scale_code_error_lsb", {"gate_clocks": 511}, "count to 256"),
+    ("full_scale_code_error_lsb", {"gate_clocks": 510, "bits": 9}, "(8 bits), wanted 511"),
+    ("full_scale_code_error_lsb", {"gate_clocks": 516}, "count to 258"),
+    ("code_at_r_max", {"r_max_ohm": 300e3}, "300000 ohm"),
+    ("code_at_r_max", {"force_min_n": 0.01}, "750000 ohm"),
+    ("gate_margin_clocks", {"f_clk_hz": 4e6}, "f_clk_hz = 5e+06 would do, or 7 bits"),
+    ("gate_margin_clocks", {"f_clk_hz": 5e6, "bits": 9}, "slot 625, gate 1022"),
+    ("gate_margin_clocks", {"f_clk_hz": 4e6, "frame_rate_hz": 500.0}, "slot 500"),
+    ("settle_s", {"frame_s": 1e-4}, "115 clocks"),
+    ("settle_s", {"frame_rate_hz": 1e4}, "115 clocks"),
+    ("settle_s", {"settle_fraction": 0.0}, "1 clocks"),
+    ("settle_s", {"f_clk_hz": 5e6, "frame_s": 1.64e-3, "settle_fraction": 0.0}, "2 clocks"),
+    ("comparator_delay_clocks", {"frame_s": 5e-5}, "f_clk up to 1e+08 Hz"),
+    ("comparator_delay_clocks", {"frame_rate_hz": 2e4}, "f_clk up to 1e+08 Hz"),
+    ("comparator_delay_clocks", {"bits": 16}, "f_clk up to 1e+08 Hz"),
+    ("comparator_delay_clocks", {"f_clk_hz": 2e8}, "f_clk up to 1e+08 Hz"),
+    ("packet_swing", {"packet_v": 2.0}, "at most 1.5 V"),
+    ("packet_swing", {"c_int_f": 1e-12}, "at most 1.5 V"),
+    ("packet_swing", {"c_int_f": 2e-12, "packet_v": 0.5}, "at most 0.5 V"),
+    ("c_int_f", {"c_int_f": 5e-14}, "packet 2.5e-12 C"),
+    ("c_int_f", {"k": 160, "frame_s": 5e-5}, "packet"),
+    (
+        "leak_plateau_lsb",
+        {"topology": "direct", "gain_dc": 1000.0},
+        "R_leak C = 1.25e-05 s, at least 5.1e-05 s",
+    ),
+    ("leak_plateau_lsb", {"topology": "direct", "rows": 64, "frame_s": 8e-3}, "at least 5.1e-05 s"),
+    ("kt_c_lsb", {"packet_v": 1e-5}, "C on a packet of"),
+    ("kt_c_lsb", {"c_int_f": 1e-4}, "C on a packet of"),
+]
+
+
+@pytest.mark.parametrize(("name", "wishes", "said"), IMPOSSIBLE)
+def test_an_impossible_wish_names_the_limit_and_the_nearest_wish_meets_it(
+    name: str, wishes: dict[str, Any], said: str
+) -> None:
+    wish = make_wish(**wishes)
+    answer = solve(wish)
+    rows = {row["name"].removeprefix("calculator."): row for row in answer.rows}
+    assert not answer.feasible
+    assert rows[name]["status"] == "FAIL"
+    assert said in rows[name]["note"]
+    with pytest.raises(InputError, match="impossible"):
+        answer.design()
+    nearest = answer.nearest[f"calculator.{name}"]
+    assert nearest
+    assert all(key in rows[name]["note"] for key in nearest)
+    again = solve(wish.replace(nearest))
+    row = next(row for row in again.rows if row["name"] == f"calculator.{name}")
+    assert row["status"] == "PASS", row["note"]
+
+
+def test_every_limit_of_the_calculator_is_triggered_by_some_wish() -> None:
+    limits = {name.removeprefix("calculator.") for name in dd.spec() if name.startswith("calculator.")}
+    assert {name for name, _, _ in IMPOSSIBLE} == limits
+    assert {row["name"].removeprefix("calculator.") for row in solve().rows} == limits
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    wishes,
+    st.sampled_from([{}, {"f_clk_hz": 5e6}, {"gate_clocks": 510}, {"gain_dc": 100.0}, {"v_bias_v": 0.5}]),
+)
+def test_the_nearest_wish_meets_each_missed_limit(wishes: dict[str, Any], more: dict[str, Any]) -> None:
+    try:
+        wish = random_wish(wishes).replace(more)
+        answer = solve(wish)
+    except InputError:
+        assume(False)
+    assert {r["name"] for r in answer.rows if r["status"] == "FAIL"} == set(answer.nearest)
+    for name, nearest in answer.nearest.items():
+        row = next(row for row in solve(wish.replace(nearest)).rows if row["name"] == name)
+        assert row["status"] == "PASS", (name, nearest, row["note"])
+
+
+def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
+    # Widest plateau of the leaky integrator, width lam^(q-2) (1-lam)^2 / (1-lam^q): one LSB of 510 at 51 us.
+    def width(q: int, tau_s: float) -> float:
+        lam = math.exp(-200e-9 / tau_s)
+        return lam ** (q - 2) * (1 - lam) ** 2 / (1 - lam**q)
+
+    assert 510 * max(width(2, 50.9e-6), width(3, 50.9e-6)) > 1
+    assert 510 * max(width(2, 51.1e-6), width(3, 51.1e-6)) < 1
+    answer = solve(make_wish(topology="direct"))
+    row = next(row for row in answer.rows if row["name"] == "calculator.leak_plateau_lsb")
+    assert row["value"] == pytest.approx(510 * width(2, float(answer.tau_leak_s)), rel=1e-9)
+    assert float(answer.tau_leak_s) == pytest.approx(1e4 * 31.25 * 400e-12)
+
+
+def test_kt_c_is_the_noise_of_facts() -> None:
+    row = next(row for row in solve().rows if row["name"] == "calculator.kt_c_lsb")
+    assert row["value"] == pytest.approx(2.88e-5, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--frame-s", "nan"], "frame_s = nan"),
+        (["--frame-s", "inf"], "frame_s = inf"),
+        (["--frame-s", "-1"], "frame_s = -1.0"),
+        (["--settle-fraction", "1"], "settle_fraction = 1.0"),
+        (["--bits", "0"], "bits = 0"),
+        (["--bits", "17"], "bits = 17"),
+        (["--frame-s", "1e-3", "--frame-rate-hz", "1000"], "frame_rate_hz = 1000.0: left out"),
+        (["--v-bias-v", "0.5", "--i-sensor-a", "1e-3"], "i_sensor_a = 0.001: left out"),
+        (["--r-max-ohm", "1e4", "--force-min-n", "1"], "force_min_n = 1.0: left out"),
+        (["--r-min-ohm", "500", "--force-max-n", "15", "--k-force-n-ohm", "7000"], "k_force_n_ohm = 7000.0"),
+        (["--r-min-ohm", "500", "--r-max-ohm", "400"], "r_max_ohm = 400.0: above the 500 ohm"),
+        (["--force-min-n", "20"], "force_min_n = 20.0: below the full force"),
+        (["--f-clk-hz", "100", "--frame-s", "1e-3"], "f_clk_hz = 100.0: at least one clock"),
+    ],
+)
+def test_a_wrong_wish_is_refused_in_one_line(arguments: list[str], said: str) -> None:
+    run = CliRunner().invoke(calculator.calc_command, arguments)
+    assert isinstance(run.exception, InputError)
+    assert run.exception.exit_code == 2
+    assert said in str(run.exception)
+    assert "\n" not in str(run.exception)
+
+
+@pytest.mark.parametrize("arguments", [["--bits", "eight"], ["--topology", "magic"], ["--colour", "red"]])
+def test_what_the_command_line_cannot_read_exits_2(arguments: list[str]) -> None:
+    assert CliRunner().invoke(calculator.calc_command, arguments).exit_code == 2
+
+
+def test_an_unknown_wish_in_python_is_refused() -> None:
+    with pytest.raises(InputError, match="frame_ms"):
+        make_wish(frame_ms=2)
+    with pytest.raises(InputError, match="frame_s"):
+        make_wish(frame_s="2e-3")
+
+
+@pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--k", "50"], 1)])
+def test_the_command_prints_the_design_and_exits_by_the_verdict(
+    arguments: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    run = CliRunner().invoke(calculator.calc_command, arguments)
+    assert run.exit_code == code
+    for word in ("f_clk_hz", "gate_clocks", "i0_a", "v_bias_v", "c_int_f", "code by eq. (3)", "kt_c_lsb"):
+        assert word in run.output
+    rows = json.loads((tmp_path / "build" / "calc.json").read_text())
+    assert [row["status"] for row in rows].count("FAIL") == code
+
+
+def test_the_sensor_keeps_its_k_force_when_one_end_is_named() -> None:
+    assert solve(make_wish(r_min_ohm=1000.0)).values()["force_max_n"] == 7.5
+    assert solve(make_wish(force_max_n=7.5)).r_min_ohm == 1000
+    assert solve(make_wish(r_min_ohm=1000.0, force_max_n=15.0)).k_force_n_ohm == 15_000
+    assert solve(make_wish(force_min_n=0.25)).r_max_ohm == 30_000

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Design, limits and verdicts: the paper's values, what follows from them, wrong files refused."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dermis import design as dd
+from dermis import verdict
+from dermis.errors import InputError
+
+TEXT = dd.DESIGN_FILE.read_text(encoding="utf-8")
+
+
+def load_changed(tmp_path: Path, old: str, new: str) -> dd.Design:
+    """Load design.toml with one piece of text replaced."""
+    assert TEXT.count(old) == 1, f"{old!r} stands {TEXT.count(old)} times in design.toml"
+    path = tmp_path / "design.toml"
+    path.write_text(TEXT.replace(old, new), encoding="utf-8")
+    return dd.load(path)
+
+
+def test_the_paper_gives_its_own_derived_values() -> None:
+    design = dd.load()
+    assert design.timing.slot_clocks == 625
+    assert design.timing.settle_clocks == 115
+    assert design.timing.slot_s == 125e-6
+    assert design.timing.gate_s == 102e-6
+    assert design.timing.settle_s == 23e-6
+    assert design.timing.code_max == 255
+    assert design.sensor.k_force_n_ohm == 7500.0
+    assert design.converter.packet_c == 5e-12
+    assert design.converter.packet_v == 1.0
+    assert design.v_preset_v == 0.5
+    assert design.converter.f_max_hz == 2.5e6
+    assert design.i0_direct_a == 2e-3
+    assert design.c_direct_f == 400e-12
+    assert design.resistance_full_scale_ohm == 500.0
+    assert design.duty(500.0) == 0.5
+    assert design.duty(0.0) == math.inf
+    assert design.duty(math.inf) == 0.0
+
+
+def test_every_paper_number_of_facts_is_stored() -> None:
+    stored = dd.load().stored()
+    paper = {
+        "array.rows": 16,
+        "array.cols": 16,
+        "interface.v_bias_v": 0.5,
+        "interface.k": 80,
+        "converter.i0_a": 25e-6,
+        "converter.c_int_f": 5e-12,
+        "converter.f_clk_hz": 5e6,
+        "sensor.force_max_n": 15.0,
+        "sensor.r_min_ohm": 500.0,
+        "timing.frame_s": 2e-3,
+        "timing.code_bits": 8,
+    }
+    assert {key: stored[key] for key in paper} == paper
+    marks = {key: reason.mark for key, reason in dd.reasons().items()}
+    assert {marks[key] for key in paper} == {"P"}
+
+
+def test_every_stored_value_has_a_marked_reason_and_nothing_else_has() -> None:
+    reasons = dd.reasons()
+    assert set(reasons) == set(dd.load().stored())
+    bare = [key for key, reason in reasons.items() if not reason.mark or len(reason.text) < 10]
+    assert bare == []
+
+
+def test_no_derived_value_is_stored() -> None:
+    design = dd.load()
+    assert set(design.stored()) & set(design.derived()) == set()
+    derived_keys = {name.rpartition(".")[2] for name in design.derived()}
+    assert derived_keys - {"swing_v"} <= dd._DERIVED_KEYS
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rows = 16", "rows = 16\nrows = 16", "Cannot overwrite a value"),
+        ("[ambient]", "[array]\n[ambient]", "Cannot declare"),
+        (
+            "rows = 16",
+            "rows = 16\nrow_pitch_mm = 5",
+            "array.row_pitch_mm = 5: unknown key; known here: rows, cols",
+        ),
+        ("frame_s = 2e-3", "frame_ms = 2", "timing.frame_ms = 2: unknown key"),
+        ("frame_s = 2e-3", "frame_s = '2 ms'", "timing.frame_s = '2 ms': a valid number"),
+        ("frame_s = 2e-3", "frame_s = true", "timing.frame_s = True: a valid number"),
+        ("frame_s = 2e-3", "frame_s = nan", "timing.frame_s = nan: a finite number"),
+        ("frame_s = 2e-3", "frame_s = inf", "timing.frame_s = inf: a finite number"),
+        ("frame_s = 2e-3", "frame_s = -2e-3", "timing.frame_s = -0.002: greater than 0"),
+        ("frame_s = 2e-3", "", "timing.frame_s = (absent): missing"),
+        ("frame_s = 2e-3", "frame_s = 2e-3\nslot_clocks = 625", "timing.slot_clocks = 625: derived"),
+        ("gate_clocks = 510", "gate_clocks = 510.0", "timing.gate_clocks = 510.0: a valid integer"),
+        ("rows = 16", "rows = true", "array.rows = True: a valid integer"),
+        ("rows = 16", "rows = 0", "array.rows = 0: greater than or equal to 1"),
+        ("[ambient]", "[weather]", "weather = "),
+        ('topology = "conveyor_mirror"', 'topology = "magic"', "interface.topology = 'magic': 'direct'"),
+        # cross-checks
+        ("gate_clocks = 510", "gate_clocks = 625", "timing.gate_clocks = 625: below the 625 clocks"),
+        (
+            "gate_clocks = 510",
+            "gate_clocks = 508",
+            "timing.gate_clocks = 508: at least 510 clocks for 8 bits",
+        ),
+        ("code_bits = 8", "code_bits = 9", "at least 1022 clocks for 9 bits"),
+        ("frame_s = 2e-3", "frame_s = 2.001e-3", "whole clocks, not of 625.3125"),
+        ("r_max_ohm = 64250.0", "r_max_ohm = 400.0", "sensor.r_max_ohm = 400.0: above r_min_ohm"),
+        (
+            "r_min_ohm = 500.0",
+            "r_min_ohm = 499.0",
+            "sensor.r_min_ohm = 499.0: at least 2 v_bias_v / (k i0_a)",
+        ),
+        ("k = 80", "k = 81", "interface.k = 81: one of k_options"),
+        ("[20, 40, 80, 160]", "[80, 40, 20, 160]", "four different ratios, rising"),
+        ("[20, 40, 80, 160]", "[20, 40, 80]", "interface.k_options"),
+        ("c_int_f = 5e-12", "c_int_f = 3e-12", "converter.c_int_f = 3e-12: a packet of at most 1.5 V"),
+        ("v_out_max_v = 1.5", "v_out_max_v = 1.7", "at most supply.vdd_v"),
+        ("v_out_min_v = -1.5", "v_out_min_v = -1.7", "at least supply.vss_v"),
+        ("t_edge_s = 1e-9", "t_edge_s = 1e-7", "converter.t_edge_s = 1e-07: below half a clock"),
+        ("r_floor_ohm = 1e-3", "r_floor_ohm = 600.0", "array.r_floor_ohm = 600.0: below sensor.r_min_ohm"),
+    ],
+)
+def test_a_wrong_design_file_is_refused_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_changed(tmp_path, old, new)
+    line = str(caught.value)
+    assert caught.value.exit_code == 2
+    assert "\n" not in line
+    assert line.startswith(f"{tmp_path / 'design.toml'}: ")
+    assert said in line
+
+
+def test_an_absent_design_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.toml"):
+        dd.load(tmp_path / "absent.toml")
+
+
+@pytest.mark.parametrize("section", ["timing", "converter", "interface"])
+def test_a_design_cannot_be_changed_in_place(section: str) -> None:
+    part = getattr(dd.load(), section)
+    key = next(iter(type(part).model_fields))
+    with pytest.raises(ValueError, match="frozen"):
+        setattr(part, key, 1)
+
+
+def test_replace_derives_anew_and_checks() -> None:
+    design = dd.load().replace(timing={"frame_s": 4e-3})
+    assert (design.timing.slot_clocks, design.timing.settle_clocks) == (1250, 740)
+    assert dd.load().timing.slot_clocks == 625
+    with pytest.raises(InputError, match=r"timing\.gate_clocks"):
+        dd.load().replace(timing={"frame_s": 1.6e-3})
+    with pytest.raises(InputError, match=r"nonsense"):
+        dd.load().replace(nonsense={"a": 1})
+
+
+@given(st.floats(min_value=1e-3, max_value=1e9))
+def test_duty_is_the_correctly_rounded_quotient(resistance: float) -> None:
+    # 250 ohm is V_b / (k i0) as a decimal; a product of doubles would not give the nearest double everywhere.
+    assert dd.load().duty(resistance) == float(250 / dd.exact(resistance))
+
+
+# ------------------------------------------------------------------ spec.toml
+
+ENTRY = 'max = 1\nunit = "lsb"\ngate = true\nconditions = "c"\ncommand = "make sim"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f'["a.b"]\n{ENTRY}["a.b"]\n{ENTRY}', "Cannot declare"),
+        (f'["a.b"]\n{ENTRY}typ = 2\n', "a.b.typ = 2: unknown key"),
+        (f'["a.b"]\n{ENTRY}'.replace("max = 1", "max = nan"), "a.b.max = nan: a finite number"),
+        (f'["a.b"]\n{ENTRY}'.replace("max = 1", "max = '1'"), "a.b.max = '1'"),
+        (f'["a.b"]\n{ENTRY}'.replace("max = 1\n", ""), "at least one of them"),
+        (f'["a.b"]\n{ENTRY}min = 2\n', "a.b.min = 2"),
+        (f'["a.b"]\n{ENTRY}'.replace('unit = "lsb"\n', ""), "a.b.unit = (absent)"),
+        (f"[a]\n{ENTRY}", "a quoted table name"),
+        (f"[a.b]\n{ENTRY}", "a quoted table name"),
+    ],
+)
+def test_a_wrong_spec_file_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "spec.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        dd.load_spec(path)
+    assert "\n" not in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_limits_that_the_issue_names_are_in_the_spec() -> None:
+    limits = dd.spec()
+    assert limits["frame.code_error_exact_lsb"].max == 0
+    assert limits["frame.code_error_lsb"].max == 1
+    assert limits["cosim.edge_error_v"].max == 1e-6
+    assert limits["cosim.clocks_per_s.icarus"].min == 5000
+    assert not limits["cosim.clocks_per_s.icarus"].gate
+    assert limits["cosim.frame_s"].max == 60
+    assert not limits["cosim.frame_s"].gate
+    assert limits["array.table2a_error_pp"].max == 0.08
+
+
+def test_every_make_target_of_a_limit_exists() -> None:
+    makefile = (dd.ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z-]+):", makefile, flags=re.MULTILINE))
+    wanted = {limit.command.split()[1] for limit in dd.spec().values() if limit.command.startswith("make ")}
+    assert wanted
+    assert wanted - targets == set()
+
+
+# ------------------------------------------------------------------ verdicts
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "status"),
+    [
+        ("frame.code_error_lsb", 1, "PASS"),
+        ("frame.code_error_lsb", 2, "FAIL"),
+        ("frame.code_error_lsb", None, "ERROR"),
+        ("frame.code_error_lsb", math.nan, "ERROR"),
+        ("frame.code_error_lsb", math.inf, "ERROR"),
+        ("cosim.edge_error_v.step_10n", 1e-6, "PASS"),
+        ("cosim.edge_error_v.step_10n", 1.0001e-6, "FAIL"),
+        ("cosim.clocks_per_s.icarus", 5000, "PASS"),
+        ("cosim.clocks_per_s.icarus", 4999, "SKIP"),
+        ("cosim.frame_s", 61.0, "SKIP"),
+        ("calculator.full_scale_code_error_lsb", -1, "FAIL"),
+    ],
+)
+def test_a_value_gets_the_one_status_its_limit_gives(name: str, value: float | None, status: str) -> None:
+    row = verdict.judge(name, value, "why")
+    assert row["status"] == status
+    assert set(row) == {"name", "value", "unit", "min", "max", "status", "note"}
+    assert row["name"] == name
+    assert row["note"]
+
+
+def test_a_name_without_a_limit_is_not_judged() -> None:
+    with pytest.raises(KeyError, match="no limit"):
+        verdict.judge("frame.nonsense", 1)
+    assert verdict.report("frame.nonsense", 1.5, "V")["status"] == "PASS"
+    assert verdict.report("frame.nonsense", math.nan, "V")["status"] == "ERROR"
+
+
+def test_exit_code_misses_on_fail_on_error_and_on_no_rows() -> None:
+    good = verdict.judge("frame.code_error_lsb", 0)
+    bad = verdict.judge("frame.code_error_lsb", 9)
+    lost = verdict.judge("frame.code_error_lsb", None)
+    skipped = verdict.skip("frame.code_error_lsb", "no frames given")
+    assert verdict.exit_code([good, skipped]) == 0
+    assert verdict.exit_code([good, bad]) == 1
+    assert verdict.exit_code([good, lost]) == 1
+    assert verdict.exit_code([]) == 1
+
+
+def test_a_skip_without_a_reason_is_refused() -> None:
+    with pytest.raises(ValueError, match="reason"):
+        verdict.skip("frame.code_error_lsb", "")
+
+
+def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    rows = [verdict.judge("frame.code_error_lsb", math.nan), verdict.judge("frame.code_error_lsb", 1)]
+    verdict.write_rows("t", rows)
+    text = (tmp_path / "build" / "t.json").read_text()
+    assert json.loads(text, parse_constant=lambda name: pytest.fail(name)) == rows
+    with pytest.raises(ValueError, match="JSON"):
+        verdict.write_rows("t", [rows[1] | {"value": math.inf}])
+    assert (tmp_path / "build" / "t.json").read_text() == text
+    assert [p.name for p in (tmp_path / "build").iterdir()] == ["t.json"]
+
+
+def test_the_table_shows_every_status_and_brackets_of_a_note(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        verdict.judge("frame.code_error_lsb", 0, "taxel [3, 4]"),
+        verdict.judge("frame.code_error_lsb", 2),
+        verdict.judge("frame.code_error_lsb", None),
+        verdict.skip("frame.code_error_lsb", "no [red] frames"),
+    ]
+    verdict.print_rows(rows, "t")
+    shown = capsys.readouterr().out
+    assert "taxel [3, 4]" in shown
+    assert "no [red] frames" in shown
+    assert "1 PASS, 1 FAIL, 1 ERROR, 1 SKIP" in shown
