@@ -144,10 +144,13 @@ def _solve(network: Network, g: Floats) -> Floats:
     leak = g_ground * share.sum(axis=1)
 
     # One right-hand side a row: a current into row r that would hold it at 1 V were all columns grounded; and
-    # one for the offsets, with every column voltage counted from its own virtual ground.
+    # one for the offsets. Columns that are held hard count their voltage from there, or the little they move
+    # would drown in it; the others count from ground, or what two of them share through shorts would.
     drive = g.transpose(0, 2, 1)
     if offset.any():
-        pull = -leak * offset - (link * (offset[:, np.newaxis] - offset[np.newaxis, :])).sum(axis=2)
+        origin = np.where(network.r_column_ohm == 0, offset, 0.0)
+        pull = g_column * (offset - origin) - leak * origin
+        pull -= (link * (origin[:, np.newaxis] - origin[np.newaxis, :])).sum(axis=2)
         drive = np.concatenate([drive, pull[:, :, np.newaxis]], axis=2)
     if network.r_column_ohm.any():
         u = _eliminate(link, leak + g_column, drive)
@@ -167,7 +170,8 @@ def _solve(network: Network, g: Floats) -> Floats:
     scale = network.r_row_driven_ohm * into_row + at_row
     source = np.full_like(scale, network.v_bias_v)
     if offset.any():
-        lifted = (share * (u[:, rows:] + offset)).sum(axis=2)
+        lifted = (share * (u[:, rows:] + origin)).sum(axis=2)
+        delivered[:, rows:] -= g_column * (offset - origin)
         source -= (1.0 - g_ground * network.r_row_driven_ohm) * lifted
         return (source / scale)[:, :, np.newaxis] * delivered[:, :rows] + delivered[:, rows:]
     return (source / scale)[:, :, np.newaxis] * delivered[:, :rows]

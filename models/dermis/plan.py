@@ -146,9 +146,10 @@ class Plan:
 
     def force_of_duty(self, x: Floats) -> Floats:
         """Force in newtons whose ideal duty is x (last axis: columns)."""
-        return self.sensor.force_n(self._ohm_of_duty(x))
+        return self.sensor.force_n(self.ohm_of_duty(x))
 
-    def _ohm_of_duty(self, x: Floats) -> Floats:
+    def ohm_of_duty(self, x: Floats) -> Floats:
+        """Resistance in ohm whose ideal duty is x (last axis: columns); 0 gives inf."""
         with np.errstate(divide="ignore", over="ignore"):
             return self.v_bias_v / (self.converter.k * self.converter.i0_a) / (np.asarray(x) + 0.0)
 

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From codes back to duty, resistance and force, with the step each code stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis.plan import Plan
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """What codes mean to an ideal read-out; every array is shaped as the codes, [..., rows, cols].
+
+    Attributes
+    ----------
+    x : ndarray
+        Duty c / N, the middle of what reads as this code.
+    resistance_ohm, force_n : ndarray
+        At x; code 0 decodes to inf and 0.
+    force_low_n, force_high_n : ndarray
+        What reads as this code ideally: x from (c - 1/2) / N, included, to (c + 1/2) / N, excluded. The
+        highest code has no upper end (inf).
+    d_force_n, d_resistance_ohm : ndarray
+        Force from one end of the code to the other (from 0 to the first threshold for code 0), and the slope
+        R / c of the resistance per code, R^2 / (N V_b / (k i0)) (inf at code 0).
+    zero, saturated : ndarray of bool
+        No pulse at all; full scale or anything above it.
+    """
+
+    x: Floats
+    resistance_ohm: Floats
+    force_n: Floats
+    force_low_n: Floats
+    force_high_n: Floats
+    d_force_n: Floats
+    d_resistance_ohm: Floats
+    zero: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+
+
+def decode(plan: Plan, codes: ArrayLike) -> Decoded:
+    """Decode codes [..., rows, cols] as the ideal read-out of a plan would have made them.
+
+    Raises
+    ------
+    ValueError
+        Codes outside 0..code_max, or a wrong shape.
+    """
+    codes = np.asarray(codes)
+    if codes.dtype.kind not in "iu" or codes.shape[-2:] != (plan.rows, plan.cols):
+        raise ValueError(f"codes must be integers [..., {plan.rows}, {plan.cols}]")
+    code_max, gate = plan.timing.code_max, plan.timing.gate_clocks
+    if codes.size and (codes.min() < 0 or codes.max() > code_max):
+        raise ValueError(f"codes must be 0..{code_max}")
+    steps = codes.astype(float)
+    x = steps / gate
+    resistance = plan.ohm_of_duty(x)
+    low = plan.force_of_duty(np.maximum(steps - 0.5, 0.0) / gate)
+    high = plan.force_of_duty((steps + 0.5) / gate)
+    with np.errstate(divide="ignore"):
+        per_code = np.divide(1.0, steps)
+    with np.errstate(invalid="ignore"):
+        d_resistance = np.where(steps > 0, resistance * per_code, np.inf)
+    return Decoded(
+        x=x,
+        resistance_ohm=resistance,
+        force_n=plan.sensor.force_n(resistance),
+        force_low_n=low,
+        force_high_n=np.where(codes == code_max, np.inf, high),
+        d_force_n=high - low,
+        d_resistance_ohm=d_resistance,
+        zero=codes == 0,
+        saturated=codes == code_max,
+    )

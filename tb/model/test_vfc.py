@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charge balance: the closed formula against exact rationals, and beside the restarting law of eq. (3)."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dermis.vfc import (
+    Converter,
+    bits_exact,
+    code,
+    count,
+    count_exact,
+    count_rational,
+    count_restarting,
+    gaps,
+)
+
+GATE = 510
+HALF = Fraction(1, 2)
+R_UNIT_OHM = 250  # V_b / (k i0): x = 250 ohm / R
+
+rationals = st.fractions(min_value=0, max_value=HALF, max_denominator=10_000)
+
+
+def test_every_code_comes_out_of_its_own_fraction_exactly() -> None:
+    codes = np.arange(256)
+    assert (code(codes / GATE) == codes).all()
+    assert [count_exact(Fraction(int(c), GATE), GATE) for c in codes[::15]] == list(codes[::15])
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    x=rationals,
+    clocks=st.integers(1, 600),
+    start=st.fractions(-1, Fraction(-1, 10**6), max_denominator=10**6),
+)
+def test_rational_formula_is_the_walk_from_any_start(x: Fraction, clocks: int, start: Fraction) -> None:
+    assert count_rational(x, clocks, start) == count_exact(x, clocks, start)
+
+
+@settings(max_examples=300, deadline=None)
+@given(x=st.floats(0, 3, allow_subnormal=False))
+def test_float_formula_differs_from_the_walk_only_beside_a_threshold(x: float) -> None:
+    exact = count_exact(x, GATE)
+    beside = abs((Fraction(GATE) * Fraction(x) + HALF) - round(Fraction(GATE) * Fraction(x) + HALF))
+    if beside > Fraction(math.ulp(GATE * x)):
+        assert int(count(x)) == exact
+    else:
+        assert abs(int(count(x)) - exact) <= 1
+
+
+def test_float_formula_holds_on_the_thresholds_themselves() -> None:
+    # (c + 1/2) / 510 rounds to a double on either side; whichever it is, the answer is one of the two
+    # neighbours and equals the walk wherever the product is exact.
+    for c in range(255):
+        x = (c + 0.5) / GATE
+        assert int(count(x)) in (c, c + 1)
+        if Fraction(GATE) * Fraction(x) == Fraction(GATE * x):
+            assert int(count(x)) == count_exact(x, GATE)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    x=st.floats(-0.2, 2, allow_subnormal=False),
+    packet=st.floats(0.8, 1.2),
+    start=st.floats(0.01, 0.79),
+    threshold=st.floats(-0.3, 0.3),
+    clocks=st.integers(1, 520),
+)
+def test_formula_with_packet_and_threshold_is_the_walk(
+    x: float, packet: float, start: float, threshold: float, clocks: int
+) -> None:
+    w0 = threshold - start
+    got = int(count(x, clocks, w0=w0, packet=packet, threshold=threshold))
+    exact = count_exact(x, clocks, w0, packet, threshold)
+    # A rounding of N x moves the result only when the walk itself sits on a threshold.
+    nudged = {count_exact(x * (1 + s * 1e-13), clocks, w0, packet, threshold) for s in (-1, 1)}
+    assert got == exact or got in nudged
+
+
+def test_a_start_more_than_a_packet_away_is_refused() -> None:
+    for w0 in (0.0, 0.3, -1.01):
+        with pytest.raises(ValueError, match="within one packet"):
+            count(0.3, w0=w0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(x=rationals, start=st.fractions(-1, Fraction(-1, 1000), max_denominator=1000))
+def test_count_stays_within_one_of_the_mean_and_windows_within_one_of_each_other(
+    x: Fraction, start: Fraction
+) -> None:
+    bits = list(bits_exact(x, 400, start))
+    assert abs(sum(bits) - 400 * x) < 1
+    window = [sum(bits[i : i + 97]) for i in range(0, 300)]
+    assert max(window) - min(window) <= 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(x=st.fractions(Fraction(1, 60), HALF, max_denominator=2000))
+def test_pulses_are_only_floor_or_ceil_of_the_period_apart(x: Fraction) -> None:
+    places = [n for n, bit in enumerate(bits_exact(x, 700)) if bit]
+    assert {b - a for a, b in pairwise(places)} <= set(gaps(x))
+
+
+def test_gating_never_acts_up_to_one_half() -> None:
+    for numerator in range(0, 256, 5):
+        x, w, previous = Fraction(numerator, GATE), -HALF, False
+        for bit in bits_exact(x, GATE):
+            w += x
+            assert not (w >= 0 and previous)
+            previous = bit
+            w -= bit
+
+
+def test_above_one_half_the_rate_is_pinned_and_charge_runs_away() -> None:
+    for x in (Fraction(3, 5), Fraction(4, 5), Fraction(2)):
+        assert count_exact(x, GATE) == GATE // 2
+        left = -HALF + GATE * x - count_exact(x, GATE)
+        assert left + HALF == GATE * (2 * x - 1) / 2
+    assert list(code([0.5000001, 0.75, 5.0, 1e12, np.inf])) == [255] * 5
+
+
+def test_charge_left_over_by_a_short_is_counted_in_the_next_row_unless_preset() -> None:
+    x_hard, x_soft = Fraction(R_UNIT_OHM, 312), Fraction(2, GATE)
+    left = -HALF + GATE * x_hard - count_exact(x_hard, GATE)
+    assert count_exact(x_soft, GATE, w0=left) > 100
+    assert count_exact(x_soft, GATE, w0=min(left, HALF)) == 3
+    assert count_exact(x_soft, GATE) == 2
+
+
+def test_zero_negative_and_infinite_duties_have_answers() -> None:
+    assert list(code([0.0, -0.0, -1.0, -np.inf, np.inf, 1e-300])) == [0, 0, 0, 0, 255, 0]
+    with pytest.raises(ValueError, match="not a number"):
+        count(np.nan)
+
+
+def test_512_clocks_overflow_8_bits_and_510_do_not_whatever_the_phase() -> None:
+    starts = [Fraction(-i, 64) for i in range(1, 65)]
+    assert {count_exact(HALF, 512, w0=w0) for w0 in starts} == {256}
+    assert {count_exact(HALF, 510, w0=w0) for w0 in starts} == {255}
+    assert {count_exact(HALF, 511, w0=w0) for w0 in starts} == {255, 256}
+
+
+def test_restarting_law_has_43_codes_and_misses_85_counts_just_above_500_ohm() -> None:
+    r_ohm = np.concatenate([np.arange(500.0, 64251.0), np.linspace(500.001, 510.0, 2000)])
+    restarting = count_restarting(R_UNIT_OHM / r_ohm, 512)
+    balance = count(R_UNIT_OHM / r_ohm, 512)
+    assert len(np.unique(np.minimum(restarting, 255))) == 43
+    assert len(np.unique(code(R_UNIT_OHM / r_ohm))) > 250
+    worst = np.argmax(np.abs(restarting - balance))
+    assert abs(int(restarting[worst]) - int(balance[worst])) == 85
+    assert 500 < r_ohm[worst] < 503
+
+
+def test_restarting_law_at_510_ohm_reads_171_where_charge_balance_reads_251() -> None:
+    x = Fraction(R_UNIT_OHM, 510)
+    assert int(count_restarting(float(x), 512)) == 171
+    # From every state of the steady cycle it is 250 or 251; 252 would need a start above all of them.
+    assert {count_exact(x, 512, w0=Fraction(-i, 64)) for i in range(0, 65)} == {250, 251}
+
+
+def test_the_two_laws_agree_where_the_resistance_is_a_multiple_of_250_ohm() -> None:
+    for n in range(2, 257):
+        from_threshold = count_exact(Fraction(1, n), 512, w0=Fraction(-1, n))
+        assert int(count_restarting(R_UNIT_OHM / (250.0 * n), 512)) == from_threshold
+
+
+def test_converter_reports_what_departs_from_the_ideal_and_nothing_else() -> None:
+    ideal = Converter(k=np.full(4, 80.0), i0_a=25e-6, c_int_f=5e-12, f_clk_hz=5e6)
+    assert ideal.active_fields() == frozenset()
+    assert (
+        Converter(k=np.full(4, 20.0), i0_a=1e-6, c_int_f=1e-12, f_clk_hz=5e6, v_sign=1.0).active_fields()
+        == set()
+    )
+    bent = Converter(
+        k=np.full(4, 80.0), i0_a=25e-6, c_int_f=5e-12, f_clk_hz=5e6, gain=[1, 1, 1.01, 1], v_int_max_v=1
+    )
+    assert bent.active_fields() == {"gain", "v_int_max_v"}
+    assert bent.packet_v() == pytest.approx([1.0] * 4, rel=1e-12)
+    assert bent.duty(np.full(4, 1e-3)) == pytest.approx([0.5, 0.5, 0.505, 0.5], rel=1e-12)
