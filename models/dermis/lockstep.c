@@ -32,6 +32,7 @@ enum state { CLOSED, READY, RUNNING, ENDED, FAILED };
 struct source {
     char name[64];
     double from, to, t; /* level before and after the edge that starts at t */
+    bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
 };
 
 static struct {
@@ -193,6 +194,11 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
             ls.kind = AFTER_SAMPLE;
         int before = ls.n_corner;
         leave();
+        /* A switch that closes on a charged capacitor leaves a current that the trapezoidal rule would carry on with
+           alternating sign for ever. A breakpoint makes the next step backward Euler, which forgets it. */
+        for (int i = 0; i < ls.n_source; i++)
+            if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t))
+                ngSpice_SetBkpt(ls.source[i].t + ls.t_edge);
         if (ls.n_corner > before)
             ls.kind = AT_RAMP;
         drop_corners_until(t);
@@ -288,7 +294,7 @@ static int fail(const char *what)
 }
 
 int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_source, const char **source_names,
-                  const double *levels, int n_probe, const char **probe_names, double t_edge, double t_max_step,
+                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_max_step,
                   double t_stop, int recording, int use_ic)
 {
     static bool initialised;
@@ -309,6 +315,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
         snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
         ls.source[i].from = ls.source[i].to = levels[i];
         ls.source[i].t = -1.0;
+        ls.source[i].abrupt = abrupt[i] != 0;
     }
     ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {

@@ -151,7 +151,8 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
     probes = [f"comp{c}" for c in range(cols)]
     if record:
         probes += [integrator_node(c) for c in range(cols)]
-    return Deck(tuple(lines), source_names(rows, cols), tuple(levels), tuple(probes))
+    abrupt = (True,) * (rows + 1) + (False,) * cols
+    return Deck(tuple(lines), source_names(rows, cols), tuple(levels), abrupt, tuple(probes))
 
 
 def integrator_node(column: int) -> str:

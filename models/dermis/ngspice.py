@@ -36,12 +36,14 @@ class Deck:
     lines : the netlist, first line the title, without analysis commands.
     sources : names of the voltage sources declared `external`, driven by the digital side.
     levels : their values at time zero, in volt.
+    abrupt : of each source, whether its edge switches a conductance (against: moves a current source).
     probes : names of the nodes to sample.
     """
 
     lines: tuple[str, ...]
     sources: tuple[str, ...]
     levels: tuple[float, ...]
+    abrupt: tuple[bool, ...]
     probes: tuple[str, ...]
 
 
@@ -71,7 +73,8 @@ def _load() -> ctypes.CDLL:
     lib = ctypes.CDLL(str(library()))
     text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
     texts = ctypes.POINTER(text)
-    lib.lockstep_open.argtypes = [text, texts, whole, whole, texts, ctypes.POINTER(number), whole, texts]
+    lib.lockstep_open.argtypes = [text, texts, whole, whole, texts, ctypes.POINTER(number)]
+    lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
     lib.lockstep_open.argtypes += [number, number, number, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
@@ -140,6 +143,7 @@ class NgspiceHalf:
             len(deck.sources),
             _texts(deck.sources),
             levels,
+            (ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
             len(deck.probes),
             _texts(deck.probes),
             t_edge_s,
