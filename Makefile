@@ -42,9 +42,11 @@ test: setup ## all tests [TESTS=paths] [JOBS=2] [ARGS="-k word"]
 	@.venv/bin/pytest -n $(JOBS) $(ARGS) $(TESTS)
 
 lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
-	@.venv/bin/ruff check models tb scripts
-	@.venv/bin/ruff format --check models tb scripts
-	@$(dermis) lint $(ARGS)
+	@status=0; \
+	.venv/bin/ruff check models tb scripts || status=1; \
+	.venv/bin/ruff format --check models tb scripts || status=1; \
+	$(dermis) lint $(ARGS) || status=1; \
+	exit $$status
 
 calc: setup ## the design equations: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)
