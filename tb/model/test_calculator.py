@@ -249,6 +249,22 @@ def test_kt_c_is_the_noise_of_facts() -> None:
     assert row["value"] == pytest.approx(2.88e-5, rel=1e-2)
 
 
+def test_the_direct_interface_has_k_times_the_charge_and_less_noise_on_it() -> None:
+    def noise(topology: str) -> float:
+        rows = solve(make_wish(topology=topology)).rows
+        return next(row["value"] for row in rows if row["name"] == "calculator.kt_c_lsb")
+
+    assert noise("direct") == pytest.approx(noise("conveyor_mirror") / math.sqrt(80))
+
+
+def test_edges_get_shorter_with_the_clock_and_never_longer() -> None:
+    # 20 MHz: a 200th of 50 ns; 500 kHz: the 1 ns of design.toml stays.
+    fast = solve(make_wish(frame_s=5e-4)).design().converter
+    slow = solve(make_wish(frame_s=2e-2)).design().converter
+    assert (fast.f_clk_hz, fast.t_edge_s) == (2e7, 0.25e-9)
+    assert (slow.f_clk_hz, slow.t_edge_s) == (5e5, 1e-9)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
