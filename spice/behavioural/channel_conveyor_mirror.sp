@@ -3,7 +3,7 @@
 * Defaults are the ideal channel with the numbers of design.inc; parameters carry the block they go to (int_, comp_, conv_, mir_).
 .subckt channel_conveyor_mirror col d_charge d_preset comp ibias vdd vss
 + params: i0_a={converter_i0_a} c_int_f={converter_c_int_f} v_preset_v={integrator_v_preset_v} packet_error=0
-+ int_gain_dc=1e9 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0
++ int_gain_dc=1e12 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0
 + comp_gain_dc=1e9 comp_v_offset_v=0 comp_v_hysteresis_v=0 comp_t_delay_s=0
 + k={interface_k} conv_r_x_ohm=0 conv_v_offset_v=0 conv_t_pole_s=0 conv_r_z_ohm=1e18 conv_i_out_max_a=1e9 conv_gain_error=0
 + mir_ratio_error=0 mir_r_out_ohm=1e18 mir_t_pole_s=0

@@ -4,6 +4,8 @@
 .subckt comparator inp inn out ibias vdd vss
 + params: gain_dc={comparator_gain_dc} v_offset_v={comparator_v_offset_v} v_hysteresis_v={comparator_v_hysteresis_v}
 + t_delay_s={comparator_t_delay_s}
+* The tanh is 1 - 2e-9 where the constants take over: a branch not taken is not evaluated, and nearly always that is the tanh.
+.param v_linear = {10*(supply_vdd_v - supply_vss_v)/(2*gain_dc)}
 .if (t_delay_s + v_hysteresis_v > 0)
 * The pole stands before the decision: a ramp is late by exactly t_delay_s, and an output edge costs no time steps.
 gin 0 v_in inp inn 1
@@ -17,12 +19,14 @@ cin v_in 0 {t_delay_s}
 bhysteresis 0 v_in i = v(v_in) >= ({v_offset_v}) ? {0.5*v_hysteresis_v} : {-0.5*v_hysteresis_v}
 .endif
 .if (gain_dc < 1e8)
-bout out 0 v = 0.5*(v(vdd) + v(vss) + v(vdd,vss)*tanh((v(v_in) - ({v_offset_v}))*{2*gain_dc}/v(vdd,vss)))
+bout out 0 v = v(v_in) > ({v_offset_v + v_linear}) ? v(vdd) : (v(v_in) < ({v_offset_v - v_linear}) ? v(vss) :
++ 0.5*(v(vdd) + v(vss) + v(vdd,vss)*tanh((v(v_in) - ({v_offset_v}))*{2*gain_dc}/v(vdd,vss))))
 .else
 bout out 0 v = v(v_in) >= ({v_offset_v}) ? v(vdd) : v(vss)
 .endif
 .elseif (gain_dc < 1e8)
-bout out 0 v = 0.5*(v(vdd) + v(vss) + v(vdd,vss)*tanh((v(inp,inn) - ({v_offset_v}))*{2*gain_dc}/v(vdd,vss)))
+bout out 0 v = v(inp,inn) > ({v_offset_v + v_linear}) ? v(vdd) : (v(inp,inn) < ({v_offset_v - v_linear}) ? v(vss) :
++ 0.5*(v(vdd) + v(vss) + v(vdd,vss)*tanh((v(inp,inn) - ({v_offset_v}))*{2*gain_dc}/v(vdd,vss))))
 .else
 bout out 0 v = v(inp,inn) >= ({v_offset_v}) ? v(vdd) : v(vss)
 .endif

@@ -7,7 +7,8 @@
 .if (i_out_max_a < 1e3)
 * Beyond the limit x is let go: 100 kohm in series with the excess.
 vx x v_x {v_offset_v}
-bx v_x y v = {r_x_ohm}*i(vx) + 1e5*(max(i(vx) - {i_out_max_a}, 0) + min(i(vx) + {i_out_max_a}, 0))
+bx v_x y v = i(vx) > {i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) - {i_out_max_a})*1e5 :
++ (i(vx) < {-i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) + {i_out_max_a})*1e5 : {r_x_ohm}*i(vx))
 .elseif (r_x_ohm > 0)
 vx x v_x {v_offset_v}
 rx v_x y {r_x_ohm}

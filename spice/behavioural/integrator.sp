@@ -1,12 +1,12 @@
 * SPDX-License-Identifier: Apache-2.0
 * Op-amp integrator with preset switch: current into iin pulls out down by q / c_int_f; d_preset = 1 V holds out at vcm + v_preset_v.
-* Defaults are the physical values of design.inc. Ideal: gain_dc = 1e9, t_gbw_s = 0, v_offset_v = 0, limits +-1e9, r_in_ohm = 1e18, r_preset_ohm = 0.
+* Defaults are the physical values of design.inc. Ideal: gain_dc = 1e12, t_gbw_s = 0, v_offset_v = 0, limits +-1e9, r_in_ohm = 1e18, r_preset_ohm = 0.
 .subckt integrator iin vcm d_preset out ibias vdd vss
 + params: c_int_f={converter_c_int_f} gain_dc={integrator_gain_dc} t_gbw_s={integrator_t_gbw_s}
 + v_offset_v={integrator_v_offset_v} v_out_max_v={integrator_v_out_max_v} v_out_min_v={integrator_v_out_min_v}
 + r_in_ohm={integrator_r_in_ohm} r_preset_ohm={integrator_r_preset_ohm} v_preset_v={integrator_v_preset_v}
 cint iin out {c_int_f}
-* The last stage is 1e6 S: the current in cint moves the virtual ground by i / 1e6 S (25 pV at 25 uA; with 1 S it would be 25 uV).
+* The last stage is 1e9 S: the current in cint moves the virtual ground by i / 1e9 S (2 pV at 2 mA; with 1 S it would be 2 mV).
 .param v_range = {min(v_out_max_v, -v_out_min_v)}
 .if ((t_gbw_s > 0) || (v_range < 1e6))
 * gain and pole: 1 S into gain_dc ohm and t_gbw_s farad has its unity gain at 1 / (2 pi t_gbw_s)
@@ -18,13 +18,13 @@ camp v_amp vcm {t_gbw_s}
 .if (abs(v_offset_v) > 0)
 iofs vcm v_amp {v_offset_v}
 .endif
-gout out vcm v_amp vcm -1e6
-rout out vcm 1e-6
+gout out vcm v_amp vcm -1e9
+rout out vcm 1e-9
 .else
-gamp out vcm iin vcm 1e6
-ramp out vcm {1e-6*gain_dc}
+gamp out vcm iin vcm 1e9
+ramp out vcm {1e-9*gain_dc}
 .if (abs(v_offset_v) > 0)
-iofs vcm out {1e6*v_offset_v}
+iofs vcm out {1e9*v_offset_v}
 .endif
 .endif
 .if (r_in_ohm < 1e17)
@@ -33,13 +33,15 @@ rin iin vcm {r_in_ohm}
 .if (v_range < 1e6)
 * Range: charge that would carry out further is lost in a clamp across cint, so the loop stays closed and nothing winds up: w stops at a
 * limit as in the event model. c_int_f / 50 ps: the overshoot is what out would travel in 50 ps, 0.13 mV at full scale.
-bclamp out iin i = {c_int_f/50e-12}*(max(v(out,vcm) - ({v_out_max_v}), 0) + min(v(out,vcm) - ({v_out_min_v}), 0))
+bclamp out iin i = v(out) > ({v_out_max_v}) ? (v(out) - ({v_out_max_v}))*{c_int_f/50e-12} :
++ (v(out) < ({v_out_min_v}) ? (v(out) - ({v_out_min_v}))*{c_int_f/50e-12} : 0)
 * The amplifier itself stops 50 mV further out; only a stiff source at iin (a short on the column of channel_direct) takes it there.
-brange v_amp vcm i = 1e3*(max(v(v_amp,vcm) - ({v_out_max_v + 0.05}), 0) + min(v(v_amp,vcm) - ({v_out_min_v - 0.05}), 0))
+brange v_amp vcm i = v(v_amp) > ({v_out_max_v + 0.05}) ? (v(v_amp) - ({v_out_max_v + 0.05}))*1e3 :
++ (v(v_amp) < ({v_out_min_v - 0.05}) ? (v(v_amp) - ({v_out_min_v - 0.05}))*1e3 : 0)
 .endif
 * Preset: opens with the first of the falling edge (0.999), so the integral starts at the edge itself, and as a factor it leaves exactly
-* nothing behind. A product and not a switch in series with a source: 1e6 S on a branch current would miss abstol by rounding alone.
+* nothing behind. A product and not a switch in series with a source: 1e7 S on a branch current would miss abstol by rounding alone.
 * Newton's first guess of d_preset is 0, which leaves iin without a dc path: a singular matrix and gmin stepping, but for the nodeset.
 .nodeset v(d_preset)=1
-bpreset out iin i = v(d_preset) > 0.999 ? (v(out,iin) - ({v_preset_v}))*{1/max(r_preset_ohm, 1e-6)} : 0
+bpreset out iin i = v(d_preset) > 0.999 ? (v(out,iin) - ({v_preset_v}))*{1/max(r_preset_ohm, 1e-7)} : 0
 .ends integrator

@@ -4,7 +4,7 @@
 * Defaults are the ideal converter with the packet of design.inc.
 .subckt vfc iin d_charge d_preset comp ibias vdd vss
 + params: i0_a={converter_i0_a} c_int_f={converter_c_int_f} v_preset_v={integrator_v_preset_v} packet_error=0
-+ int_gain_dc=1e9 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0
++ int_gain_dc=1e12 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0
 + comp_gain_dc=1e9 comp_v_offset_v=0 comp_v_hysteresis_v=0 comp_t_delay_s=0
 + polarity=1
 xintegrator iin 0 d_preset v_int ibias vdd vss integrator
