@@ -554,6 +554,9 @@ def _judged(
     noise = math.sqrt(kt * float(answer.c_int_f * scale)) / packet
     c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
     quiet: dict[str, float | int | None] = {"c_int_f": _at_most(c_quiet), "packet_v": None}
+    if wish.k is None and wish.i0_a is None:
+        # Naming the capacitor alone would choose k, and with it the packet, anew.
+        quiet["k"] = round(k)
     row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
 
     return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
