@@ -1,2 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A behavioural model and simulator of a force-sensing skin readout."""
+"""Mixed-signal readout of piezoresistive artificial skin: models, engines and the co-simulation."""
+
+__version__ = "0.1.0"

@@ -37,6 +37,17 @@ def _bits(samples: NDArray[np.float64]) -> int:
     return int.from_bytes(np.packbits(samples > 0.0, bitorder="little").tobytes(), "little")
 
 
+def _changed(old: int, new: int) -> list[tuple[int, float]]:
+    """Index and new level of every bit that differs."""
+    found = []
+    different = old ^ new
+    while different:
+        index = (different & -different).bit_length() - 1
+        different &= different - 1
+        found.append((index, float(new >> index & 1)))
+    return found
+
+
 def _known(handle: Any, what: str) -> int:
     value = handle.value
     if not value.is_resolvable:
@@ -150,39 +161,29 @@ class Bridge:
         edges: list[Edge] = []
         sent = -1
         half.advance(0.0, [])
-        last = timing.rows * timing.slot_clocks
-        for clock in range(1, last + 1):
+        for clock in range(1, timing.rows * timing.slot_clocks + 1):
             now = clock * t_clk
             bits = _bits(half.advance(now, edges)[:cols])
             if bits != sent:
                 comp_handle.value = bits
                 sent = bits
             await self._next_clock()
-            edges = []
-            if clock == last:
-                break
-            new = _known(charge_handle, "charge_o")
-            changed = new ^ charge
-            charge = new
-            while changed:
-                c = (changed & -changed).bit_length() - 1
-                changed &= changed - 1
-                edges.append((now + charge_delay, rows + 1 + c, float(new >> c & 1)))
-            if (new_preset := _known(preset_handle, "preset_o")) != preset:
-                preset = new_preset
-                edges.append((now, rows, float(preset)))
-            if (new_row := _known(row_handle, "row_select_o")) != row:
-                edges += [(now, r, float(new_row >> r & 1)) for r in range(rows) if (new_row ^ row) >> r & 1]
-                row = new_row
-                self._slots += 1
-                self._progress(self._slots)
+            new_charge = _known(charge_handle, "charge_o")
+            new_preset = _known(preset_handle, "preset_o")
+            new_row = _known(row_handle, "row_select_o")
             if trace is not None:
                 trace.comparator.append(bits)
-                trace.charge.append(charge)
-                trace.row_select.append(row)
-                trace.preset.append(preset)
-        self._slots += 1
-        self._progress(self._slots)
+                trace.charge.append(new_charge)
+                trace.row_select.append(new_row)
+                trace.preset.append(new_preset)
+            edges = [(now + charge_delay, rows + 1 + c, level) for c, level in _changed(charge, new_charge)]
+            if new_preset != preset:
+                edges.append((now, rows, float(new_preset)))
+            if new_row != row:
+                edges += [(now, r, level) for r, level in _changed(row, new_row)]
+                self._slots += 1
+                self._progress(self._slots)
+            charge, preset, row = new_charge, new_preset, new_row
         return self._levels()
 
     async def _collect(self) -> None:
@@ -198,7 +199,9 @@ class Bridge:
         t = self._timing
         rows = [row for row, _ in self._codes]
         if rows != list(range(t.rows)) * frames:
-            raise SimulatorError(f"the chip handed over rows {rows[:40]} instead of 0..{t.rows - 1} in {frames} frames")
+            raise SimulatorError(
+                f"the chip handed over rows {rows[:40]} instead of 0..{t.rows - 1} in {frames} frames"
+            )
         bits = t.code_max.bit_length()
         flat = [word >> c * bits & t.code_max for _, word in self._codes for c in range(self._cols)]
         return np.array(flat, dtype=np.uint16).reshape(frames, t.rows, self._cols)

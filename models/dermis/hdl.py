@@ -43,7 +43,9 @@ def prepare(simulator: str) -> str:
     os.environ["PATH"] = os.pathsep.join(first + rest)
     for tool in ("g++", "make", "perl"):
         if shutil.which(tool) is None:
-            raise InputError("PATH", tool, "missing", f"{tool}, which Verilator needs; `make setup` installs it")
+            raise InputError(
+                "PATH", tool, "missing", f"{tool}, which Verilator needs; `make setup` installs it"
+            )
     stat = (root / "bin" / "verilator_bin").stat()
     return f"{root} {stat.st_size} {stat.st_mtime_ns}"
 
@@ -81,7 +83,11 @@ def build(
     key = hashlib.sha256()
     for path in [*sources, *sorted(h for d in includes for h in d.glob("*.vh"))]:
         key.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
-    key.update(json.dumps([simulator, toplevel, dict(parameters), tool, sys.prefix, optimise], sort_keys=True).encode())
+    key.update(
+        json.dumps(
+            [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise], sort_keys=True
+        ).encode()
+    )
     target = ROOT / "build" / where / simulator / f"{toplevel}_{key.hexdigest()[:16]}"
     target.mkdir(parents=True, exist_ok=True)
     log = target.with_suffix(".log")

@@ -142,7 +142,9 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
             node = f"vg{c}"
             lines.append(f"rcolumn{c} col{c} {node} {spice_number(float(network.r_column_ohm[c]))}")
         values = _assignments(_channel_parameters(plan, network, c))
-        lines.append(f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}")
+        lines.append(
+            f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}"
+        )
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")

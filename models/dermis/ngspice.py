@@ -58,13 +58,25 @@ def library() -> Path:
         raise InputError("PATH", "cc", "missing", "a C compiler; `make setup` installs it")
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = target.with_suffix(f".{os.getpid()}.tmp")
-    command = [compiler, "-O2", "-shared", "-fPIC", "-D_GNU_SOURCE", "-o", str(scratch), str(SOURCE), "-lngspice"]
+    command = [
+        compiler,
+        "-O2",
+        "-shared",
+        "-fPIC",
+        "-D_GNU_SOURCE",
+        "-o",
+        str(scratch),
+        str(SOURCE),
+        "-lngspice",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
     if done.returncode:
         scratch.unlink(missing_ok=True)
         log = target.with_suffix(".log")
         log.write_text(done.stderr)
-        raise SimulatorError("lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)", log)
+        raise SimulatorError(
+            "lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)", log
+        )
     scratch.replace(target)
     return target
 

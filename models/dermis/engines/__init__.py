@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engines: each takes a plan and returns codes."""
+"""Engines: each takes a plan and returns codes; any two can be compared."""
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dermis.errors import InputError
+
+if TYPE_CHECKING:
+    from dermis.plan import Plan
 
 
 @dataclass
@@ -16,3 +23,38 @@ class Result:
 
     codes: NDArray[np.uint8]
     info: dict[str, Any] = field(default_factory=dict)
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f"dermis.engines.{name}")
+
+
+def refused(plan: Plan, engine: str) -> frozenset[str]:
+    """Record fields of a plan that are away from the ideal and that an engine cannot honour."""
+    return plan.active_fields() - _module(engine).HONOURS
+
+
+def check(plan: Plan) -> None:
+    """Refuse a plan whose engine would have to ignore something.
+
+    Raises
+    ------
+    InputError
+        Names the effect and an engine that can do it.
+    """
+    from dermis.plan import ENGINES
+
+    if lost := refused(plan, plan.engine):
+        able = [name for name in ENGINES if not refused(plan, name)]
+        effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
+        allowed = (
+            f"engine {' or '.join(able)}" if able else "no engine can do all of this scene's effects together"
+        )
+        what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
+        raise InputError(plan.scene.path, what, f"not possible with engine {plan.engine}", allowed)
+
+
+def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
+    """Run a plan through its engine, after `check`; options go to the engine."""
+    check(plan)
+    return _module(plan.engine).run(plan, progress, **options)

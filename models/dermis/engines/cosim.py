@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import shutil
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +29,11 @@ from dermis.errors import SimulatorError
 from dermis.plan import Plan
 
 HONOURS = netlist.HONOURS
+
+FRAMES_A_PROCESS = 4
+"""A process costs about a second to start and a frame about four: short enough to share out, long enough to pay."""
+
+_cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
 START_LIMIT_S = 120.0
 """Longest wait for the first row slot: loading, parsing, operating point."""
@@ -65,7 +72,6 @@ def run(
     analog: Literal["ngspice", "exact"] = "ngspice",
     solver: Solver | None = None,
     record: bool = False,
-    jobs: int | None = None,
     work: Path | None = None,
 ) -> Result:
     """Read every frame of a plan through the Verilog.
@@ -80,7 +86,6 @@ def run(
     analog : "ngspice", or "exact" for the ideal converters without a circuit simulator
     solver : step control
     record : keep waveforms (info["trace"], info["waves"])
-    jobs : processes at once; default one a core
     work : directory for decks and logs, emptied first; default a new one in build/cosim
 
     Returns
@@ -93,7 +98,7 @@ def run(
     SimulatorError
         Either simulator failed, stopped answering or left no result.
     """
-    jobs = max(1, min(jobs or os.cpu_count() or 1, plan.frames))
+    jobs = max(min(os.cpu_count() or 1, plan.frames), math.ceil(plan.frames / FRAMES_A_PROCESS))
     parameters = {
         "ROWS": plan.rows,
         "COLS": plan.cols,
@@ -120,7 +125,8 @@ def run(
                 progress(sum(done))
 
         job = Job(plan, chunks[index], simulator, build, sync_latch, analog, solver or Solver(), record)
-        return _run_job(job, work / f"job_{index}", on_slots)
+        with _cores:
+            return _run_job(job, work / f"job_{index}", on_slots)
 
     start = time.perf_counter()
     with ThreadPoolExecutor(jobs) as pool:
@@ -128,14 +134,17 @@ def run(
         try:
             parts = [future.result() for future in futures]
         except BaseException:
-            _end_all()
+            pool.shutdown(wait=False, cancel_futures=True)
+            end_all()
             raise
     codes = np.concatenate([part["codes"] for part in parts])
     info: dict[str, Any] = {
         "work": str(work),
         "seconds": time.perf_counter() - start,
         "simulator": simulator,
-        "steps": {n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")},
+        "steps": {
+            n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")
+        },
     }
     if record:
         info["records"] = parts
@@ -155,7 +164,8 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         child.wait()
 
 
-def _end_all() -> None:
+def end_all() -> None:
+    """End every child of this process."""
     for child in list(_children):
         _end(child)
 
@@ -192,7 +202,9 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
                 on_slots(slots)
             elif time.monotonic() - since > (SLOT_LIMIT_S if slots else START_LIMIT_S):
                 _end(child)
-                raise SimulatorError(f"the co-simulation stopped answering in {_place(job, slots)}", directory)
+                raise SimulatorError(
+                    f"the co-simulation stopped answering in {_place(job, slots)}", directory
+                )
     finally:
         _end(child)
         _children.discard(child)
@@ -213,4 +225,6 @@ def _result(job: Job, directory: Path, slots: int) -> dict[str, Any]:
         with np.load(directory / "result.npz") as data:
             return dict(data)
     except (OSError, ValueError):
-        raise SimulatorError(f"the HDL simulator ended without a result in {_place(job, slots)}", directory) from None
+        raise SimulatorError(
+            f"the HDL simulator ended without a result in {_place(job, slots)}", directory
+        ) from None

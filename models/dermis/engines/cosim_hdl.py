@@ -10,7 +10,10 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import signal
 import sys
+import threading
+import time
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +39,7 @@ def main(job_dir: Path) -> int:
     from dermis import hdl
 
     job = load(job_dir)
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     hdl.prepare(job.simulator)
     try:
         get_runner(job.simulator).test(
@@ -54,6 +58,13 @@ def main(job_dir: Path) -> int:
         print(f"the HDL simulator: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this session's processes once the parent is gone: a killed run leaves no orphans."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os.killpg(0, signal.SIGKILL)
 
 
 def load(job_dir: Path) -> Job:
@@ -79,7 +90,9 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         index = job.frames[frame]
         if job.analog == "exact":
             duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
-            half: Any = ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
+            half: Any = ExactHalf(
+                duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s
+            )
         else:
             deck = netlist.frame_deck(plan, index, levels, record=job.record)
             write_atomic(job_dir / f"frame_{index}.cir", "\n".join(deck.lines) + "\n")
@@ -130,7 +143,9 @@ if JOB_VARIABLE in os.environ:
         except Exception as error:
             what = f"{type(error).__name__} in the co-simulation: {error}"
             (job_dir / "traceback.log").write_text(traceback.format_exc())
-            write_atomic(job_dir / "error.json", json.dumps({"what": what, "log": str(job_dir / "traceback.log")}))
+            write_atomic(
+                job_dir / "error.json", json.dumps({"what": what, "log": str(job_dir / "traceback.log")})
+            )
             raise
 
 

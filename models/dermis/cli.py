@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: parses, calls, and turns every end into its exit code (0 done, 1 missed, 2 input, 3 simulator)."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis import __version__
+from dermis.design import ROOT
+from dermis.errors import DermisError, InputError, one_line
+
+SCENES = ROOT / "models" / "scenes"
+
+# Commands that live with what they do; loaded only when called, so that each starts quickly.
+ELSEWHERE = {
+    "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
+    "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
+    "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
+    "sim": (
+        "dermis.regression",
+        "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
+    ),
+    "sweep": ("dermis.sweep", "Resistance against frequency for the four interfaces, csv and plot."),
+}
+
+
+class Commands(click.Group):
+    """A group whose further commands are `<name>_command` of the modules in ELSEWHERE."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted([*super().list_commands(ctx), *ELSEWHERE])
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in ELSEWHERE:
+            return super().get_command(ctx, name)
+        return getattr(importlib.import_module(ELSEWHERE[name][0]), f"{name}_command")
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        own = {
+            n: c.get_short_help_str(90)
+            for n in super().list_commands(ctx)
+            if (c := super().get_command(ctx, n))
+        }
+        rows = own | {name: text for name, (_, text) in ELSEWHERE.items()}
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(rows.items()))
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="dermis")
+def cli() -> None:
+    """Mixed-signal readout of piezoresistive artificial skin."""
+
+
+def scene_path(name: str) -> Path:
+    """Path of a scene given by path, or by the name of a file in models/scenes."""
+    path = Path(name)
+    if path.suffix == ".toml" or path.exists() or "/" in name:
+        return path
+    known = sorted(p.stem for p in SCENES.glob("*.toml"))
+    if name not in known:
+        raise InputError(
+            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
+        )
+    return SCENES / f"{name}.toml"
+
+
+@cli.command()
+@click.argument("scene")
+@click.option("--engine", help="closed, event or cosim; default: the scene's own.")
+@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default build/run/SCENE.")
+@click.option("--simulator", type=click.Choice(["icarus", "verilator"]), default="icarus", help="For cosim.")
+@click.option("--waves", is_flag=True, help="For cosim: also write waves.vcd and waves.gtkw.")
+def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves: bool) -> int:
+    """Simulate one scene: a path, or the name of a file in models/scenes."""
+    from dermis import engines, output, plan, progress, regression, verdict
+
+    path = scene_path(scene)
+    made = plan.load(path, engine)
+    engines.check(made)
+    out = out or ROOT / "build" / "run" / path.stem
+    output.prepare(out)
+    options: dict[str, Any] = {}
+    if made.engine == "cosim":
+        options = {"simulator": simulator, "record": waves}
+    elif waves:
+        raise InputError("command line", "--waves", made.engine, "engine cosim, the only one with waveforms")
+    start = time.perf_counter()
+    with progress.slots(path.stem, made.frames * made.rows) as report:
+        result = engines.run(made, report, **options)
+    result.info["seconds"] = time.perf_counter() - start
+    rows = regression.compare(made, result, path.stem)
+    if waves:
+        from dermis import waves as wave_files
+
+        wave_files.write(out, made, result)
+    output.write(out, made, result, rows)
+    verdict.write_rows("run", rows)
+    verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
+    click.echo(f"codes, summary and the resolved scene are in {out}")
+    return verdict.exit_code(rows)
+
+
+@cli.command()
+def lint() -> int:
+    """Lint the Verilog with Icarus, Verilator and Yosys."""
+    from dermis import lint as linter
+    from dermis import verdict
+
+    rows = linter.run_lint()
+    verdict.write_rows("lint", rows)
+    verdict.print_rows(rows, "Lint of rtl/")
+    return verdict.exit_code(rows)
+
+
+def main() -> None:
+    """Run the command line and end the process with the exit code of DESIGN's table."""
+    try:
+        code = cli(standalone_mode=False)
+    except DermisError as error:
+        click.echo(str(error), err=True)
+        code = error.exit_code
+    except click.exceptions.Exit as error:
+        code = error.exit_code
+    except click.ClickException as error:
+        click.echo(f"command line: {one_line(error.format_message(), 400)} (see --help)", err=True)
+        code = 2
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        code = 130
+    except BrokenPipeError:
+        code = 1
+    except Exception as error:
+        log = ROOT / "build" / "internal_error.log"
+        log.parent.mkdir(exist_ok=True)
+        log.write_text(traceback.format_exc())
+        click.echo(
+            f"dermis has a defect: {type(error).__name__}: {one_line(str(error))} (log: {log})", err=True
+        )
+        code = 3
+    sys.exit(code if isinstance(code, int) else 0)

