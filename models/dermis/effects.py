@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, create_model
 
 from dermis.design import TOPOLOGIES, Design
+from dermis.design import load as load_design
 from dermis.errors import InputError
 from dermis.schema import Strict, entry
 
@@ -410,3 +411,26 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = value
     return Contribution(network, converter)
+
+
+def effects_table() -> str:
+    """Every effect as a Markdown table: name, meaning, what it writes; docs/scenes.md holds it."""
+    design = load_design()
+    lines = ["| effect | what it is | record fields it writes |", "|---|---|---|"]
+    for effect in EFFECTS.values():
+        topology = effect.topologies[0] if "direct" not in effect.topologies else "conveyor_mirror"
+        setting = Setting(design.array.cols, topology, design.interface.k, design, _no_rng)
+        on = resolve_effects(EffectsTable(**{effect.name: True}), setting, "defaults")
+        part = effect.contribute(on[effect.name], setting)
+        fields = [f"Network.{f}" for f in part.network] + [f"Converter.{f}" for f in part.converter]
+        only = "" if effect.topologies == TOPOLOGIES else f" (not for {', '.join(_missing(effect))})"
+        lines.append(f"| `{effect.name}` | {effect.meaning}{only} | {', '.join(f'`{f}`' for f in fields)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _missing(effect: Effect) -> list[str]:
+    return [t for t in TOPOLOGIES if t not in effect.topologies]
+
+
+def _no_rng(name: str) -> np.random.Generator:
+    raise AssertionError(f"{name}: the defaults draw no random number")

@@ -111,7 +111,22 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
         raise InputError(file, prefix or "scene", "an integer", "numbers that a double can hold") from None
     # Among many, a key that is not known explains most: it is usually the misspelt twin of a missing one.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    # Of the alternatives for one value the one that got furthest into it is what was meant.
+    place = _place(data, first["loc"])
+    inside = [e for e in found if _place(data, e["loc"])[: len(place)] == place]
+    first = max(inside, key=lambda e: len(_place(data, e["loc"])))
     raise _input_error(model, data, first, file, prefix)
+
+
+def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The part of an error's location that exists in the data; names of alternatives drop out."""
+    place, here = [], data
+    for part in location:
+        in_table = isinstance(here, dict) and part in here
+        if in_table or (isinstance(here, list) and isinstance(part, int)):
+            place.append(part)
+            here = here[part]
+    return tuple(place)
 
 
 def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str, prefix: str) -> InputError:

@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene reader: what is right comes back identical, what is wrong is one line that names it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dermis import effects, scene
+from dermis import plan as planning
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.schema import SCENE_BYTES_MAX
+
+Write = Callable[..., Path]
+SCENES = sorted((ROOT / "models" / "scenes").glob("*.toml"))
+
+UNIFORM = '[stimulus]\nkind = "uniform"\ncode = 17\n'
+
+
+def complaint(path: Path) -> InputError:
+    """The error of a scene that must not load: one line in the promised form."""
+    with pytest.raises(InputError) as caught:
+        planning.load(path)
+    error = caught.value
+    text = str(error)
+    assert error.exit_code == 2
+    assert "\n" not in text
+    assert text.isprintable()
+    assert text.startswith(f"{error.file}: {error.key} = ")
+    assert len(text) < 1500
+    return error
+
+
+def outcome(attempt: Callable[[], object]) -> str:
+    """What an attempt says: nothing, or its InputError; anything else it raises is a failure."""
+    try:
+        attempt()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def assert_same_plan(a: planning.Plan, b: planning.Plan) -> None:
+    assert (a.topology, a.timing, a.drive, a.effects, a.engine, a.seed, a.views) == (
+        (b.topology, b.timing, b.drive, b.effects, b.engine, b.seed, b.views)
+    )
+    assert (a.resistance_ohm == b.resistance_ohm).all()
+    assert (a.force_n is None) == (b.force_n is None)
+    assert a.force_n is None or (a.force_n == b.force_n).all()
+    for record in (planning.Converter, planning.Network):
+        one, two = (p.converter if record is planning.Converter else p.network(0) for p in (a, b))
+        for field in record.__dataclass_fields__:
+            assert np.array_equal(getattr(one, field), getattr(two, field)), field
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
+def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -> None:
+    plan = planning.load(path)
+    resolved = tmp_path / "deep" / "resolved.toml"
+    resolved.parent.mkdir()
+    resolved.write_text(plan.resolved_toml(resolved.parent), encoding="utf-8")
+    again = planning.load(resolved)
+    assert_same_plan(plan, again)
+    assert again.resolved_toml(resolved.parent) == plan.resolved_toml(resolved.parent)
+
+
+def test_there_are_the_scenes_of_the_paper() -> None:
+    names = {p.stem for p in SCENES}
+    assert {"flat_indenter", "triangular_indenter", "cylindrical_indenter", "uniform_staircase"} <= names
+
+
+def test_resolved_scene_keeps_the_engine_that_was_asked_for(write_scene: Write) -> None:
+    plan = planning.load(write_scene(UNIFORM), engine="event")
+    assert plan.engine == "event"
+    assert 'engine = "event"' in plan.resolved_toml()
+
+
+def test_resolved_scene_names_every_default(write_scene: Write) -> None:
+    text = planning.load(
+        write_scene(UNIFORM + "[effects]\nrow_driver = { r_ohm = 3.0 }\nlateral = true\n")
+    ).resolved_toml()
+    for line in ("rows = 16", "k = 80", "v_bias_v = 0.5", "k_force_n_ohm = 7500.0", "seed = 0"):
+        assert line in text
+    assert "row_driver = { r_ohm = 3.0, grounded_r_ohm = 3.0 }" in text
+    assert "lateral = { r_ohm = 1000.0 }" in text
+    assert "column_input" not in text
+
+
+def test_an_effect_that_is_false_is_off(write_scene: Write) -> None:
+    plan = planning.load(write_scene(UNIFORM + "[effects]\nlateral = false\n"))
+    assert plan.active_fields() == frozenset()
+    assert not any(effect.on for effect in plan.effects)
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "plain",
+        "two\nlines\n.control\nshell rm\n.endc",
+        '"quoted" \\ \t \x7f',
+        "Ünïcödé ☃ 😀 \u202e",
+        "",
+        " \u00a0",
+    ],
+)
+def test_any_title_survives_the_round_trip(title: str, write_scene: Write, tmp_path: Path) -> None:
+    from dermis.schema import write_toml
+
+    plan = planning.load(write_scene(write_toml({"title": title}) + UNIFORM))
+    assert plan.scene.title == title
+    path = tmp_path / "resolved.toml"
+    path.write_text(plan.resolved_toml(tmp_path), encoding="utf-8")
+    assert planning.load(path).scene.title == title
+
+
+def test_a_plan_travels_to_another_process(write_scene: Write) -> None:
+    plan = planning.load(write_scene(UNIFORM + "[effects]\nmirror_ratio = { spread = 0.01 }\n"))
+    assert_same_plan(plan, pickle.loads(pickle.dumps(plan)))
+
+
+# (scene text, the key that is named, a piece of what is allowed)
+WRONG = [
+    ("", "stimulus", "a table with a kind"),
+    ("title = 3\n" + UNIFORM, "title", "text"),
+    ("tittle = 'x'\n" + UNIFORM, "tittle", "known here: array, effects, interface"),
+    ("[stimulus]\n", "stimulus.kind", "uniform"),
+    ("[stimulus]\nkind = 'slip'\n", "stimulus.kind", "indenter"),
+    ("[stimulus]\nkind = 3\n", "stimulus.kind", "indenter"),
+    ("stimulus = 3\n", "stimulus", "a table"),
+    ("[[stimulus]]\nkind = 'uniform'\n", "stimulus", "a table"),
+    ("[stimulus]\nkind = 'uniform'\n", "stimulus", "exactly one of"),
+    ("[stimulus]\nkind = 'uniform'\ncode = 3\nforce_n = 2\n", "stimulus", "exactly one of"),
+    ("[stimulus]\nkind = 'uniform'\ncode = 256\n", "stimulus.code", "0..255"),
+    ("[stimulus]\nkind = 'uniform'\ncode = 1.5\n", "stimulus.code", "whole number"),
+    ("[stimulus]\nkind = 'uniform'\ncode = []\n", "stimulus.code", "list"),
+    ("[stimulus]\nkind = 'uniform'\ncode = [1, -1]\n", "stimulus.code.1", "0..255"),
+    ("[stimulus]\nkind = 'uniform'\nforce_n = nan\n", "stimulus.force_n", "finite"),
+    ("[stimulus]\nkind = 'uniform'\nforce_n = inf\n", "stimulus.force_n", "finite"),
+    ("[stimulus]\nkind = 'uniform'\nforce_n = '3'\n", "stimulus.force_n", "finite number"),
+    ("[stimulus]\nkind = 'uniform'\nforce_n = true\n", "stimulus.force_n", "finite number"),
+    ("[stimulus]\nkind = 'uniform'\nr_ohm = -1\n", "stimulus.r_ohm", ">= 0"),
+    ("[stimulus]\nkind = 'uniform'\nr_ohm = nan\n", "stimulus.r_ohm", ">= 0"),
+    ("[stimulus]\nkind = 'uniform'\nr_ohm = -inf\n", "stimulus.r_ohm", ">= 0"),
+    ("[stimulus]\nkind = 'uniform'\nforce_N = 3\n", "stimulus.force_N", "force_n"),
+    ("[stimulus]\nkind = 'indenter'\nshape = 'round'\nforce_n = 1\n", "stimulus.shape", "cylindrical"),
+    ("[stimulus]\nkind = 'indenter'\nshape = 'flat'\n", "stimulus.force_n", "finite"),
+    ("[stimulus]\nkind = 'indenter'\nshape = 'flat'\nforce_n = 1\nwidth = 0\n", "stimulus.width", "> 0"),
+    (
+        "[stimulus]\nkind = 'indenter'\nshape = 'flat'\nforce_n = 1\nangle_deg = 361\n",
+        "stimulus.angle_deg",
+        "360",
+    ),
+    (UNIFORM + "[array]\nrows = 0\n", "array.rows", "1..256"),
+    (UNIFORM + "[array]\nrows = 1e1\n", "array.rows", "whole number"),
+    (UNIFORM + "[array]\ncols = 257\n", "array.cols", "1..256"),
+    (UNIFORM + "[array]\nrows = 99999999999999999999999999999\n", "array.rows", "1..256"),
+    (UNIFORM + "[sensor]\nlaw = 'power'\n", "sensor.law", "inverse"),
+    (UNIFORM + "[sensor]\nk_force_n_ohm = 0\n", "sensor.k_force_n_ohm", "> 0"),
+    (UNIFORM + "[interface]\ntopology = 'Direct'\n", "interface.topology", "direct"),
+    (UNIFORM + "[interface]\nk = 81\n", "interface.k", "20, 40, 80, 160"),
+    (UNIFORM + "[interface]\nk = 80.0\n", "interface.k", "k_options"),
+    (UNIFORM + "[interface]\nv_bias_v = -0.5\n", "interface.v_bias_v", "> 0"),
+    (UNIFORM + "[interface]\ni0_a = 0\n", "interface.i0_a", "1e-9"),
+    (UNIFORM + "[interface]\nc_int_f = 1e-13\n", "interface.c_int_f", "packet"),
+    (UNIFORM + "[interface]\nv_bias = 0.5\n", "interface.v_bias", "v_bias_v"),
+    (UNIFORM + "[effects]\nlatteral = true\n", "effects.latteral", "lateral"),
+    (UNIFORM + "[effects]\nlateral = 3\n", "effects.lateral", "true"),
+    (UNIFORM + "[effects]\nlateral = { r_ohm = 0 }\n", "effects.lateral.r_ohm", "> 0"),
+    (UNIFORM + "[effects]\nlateral = { r = 5 }\n", "effects.lateral.r", "r_ohm"),
+    (UNIFORM + "[effects]\nrow_driver = { r_ohm = -1 }\n", "effects.row_driver.r_ohm", ">= 0"),
+    (UNIFORM + "[effects]\nrow_driver = { r_ohm = inf }\n", "effects.row_driver.r_ohm", "finite"),
+    (UNIFORM + "[effects]\ncolumn_input = { r_ohm = [1, 2] }\n", "effects.column_input.r_ohm", "list of 16"),
+    (UNIFORM + "[effects]\ncolumn_input = { r_ohm = -1 }\n", "effects.column_input.r_ohm", ">= 0"),
+    (
+        UNIFORM + "[effects]\nmirror_ratio = { ratio_error = -1 }\n",
+        "effects.mirror_ratio.ratio_error",
+        "> -1",
+    ),
+    (
+        UNIFORM + "[effects]\ncharge_packet = { packet_error = -1 }\n",
+        "effects.charge_packet.packet_error",
+        "> -1",
+    ),
+    (UNIFORM + "[effects]\ncomparator_delay = { t_s = 2e-7 }\n", "effects.comparator_delay.t_s", "one clock"),
+    (
+        "[interface]\ntopology = 'direct'\n" + UNIFORM + "[effects]\nmirror_ratio = true\n",
+        "effects.mirror_ratio",
+        "conveyor_mirror",
+    ),
+    (
+        "[interface]\ntopology = 'direct'\n" + UNIFORM + "[effects]\ncolumn_input = true\n",
+        "effects.column_input.r_ohm",
+        "no default",
+    ),
+    (UNIFORM + "[run]\nengine = 'rtl'\n", "run.engine", "closed"),
+    (UNIFORM + "[run]\nseed = -1\n", "run.seed", "whole number"),
+    (UNIFORM + "[run]\nseed = true\n", "run.seed", "whole number"),
+    (UNIFORM + "code = 18\n", "TOML", "valid TOML"),
+    ("title = \n" + UNIFORM, "TOML", "line 1"),
+    ("x = 99999-99-99\n", "TOML", "valid TOML"),
+    ("x = " + "[" * 5000 + "]" * 5000, "TOML", "valid TOML"),
+    ("x = 1" + "0" * 5000 + "\n" + UNIFORM, "TOML", "valid TOML"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\n", "stimulus.file", "csv"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'kg'\nfile = 'a.csv'\n", "stimulus.unit", "newtons"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'a.csv'\n", "stimulus.file", "No such file"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'a.xls'\n", "stimulus.file", ".csv"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = ''\n", "stimulus.file", "csv"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = \"a\\u0000.csv\"\n", "stimulus.file", "file name"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'x/../..csv'\n", "stimulus.file", "No such file"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'a.csv'\nkey = 'codes'\n", "stimulus.key", "npz"),
+    ("[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'a.csv'\nscale = -1\n", "stimulus.scale", ">= 0"),
+    (
+        "[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'a.csv'\nselect = 'some'\n",
+        "stimulus.select",
+        "last",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "allowed"), WRONG)
+def test_a_wrong_scene_is_one_line_that_names_key_and_what_is_allowed(
+    text: str, key: str, allowed: str, write_scene: Write
+) -> None:
+    error = complaint(write_scene(text))
+    assert error.key == key
+    assert allowed in error.allowed
+    assert Path(error.file).name == "scene.toml"
+
+
+def test_the_line_reads_as_promised(write_scene: Write) -> None:
+    path = write_scene(UNIFORM + "[interface]\nv_bias_v = 'half a volt'\n")
+    expected = f'{path}: interface.v_bias_v = "half a volt": a finite number > 0, at most 10'
+    assert str(complaint(path)) == expected
+
+
+def test_a_value_cannot_break_out_of_its_line(write_scene: Write) -> None:
+    value = "a\\n.control\\u001b[31m\\r" + "x" * 5000
+    error = complaint(write_scene(UNIFORM + f'[interface]\ntopology = "{value}"\n'))
+    assert len(str(error)) < 400
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"\x00\x01\x02\xff\xfe", os.urandom(2000), b"\xff" * 100, b"\x1f\x8b\x08" + bytes(50), b"a = 1\r b = 2"],
+    ids=["nul", "noise", "ff", "gzip", "cr"],
+)
+def test_binary_garbage_is_one_line(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(content)
+    complaint(path)
+
+
+def test_what_is_no_file_is_one_line(tmp_path: Path) -> None:
+    assert "No such file" in complaint(tmp_path / "absent.toml").allowed
+    assert "regular file" in complaint(tmp_path).allowed
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    assert "regular file" in complaint(pipe).allowed
+    huge = tmp_path / "huge.toml"
+    with open(huge, "wb") as stream:
+        stream.truncate(SCENE_BYTES_MAX + 1)
+    assert "at most" in complaint(huge).allowed
+    with pytest.raises(InputError):
+        planning.load(str(tmp_path / "nul\0.toml"))
+
+
+def test_an_unknown_engine_from_outside_is_refused(write_scene: Write) -> None:
+    with pytest.raises(InputError, match="closed, event, cosim"):
+        planning.load(write_scene(UNIFORM), engine="spice\n.control")
+
+
+WORDS = [
+    *"=[]{}\"'.,#\n",
+    "inf",
+    "nan",
+    "-1",
+    "1e999",
+    "true",
+    "[array]",
+    "kind",
+    "file",
+    "'x'",
+    "\\u0000",
+    "1_0",
+]
+
+
+@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_mutated_scene_loads_or_is_one_line(data: st.DataObject, tmp_path: Path) -> None:
+    text = data.draw(st.sampled_from(SCENES)).read_text(encoding="utf-8")
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text)))
+        length = data.draw(st.integers(0, 12))
+        text = text[:at] + data.draw(st.sampled_from([*WORDS, "", ""])) + text[at + length :]
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    (tmp_path / "extremes.csv").write_bytes((ROOT / "models" / "scenes" / "extremes.csv").read_bytes())
+    assert "\n" not in outcome(lambda: planning.load(path))
+
+
+leaves = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.floats(), max_size=3),
+)
+names = st.sampled_from(
+    "title array rows cols sensor law stimulus kind shape force_n code r_ohm interface topology k effects "
+    "lateral row_driver column_input mirror_ratio spread run engine seed views".split()
+)
+
+
+@settings(max_examples=250, deadline=None)
+@given(
+    table=st.dictionaries(names, st.one_of(leaves, st.dictionaries(names, leaves, max_size=4)), max_size=6),
+    kind=st.sampled_from(["uniform", "indenter", "frames", "resistance", "flat", 3]),
+)
+def test_any_table_makes_a_scene_or_an_input_error(table: dict[str, object], kind: object) -> None:
+    stimulus = table.get("stimulus")
+    table["stimulus"] = {**(stimulus if isinstance(stimulus, dict) else {}), "kind": kind}
+    assert "\n" not in outcome(lambda: planning.make(scene.from_data(table, Path("made.toml"))))
+
+
+def test_every_key_is_documented() -> None:
+    rows = list(scene.schema_rows())
+    assert len(rows) > 50
+    for key, default, allowed, meaning in rows:
+        assert default, key
+        assert allowed, key
+        assert meaning, key
+    text = scene.schema_table()
+    for word in ("`k_force_n_ohm`", "`grounded_r_ohm`", "[stimulus kind = uniform]", "[effects.lateral]"):
+        assert word in text
+
+
+def test_the_page_on_scenes_holds_the_table_of_the_schema() -> None:
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    assert scene.schema_table() in page
+    assert effects.effects_table() in page
