@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The engines closed and event: against each other over random scenes, and event against fifty digits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dermis import plan as planning
+from dermis import scene
+from dermis.array import Network
+from dermis.design import ROOT, TOPOLOGIES
+from dermis.effects import EFFECTS
+from dermis.engines import closed, event
+from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
+from dermis.errors import InputError
+from dermis.vfc import Converter
+
+Write = Callable[..., Path]
+
+CLOSED_EFFECTS = ["lateral", "row_driver", "column_input", "column_offset", "mirror_ratio", "offset_current",
+                  "charge_packet", "preset_error", "comparator_offset"]  # fmt: skip
+
+
+@st.composite
+def scenes(draw: st.DrawFn, effects: list[str]) -> dict[str, object]:
+    """Random scenes of any topology and size, with any of these effects at random strength."""
+    topology = draw(st.sampled_from(TOPOLOGIES))
+    rows, cols = draw(st.integers(1, 6)), draw(st.integers(1, 6))
+    stimulus = draw(
+        st.sampled_from(
+            [
+                {"kind": "uniform", "r_ohm": draw(st.lists(st.floats(0, 1e6), min_size=1, max_size=3))},
+                {"kind": "uniform", "r_ohm": [0.0, float("inf")]},
+                {"kind": "uniform", "code": draw(st.lists(st.integers(0, 255), min_size=1, max_size=4))},
+                {"kind": "uniform", "force_n": draw(st.floats(0, 20))},
+                {
+                    "kind": "indenter",
+                    "shape": draw(st.sampled_from(["flat", "triangular", "cylindrical"])),
+                    "force_n": draw(st.floats(0, 40)),
+                    "width": draw(st.floats(1, 9)),
+                    "angle_deg": draw(st.floats(-90, 90)),
+                },
+            ]
+        )
+    )
+    strength: dict[str, dict[str, object]] = {
+        "lateral": {"r_ohm": draw(st.floats(1, 1e5))},
+        "row_driver": {"r_ohm": draw(st.floats(0, 100)), "grounded_r_ohm": draw(st.floats(0, 100))},
+        "column_input": {"r_ohm": draw(st.floats(0, 50))},
+        "column_offset": {"v_v": [draw(st.floats(-5e-3, 5e-3)) for _ in range(cols)]},
+        "mirror_ratio": {"ratio_error": draw(st.floats(-0.1, 0.1)), "spread": draw(st.floats(0, 0.05))},
+        "offset_current": {"i_a": draw(st.floats(-1e-7, 1e-7))},
+        "charge_packet": {"packet_error": draw(st.floats(-0.1, 0.1))},
+        "preset_error": {"v_v": draw(st.floats(-0.1, 0.1))},
+        "comparator_offset": {"v_v": draw(st.floats(-0.1, 0.1))},
+    }
+    on = {name: strength[name] for name in effects if draw(st.booleans())}
+    if topology == "direct":
+        on.pop("mirror_ratio", None)
+    return {
+        "array": {"rows": rows, "cols": cols},
+        "stimulus": stimulus,
+        "interface": {"topology": topology, "k": draw(st.sampled_from([20, 40, 80, 160]))},
+        "effects": on,
+        "run": {"seed": draw(st.integers(0, 1000))},
+    }
+
+
+def made(data: dict[str, object]) -> planning.Plan:
+    return planning.make(scene.from_data(data, Path("made.toml")))
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=scenes([]))
+def test_closed_and_event_agree_to_the_last_bit_on_ideal_scenes(data: dict[str, object]) -> None:
+    plan = made(data)
+    assert plan.active_fields() == frozenset()
+    assert (closed.run(plan).codes == event.run(plan).codes).all()
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=scenes(CLOSED_EFFECTS))
+def test_closed_and_event_agree_with_every_effect_that_closed_does(data: dict[str, object]) -> None:
+    plan = made(data)
+    assert plan.active_fields() <= closed.HONOURS
+    assert (closed.run(plan).codes == event.run(plan).codes).all()
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_every_code_is_read_back_in_every_topology(topology: str) -> None:
+    plan = made(
+        {"interface": {"topology": topology}, "stimulus": {"kind": "uniform", "code": list(range(256))}}
+    )
+    for engine in (closed, event):
+        assert (engine.run(plan).codes == np.arange(256)[:, None, None]).all()
+
+
+def test_shorts_read_255_and_opens_read_0() -> None:
+    plan = planning.load(ROOT / "models" / "scenes" / "extremes.toml")
+    for engine in (closed, event):
+        codes = engine.run(plan).codes
+        assert (codes[plan.resistance_ohm == 0] == 255).all()
+        assert (codes[np.isinf(plan.resistance_ohm)] == 0).all()
+        assert (codes[plan.resistance_ohm <= 500] == 255).all()
+
+
+def test_real_frames_are_read_back_as_they_are(gait_csv: Path, tmp_path: Path) -> None:
+    path = tmp_path / "gait.toml"
+    path.write_text(f'[stimulus]\nkind = "frames"\nfile = "{gait_csv}"\nunit = "codes"\n')
+    plan = planning.load(path)
+    expected = np.loadtxt(gait_csv, delimiter=",", ndmin=2).reshape(-1, 16, 16)
+    assert (closed.run(plan).codes == expected).all()
+    assert (event.run(plan).codes == expected).all()
+
+
+def test_engines_honour_only_fields_that_exist_and_event_honours_all() -> None:
+    network = {f.name for f in fields(Network)} - {"g_taxel_s", "v_bias_v"}
+    converter = {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
+    assert event.HONOURS == network | converter
+    assert closed.HONOURS < event.HONOURS
+
+
+def test_progress_ends_at_the_last_row_slot() -> None:
+    plan = made({"stimulus": {"kind": "uniform", "code": [5] * 300}})
+    for engine in (closed, event):
+        seen: list[int] = []
+        engine.run(plan, seen.append)
+        assert seen == sorted(seen)
+        assert seen[-1] == 300 * 16
+        assert len(seen) > 1
+
+
+# --- event against the walk in 50 digits ---------------------------------------------------------------------------
+
+
+IDEAL = {"x": 0.0, "leak": 0.0, "w0": -0.5, "packet": 1.0, "rise": 0.0, "fall": 0.0,
+         "low": -np.inf, "high": np.inf, "delay": 0.0}  # fmt: skip
+"""The cell of an ideal converter."""
+
+
+@st.composite
+def cell(draw: st.DrawFn) -> dict[str, float]:
+    """One converter with anything on, in packets and clocks."""
+    on = {
+        name: draw(st.booleans())
+        for name in ("leak", "range", "hysteresis", "delay", "packet", "offset", "start")
+    }
+    offset = draw(st.floats(-0.2, 0.2)) if on["offset"] else 0.0
+    window = draw(st.floats(0.001, 0.4)) if on["hysteresis"] else 0.0
+    low = draw(st.floats(-1.5, -0.6)) if on["range"] else -np.inf
+    high = draw(st.floats(0.3, 1.5)) if on["range"] else np.inf
+    return {
+        "x": draw(st.one_of(st.floats(0, 0.5), st.floats(-0.1, 1.5))),
+        "leak": 10 ** draw(st.floats(-6, -0.5)) if on["leak"] else 0.0,
+        "w0": min(max(-0.5 + (draw(st.floats(-0.3, 0.3)) if on["start"] else 0.0), low), high),
+        "packet": draw(st.floats(0.9, 1.1)) if on["packet"] else 1.0,
+        "rise": offset + window / 2,
+        "fall": offset - window / 2,
+        "low": low,
+        "high": high,
+        "delay": draw(st.floats(0.001, 0.9)) if on["delay"] else 0.0,
+    }
+
+
+def cells_from(made_cells: list[dict[str, float]]) -> Cells:
+    return Cells(**{f.name: np.array([c[f.name] for c in made_cells]) for f in fields(Cells)})
+
+
+@settings(max_examples=120, deadline=None)
+@given(one=cell(), late=st.sampled_from([1.0, 0.5]), clocks=st.integers(1, 160))
+def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], late: float, clocks: int) -> None:
+    counts, w_end = count_cells(cells_from([one]), clocks, late)
+    bits, charge = walk_reference(one, clocks, late)
+    near = any(
+        abs(float(w - level)) < 1e-12
+        for w in charge
+        for level in (mpmath.mpf(one["rise"]), mpmath.mpf(one["fall"]))
+    )
+    if near and counts[0] != sum(bits):
+        return  # the walk itself stands on a threshold: a double cannot tell which side
+    assert counts[0] == sum(bits)
+    assert abs(w_end[0] - float(charge[-1])) <= 1e-12 * max(1.0, abs(float(charge[-1])))
+
+
+def test_the_reference_is_charge_balance_when_nothing_is_on() -> None:
+    for c in (0, 1, 100, 254, 255):
+        for late in (1.0, 0.5):
+            assert sum(walk_reference(IDEAL | {"x": c / 510}, 510, late)[0]) == c
+
+
+def test_event_takes_the_same_way_through_all_loops_when_effects_are_tiny() -> None:
+    x = np.concatenate([np.arange(256) / 510, np.random.default_rng(0).uniform(0, 0.6, 500)])
+    expected = count_cells(cells_from([IDEAL | {"x": v} for v in x]), 510, 1.0)
+    tiny = (
+        {"leak": 1e-18},
+        {"delay": 1e-13},
+        {"rise": 1e-13},
+        {"low": -1e9},
+        {"leak": 1e-18, "delay": 1e-13},
+    )
+    for effect in tiny:
+        got = count_cells(cells_from([IDEAL | effect | {"x": v} for v in x]), 510, 1.0)
+        assert (got[0] == expected[0]).all()
+        assert np.abs(got[1] - expected[1]).max() < 1e-9
+
+
+def test_both_synchronizers_give_equal_codes_for_ideal_converters() -> None:
+    plan = made(
+        {"stimulus": {"kind": "uniform", "force_n": [0.01 * i for i in range(1700)]}, "array": {"rows": 1}}
+    )
+    cells = cells_of(plan, closed.run(plan).info["x"], plan.conductance_s())
+    assert (count_cells(cells, 510, 1.0)[0] == count_cells(cells, 510, 0.5)[0]).all()
+
+
+@pytest.mark.parametrize("late", [1.0, 0.5])
+@pytest.mark.parametrize("q", [3, 4, 5])
+def test_leak_locks_the_rate_on_a_plateau_of_the_known_width(q: int, late: float) -> None:
+    # Contracted rotation (Laurent & Nogueira 2018): the plateau 1/q is lam^(q-2) (1-lam)^2 / (1-lam^q) wide when the
+    # packet leaves at once. It leaves `late` clocks afterwards and has that much less time to decay.
+    lam = 0.95
+    width = lam ** (q - 2) * (1 - lam) ** 2 / (1 - lam**q) * lam**-late
+    x = np.linspace(1 / q - 0.02, 1 / q + 0.02, 8001)
+    leaky = [IDEAL | {"x": v, "leak": -np.log(lam)} for v in x]
+    counts, _ = count_cells(cells_from(leaky), 6000 * q, late)
+    locked = x[np.abs(counts - 6000) <= 12]
+    assert locked[-1] - locked[0] == pytest.approx(width, abs=3e-5)
+
+
+# --- what single effects do ----------------------------------------------------------------------------------------
+
+
+def codes(effects: dict[str, object], topology: str = "conveyor_mirror", **stimulus: object) -> np.ndarray:
+    stimulus = stimulus or {"code": list(range(0, 256, 5))}
+    data = {
+        "array": {"rows": 2, "cols": 3},
+        "stimulus": {"kind": "uniform", **stimulus},
+        "interface": {"topology": topology},
+        "effects": effects,
+    }
+    return event.run(made(data)).codes.astype(int)
+
+
+def test_mirror_and_packet_errors_are_gain_errors() -> None:
+    steps = np.arange(0, 256, 5)
+    gain = codes({"mirror_ratio": {"ratio_error": -0.01}})[:, 0, 0]
+    packet = codes({"charge_packet": {"packet_error": 0.01}})[:, 0, 0]
+    assert (np.abs(gain - steps * 0.99) <= 0.51).all()
+    assert (np.abs(packet - steps / 1.01) <= 0.51).all()
+    assert steps[-1] - packet[-1] == 3  # 1 % of mismatch is 2.5 codes at full scale
+
+
+def test_offset_current_adds_its_share_of_i0() -> None:
+    # 1 nA of 25 uA over 510 clocks is 0.02 count; 100 nA are 2
+    assert (codes({"offset_current": {"i_a": 1e-7}}, code=[0, 100]).max(axis=(1, 2)) == [2, 102]).all()
+
+
+@pytest.mark.parametrize(
+    ("small", "large"),
+    [
+        ({"comparator_offset": {"v_v": 0.01}}, {"comparator_offset": {"v_v": 0.6}}),
+        ({"comparator_hysteresis": {"v_v": 0.02}}, {"comparator_hysteresis": {"v_v": 1.1}}),
+        ({"comparator_delay": {"t_s": 5e-9}}, {"comparator_delay": {"t_s": 190e-9}}),
+        ({"preset_error": {"v_v": -0.01}}, {"preset_error": {"v_v": -0.6}}),
+    ],
+)
+def test_threshold_delay_and_preset_only_shift_the_start(small: dict, large: dict) -> None:
+    steps = np.arange(0, 256, 5)[:, None, None]
+    assert (codes(small) == steps).all()
+    shift = codes(large) - steps
+    assert np.abs(shift).max() == 1
+
+
+def test_range_below_a_packet_loses_charge_and_a_wide_one_does_nothing() -> None:
+    steps = np.arange(0, 256, 5)[:, None, None]
+    assert (codes({"integrator_range": True}) == steps).all()
+    for topology, side in (("conveyor_mirror", "v_min_v"), ("conveyor_mirror_inverted", "v_max_v")):
+        sign = -1 if side == "v_min_v" else 1
+        tight = codes({"integrator_range": {side: sign * 0.3}}, topology)
+        assert (tight <= steps).all()
+        assert tight[-1, 0, 0] < 250
+
+
+def test_direct_interface_leaks_through_its_column_and_conveyors_do_not() -> None:
+    steps = np.arange(0, 256, 5)[:, None, None]
+    effects = {"integrator_gain": {"gain_dc": 20}}
+    assert (codes(effects) == steps).all()
+    assert np.abs(codes(effects, "direct") - steps).max() > 1
+    assert (codes({"integrator_gain": {"gain_dc": 1e5}}, "direct") == steps).all()
+
+
+def test_direct_interface_needs_a_gain_of_about_4000_on_a_full_column() -> None:
+    # 16 taxels of 500 ohm hang on the virtual ground. Plateaus of one LSB ask for R_leak C >= 51 us.
+    def worst(gain: float) -> int:
+        data = {
+            "stimulus": {"kind": "uniform", "force_n": [14.5 + 0.01 * i for i in range(50)]},
+            "array": {"rows": 16, "cols": 1},
+            "interface": {"topology": "direct"},
+        }
+        ideal = event.run(made(data)).codes.astype(int)
+        data["effects"] = {"integrator_gain": {"gain_dc": gain}}
+        return int(np.abs(event.run(made(data)).codes - ideal).max())
+
+    assert worst(4000) <= 1
+    assert worst(100) > 1
+
+
+def test_direct_gain_with_coupled_columns_is_refused_with_the_name_of_an_engine_that_can() -> None:
+    data = {
+        "stimulus": {"kind": "uniform", "code": 5},
+        "interface": {"topology": "direct"},
+        "effects": {"integrator_gain": True, "row_driver": True},
+    }
+    with pytest.raises(InputError, match=r"row_driver.*cosim"):
+        event.run(made(data))
+
+
+def test_closed_refuses_a_start_where_its_formula_does_not_hold() -> None:
+    data = {"stimulus": {"kind": "uniform", "code": 5}, "effects": {"preset_error": {"v_v": 0.7}}}
+    with pytest.raises(InputError, match="engine event"):
+        closed.run(made(data))
+    assert event.run(made(data)).codes.max() <= 7
+
+
+def test_an_effect_that_is_off_leaves_the_records_and_the_loop_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    for loop in ("_count_straight", "_count_bent"):
+        monkeypatch.setattr(event, loop, lambda *_: pytest.fail("an ideal scene took a loop with effects"))
+    event.run(made({"stimulus": {"kind": "uniform", "code": [0, 255]}}))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_on_says_so_and_sets_only_its_own_fields(name: str) -> None:
+    value = {"r_ohm": 1.0} if name == "column_input" else True
+    plan = made({"stimulus": {"kind": "uniform", "code": 5}, "effects": {name: value}})
+    assert [effect.name for effect in plan.effects if effect.on] == [name]
+    active = plan.active_fields()
+    assert active
+    for field in active:
+        assert plan.effects_of_field(field) == (name,)
+    assert active <= event.HONOURS
+
+
+def test_spread_is_drawn_from_the_seed_and_by_nothing_else() -> None:
+    def gain(seed: int, **more: object) -> np.ndarray:
+        effects = {"mirror_ratio": {"ratio_error": 0.0, "spread": 0.01}, **more}
+        plan = made({"stimulus": {"kind": "uniform", "code": 5}, "effects": effects, "run": {"seed": seed}})
+        return plan.converter.gain
+
+    assert (gain(1) == gain(1)).all()
+    assert (gain(1) == gain(1, lateral=True, offset_current=True)).all()
+    assert (gain(1) != gain(2)).all()
+    assert 0.003 < gain(1).std() < 0.03
