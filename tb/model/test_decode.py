@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decoding: codes come back as the force that made them, within the step each code stands for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dermis import plan as planning
+from dermis import scene
+from dermis.decode import decode
+from dermis.engines import closed
+
+
+def made(stimulus: dict[str, object], **tables: object) -> planning.Plan:
+    data = {"array": {"rows": 1, "cols": 1}, "stimulus": {"kind": "uniform", **stimulus}, **tables}
+    return planning.make(scene.from_data(data, Path("made.toml")))
+
+
+EVERY = {"code": list(range(256))}
+
+
+def test_a_force_in_the_middle_of_a_code_comes_back_exactly() -> None:
+    plan = made(EVERY)
+    decoded = decode(plan, closed.run(plan).codes)
+    assert decoded.force_n == pytest.approx(plan.force_n, rel=1e-14, abs=0)
+    assert decoded.resistance_ohm == pytest.approx(plan.resistance_ohm, rel=1e-14)
+
+
+@settings(max_examples=200, deadline=None)
+@given(force=st.floats(0, 30), k=st.sampled_from([20, 80, 160]), v_bias_v=st.floats(0.1, 2))
+def test_the_true_force_lies_in_the_interval_of_its_code(force: float, k: int, v_bias_v: float) -> None:
+    plan = made({"force_n": force}, interface={"k": k, "v_bias_v": v_bias_v})
+    decoded = decode(plan, closed.run(plan).codes)
+    slack = 1e-14 * force
+    assert decoded.force_low_n[0, 0, 0] <= force + slack
+    assert force - slack <= decoded.force_high_n[0, 0, 0]
+    if not decoded.saturated.any():
+        assert abs(decoded.force_n[0, 0, 0] - force) <= decoded.d_force_n[0, 0, 0]
+
+
+def test_intervals_tile_the_whole_range_without_gap_or_overlap() -> None:
+    plan = made(EVERY)
+    decoded = decode(plan, np.arange(256).reshape(-1, 1, 1))
+    assert decoded.force_low_n[0] == 0
+    assert (decoded.force_low_n[1:] == decoded.force_high_n[:-1]).all()
+    assert np.isinf(decoded.force_high_n[-1]).all()
+
+
+def test_resolution_of_the_paper_sensor() -> None:
+    # dR = R^2 / (510 * 250 ohm): 1.96 ohm at 500 ohm and about 32 kohm at 64 kohm; one code is 15 N / 255 everywhere
+    plan = made(EVERY)
+    decoded = decode(plan, np.array([255, 128, 2, 1]).reshape(-1, 1, 1))
+    r = decoded.resistance_ohm.ravel()
+    assert decoded.d_resistance_ohm.ravel() == pytest.approx(r**2 / 127500)
+    assert decoded.d_resistance_ohm.ravel()[0] == pytest.approx(1.96, abs=0.005)
+    assert decoded.d_resistance_ohm.ravel()[2] == pytest.approx(31875)
+    assert decoded.d_force_n.ravel()[1:] == pytest.approx([15 / 255] * 3)
+
+
+def test_no_pulse_and_full_scale_are_flagged() -> None:
+    plan = made(EVERY)
+    decoded = decode(plan, np.array([0, 1, 254, 255]).reshape(-1, 1, 1))
+    assert decoded.zero.ravel().tolist() == [True, False, False, False]
+    assert decoded.saturated.ravel().tolist() == [False, False, False, True]
+    assert np.isinf(decoded.resistance_ohm[0])
+    assert decoded.force_n[0] == 0
+
+
+@pytest.mark.parametrize(
+    "codes", [np.full((1, 1, 1), 256), np.full((1, 1, 1), -1), np.zeros((1, 2, 1), int), np.zeros((1, 1, 1))]
+)
+def test_codes_that_no_counter_holds_are_refused(codes: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="codes must be"):
+        decode(made(EVERY), codes)
