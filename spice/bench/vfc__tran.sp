@@ -22,9 +22,9 @@ vpreset d_preset 0 pulse(1 0 {5*t_clk} {t_edge} {t_edge} 1 2)
 * DUT
 xdut v_sum d_charge d_preset v_comp 0 vdd vss vfc
 acomp [v_comp] [comp] zero
-aclk [v_clk] [clk] half
+aclk [v_clk d_preset] [clk preset] half
 agate [comp charge_n] data both
-aflop data clk low low charge charge_n flop
+aflop data clk low preset charge charge_n flop
 alow low pulldown
 acharge [charge] [d_charge] drive
 .model zero adc_bridge(in_low=0 in_high=0 rise_delay=1p fall_delay=1p)

@@ -21,12 +21,12 @@ SECTIONS = ("include", "options", "parameters", "stimulus", "dut", "measure", "c
 
 _MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
-_RESULT = re.compile(rf"^(\w+)\s+=\s+({_NUMBER})\b", re.MULTILINE | re.IGNORECASE)
+_RESULT = re.compile(rf"^(\w+)\s*=\s+({_NUMBER})\b", re.MULTILINE | re.IGNORECASE)
 _ABORT = re.compile(
-    r"^.*(?:timestep too small|singular matrix|no convergence|simulation\(s\) aborted|analysis failed|iteration limit).*$",
+    r"^.*(?:timestep too small|no convergence|simulation\(s\) aborted|analysis failed|iteration limit).*$",
     re.MULTILINE | re.IGNORECASE,
 )
-_ERROR = re.compile(r"^.*(?:\berror\b|fatal|unknown subckt|no such|undefined).*$", re.MULTILINE | re.IGNORECASE)
+_ERROR = re.compile(r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined).*$", re.MULTILINE | re.IGNORECASE)
 
 
 @dataclass(frozen=True)

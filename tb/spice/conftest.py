@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the bench runner importable and gives every test a copy of spice/ to run in."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from ngspice_batch import Bench, run  # noqa: E402  (needs the path above)
+
+from dermis import design as design_module  # noqa: E402
+from dermis.design import Design  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def design() -> Design:
+    """The values of models/design.toml, which the decks see as spice/design.inc."""
+    return design_module.load()
+
+
+@pytest.fixture
+def measure(tmp_path: Path) -> Callable[..., dict[str, float]]:
+    """Run a bench by name, changed as `Bench` says, and return its measures."""
+    count = 0
+
+    def run_bench(name: str, limit_s: float = 60.0, **changes: object) -> dict[str, float]:
+        nonlocal count
+        count += 1
+        return run(Bench(name, **changes).write(tmp_path / str(count)), limit_s)
+
+    return run_bench

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The runner of batch benches: what ngspice does not say with its exit code, it must."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from ngspice_batch import SECTIONS, SPICE, Bench, run
+
+from dermis.errors import SimulatorError
+
+BENCHES = sorted(p.stem for p in (SPICE / "bench").glob("*.sp"))
+
+RC = """seeded deck
+v1 a 0 pulse(0 1 0 1n 1n 1 2)
+r1 a b 1k
+c1 b 0 1n
+.tran 10n {stop} 0 10n
+.meas tran v_half find v(b) at=1u
+.meas tran v_late find v(b) at={late}
+.control
+run
+quit
+.endc
+.end
+"""
+
+
+def deck(folder: Path, text: str) -> Path:
+    path = folder / "seeded.sp"
+    path.write_text(text)
+    return path
+
+
+def test_a_measure_is_returned_with_more_than_the_seven_digits_ngspice_prints(tmp_path: Path) -> None:
+    got = run(deck(tmp_path, RC.format(stop="3u", late="2u")))
+    digits = f"{got['v_late']:.15g}".lstrip("0.")
+    assert len(digits) > 10
+    assert abs(got["v_late"] - 0.8646) < 1e-3
+
+
+def test_a_failed_meas_is_an_error_though_ngspice_exits_with_0(tmp_path: Path) -> None:
+    with pytest.raises(SimulatorError, match=r"did not measure v_late.*out of interval") as caught:
+        run(deck(tmp_path, RC.format(stop="3u", late="9u")))
+    assert caught.value.log is not None
+    assert Path(caught.value.log).is_file()
+
+
+def test_a_deck_that_does_not_parse_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SimulatorError, match="did not measure"):
+        run(deck(tmp_path, RC.format(stop="3u", late="2u").replace("r1 a b 1k", "xr a b no_such_block")))
+
+
+def test_an_abort_names_time_and_node(tmp_path: Path) -> None:
+    # A relay that contradicts itself from 1.5 us on: no value of c is a solution, whatever the step.
+    relay = "bx c 0 v = time > 1.5e-6 ? (v(c) > 0.5 ? 0 : 1) : 0.2"
+    text = RC.format(stop="3u", late="1.2u").replace("c1 b 0 1n", f"c1 b 0 1n\n{relay}")
+    with pytest.raises(SimulatorError, match=r"(?i)timestep too small.*1\.5\d*e-06.*trouble with") as caught:
+        run(deck(tmp_path, text))
+    assert re.search(r"\b(c|bx)\b", str(caught.value))
+
+
+def test_a_run_over_its_limit_is_ended_and_is_an_error(tmp_path: Path) -> None:
+    start = time.monotonic()
+    with pytest.raises(SimulatorError, match=r"not done after 0\.5 s"):
+        run(deck(tmp_path, RC.format(stop="3", late="2")), limit_s=0.5)
+    assert time.monotonic() - start < 10
+
+
+def test_an_edit_that_matches_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="0 times"):
+        Bench("vfc__tran", edits={"behavioural/vfc.sp": [("no such text", "")]}).write(tmp_path / "a")
+    with pytest.raises(ValueError, match="0 lines"):
+        Bench("vfc__tran", params={"no_such_parameter": 1.0}).write(tmp_path / "b")
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_bench_keeps_the_seven_sections_in_order(name: str) -> None:
+    text = (SPICE / "bench" / f"{name}.sp").read_text().lower()
+    found = [m for m in re.findall(r"(?m)^\* (\w+)", text) if m in SECTIONS]
+    assert found == list(SECTIONS)
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_bench_measures_all_it_names_with_the_physical_defaults(
+    measure: Callable[..., dict[str, float]], name: str
+) -> None:
+    assert len(measure(name)) >= 3
+
+
+def test_every_block_has_a_bench() -> None:
+    blocks = {p.stem for p in (SPICE / "behavioural").glob("*.sp")}
+    decks = "\n".join(p.read_text() for p in (SPICE / "bench").glob("*.sp"))
+    used = {b for b in blocks if re.search(rf"(?m)^xdut\w* .*\b{b}\b", decks)}
+    inside = {"conveyor_multi"}  # a DUT of channel_multi_output_conveyor__dc only as part of it
+    assert blocks - used <= inside
