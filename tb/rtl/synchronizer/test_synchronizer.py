@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about the two synchronizer forms."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from rtl_run import simulate
+
+pytestmark = pytest.mark.timeout(120)
+FORMS = pytest.mark.parametrize("form", ["dermis_sync_ff", "dermis_sync_latch"])
+
+
+def decisions(seen: list[list[int]]) -> list[int]:
+    """q[n] = comparator and not q[n-1] and not inhibited, from the levels at each edge."""
+    q: list[int] = []
+    for comp, inhibit, *_ in seen:
+        q.append(int(comp and not inhibit and not (q and q[-1])))
+    return q
+
+
+@FORMS
+def test_pulse_is_the_gated_sample_at_its_stated_half_clock(simulator: str, form: str) -> None:
+    seen = simulate(simulator, "bench_synchronizer", form, "random_levels")
+    q = decisions(seen)
+    assert 500 < sum(q) < len(q) / 2
+    halves = [half for _, _, high, low in seen for half in (high, low)]
+    # Each decision lasts a clock: from the next rising edge (two flops) or from this falling edge (latch).
+    delay = 2 if form == "dermis_sync_ff" else 1
+    wanted = [0] * delay + [v for v in q for _ in (0, 1)]
+    assert halves == wanted[: len(halves)]
+
+
+@FORMS
+def test_two_consecutive_ones_never_appear(simulator: str, form: str) -> None:
+    seen = simulate(simulator, "bench_synchronizer", form, "random_levels")
+    lows = [low for *_, low in seen]
+    assert any(lows)
+    assert all(not (a and b) for a, b in pairwise(lows))
+
+
+@FORMS
+def test_comparator_chatter_between_edges_never_moves_the_pulse(simulator: str, form: str) -> None:
+    result = simulate(simulator, "bench_synchronizer", form, "chatter_between_edges")
+    assert result["pulses"] > 50
+    assert result["moved"] == 0
+
+
+@FORMS
+def test_reset_ends_a_pulse_even_with_the_clock_standing(simulator: str, form: str) -> None:
+    seen = simulate(simulator, "bench_synchronizer", form, "reset_with_clock_standing")
+    assert seen == [[1, 1, 0], [0, 1, 0]]  # clock level, pulse before, pulse after

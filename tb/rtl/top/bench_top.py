@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""cocotb tests of dermis_top with ideal converters on its columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cocotb
+from cocotb.triggers import Timer
+from rtl_bench import TopBench, report, scenario
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def frames(dut: Any) -> None:
+    """Read some slots and report the codes and when the switches moved."""
+    s = scenario()
+    bench = TopBench(dut, s["x"], s.get("w_preset"), s.get("comp_in_preset", "model"), s.get("checks", True))
+    await bench.reset()
+    dut.enable_i.value = 1
+    await bench.run_slots(s["slots"], limit=s["limit"])
+    report(
+        {
+            "slots": bench.slots,
+            "switches": bench.switches,
+            "rising_edges": bench.rising_edges,
+            "charge_clocks": bench.charge_clocks,
+        }
+    )
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def enable_dropped(dut: Any) -> None:
+    """Drop enable before each edge of a frame in turn, for one or more clocks, and report what was delivered."""
+    s = scenario()
+    outcomes = []
+    for on_clocks in range(1, s["longest"] + 1):
+        for off_clocks in s["off_clocks"]:
+            bench = TopBench(dut, s["x"])
+            await bench.reset()
+            dut.enable_i.value = 1
+            await bench.run(on_clocks)
+            dut.enable_i.value = 0
+            await bench.run(1)
+            row_select, preset = bench.row_select, bench.preset
+            await bench.run(off_clocks - 1)
+            dut.enable_i.value = 1
+            again = bench.edge + 1
+            await bench.run(s["then_clocks"])
+            outcomes.append(
+                {
+                    "on_clocks": on_clocks,
+                    "again": again,
+                    "row_select": row_select,
+                    "preset": preset,
+                    "slots": bench.slots,
+                }
+            )
+    report(outcomes)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def power_up(dut: Any) -> None:
+    """Reset alone, with the clock standing, must leave no row driven, preset on and every charge switch off."""
+    full = 2 ** len(dut.comp_async_i) - 1
+    seen = []
+
+    async def look(what: str) -> None:
+        await Timer(10, "ns")
+        outputs = (dut.row_select_o, dut.preset_o, dut.charge_o, dut.codes_valid_o)
+        seen.append([what, *(str(output.value) for output in outputs)])
+
+    for level in (1, 0):
+        dut.clk_i.value = level
+        dut.rst_ni.value = 0
+        dut.enable_i.value = 0
+        dut.comp_async_i.value = full
+        await look(f"reset, clock stands at {level}")
+    dut.rst_ni.value = 1
+    await look("reset gone, no clock yet")
+    for _ in range(5):
+        dut.clk_i.value = 1
+        await look("clock high, not enabled, comparators high")
+        dut.clk_i.value = 0
+        await look("clock low, not enabled, comparators high")
+    dut.enable_i.value = 1
+    bench = TopBench(dut, scenario()["x"])
+    await bench.run(scenario()["into_slot"])
+    assert (bench.row_select, bench.preset) == (1, 0)
+    for _ in range(4):  # a phase of the clock at which a charge switch is on
+        if bench.charge:
+            break
+        await bench.run(1)
+    assert bench.charge
+    dut.rst_ni.value = 0
+    await look("reset in the middle of a gate")
+    dut.clk_i.value = 1
+    await look("and the clock stops high")
+    report(seen)
