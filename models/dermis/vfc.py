@@ -78,7 +78,8 @@ class Converter:
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
         """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere."""
         i_column = np.asarray(i_column_a, dtype=float)
-        return (self.gain * i_column + self.k * self.i_offset_a) / (self.k * self.i0_a)
+        with np.errstate(over="ignore"):  # a short may drive it to inf
+            return (self.gain * i_column + self.k * self.i_offset_a) / (self.k * self.i0_a)
 
     def active_fields(self) -> frozenset[str]:
         """Names of the fields that are away from the ideal."""
