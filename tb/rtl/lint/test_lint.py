@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about `dermis lint`: clean on rtl/, and every tool's row fails on a fault that this tool can see."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from dermis import lint
+from dermis.errors import InputError
+
+pytestmark = pytest.mark.timeout(120)
+ROOT = Path(__file__).resolve().parents[3]
+TOOLS = ("icarus", "verilator", "yosys")
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of rtl/ to break."""
+    shutil.copytree(ROOT / "rtl", tmp_path / "rtl")
+    return tmp_path
+
+
+def edit(root: Path, module: str, old: str, new: str) -> None:
+    path = root / "rtl" / f"{module}.v"
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+
+
+def status(root: Path) -> dict[str, str]:
+    return {row["name"]: row["status"] for row in lint.run_lint(root)}
+
+
+def test_rtl_is_clean_in_every_tool_and_configuration() -> None:
+    rows = lint.run_lint()
+    assert [row for row in rows if row["status"] != "PASS"] == []
+    names = [row["name"] for row in rows]
+    assert len(names) == len(set(names))
+    for tool in TOOLS:
+        assert {f"lint.{tool}.{c}" for c in lint.CONFIGURATIONS} <= set(names)
+    latches = {row["name"]: row["value"] for row in rows if row["name"].endswith(".latches")}
+    assert latches["lint.yosys.sync_ff.latches"] == 0
+    assert latches["lint.yosys.sync_latch.latches"] == lint.header_values()["DERMIS_COLS"]
+    assert latches["lint.yosys.64x64_10bit.latches"] == 64
+
+
+# What to break, and the rows of the default configuration that must fail. A tool that is not named is known to be
+# blind to the fault; that is why there are three.
+FAULTS: dict[str, tuple[tuple[str, str, str], set[str]]] = {
+    "port_one_bit_too_wide": (
+        ("dermis_top", "counts[c*CODE_BITS +: CODE_BITS]", "counts[c*CODE_BITS +: CODE_BITS-1]"),
+        {"icarus", "verilator", "yosys"},
+    ),
+    "assignment_one_bit_too_narrow": (
+        ("dermis_gated_counter", "wire [CODE_BITS-1:0] start;", "wire [CODE_BITS-2:0] start;"),
+        {"verilator"},
+    ),
+    "inferred_latch": (
+        (
+            "dermis_row_buffer",
+            "  assign valid_o      = valid_q;",
+            "  reg held;\n  always @* if (load_i) held = valid_q;\n  assign valid_o      = held;",
+        ),
+        {"verilator", "yosys", "yosys.latches"},
+    ),
+    "unused_signal": (
+        (
+            "dermis_row_buffer",
+            "  reg                      valid_q;",
+            "  reg valid_q;\n  wire spare = load_i & last_i;",
+        ),
+        {"verilator"},
+    ),
+    "undriven_signal": (
+        (
+            "dermis_row_buffer",
+            "assign valid_o      = valid_q;",
+            "wire nothing;\n  assign valid_o = valid_q & nothing;",
+        ),
+        {"verilator", "yosys"},
+    ),
+    "undeclared_signal": (
+        ("dermis_row_buffer", "assign valid_o      = valid_q;", "assign valid_o = valid_qq;"),
+        {"icarus", "verilator", "yosys"},
+    ),
+    "flop_without_reset": (
+        (
+            "dermis_row_buffer",
+            "  assign valid_o      = valid_q;",
+            "  reg late;\n  always @(posedge clk_i) late <= valid_q;\n  assign valid_o      = late;",
+        ),
+        {"yosys.flops_without_reset"},
+    ),
+    "combinational_loop": (
+        (
+            "dermis_row_buffer",
+            "  assign valid_o      = valid_q;",
+            "  wire ring;\n  assign ring = valid_q | (ring & load_i);\n  assign valid_o = ring;",
+        ),
+        {"verilator", "yosys"},
+    ),
+    "port_not_connected": (
+        ("dermis_top", "    .last_i       (done_last),\n", ""),
+        {"icarus", "verilator", "yosys"},
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_seeded_fault_fails_the_tools_that_can_see_it(copy: Path, fault: str) -> None:
+    change, tools = FAULTS[fault]
+    edit(copy, *change)
+    seen = status(copy)
+    rows = {"icarus": "icarus.sync_ff", "verilator": "verilator.sync_ff", "yosys": "yosys.sync_ff"}
+    rows |= {f"yosys.{k}": f"yosys.sync_ff.{k}" for k in ("latches", "flops_without_reset")}
+    failed = {tool for tool, name in rows.items() if seen[f"lint.{name}"] == "FAIL"}
+    assert failed == tools
+
+
+def test_each_tool_fails_at_least_one_seeded_fault() -> None:
+    assert set(TOOLS) <= set().union(*(tools for _, tools in FAULTS.values()))
+
+
+def test_latch_outside_its_cell_is_not_waived(copy: Path) -> None:
+    """A second latch in the waived module, and the waived module's own latch under another instance name."""
+    edit(
+        copy,
+        "dermis_tech_latch",
+        "  assign q_o = state_q;",
+        "  reg other_q;\n  always @* if (!gate_ni) other_q = d_i;\n  assign q_o = state_q & other_q;",
+    )
+    seen = status(copy)
+    assert seen["lint.verilator.sync_latch"] == "FAIL"
+    assert seen["lint.yosys.sync_latch.latches"] == "FAIL"
+
+
+def test_waiver_is_needed(copy: Path) -> None:
+    """Without it Verilator complains of the latch of each column and of nothing else."""
+    waivers = copy / lint.WAIVERS
+    waivers.write_text(re.sub(r"^lint_off.*$", "", waivers.read_text(), flags=re.MULTILINE))
+    rows = {row["name"]: row for row in lint.run_lint(copy)}
+    assert rows["lint.verilator.sync_latch"]["status"] == "FAIL"
+    assert rows["lint.verilator.sync_latch"]["value"] == lint.header_values()["DERMIS_COLS"]
+    assert "LATCH" in rows["lint.verilator.sync_latch"]["note"]
+    assert rows["lint.verilator.sync_ff"]["status"] == "PASS"
+
+
+def test_file_left_out_of_the_list_and_second_module_in_a_file_fail(copy: Path) -> None:
+    (copy / "rtl" / "dermis_stray.v").write_text("module dermis_stray ();\nendmodule\n")
+    path = copy / "rtl" / "dermis_tech_dff.v"
+    path.write_text(path.read_text() + "\nmodule dermis_second ();\nendmodule\n")
+    row = next(row for row in lint.run_lint(copy) if row["name"] == "lint.file_list")
+    assert row["status"] == "FAIL"
+    assert "dermis_stray.v is not in rtl/files.f" in row["note"]
+    assert "dermis_tech_dff.v holds dermis_tech_dff, dermis_second" in row["note"]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "rule"),
+    [
+        (("SETTLE_CLOCKS", 1), "dermis_error_settle_clocks_must_be_2_or_more"),
+        (("GATE_CLOCKS", 0), "dermis_error_gate_clocks_must_be_1_or_more"),
+        (("CODE_BITS", 0), "dermis_error_rows_cols_and_code_bits_must_be_1_or_more"),
+    ],
+    ids=["settle", "gate", "code_bits"],
+)
+def test_impossible_parameters_stop_every_tool_by_name(
+    monkeypatch: pytest.MonkeyPatch, parameter: tuple[str, int], rule: str
+) -> None:
+    monkeypatch.setattr(lint, "CONFIGURATIONS", {"impossible": dict([parameter])})
+    outputs: dict[str, str] = {}
+    run = lint._run
+
+    def recorded(command: list[str], *rest: object) -> object:
+        result = run(command, *rest)
+        outputs[Path(command[0]).name] = result.output
+        return result
+
+    monkeypatch.setattr(lint, "_run", recorded)
+    rows = {row["name"]: row["status"] for row in lint.run_lint()}
+    assert [rows[f"lint.{tool}.impossible"] for tool in TOOLS] == ["FAIL"] * 3
+    assert set(outputs) == {"iverilog", "verilator_bin", "yosys"}
+    for name, output in outputs.items():
+        assert rule in output, name
+
+
+# A tool that says nothing must not pass: exit 0 without a result, and no end at all.
+
+
+def replace_tool(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, script: str) -> None:
+    fake = tmp_path / "bin" / name
+    fake.parent.mkdir(exist_ok=True)
+    fake.write_text(f"#!/bin/sh\n{script}\n")
+    fake.chmod(fake.stat().st_mode | stat.S_IEXEC)
+    if name == "verilator_bin":
+        monkeypatch.setattr(lint, "verilator_root", lambda: tmp_path)
+    else:
+        monkeypatch.setenv("PATH", f"{fake.parent}:{sys.exec_prefix}/bin:/usr/bin:/bin")
+
+
+@pytest.mark.parametrize("program", ["iverilog", "verilator_bin", "yosys"])
+@pytest.mark.parametrize(
+    ("script", "note"), [("exit 0", "no result"), ("exit 139", "exit 139"), ("sleep 60", "within")]
+)
+def test_tool_that_gives_no_result_is_an_error_not_a_pass(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, program: str, script: str, note: str
+) -> None:
+    monkeypatch.setattr(lint, "CONFIGURATIONS", {"sync_ff": {"SYNC_LATCH": 0}})
+    monkeypatch.setattr(lint, "TIME_LIMIT_S", 2.0)
+    replace_tool(monkeypatch, tmp_path, program, script)
+    tool = {"iverilog": "icarus", "verilator_bin": "verilator", "yosys": "yosys"}[program]
+    rows = {row["name"]: row for row in lint.run_lint()}
+    assert rows[f"lint.{tool}.sync_ff"]["status"] == "ERROR"
+    assert note in rows[f"lint.{tool}.sync_ff"]["note"]
+    others = {row["status"] for name, row in rows.items() if not name.startswith(f"lint.{tool}.")}
+    assert others == {"PASS"}
+
+
+@pytest.mark.parametrize("missing", ["iverilog", "yosys", "verilator"])
+def test_missing_tool_is_an_input_error_that_names_it(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
+    which: Callable[[str], str | None] = shutil.which
+    find_spec = lint.importlib.util.find_spec
+    monkeypatch.setattr(lint.shutil, "which", lambda name: None if name == missing else which(name))
+    monkeypatch.setattr(
+        lint.importlib.util, "find_spec", lambda name: None if name == missing else find_spec(name)
+    )
+    with pytest.raises(InputError, match=f'environment: {missing} = "?not found"?: .*make setup') as caught:
+        lint.run_lint()
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+
+
+def test_source_missing_from_the_list_fails(copy: Path) -> None:
+    """Verilator finds a module beside the header by its name, so only the other two and the list's own row can fail."""
+    path = copy / lint.FILE_LIST
+    path.write_text(path.read_text().replace("rtl/dermis_tech_latch.v\n", ""))
+    seen = status(copy)
+    assert [seen[f"lint.{row}"] for row in ("icarus.sync_latch", "yosys.sync_latch", "file_list")] == [
+        "FAIL"
+    ] * 3
