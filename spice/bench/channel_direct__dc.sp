@@ -17,8 +17,8 @@ vprobe_col row v_taxel 0
 btaxel v_taxel v_col i = v(v_taxel,v_col)*v(g_taxel)
 vg g_taxel 0 0
 * DUT
-xdut v_col d_charge d_preset v_comp 0 vdd vss channel_direct
-* measure: in preset the current into the summing node leaves it again through the preset switch
+xdut v_col d_charge d_preset v_comp 0 vdd vss channel_direct int_r_preset_ohm=1e3
+* measure: in preset the current into the summing node leaves it again through the preset switch, made 1 kohm to be read without rounding
 .save all @b.xdut.xvfc.xintegrator.bpreset[i]
 .dc vg 0 32e-3 0.5e-3
 .meas dc i_col_open find i(vprobe_col) at=0

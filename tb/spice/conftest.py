@@ -11,10 +11,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from ngspice_batch import Bench, run  # noqa: E402  (needs the path above)
+from ngspice_batch import Bench, run
 
-from dermis import design as design_module  # noqa: E402
-from dermis.design import Design  # noqa: E402
+from dermis import design as design_module
+from dermis.design import Design
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,10 @@ _ABORT = re.compile(
     r"^.*(?:timestep too small|no convergence|simulation\(s\) aborted|analysis failed|iteration limit).*$",
     re.MULTILINE | re.IGNORECASE,
 )
-_ERROR = re.compile(r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined).*$", re.MULTILINE | re.IGNORECASE)
+_ERROR = re.compile(
+    r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined).*$",
+    re.MULTILINE | re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -101,8 +104,8 @@ def run(deck: Path, limit_s: float = 60.0) -> dict[str, float]:
     InputError
         No ngspice on the path.
     SimulatorError
-        ngspice stopped, took too long, or did not measure something: it exits with 0 in all but the second case, so every
-        name that the deck measures must come back as a finite number.
+        ngspice stopped, took too long, or did not measure something. It exits with 0 nearly always, so every name
+        that the deck measures must come back as a finite number.
     """
     tool = shutil.which("ngspice")
     if tool is None:

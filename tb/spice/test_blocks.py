@@ -32,7 +32,7 @@ def test_integrator_ramp_is_slower_by_the_finite_gain(measure: Measure, design: 
     i = 12.5e-6 - (p.v_offset_v + p.t_gbw_s * 2.5e6) / p.r_in_ohm
     # the summing node moves by -d out / gain, so the capacitor sees (1 + 1/gain) d out
     slope = -i / design.converter.c_int_f / (1 + 1 / p.gain_dc)
-    assert got["slope"] == pytest.approx(slope, rel=1e-7)
+    assert got["slope"] == pytest.approx(slope, rel=1e-7, abs=0)
 
 
 def test_integrator_stops_at_its_output_range(measure: Measure, design: Design) -> None:
@@ -44,10 +44,10 @@ def test_integrator_stops_at_its_output_range(measure: Measure, design: Design) 
 def test_integrator_amplifier_has_its_gain_and_bandwidth(measure: Measure, design: Design) -> None:
     got = measure("integrator__ac")
     p = design.integrator
-    assert got["gain_low"] == pytest.approx(p.gain_dc, rel=1e-6)
+    assert got["gain_low"] == pytest.approx(p.gain_dc, rel=1e-6, abs=0)
     f_pole = p.gbw_hz / p.gain_dc
-    assert got["gain_band"] == pytest.approx(p.gain_dc / math.hypot(1, 1e6 / f_pole), rel=1e-4)
-    assert got["gbw_hz"] == pytest.approx(p.gbw_hz, rel=1e-3)
+    assert got["gain_band"] == pytest.approx(p.gain_dc / math.hypot(1, 1e6 / f_pole), rel=1e-4, abs=0)
+    assert got["gbw_hz"] == pytest.approx(p.gbw_hz, rel=1e-3, abs=0)
 
 
 def test_comparator_thresholds_are_offset_and_hysteresis(measure: Measure, design: Design) -> None:
@@ -62,7 +62,7 @@ def test_comparator_gain_and_output_levels(measure: Measure, design: Design) -> 
     half = (design.supply.vdd_v - design.supply.vss_v) / 2
     # out = half tanh(gain v / half) goes from -0.5 V to 0.5 V
     span = 2 * half * math.atanh(0.5 / half) / design.comparator.gain_dc
-    assert got["v_one_volt"] == pytest.approx(span, rel=0.01)
+    assert got["v_one_volt"] == pytest.approx(span, rel=0.01, abs=0)
     assert got["v_low"] == pytest.approx(design.supply.vss_v, abs=1e-6)
     assert got["v_high"] == pytest.approx(design.supply.vdd_v, abs=1e-6)
 
@@ -81,20 +81,20 @@ def test_comparator_delays_a_ramp_by_its_delay(measure: Measure, design: Design)
 
 def test_comparator_delays_a_symmetrical_step_by_ln2_of_its_pole(measure: Measure, design: Design) -> None:
     got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0})
-    assert got["delay_step_s"] == pytest.approx(math.log(2) * design.comparator.t_delay_s, rel=0.02)
+    assert got["delay_step_s"] == pytest.approx(math.log(2) * design.comparator.t_delay_s, rel=0.02, abs=0)
 
 
 def test_conveyor_input_is_its_resistance_at_every_frequency(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
-    assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9)
-    assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9)
+    assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
+    assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
 
 
 def test_conveyor_output_has_a_single_pole(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
-    assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6)
-    assert got["gain_pole"] / got["gain_low"] == pytest.approx(1 / math.sqrt(2), rel=1e-3)
-    assert got["gain_decade"] / got["gain_low"] == pytest.approx(1 / math.sqrt(101), rel=5e-3)
+    assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6, abs=0)
+    assert got["gain_pole"] / got["gain_low"] == pytest.approx(1 / math.sqrt(2), rel=1e-3, abs=0)
+    assert got["gain_decade"] / got["gain_low"] == pytest.approx(1 / math.sqrt(101), rel=5e-3, abs=0)
 
 
 @pytest.mark.parametrize("gain_error", [None, 0.01])
@@ -104,33 +104,33 @@ def test_conveyor_dc_is_offset_resistance_gain_and_limit(
     got = measure("conveyor__dc", dut={} if gain_error is None else {"gain_error": gain_error})
     p = design.conveyor
     gain = 1 + (p.gain_error if gain_error is None else gain_error)
-    assert got["gain"] == pytest.approx(gain, rel=1e-9)
-    assert got["r_x_ohm"] == pytest.approx(p.r_x_ohm, rel=1e-6)
+    assert got["gain"] == pytest.approx(gain, rel=1e-9, abs=0)
+    assert got["r_x_ohm"] == pytest.approx(p.r_x_ohm, rel=1e-6, abs=0)
     assert got["offset_v"] == pytest.approx(p.v_offset_v, abs=1e-9)
-    assert got["g_z_s"] == pytest.approx(1 / p.r_z_ohm, rel=1e-6)
+    assert got["g_z_s"] == pytest.approx(1 / p.r_z_ohm, rel=1e-6, abs=0)
     # beyond the limit 100 kohm remain: 0.7 V add 7 uA
-    assert got["i_max_a"] == pytest.approx(p.i_out_max_a * gain, rel=1e-3)
-    assert got["i_min_a"] == pytest.approx(-p.i_out_max_a * gain, rel=1e-3)
+    assert got["i_max_a"] == pytest.approx(p.i_out_max_a * gain, rel=1e-3, abs=0)
+    assert got["i_min_a"] == pytest.approx(-p.i_out_max_a * gain, rel=1e-3, abs=0)
 
 
 def test_mirror_divides_by_each_k_of_its_pins(measure: Measure, design: Design) -> None:
     got = measure("mirror__dc")
     p = design.mirror
     for index, k in enumerate(design.interface.k_options):
-        assert got[f"i_out_{index}"] == pytest.approx(1e-3 * (1 + p.ratio_error) / k, rel=1e-4)
+        assert got[f"i_out_{index}"] == pytest.approx(1e-3 * (1 + p.ratio_error) / k, rel=1e-4, abs=0)
     fixed = 1e-3 * (1 + p.ratio_error) / design.interface.k
-    assert got["i_out_fixed"] == pytest.approx(fixed, rel=1e-12)
-    assert got["i_out_sink"] == pytest.approx(-fixed, rel=1e-12)
-    assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6)
+    assert got["i_out_fixed"] == pytest.approx(fixed, rel=1e-12, abs=0)
+    assert got["i_out_sink"] == pytest.approx(-fixed, rel=1e-12, abs=0)
+    assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6, abs=0)
 
 
 def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Measure, design: Design) -> None:
     got = measure("mirror__tran")
     tau = design.mirror.t_pole_s
     k = design.interface.k_options
-    assert got["tau_fixed_s"] == pytest.approx(tau, rel=2e-3)
-    assert got["tau_k0_s"] == pytest.approx(tau, rel=2e-3)
-    assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3)
+    assert got["tau_fixed_s"] == pytest.approx(tau, rel=2e-3, abs=0)
+    assert got["tau_k0_s"] == pytest.approx(tau, rel=2e-3, abs=0)
+    assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3, abs=0)
 
 
 @pytest.mark.parametrize("ground", [None, 4.0])
@@ -139,17 +139,17 @@ def test_row_driver_has_its_level_and_both_resistances(
 ) -> None:
     got = measure("row_driver__dc", dut={} if ground is None else {"r_ground_ohm": ground})
     p = design.row_driver
-    assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9)
+    assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9, abs=0)
     assert got["v_grounded"] == pytest.approx(0, abs=1e-12)
-    assert got["r_on_ohm"] == pytest.approx(p.r_on_ohm, rel=1e-6)
-    assert got["r_ground_ohm"] == pytest.approx(p.r_ground_ohm if ground is None else ground, rel=1e-6)
+    assert got["r_on_ohm"] == pytest.approx(p.r_on_ohm, rel=1e-6, abs=0)
+    assert got["r_ground_ohm"] == pytest.approx(p.r_ground_ohm if ground is None else ground, rel=1e-6, abs=0)
 
 
 def test_charge_source_gives_one_packet_a_pulse_of_either_sign(measure: Measure, design: Design) -> None:
     got = measure("charge_source__tran")
     packet = design.converter.packet_c * (1 + design.charge.packet_error)
-    assert got["charge_c"] == pytest.approx(packet, rel=1e-9)
-    assert got["charge_negative_c"] == pytest.approx(-packet, rel=1e-9)
+    assert got["charge_c"] == pytest.approx(packet, rel=1e-9, abs=0)
+    assert got["charge_negative_c"] == pytest.approx(-packet, rel=1e-9, abs=0)
     assert got["i_off"] == 0.0
 
 

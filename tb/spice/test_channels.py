@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four channels: exact where ideal, alike in x, and fit to survive shorts, opens and the end of range."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from ngspice_batch import Bench, run
+
+from dermis.design import Design
+
+Measure = Callable[..., dict[str, float]]
+
+TOPOLOGIES = {
+    "d": "direct",
+    "m": "conveyor_mirror",
+    "i": "conveyor_mirror_inverted",
+    "o": "multi_output_conveyor",
+}
+SIGN = {"d": 1, "m": 1, "i": -1, "o": 1}
+
+
+def physical(design: Design) -> dict[str, float]:
+    """Every non-ideality of a channel at its value of design.toml."""
+    i, c, v, m = design.integrator, design.comparator, design.conveyor, design.mirror
+    return {
+        "int_gain_dc": i.gain_dc,
+        "int_t_gbw_s": i.t_gbw_s,
+        "int_v_offset_v": i.v_offset_v,
+        "int_v_out_max_v": i.v_out_max_v,
+        "int_v_out_min_v": i.v_out_min_v,
+        "int_r_in_ohm": i.r_in_ohm,
+        "int_r_preset_ohm": i.r_preset_ohm,
+        "comp_gain_dc": c.gain_dc,
+        "comp_v_offset_v": c.v_offset_v,
+        "comp_v_hysteresis_v": c.v_hysteresis_v,
+        "comp_t_delay_s": c.t_delay_s,
+        "conv_r_x_ohm": v.r_x_ohm,
+        "conv_v_offset_v": v.v_offset_v,
+        "conv_t_pole_s": v.t_pole_s,
+        "conv_r_z_ohm": v.r_z_ohm,
+        "conv_i_out_max_a": v.i_out_max_a,
+        "conv_gain_error": v.gain_error,
+        "mir_ratio_error": m.ratio_error,
+        "mir_r_out_ohm": m.r_out_ohm,
+        "mir_t_pole_s": m.t_pole_s,
+        "packet_error": design.charge.packet_error,
+    }
+
+
+def duty(design: Design, r_ohm: float) -> float:
+    """x of a taxel."""
+    return design.interface.v_bias_v / (design.interface.k * design.converter.i0_a * r_ohm)
+
+
+def check_exact(got: dict[str, float], x: float, packets: int, limit_v: float = 1e-9) -> None:
+    """The bench channel__tran against charge balance: v_int = 1/2 - n x + packets, in volts, after n clocks."""
+    scale = 1 + max(0.0, abs(0.5 - 190 * x))
+    for name, sign in SIGN.items():
+        assert got[f"v_preset_{name}"] == pytest.approx(sign * 0.5, abs=limit_v)
+        assert got[f"v_clock_{name}"] == pytest.approx(sign * (0.5 - x), abs=limit_v * scale)
+        after = 0.5 - (1 + 2 * packets) * x + packets
+        assert got[f"v_train_{name}"] == pytest.approx(sign * after, abs=limit_v * scale)
+        end = 0.5 - 190 * x + packets
+        assert got[f"v_end_{name}"] == pytest.approx(sign * end, abs=limit_v * scale)
+        assert got[f"v_again_{name}"] == pytest.approx(sign * 0.5, abs=limit_v)
+        assert got[f"comp_end_{name}"] == pytest.approx(1.65 if end <= 0 else -1.65)
+
+
+@pytest.mark.parametrize("r_ohm", [500.0, 510.0, 2000.0, 64250.0, 1e18])
+def test_ideal_channels_integrate_exactly(measure: Measure, design: Design, r_ohm: float) -> None:
+    got = measure("channel__tran", params={"r_taxel": r_ohm})
+    check_exact(got, duty(design, r_ohm), 10)
+
+
+@pytest.mark.parametrize("step_s", [10e-9, 100e-9, 1e-6])
+@pytest.mark.parametrize("method", ["trap", "gear"])
+def test_ideal_channels_are_exact_at_any_step_and_method(
+    measure: Measure, design: Design, method: str, step_s: float
+) -> None:
+    got = measure("channel__tran", params={"t_step": step_s, "n_packets": 60}, options=f"method={method}")
+    check_exact(got, duty(design, 500.0), 60)
+
+
+@pytest.mark.parametrize("options", ["reltol=1e-3", "reltol=1e-6 abstol=1e-13 vntol=1e-9"])
+@pytest.mark.parametrize("method", ["trap", "gear"])
+@pytest.mark.parametrize("r_ohm", [1e-3, 31.0, 312.0, 500.0, 1e18])
+@pytest.mark.parametrize("kind", ["ideal", "physical"])
+def test_channels_survive_short_open_and_rail_and_are_preset_again(
+    measure: Measure, design: Design, kind: str, r_ohm: float, method: str, options: str
+) -> None:
+    got = measure(
+        "channel__tran",
+        dut=physical(design) if kind == "physical" else {},
+        params={"r_taxel": r_ohm, "t_step": 1e-6},
+        options=f"method={method} trtol=7 {options}",
+    )
+    for name, sign in SIGN.items():
+        end = sign * got[f"v_end_{name}"]
+        if kind == "physical":
+            # the amplifier of the direct interface alone may be pushed 50 mV further, by a stiff column
+            low, high = design.integrator.v_out_min_v, design.integrator.v_out_max_v
+            assert low - 0.06 < end < high + 0.06
+            # the preset drops r_preset over what comes in; a short brings the conveyor's limit / k
+            i_max = design.conveyor.i_out_max_a / design.interface.k
+            drop = design.integrator.r_preset_ohm * min(duty(design, r_ohm) * design.converter.i0_a, i_max)
+        else:
+            drop = 0.0
+        if name == "d" and kind == "physical":
+            continue  # 80 times the current: what 1 kohm then drops has a test of its own
+        assert sign * got[f"v_again_{name}"] == pytest.approx(0.5 - drop, abs=5e-3)
+        if r_ohm > 1e17:
+            assert got[f"comp_end_{name}"] == pytest.approx(-1.65)
+        if r_ohm < 400:
+            assert got[f"comp_end_{name}"] == pytest.approx(1.65)
+
+
+def test_physical_direct_interface_cannot_be_preset_through_1_kohm(measure: Measure, design: Design) -> None:
+    got = measure("channel__tran", dut=physical(design), params={"r_taxel": 500.0})
+    # 1 mA through 1 kohm: what is left of the preset is 0.5 V - 1 V, the loss a k times smaller switch would avoid
+    assert got["v_again_d"] == pytest.approx(0.5 - 1.0, abs=5e-3)
+    got = measure(
+        "channel__tran",
+        dut=physical(design) | {"int_r_preset_ohm": design.integrator.r_preset_ohm / design.interface.k},
+        params={"r_taxel": 500.0},
+    )
+    assert got["v_again_d"] == pytest.approx(0.5 - 12.5e-3, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", TOPOLOGIES)
+def test_dc_transfer_of_each_channel_is_its_k_and_sign(measure: Measure, design: Design, name: str) -> None:
+    got = measure(f"channel_{TOPOLOGIES[name]}__dc")
+    k = 1 if name == "d" else design.interface.k
+    assert got["transfer"] == pytest.approx(SIGN[name] / k, rel=1e-9, abs=0)
+    assert got["i_int_all"] == pytest.approx(-SIGN[name] * 16e-3 / k, rel=1e-8, abs=0)
+    assert abs(got["i_int_open"]) < 1e-15
+    assert abs(got["v_col_full"]) < 1e-9, "the column is not at virtual ground"
+    v_int = SIGN[name] * 0.5 - got["i_int_full"] * -1e3
+    assert got["v_int_full"] == pytest.approx(v_int, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", "mio")
+def test_dc_transfer_carries_every_gain_error_and_offset(measure: Measure, design: Design, name: str) -> None:
+    got = measure(f"channel_{TOPOLOGIES[name]}__dc", dut=physical(design) | {"conv_gain_error": 0.003})
+    ratio = 1.003 if name == "o" else 1.003 * (1 + design.mirror.ratio_error)
+    # finite output resistances see the summing node move by mV only
+    assert abs(got["transfer"]) == pytest.approx(ratio / design.interface.k, rel=2e-5, abs=0)
+    p = design.conveyor
+    assert got["v_col_full"] == pytest.approx(p.v_offset_v + p.r_x_ohm * got["i_col_full"], rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize("name", "mio")
+def test_short_column_takes_the_conveyor_limit_and_no_more(
+    measure: Measure, design: Design, name: str
+) -> None:
+    got = measure(f"channel_{TOPOLOGIES[name]}__dc", dut={"conv_i_out_max_a": 10e-3})
+    assert got["i_col_all"] == pytest.approx(10e-3, rel=1e-3, abs=0)
+    assert abs(got["i_int_all"]) == pytest.approx(10e-3 / design.interface.k, rel=1e-3, abs=0)
+    assert got["i_col_full"] == pytest.approx(1e-3, rel=1e-9, abs=0)
+
+
+def listing(folder: Path, dut: dict[str, float]) -> dict[str, str]:
+    """Every element of the expanded channel__tran with its line."""
+    edits = {"bench/channel__tran.sp": [("\nrun\n", "\nlisting e\nrun\n")]}
+    deck = Bench("channel__tran", dut=dut, edits=edits).write(folder)
+    run(deck)
+    text = deck.with_suffix(".log").read_text()
+    return dict(re.findall(r"(?m)^\s*\d+ : (\w\.xdut_\S+) (.*)$", text))
+
+
+def test_an_ideal_channel_is_ten_elements(tmp_path: Path) -> None:
+    elements = {e.replace("xdut_m.", "") for e in listing(tmp_path, {}) if ".xdut_m." in e}
+    assert elements == {
+        "v.xconveyor.vx",
+        "f.xconveyor.fz",
+        "v.xmirror.vin",
+        "f.xmirror.fout",
+        "c.xvfc.xintegrator.cint",
+        "g.xvfc.xintegrator.gamp",
+        "r.xvfc.xintegrator.ramp",
+        "b.xvfc.xintegrator.bpreset",
+        "g.xvfc.xcharge.gpacket",
+        "b.xvfc.xcomparator.bout",
+    }
+
+
+def test_each_parameter_reaches_its_block_in_each_channel_that_has_it(tmp_path: Path, design: Design) -> None:
+    ideal = listing(tmp_path / "ideal", {})
+    block = {
+        "int": "xintegrator",
+        "comp": "xcomparator",
+        "conv": "xconveyor",
+        "mir": "xmirror",
+        "packet": "xcharge",
+    }
+    columns = {"int": "dmio", "comp": "dmio", "conv": "mio", "mir": "mi", "packet": "dmio"}
+    for key, value in physical(design).items():
+        value = value or 0.01  # conveyor.gain_error is 0 in design.toml
+        got = listing(tmp_path / key, {key: value})
+        changed = [e for e in got.keys() | ideal.keys() if got.get(e) != ideal.get(e)]
+        kind = key.split("_")[0]
+        assert {e.split(".")[1] for e in changed} == {f"xdut_{c}" for c in columns[kind]}, key
+        assert {e.split(".")[-2] for e in changed} == {block[kind]}, key
