@@ -16,8 +16,8 @@ Edge = tuple[float, int, float]
 class AnalogHalf(Protocol):
     """The analog side of a lock-step run.
 
-    The caller knows every edge of an interval before the interval is solved, because digital nets change at clock edges only;
-    so an analog half never has to go back.
+    The caller knows every edge of an interval before the interval is solved, because digital nets change at
+    clock edges only; so an analog half never has to go back.
     """
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
@@ -30,8 +30,8 @@ class AnalogHalf(Protocol):
 class ExactHalf:
     """Ideal converters, integrated exactly, behind the sources of a channel deck.
 
-    Sources are ordered as in dermis.netlist: rows, preset, charge. Charge is counted in packets, and an edge is the same
-    linear ramp that ngspice sees, so that the two halves agree to the accuracy of ngspice.
+    Sources are ordered as in dermis.netlist: rows, preset, charge. Charge is counted in packets, and an edge is
+    the same linear ramp that ngspice sees, so that the two halves agree to the accuracy of ngspice.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lock-step loop: carries every digital edge of dermis_top to an analog half and every comparator back, clock by clock.
+"""The lock-step loop: carries every edge of dermis_top to an analog half and every comparator back, clock by clock.
 
-Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a frame stands at n / f_clk
-exactly, however the HDL simulator rounds its own period.
+Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a frame stands at
+n / f_clk exactly, however the HDL simulator rounds its own period.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ class Bridge:
         self._slots = 0
         self.trace = Trace() if trace else None
         self._codes: list[tuple[int, int]] = []
+        self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
         self._half_ps = max(1, round(0.5e12 / timing.f_clk_hz))
 
     async def run(self, frames: int, make_half: HalfFactory) -> NDArray[np.uint16]:
@@ -147,8 +148,7 @@ class Bridge:
         dut, timing, trace = self._dut, self._timing, self.trace
         rows, cols = timing.rows, self._cols
         t_clk = 1.0 / timing.f_clk_hz
-        # With the latch form the charge switches move with the falling edge.
-        charge_delay = 0.5 * t_clk if self._sync_latch else 0.0
+        charge_delay = self.charge_delay_clocks * t_clk
         row_handle, preset_handle, charge_handle, comp_handle = (
             dut.row_select_o,
             dut.preset_o,

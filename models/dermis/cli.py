@@ -43,11 +43,8 @@ class Commands(click.Group):
         return getattr(importlib.import_module(ELSEWHERE[name][0]), f"{name}_command")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        own = {
-            n: c.get_short_help_str(90)
-            for n in super().list_commands(ctx)
-            if (c := super().get_command(ctx, n))
-        }
+        """List the commands elsewhere without importing them."""
+        own = {name: command.get_short_help_str(90) for name, command in self.commands.items()}
         rows = own | {name: text for name, (_, text) in ELSEWHERE.items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(rows.items()))

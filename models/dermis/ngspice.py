@@ -2,7 +2,8 @@
 """ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
 
 The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the project's errors.
-ngspice keeps its circuit in global variables, so there is one circuit per process: parallel circuits are parallel processes.
+ngspice keeps its circuit in global variables, so there is one circuit per process; parallel circuits are parallel
+processes.
 """
 
 from __future__ import annotations

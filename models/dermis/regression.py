@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis sim`: whole frames through Verilog and ngspice, judged code by code against the exact charge-balance count."""
+"""`dermis sim`: whole frames through Verilog and ngspice, every code judged against the exact charge-balance count."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dermis import engines, output, plan, progress, report, verdict, waves
 from dermis.design import ROOT
-from dermis.engines import Result, closed, cosim
+from dermis.engines import Result, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
 from dermis.verdict import Row
@@ -59,7 +59,7 @@ def on_code(made: Plan) -> NDArray[np.bool_]:
 
 
 def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
-    """Straight line through code against force below saturation: (slope a newton, offset, residuals); None without a line."""
+    """Straight line through code against force below saturation: slope a newton, offset, residuals; or None."""
     if made.force_n is None:
         return None
     steps = made.timing.gate_clocks * made.duty_ideal()
@@ -71,8 +71,13 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
     return float(slope), float(offset), code - (slope * force + offset)
 
 
+def _reference(made: Plan) -> str | None:
+    """The engine to compare with: the closed formula, or the event engine where it has none; None for itself."""
+    return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
+
+
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
-    """Judge the codes of a run against the closed formula, the slow obvious neighbour of every engine.
+    """Judge the codes of a run against a neighbouring engine, and a straight line.
 
     Parameters
     ----------
@@ -82,25 +87,16 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     """
     codes = result.codes.astype(int)
     rows = []
-    if engines.refused(made, "closed"):
-        rows.append(
-            verdict.skip(f"frame.code_error_lsb.{name}", "no closed formula for this scene's effects")
-        )
-    elif made.engine != "closed":
-        error = np.abs(codes - closed.run(replace(made, engine="closed")).codes)
+    reference = _reference(made)
+    if reference is not None:
+        error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
+        kinds = {"frame.code_error_exact_lsb": on_code(made), "frame.code_error_lsb": ~on_code(made)}
         if made.active_fields():
-            rows.append(
-                verdict.judge(
-                    f"frame.code_error_lsb.{name}", int(error.max()), f"{error.size} codes, effects on"
-                )
-            )
-        else:
-            exact = on_code(made)
-            for row, where in (("frame.code_error_exact_lsb", exact), ("frame.code_error_lsb", ~exact)):
-                if where.any():
-                    rows.append(
-                        verdict.judge(f"{row}.{name}", int(error[where].max()), f"{int(where.sum())} codes")
-                    )
+            kinds = {"frame.code_error_lsb": np.ones(codes.shape, bool)}
+        for row, where in kinds.items():
+            if where.any():
+                note = f"{int(where.sum())} codes against engine {reference}"
+                rows.append(verdict.judge(f"{row}.{name}", int(error[where].max()), note))
     if not made.active_fields() and (fit := fit_residual(made, codes)) is not None:
         note = f"code = {fit[0]:.4f} / N x force {fit[1]:+.3f}"
         rows.append(verdict.judge(f"frame.fit_residual_lsb.{name}", float(np.abs(fit[2]).max()), note))

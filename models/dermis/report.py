@@ -48,7 +48,7 @@ def _map(figure: Figure, axes: Any, values: NDArray[Any], label: str, title: str
 def frame_figure(
     made: Plan, codes: NDArray[Any], fit: tuple[float, float, NDArray[np.float64]] | None, path: Path
 ) -> None:
-    """Draw one run: force and codes of the frame with the most force, code against force of all, and the fit's residual.
+    """Draw one run: force and codes of the strongest frame, code against force of all, and the fit's residual.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def frame_figure(
 
 
 def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -> None:
-    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of one row, from the preset's release on.
+    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row, from the preset's release.
 
     Parameters
     ----------
@@ -116,6 +116,7 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     record = result.info["records"][0]
     time_s, v_int = waves.integrator_waves(record, made.cols)
     charge = waves.trace(record, "charge")
+    delay = float(record["trace_charge_delay_clocks"])
     t_clk = 1.0 / made.timing.f_clk_hz
     duty = np.minimum(made.duty_ideal()[0], 1.0)
     row = int(np.argmax(duty.sum(axis=1)))
@@ -132,7 +133,7 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
         pulses = axes.twinx()
         span = np.arange(start - 3, start + clocks + 1)
         bits = [charge[clock - 1] >> column & 1 for clock in span]
-        pulses.step((span - start) * t_clk * 1e6, bits, where="post", color=RED, lw=1)
+        pulses.step((span + delay - start) * t_clk * 1e6, bits, where="post", color=RED, lw=1)
         pulses.set_ylim(-0.1, 4.0)
         pulses.set_yticks([])
         force = "" if made.force_n is None else f"{made.force_n[0, row, column]:.2f} N, "

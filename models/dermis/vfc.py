@@ -190,11 +190,8 @@ def count(
         ones -= clocks * x < start + ones * packet
         balanced = np.clip(ones + 1, 0, None)
         fast = 2 * x > packet
-        first = np.ceil(np.divide(start, np.where(fast, x, 1.0)))  # inf x: 0, which is the first clock
-        first = np.where(fast, np.clip(first, 1, clocks + 1), 1)
-        first -= (first > 1) & ((first - 1) * x >= start)
-        first += first * np.where(fast, x, np.inf) < start
-        gated = np.maximum((clocks - first) // 2 + 1, 0)
+        # 2 x > packet >= start: the first one comes at clock 1 or 2
+        gated = (clocks - np.where(x >= start, 1, 2)) // 2 + 1
     return np.where(fast, gated, balanced).astype(np.int64)
 
 

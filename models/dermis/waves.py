@@ -40,11 +40,11 @@ def trace(record: dict[str, Any], name: str) -> list[int]:
     return [int(word, 16) for word in record[f"trace_{name}"]]
 
 
-def _changes(values: list[int], t_clk_ps: float) -> Iterator[tuple[int, int]]:
+def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterator[tuple[int, int]]:
     last = None
     for clock, value in enumerate(values, start=1):
         if value != last:
-            yield round(clock * t_clk_ps), value
+            yield round((clock + delay_clocks) * t_clk_ps), value
             last = value
 
 
@@ -56,7 +56,8 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
     time_s, v_int = integrator_waves(record, cols)
     events: list[tuple[int, str, Any]] = []
     for net in ("preset", "row_select", "charge", "comparator"):
-        events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps)]
+        delay = float(record["trace_charge_delay_clocks"]) if net == "charge" else 0.0
+        events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps, delay)]
     for column in range(cols):
         name = f"v_int{column}"
         events += [(round(t * 1e12), name, float(v)) for t, v in zip(time_s, v_int[column], strict=True)]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The child process of the cosim engine: an HDL simulator with cocotb and, in the same process, ngspice.
 
-Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module again as the cocotb test.
+Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module again as the cocotb
+test.
 A job is a directory: job.pickle in; progress, result.npz or error.json, and logs out.
 """
 
@@ -120,6 +121,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     if chip.trace is not None:
         for name, values in vars(chip.trace).items():
             arrays[f"trace_{name}"] = np.array([f"{v:x}" for v in values])
+        arrays["trace_charge_delay_clocks"] = chip.charge_delay_clocks
         for i, (time, probes) in enumerate(waveforms):
             arrays[f"wave{i}_time_s"] = time
             arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
