@@ -21,12 +21,17 @@ from dermis.effects import EFFECTS
 from dermis.engines import closed, event
 from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
 from dermis.errors import InputError
-from dermis.vfc import Converter
+from dermis.vfc import Converter, count
 
 Write = Callable[..., Path]
 
 CLOSED_EFFECTS = ["lateral", "row_driver", "column_input", "column_offset", "mirror_ratio", "offset_current",
                   "charge_packet", "preset_error", "comparator_offset"]  # fmt: skip
+
+
+IDEAL = {"x": 0.0, "leak": 0.0, "w0": -0.5, "packet": 1.0, "rise": 0.0, "fall": 0.0,
+         "low": -np.inf, "high": np.inf, "delay": 0.0}  # fmt: skip
+"""The cell of an ideal converter."""
 
 
 @st.composite
@@ -94,6 +99,25 @@ def test_closed_and_event_agree_with_every_effect_that_closed_does(data: dict[st
     assert (closed.run(plan).codes == event.run(plan).codes).all()
 
 
+def test_formula_and_loop_round_alike_on_every_threshold_and_beside_it() -> None:
+    rng = np.random.default_rng(7)
+    places = []
+    for packet, start in (
+        (1.0, 0.5),
+        *zip(rng.uniform(0.8, 1.2, 20), rng.uniform(0.05, 0.8, 20), strict=True),
+    ):
+        # x where the one number m comes exactly at clock 510; above packet/2, where the first comes at clock n
+        x = np.concatenate([(start + np.arange(256) * packet) / 510, start / np.arange(1, 30)])
+        for ulps in range(-3, 4):
+            places += [IDEAL | {"x": v + ulps * np.spacing(v), "packet": packet, "w0": -start} for v in x]
+    cells = cells_from(places)
+    looped, _ = count_cells(cells, 510, 1.0)
+    near_half = np.abs(2 * cells.x / cells.packet - 1) < 1e-14
+    formula = count(cells.x, 510, w0=cells.w0, packet=cells.packet)
+    assert (formula[~near_half] == looped[~near_half]).all()
+    assert np.abs(formula - looped).max() <= 1
+
+
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_every_code_is_read_back_in_every_topology(topology: str) -> None:
     plan = made(
@@ -139,11 +163,6 @@ def test_progress_ends_at_the_last_row_slot() -> None:
 
 
 # --- event against the walk in 50 digits ---------------------------------------------------------------------------
-
-
-IDEAL = {"x": 0.0, "leak": 0.0, "w0": -0.5, "packet": 1.0, "rise": 0.0, "fall": 0.0,
-         "low": -np.inf, "high": np.inf, "delay": 0.0}  # fmt: skip
-"""The cell of an ideal converter."""
 
 
 @st.composite
