@@ -173,6 +173,12 @@ def test_the_two_laws_agree_where_the_resistance_is_a_multiple_of_250_ohm() -> N
         assert int(count_restarting(R_UNIT_OHM / (250.0 * n), 512)) == from_threshold
 
 
+def test_a_resistance_on_a_step_of_the_restarting_law_is_not_rounded_past_it() -> None:
+    n = np.arange(2, 257)
+    for x in (R_UNIT_OHM / (250.0 * n), 0.5 * (1 / (250.0 * n)) / (80 * 25e-6)):
+        assert (count_restarting(x, 10**6) == -(-(10**6) // n)).all()
+
+
 def test_converter_reports_what_departs_from_the_ideal_and_nothing_else() -> None:
     ideal = Converter(k=np.full(4, 80.0), i0_a=25e-6, c_int_f=5e-12, f_clk_hz=5e6)
     assert ideal.active_fields() == frozenset()
