@@ -37,11 +37,11 @@ def _prepare_verilator() -> str:
     return f"{root} {stat.st_size} {stat.st_mtime_ns}"
 
 
-def _build(simulator: str, toplevel: str, parameters: Mapping[str, int], trap: str | None) -> Path:
+def _build(simulator: str, toplevel: str, parameters: Mapping[str, int], trap: str | Path | None) -> Path:
     """Directory of the build; made if no build of the same content is there."""
     sources = rtl_sources()
     if trap is not None:
-        wrong = TRAPS / f"{trap}.v"
+        wrong = trap if isinstance(trap, Path) else TRAPS / f"{trap}.v"
         replaced = wrong.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
         assert any(s.stem == replaced for s in sources), f"{wrong.name} replaces no module of files.f"
         sources = [wrong if s.stem == replaced else s for s in sources]
@@ -101,7 +101,7 @@ def simulate(
     testcase: str,
     parameters: Mapping[str, int] | None = None,
     scenario: Mapping[str, Any] | None = None,
-    trap: str | None = None,
+    trap: str | Path | None = None,
 ) -> Any:
     """Run one cocotb test and return what it reported.
 
@@ -116,8 +116,8 @@ def simulate(
         Verilog parameters away from default.
     scenario : mapping
         Handed to the bench as JSON.
-    trap : str, optional
-        File in traps/ whose module takes the place of the right one.
+    trap : str or Path, optional
+        Name of a file in traps/, or a path, whose module takes the place of the right one.
 
     Raises
     ------

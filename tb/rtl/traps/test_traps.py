@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rtl_reference import Duty, code, duty_of_resistance
-from rtl_run import simulate
+from rtl_run import ROOT, simulate
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -15,7 +17,12 @@ HALF: Duty = (1, 2)  # 500 ohm
 
 
 def read(
-    simulator: str, x: list[list[Duty]], trap: str | None, slots: int, parameters: dict[str, int], **more: Any
+    simulator: str,
+    x: list[list[Duty]],
+    trap: str | Path | None,
+    slots: int,
+    parameters: dict[str, int],
+    **more: Any,
 ) -> Any:
     """Result of `slots` slots of the default timing, with one module replaced by its wrong variant."""
     p = {"ROWS": len(x), "COLS": len(x[0]), **parameters}
@@ -155,3 +162,32 @@ def test_128_bits_read_at_one_a_clock_are_torn_without_the_second_buffer(simulat
     counted_again = [(1 + (k - 115) // 2) >> (k % 8) & 1 for k in range(115, 128)]
     bits = [0] * 115 + counted_again
     assert wrong[1] == [sum(bits[8 * c + b] << b for b in range(8)) for c in range(16)]
+
+
+# (f) the shortest settle
+
+
+@pytest.mark.parametrize(
+    ("sync_latch", "codes_of_60"), [(0, [2, 1, 1, 1]), (1, [2, 1, 2, 1])], ids=["sync_ff", "sync_latch"]
+)
+def test_settle_of_one_clock_charges_the_next_slot_for_the_last_sample(
+    simulator: str, tmp_path: Path, sync_latch: int, codes_of_60: list[int]
+) -> None:
+    """The check in dermis_top taken out: the packet of a one in the last sample falls behind preset, whole or half."""
+    top = (ROOT / "rtl" / "dermis_top.v").read_text()
+    unchecked, checks = re.subn(r"if \(SETTLE_CLOCKS < 2\) begin.*?end\n", "", top, flags=re.DOTALL)
+    assert checks == 1
+    wrong = tmp_path / "top_unchecked.v"
+    wrong.write_text(unchecked)
+    # Duty 1/40: ones at samples 20, 60, 100... of a slot that starts from the preset.
+    x: list[list[Duty]] = [[(1, 40)]]
+    for gate, rest in ((20, 1), (19, 0)):
+        timing = {"GATE_CLOCKS": gate, "SETTLE_CLOCKS": 2, "SYNC_LATCH": sync_latch}
+        assert [s["codes"] for s in read(simulator, x, None, 3, timing)["slots"]] == [[rest]] * 3
+    # Gate of 20: the only one is the last sample. The slot behind it misses its own one, and the next has it again.
+    timing = {"GATE_CLOCKS": 20, "SETTLE_CLOCKS": 1, "SYNC_LATCH": sync_latch}
+    assert [s["codes"] for s in read(simulator, x, wrong, 4, timing)["slots"]] == [[1], [0], [1], [0]]
+    # Gate of 60, which ends with a one as well: a whole packet lost puts the next slot's only one at sample 60 again,
+    # half a packet (the latch form) at sample 40, so that the slot after it is right.
+    timing = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 1, "SYNC_LATCH": sync_latch}
+    assert [s["codes"] for s in read(simulator, x, wrong, 4, timing)["slots"]] == [[c] for c in codes_of_60]
