@@ -39,9 +39,12 @@ bclamp out iin i = v(out) > ({v_out_max_v}) ? (v(out) - ({v_out_max_v}))*{c_int_
 brange v_amp vcm i = v(v_amp) > ({v_out_max_v + 0.05}) ? (v(v_amp) - ({v_out_max_v + 0.05}))*1e3 :
 + (v(v_amp) < ({v_out_min_v - 0.05}) ? (v(v_amp) - ({v_out_min_v - 0.05}))*1e3 : 0)
 .endif
-* Preset: opens with the first of the falling edge (0.999), so the integral starts at the edge itself, and as a factor it leaves exactly
-* nothing behind. A product and not a switch in series with a source: 1e7 S on a branch current would miss abstol by rounding alone.
+* Preset: a conductance over the top twentieth of d_preset. It is gone with the first of the falling edge, so the integral starts at the
+* edge itself, and leaves exactly nothing behind. It closes over 50 ps, not at once: a jump of the charge would stop ngspice ("timestep
+* too small") where truncation error is watched closely; for the same reason r_preset_ohm = 0 is a time constant of 1e-16 s.
+* Not a switch in series with a source: so much conductance on a branch current misses abstol by rounding alone.
 * Newton's first guess of d_preset is 0, which leaves iin without a dc path: a singular matrix and gmin stepping, but for the nodeset.
 .nodeset v(d_preset)=1
-bpreset out iin i = v(d_preset) > 0.999 ? (v(out,iin) - ({v_preset_v}))*{1/max(r_preset_ohm, 1e-7)} : 0
+bpreset out iin i = v(d_preset) > 0.95 ?
++ (v(d_preset) - 0.95)*(v(out,iin) - ({v_preset_v}))*{20/max(r_preset_ohm, 1e-16/c_int_f)} : 0
 .ends integrator

@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* The four channels side by side on the same taxel: integrator after preset, after a train of packets, at the end of its range, and preset again.
+* The four channels side by side on the same taxel: integrator after preset, after packets, at the end of its range, and preset again.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
@@ -11,15 +11,14 @@
 .param t_clk = {converter_t_clk_s}
 .param t_edge = {converter_t_edge_s}
 .param t_step = 100n
-* stimulus: preset to clock 10; a packet in every second clock from 11 on, n_packets of them; preset again from clock 200
+* stimulus: preset to clock 10; the charge source on for n_packets clocks from 11 on; preset again from clock 200
+* One long pulse and no train: ngspice 46 loses a corner of a periodic PULSE now and then (at 2.6 us here), and with it 2.5 mV.
 vdd vdd 0 {supply_vdd_v}
 vss vss 0 {supply_vss_v}
 vrow row 0 {interface_v_bias_v}
 vpreset d_preset 0 pwl(0 1 {10*t_clk} 1 {10*t_clk + t_edge} 0 {200*t_clk} 0 {200*t_clk + t_edge} 1 {220*t_clk} 1)
-vtrain d_train 0 pulse(0 1 {11*t_clk} {t_edge} {t_edge} {t_clk - t_edge} {2*t_clk})
-vgate d_gate 0 pwl(0 1 {(10.5 + 2*n_packets)*t_clk} 1 {(10.5 + 2*n_packets)*t_clk + t_edge} 0)
-* d_train moves while d_gate stands and the other way round, so the product has straight edges too
-bcharge d_charge 0 v = v(d_train)*v(d_gate)
+vcharge d_charge 0 pwl(0 0 {11*t_clk} 0 {11*t_clk + t_edge} 1 {(11 + n_packets)*t_clk} 1
++ {(11 + n_packets)*t_clk + t_edge} 0 {220*t_clk} 0)
 rtaxel_d row v_col_d {r_taxel}
 rtaxel_m row v_col_m {r_taxel}
 rtaxel_i row v_col_i {r_taxel}
@@ -29,7 +28,7 @@ xdut_d v_col_d d_charge d_preset v_comp_d 0 vdd vss channel_direct
 xdut_m v_col_m d_charge d_preset v_comp_m 0 vdd vss channel_conveyor_mirror
 xdut_i v_col_i d_charge d_preset v_comp_i 0 vdd vss channel_conveyor_mirror_inverted
 xdut_o v_col_o d_charge d_preset v_comp_o 0 vdd vss channel_multi_output_conveyor
-* measure: just before the release, one clock after it, one clock after the last packet, before and after the second preset
+* measure: just before the release, one clock after it, as many clocks after the last packet as there were packets, before and after the second preset
 .tran {t_step} {220*t_clk} 0 {t_step}
 .meas tran v_preset_d find v(xdut_d.xvfc.v_int) at={10*t_clk}
 .meas tran v_preset_m find v(xdut_m.xvfc.v_int) at={10*t_clk}

@@ -42,7 +42,7 @@ class Bench:
     dut : parameters for every instance named ``xdut...``; one that the bench itself sets there stays as it is.
     params : values for the bench's own ``.param`` lines.
     edits : {path below spice/: ((old, new), ...)}, netlist faults; each `old` must occur exactly once.
-    options : text for one more ``.options`` line.
+    options : text for one more ``.options`` line after the bench's own.
     """
 
     name: str
@@ -74,6 +74,8 @@ class Bench:
         lines = text.splitlines()
         found = not self.dut
         for i, line in enumerate(lines):
+            if self.options and line.startswith("* parameters"):
+                out.append(f".options {self.options}")
             out.append(line)
             if line.startswith("xdut") and self.dut:
                 j = i + 1
@@ -82,8 +84,6 @@ class Bench:
                 have = set(re.findall(r"(\w+)\s*=", " ".join(lines[i:j])))
                 out += [f"+ {k}={v!r}" for k, v in self.dut.items() if k not in have]
                 found = True
-            if self.options and line.startswith("* options"):
-                out.append(f".options {self.options}")
         if not found:
             raise ValueError(f"{self.name}: no instance xdut")
         return "\n".join(out) + "\n"

@@ -85,18 +85,21 @@ def test_ideal_channels_are_exact_at_any_step_and_method(
     check_exact(got, duty(design, 500.0), 60)
 
 
-@pytest.mark.parametrize("options", ["reltol=1e-3", "reltol=1e-6 abstol=1e-13 vntol=1e-9"])
+@pytest.mark.parametrize("step_s", [10e-9, 1e-6])
+@pytest.mark.parametrize(
+    "options", ["trtol=7 reltol=1e-3", "trtol=1 reltol=1e-6 chgtol=5e-18 abstol=1e-13 vntol=1e-9"]
+)
 @pytest.mark.parametrize("method", ["trap", "gear"])
 @pytest.mark.parametrize("r_ohm", [1e-3, 31.0, 312.0, 500.0, 1e18])
 @pytest.mark.parametrize("kind", ["ideal", "physical"])
 def test_channels_survive_short_open_and_rail_and_are_preset_again(
-    measure: Measure, design: Design, kind: str, r_ohm: float, method: str, options: str
+    measure: Measure, design: Design, kind: str, r_ohm: float, method: str, options: str, step_s: float
 ) -> None:
     got = measure(
         "channel__tran",
         dut=physical(design) if kind == "physical" else {},
-        params={"r_taxel": r_ohm, "t_step": 1e-6},
-        options=f"method={method} trtol=7 {options}",
+        params={"r_taxel": r_ohm, "t_step": step_s},
+        options=f"method={method} {options}",
     )
     for name, sign in SIGN.items():
         end = sign * got[f"v_end_{name}"]

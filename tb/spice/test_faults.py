@@ -99,12 +99,17 @@ FAULTS = {
         "bpreset out iin i",
         "bpreset 0 0 i",
     ),
-    "preset_never_lets_go": (check_charge, "behavioural/integrator.sp", "v(d_preset) > 0.999", "1 > 0"),
+    "preset_never_lets_go": (
+        check_charge,
+        "behavioural/integrator.sp",
+        "v(d_preset) > 0.95 ?\n+ (v(d_preset) - 0.95)*",
+        "1 > 0 ?\n+ 0.05*",
+    ),
     "preset_lets_go_at_the_end_of_its_edge": (
         check_charge,
         "behavioural/integrator.sp",
-        "v(d_preset) > 0.999",
-        "v(d_preset) > 0.001",
+        "v(d_preset) > 0.95 ?\n+ (v(d_preset) - 0.95)*",
+        "v(d_preset) > 0 ?\n+ v(d_preset)*",
     ),
     "comparator_pins_swapped": (
         check_decision,
