@@ -179,7 +179,7 @@ class _ComparatorHysteresis(Strict):
     v_v: float | None = entry(
         None,
         "Full width of the window around the decision level, in V",
-        _OHM,
+        "a finite number >= 0, below one packet",
         default_from="comparator.v_hysteresis_v",
         ge=0,
     )

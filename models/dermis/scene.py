@@ -203,7 +203,12 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
     )
     setting = Setting(array.cols, interface.topology, interface.k, design, rng=_no_rng)
-    return Scene(path, resolved, resolve_effects(table.effects, setting, path), design)
+    on = resolve_effects(table.effects, setting, path)
+    if "comparator_hysteresis" in on and on["comparator_hysteresis"].v_v >= packet_v:
+        # A window that reaches the preset would carry the state of the row before over to the next.
+        value, allowed = on["comparator_hysteresis"].v_v, f"below one packet ({packet_v:g} V)"
+        raise InputError(path, "effects.comparator_hysteresis.v_v", value, allowed)
+    return Scene(path, resolved, on, design)
 
 
 def _no_rng(name: str) -> Any:

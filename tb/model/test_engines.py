@@ -285,7 +285,10 @@ def test_offset_current_adds_its_share_of_i0() -> None:
     ("small", "large"),
     [
         ({"comparator_offset": {"v_v": 0.01}}, {"comparator_offset": {"v_v": 0.6}}),
-        ({"comparator_hysteresis": {"v_v": 0.02}}, {"comparator_hysteresis": {"v_v": 1.1}}),
+        (
+            {"comparator_hysteresis": {"v_v": 0.02}},
+            {"comparator_hysteresis": {"v_v": 0.9}, "preset_error": {"v_v": -0.1}},
+        ),
         ({"comparator_delay": {"t_s": 5e-9}}, {"comparator_delay": {"t_s": 190e-9}}),
         ({"preset_error": {"v_v": -0.01}}, {"preset_error": {"v_v": -0.6}}),
     ],

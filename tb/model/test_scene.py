@@ -200,6 +200,11 @@ WRONG = [
         "effects.column_input.r_ohm",
         "no default",
     ),
+    (
+        UNIFORM + "[effects]\ncomparator_hysteresis = { v_v = 1.0 }\n",
+        "effects.comparator_hysteresis.v_v",
+        "one packet",
+    ),
     (UNIFORM + "[run]\nengine = 'rtl'\n", "run.engine", "closed"),
     (UNIFORM + "[run]\nseed = -1\n", "run.seed", "whole number"),
     (UNIFORM + "[run]\nseed = true\n", "run.seed", "whole number"),
