@@ -24,6 +24,8 @@ _G_SERIES_SHORT_S = 1e30
 # Rounding of n elimination steps without a subtraction stays below about n^2 * 1e-16; a wrong term is of
 # order 1.
 _RESIDUAL_MAX = 1e-9
+# Below any electron that ever flowed, above where products of doubles lose their digits to underflow.
+_CURRENT_FLOOR_A = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +204,7 @@ def _check_kirchhoff(link: Floats, leak: Floats, drive: Floats, v: Floats) -> No
     across = np.matmul(link, v)
     size = np.abs(out) + np.matmul(link, np.abs(v)) + np.abs(drive)
     miss = np.abs(out - across - drive)
-    if not (miss <= _RESIDUAL_MAX * size).all():
+    if not (miss <= _RESIDUAL_MAX * size + _CURRENT_FLOOR_A).all():
         worst = np.nanmax(np.divide(miss, size, out=np.zeros_like(size), where=size > 0))
         raise SimulatorError(
             f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current at a node"

@@ -239,6 +239,46 @@ def test_both_synchronizers_give_equal_codes_for_ideal_converters() -> None:
     assert (count_cells(cells, 510, 1.0)[0] == count_cells(cells, 510, 0.5)[0]).all()
 
 
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_converters_become_cells_as_their_formulas_say(topology: str) -> None:
+    effects = {
+        "comparator_offset": {"v_v": 0.03},
+        "comparator_hysteresis": {"v_v": 0.02},
+        "comparator_delay": {"t_s": 5e-9},
+        "preset_error": {"v_v": 0.1},
+        "charge_packet": {"packet_error": 0.01},
+        "integrator_gain": {"gain_dc": 99.0, "r_in_ohm": 1e6},
+        "integrator_range": {"v_max_v": 1.2, "v_min_v": -1.4},
+    }
+    k, i0_a, c_int_f, f_clk_hz = 40, 20e-6, 8e-12, 5e6
+    plan = made(
+        {
+            "array": {"rows": 3, "cols": 2},
+            "stimulus": {"kind": "uniform", "r_ohm": 1000.0},
+            "interface": {"topology": topology, "k": k, "i0_a": i0_a, "c_int_f": c_int_f},
+            "effects": effects,
+        }
+    )
+    cells = cells_of(plan, np.full((1, 3, 2), 0.3), plan.conductance_s())
+    packet_v = i0_a / f_clk_hz / c_int_f
+    across_s = 1e-6 + (3 / 1000 if topology == "direct" else 0.0)
+    times = k if topology == "direct" else 1
+    output = 1 / (1 + 1 / 99)  # of the amplifier, over the voltage on the capacitor
+    expected = {
+        "x": 0.3,
+        "leak": across_s / (times * c_int_f * (99 + 1)) / f_clk_hz,
+        "w0": -0.5 + 0.1 / packet_v,
+        "packet": 1.01,
+        "rise": (0.03 + 0.01) / packet_v / output,
+        "fall": (0.03 - 0.01) / packet_v / output,
+        "low": (-1.4 if topology == "conveyor_mirror_inverted" else -1.2) / packet_v / output,
+        "high": (1.2 if topology == "conveyor_mirror_inverted" else 1.4) / packet_v / output,
+        "delay": 5e-9 * f_clk_hz,
+    }
+    for name, value in expected.items():
+        assert getattr(cells, name) == pytest.approx(np.full((1, 3, 2), value), rel=1e-12), name
+
+
 @pytest.mark.parametrize("late", [1.0, 0.5])
 @pytest.mark.parametrize("q", [3, 4, 5])
 def test_leak_locks_the_rate_on_a_plateau_of_the_known_width(q: int, late: float) -> None:
