@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sweep of frequency against resistance: what it reads, what it says of the two laws, and what it leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from dermis import cli, design, plan, sweep, verdict, vfc
+from dermis.design import TOPOLOGIES
+from dermis.engines import closed
+from dermis.errors import SimulatorError
+from dermis.sweep import Curve, Reading
+
+POINTS = 8
+
+
+class Swept(NamedTuple):
+    curves: list[Curve]
+    rows: list[dict[str, Any]]
+    failed: bool
+    out: Path
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Swept:
+    """One row of eight taxels through the four interfaces."""
+    out = tmp_path_factory.mktemp("sweep")
+    return Swept(*sweep.run(TOPOLOGIES, POINTS, out, physical=False), out)
+
+
+def formula(ohm: float) -> int:
+    """The count of charge balance, written out: 250 ohm is x = 1, 510 clocks, preset to half a packet."""
+    return math.floor(Fraction(250) / Fraction(ohm) * 510 + Fraction(1, 2))
+
+
+def status(rows: list[dict[str, Any]]) -> dict[str, str]:
+    return {row["name"]: row["status"] for row in rows}
+
+
+def wrong(curve: Curve, pulses: np.ndarray) -> Curve:
+    """The same curve, had the chip counted something else."""
+    return replace(curve, ideal=replace(curve.ideal, pulses=pulses, code=np.minimum(pulses, curve.code_max)))
+
+
+def of_law(curve: Curve, clocks: np.ndarray) -> Curve:
+    """The same curve, had every period been `clocks`."""
+    pulses = np.ceil(curve.gate / clocks).astype(np.int64)
+    return replace(curve, ideal=Reading(pulses, pulses, clocks, clocks))
+
+
+# ---- what the chip reads
+
+
+def test_every_interface_is_swept_over_the_same_resistances(swept: Swept) -> None:
+    assert [curve.topology for curve in swept.curves] == list(TOPOLOGIES)
+    assert not swept.failed
+    for curve in swept.curves:
+        np.testing.assert_array_equal(curve.resistance_ohm, sweep.resistances(POINTS, design.load()))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_pulses_are_those_of_charge_balance(swept: Swept, topology: str) -> None:
+    curve = next(c for c in swept.curves if c.topology == topology)
+    expected = np.array([formula(ohm) for ohm in curve.resistance_ohm])
+    assert curve.on_code.sum() >= 2
+    np.testing.assert_array_equal(curve.ideal.pulses[curve.on_code], expected[curve.on_code])
+    assert np.abs(curve.ideal.pulses - expected).max() <= 1
+    np.testing.assert_array_equal(curve.ideal.code, curve.ideal.pulses)
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_pulse_distance_gives_the_same_frequency_as_the_count(swept: Swept, topology: str) -> None:
+    curve = next(c for c in swept.curves if c.topology == topology)
+    for clocks in (curve.ideal.period_clocks, curve.ideal.line_clocks):
+        assert np.abs(curve.gate / clocks - curve.gate * curve.x).max() < 0.5
+    # between the only two gaps there are
+    assert (curve.ideal.period_clocks >= np.floor(1 / curve.x)).all()
+    assert (curve.ideal.period_clocks <= np.ceil(1 / curve.x)).all()
+
+
+def test_the_ideal_sweep_meets_every_limit(swept: Swept) -> None:
+    assert verdict.exit_code(swept.rows) == 0, [r for r in swept.rows if r["status"] != "PASS"]
+    names = status(swept.rows)
+    for topology in TOPOLOGIES:
+        assert names[f"sweep.rate_error_lsb.{topology}"] == "PASS"
+        assert names[f"sweep.rate_error_exact_lsb.{topology}"] == "PASS"
+        assert f"sweep.frequency_linearity_lsb.{topology}" in names
+    assert names["sweep.eq3_difference_lsb"] == "PASS"
+
+
+def test_plain_ngspice_with_its_own_flip_flop_follows_charge_balance_not_eq3(swept: Swept) -> None:
+    rows = {row["name"]: row for row in swept.rows}
+    assert rows["sweep.plain_ngspice_pulses_510"]["value"] == math.floor(
+        Fraction(250, 510) * 512 + Fraction(1, 2)
+    )
+    assert rows["sweep.rate_error_lsb.plain_ngspice"]["status"] == "PASS"
+
+
+def test_a_scene_of_the_sweep_reads_the_same_with_another_engine(swept: Swept) -> None:
+    made = plan.load(swept.out / "scenes" / "direct.toml", "closed")
+    codes = sweep.out_of_frames(closed.run(made).codes.astype(int), POINTS)
+    curve = swept.curves[0]
+    np.testing.assert_array_equal(codes[curve.on_code], curve.ideal.code[curve.on_code])
+    assert np.abs(codes - curve.ideal.code).max() <= 1
+
+
+def test_physical_blocks_bend_the_curve_as_the_event_model_says(tmp_path: Path) -> None:
+    curves, rows, failed = sweep.run(["conveyor_mirror"], POINTS, tmp_path)
+    assert not failed
+    named = {row["name"].removesuffix(".conveyor_mirror"): row["value"] for row in rows}
+    assert named["sweep.physical_event_difference_lsb"] <= 1
+    # 1.5 ohm in 500 are 0.3 %; mirror and packet give back 0.1 %: half a code, neither nothing nor several
+    assert 0.2 < named["sweep.physical_shift_lsb"] < 1.5
+    assert -0.4 < named["sweep.physical_gain_error_percent"] < -0.05
+    assert curves[0].physical is not None
+    by_model = curves[0].gate * curves[0].physical_x
+    assert np.abs(curves[0].gate / curves[0].physical.line_clocks - by_model).max() < 0.5
+
+
+# ---- what is caught
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_restarting_law_fails_every_limit_it_should(swept: Swept, topology: str) -> None:
+    curve = next(c for c in swept.curves if c.topology == topology)
+    seeded = of_law(curve, curve.period_eq3_clocks)
+    np.testing.assert_array_equal(seeded.ideal.pulses, curve.pulses_eq3)
+    names = status([*sweep.judge(seeded), sweep.judge_laws([seeded])])
+    assert names[f"sweep.rate_error_lsb.{topology}"] == "FAIL"
+    assert names["sweep.eq3_difference_lsb"] == "FAIL"
+    assert verdict.exit_code(sweep.judge(seeded)) == 1
+
+
+def test_one_interface_of_four_that_follows_eq3_is_enough_to_fail(swept: Swept) -> None:
+    seeded = [*swept.curves[:3], of_law(swept.curves[3], swept.curves[3].period_eq3_clocks)]
+    assert sweep.judge_laws(seeded)["status"] == "FAIL"
+
+
+def test_one_lost_pulse_on_a_code_is_caught(swept: Swept) -> None:
+    curve = swept.curves[0]
+    pulses = curve.ideal.pulses.copy()
+    pulses[np.flatnonzero(curve.on_code)[0]] -= 1
+    names = status(sweep.judge(wrong(curve, pulses)))
+    assert names["sweep.rate_error_exact_lsb.direct"] == "FAIL"
+    assert names["sweep.rate_error_lsb.direct"] == "PASS"
+
+
+def test_a_code_that_is_not_its_pulses_is_an_error(swept: Swept) -> None:
+    curve = swept.curves[0]
+    code = curve.ideal.code.copy()
+    code[3] += 1
+    names = status(sweep.judge(replace(curve, ideal=replace(curve.ideal, code=code))))
+    assert names["sweep.rate_error_lsb.direct"] == "ERROR"
+
+
+def test_a_bench_that_does_not_measure_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = tmp_path / "empty.sp"
+    bench.write_text("* nothing\nr1 a 0 1\nv1 a 0 1\n.op\n.end\n")
+    monkeypatch.setattr(sweep, "BENCH", bench)
+    rows = sweep.plain_ngspice(tmp_path / "log")
+    assert [row["status"] for row in rows] == ["ERROR", "ERROR"]
+
+
+# ---- pulses in a trace
+
+
+def trace_of(made: plan.Plan, x: Fraction) -> np.ndarray:
+    """Charge switch of one column, one entry a clock from clock 1: each decision shows one clock later."""
+    timing = made.timing
+    charge = np.zeros((1, made.rows * timing.slot_clocks - 1, 1), dtype=bool)
+    for row in range(made.rows - 1):
+        start = row * timing.slot_clocks + timing.settle_clocks
+        for n, one in enumerate(vfc.bits_exact(x, timing.gate_clocks), start=1):
+            charge[0, start + n + 1 - 1, 0] = one
+    return charge
+
+
+@pytest.fixture
+def two_rows(tmp_path: Path) -> plan.Plan:
+    laid = sweep.in_frames(np.array([500.0, 777.0]), 16, 1)
+    return sweep.make_plan(tmp_path, "direct", laid, {}, "two rows")
+
+
+@pytest.mark.parametrize(
+    "x", [Fraction(1, 2), Fraction(1, 3), Fraction(2, 7), Fraction(1, 250), Fraction(1, 2000)]
+)
+def test_pulses_of_a_known_trace_are_found(two_rows: plan.Plan, x: Fraction) -> None:
+    count, period, line = sweep.find_pulses(trace_of(two_rows, x), two_rows)
+    expected = vfc.count_exact(x, 510)
+    assert count[0, :2, 0].tolist() == [expected, expected]
+    assert count[0, 2, 0] == 0
+    if expected < 2:
+        assert np.isnan(period).all()
+        assert np.isnan(line).all()
+    else:
+        assert period[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
+        assert line[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
+
+
+@pytest.mark.parametrize(("clock", "counts"), [(116, 0), (117, 1), (626, 1), (627, 0)])
+def test_only_decisions_of_the_gate_count(two_rows: plan.Plan, clock: int, counts: int) -> None:
+    charge = np.zeros((1, 3 * 625 - 1, 1), dtype=bool)
+    charge[0, clock - 1, 0] = True
+    assert sweep.find_pulses(charge, two_rows)[0][0, 0, 0] == counts
+
+
+def test_a_trace_that_ends_early_is_a_simulator_error(two_rows: plan.Plan) -> None:
+    charge = trace_of(two_rows, Fraction(1, 3))
+    with pytest.raises(SimulatorError, match="row 1"):
+        sweep.find_pulses(charge[:, :1200], two_rows)
+
+
+# ---- what is swept
+
+
+@pytest.mark.parametrize("points", [8, 9, 16, 100, 256, 1000])
+def test_a_sweep_has_as_many_resistances_as_asked_for_and_both_ends(points: int) -> None:
+    ohm = sweep.resistances(points, design.load())
+    assert ohm.size == points
+    assert (np.diff(ohm) > 0).all()
+    assert (ohm[0], ohm[-1]) == (500.0, 64250.0)
+
+
+def test_the_default_sweep_holds_every_kind_of_resistance() -> None:
+    ohm = sweep.resistances(256, design.load())
+    steps = 127_500 / ohm
+    assert (np.abs(steps - np.round(steps)) < 1e-9 * steps).sum() >= 32
+    assert (ohm % 250 == 0).sum() >= 16
+    assert ((ohm > 500) & (ohm < 501)).sum() >= 5
+    assert ((ohm > 500) & (ohm <= 750)).sum() >= 32
+    assert np.diff(np.log(ohm)).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("points", "rows", "cols"), [(8, 16, 8), (256, 16, 16), (257, 16, 16), (20, 16, 16), (3, 4, 1)]
+)
+def test_frames_hold_every_point_once_and_end_with_an_open_row(points: int, rows: int, cols: int) -> None:
+    ohm = np.arange(1.0, points + 1)
+    laid = sweep.in_frames(ohm, rows, cols)
+    assert np.isinf(laid[:, -1]).all()
+    assert np.isfinite(laid).sum() == points
+    np.testing.assert_array_equal(sweep.out_of_frames(laid, points), ohm)
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_physical_effects_are_all_those_with_a_default(tmp_path: Path, topology: str) -> None:
+    named = sweep.physical_effects(topology, design.load())
+    made = sweep.make_plan(tmp_path, topology, sweep.in_frames(np.array([500.0]), 16, 1), named, "one")
+    off = {e.name for e in made.effects if not e.on}
+    absent = {"column_input", "mirror_ratio"} if topology == "direct" else set()
+    assert off == set(sweep.LEFT_OFF) | absent
+
+
+# ---- what is left behind
+
+
+def test_the_csv_is_complete(swept: Swept) -> None:
+    reading = swept.curves[1].ideal
+    some = replace(
+        swept.curves[1],
+        physical=Reading(
+            *(getattr(reading, f)[:2] for f in ("pulses", "code", "period_clocks", "line_clocks"))
+        ),
+        physical_at=np.array([0, 7]),
+    )
+    curves = [swept.curves[0], some, *swept.curves[2:]]
+    lines = list(csv.DictReader(io.StringIO(sweep.table(curves))))
+    assert tuple(lines[0]) == sweep.COLUMNS
+    assert [line["topology"] for line in lines] == [t for t in TOPOLOGIES for _ in range(POINTS)]
+    for i, line in enumerate(lines):
+        for key in sweep.COLUMNS[1:]:
+            if key.startswith("physical") and not (
+                line["topology"] == "conveyor_mirror" and i % POINTS in (0, 7)
+            ):
+                assert line[key] == ""
+            else:
+                assert math.isfinite(float(line[key]))
+        assert int(line["pulses_charge_balance"]) == formula(float(line["r_ohm"]))
+        assert float(line["f_count_hz"]) == pytest.approx(int(line["pulses"]) * 5e6 / 510, rel=1e-6)
+        assert float(line["f_charge_balance_hz"]) == pytest.approx(1.25e9 / float(line["r_ohm"]), rel=1e-6)
+        whole = math.ceil(float(line["r_ohm"]) / 250)
+        assert float(line["f_eq3_hz"]) == pytest.approx(5e6 / whole, rel=1e-6)
+        assert int(line["pulses_eq3"]) == math.ceil(510 / whole)
+
+
+def invoke(monkeypatch: pytest.MonkeyPatch, root: Path, result: tuple[Any, ...], *options: str) -> Any:
+    """Run the command in this process with a sweep that is already there, its verdicts going to `root`."""
+    monkeypatch.setattr(sweep, "run", lambda *a, **k: result)
+    monkeypatch.setattr(verdict, "ROOT", root)
+    arguments = ["--out", str(root / "out"), *options]
+    return CliRunner().invoke(sweep.sweep_command, arguments, standalone_mode=False, catch_exceptions=False)
+
+
+def test_the_command_writes_csv_figures_and_every_row(
+    swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False))
+    assert done.return_value == 0
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert made == {"sweep.csv", "sweep_frequency.png", "sweep_code.png"}
+    for name in ("sweep_frequency.png", "sweep_code.png"):
+        assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
+    rows = json.loads((tmp_path / "build" / "sweep.json").read_text())
+    assert rows == swept.rows
+    assert all(set(row) == {"name", "value", "unit", "min", "max", "status", "note"} for row in rows)
+
+
+def test_no_plot_draws_nothing(swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False), "--no-plot")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["sweep.csv"]
+
+
+def test_a_missed_limit_ends_with_1_and_a_failed_simulator_with_3(
+    swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = sweep.judge(of_law(swept.curves[0], swept.curves[0].period_eq3_clocks))
+    assert invoke(monkeypatch, tmp_path, (swept.curves, rows, False), "--no-plot").return_value == 1
+    assert invoke(monkeypatch, tmp_path, ([], rows, True), "--no-plot").return_value == 3
+
+
+def test_a_simulator_that_fails_costs_its_interface_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(made: plan.Plan, points: int, on_slots: Any, work: Path) -> Reading:
+        work.mkdir(parents=True)
+        if made.topology == "direct":
+            raise SimulatorError("it broke", work)
+        x = sweep.out_of_frames(made.duty_ideal(), points)
+        return Reading(vfc.count(x), vfc.count(x), 1 / x, 1 / x)
+
+    monkeypatch.setattr(sweep, "read", read)
+    curves, rows, failed = sweep.run(["direct", "conveyor_mirror"], POINTS, tmp_path, physical=False)
+    assert failed
+    assert [curve.topology for curve in curves] == ["conveyor_mirror"]
+    names = status(rows)
+    assert names["sweep.rate_error_lsb.direct"] == "ERROR"
+    assert names["sweep.rate_error_lsb.conveyor_mirror"] == "PASS"
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--points", "7"),
+        ("--points", "5000"),
+        ("--points", "many"),
+        ("--points", "1e3"),
+        ("--topology", "fig3"),
+        ("--view", "sky130"),
+        ("--out", __file__),
+        ("--colour", "blue"),
+    ],
+)
+def test_a_bad_option_ends_with_2_and_one_line_that_names_it(
+    option: str, value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(*args: Any, **options: Any) -> None:
+        pytest.fail("the sweep began")
+
+    monkeypatch.setattr(sweep, "run", run)
+    monkeypatch.setattr(sys, "argv", ["dermis", "sweep", option, value])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr()
+    assert end.value.code == 2
+    assert said.out == ""
+    lines = said.err.strip().splitlines()
+    assert len(lines) == 1
+    assert option.lstrip("-") in lines[0]
