@@ -94,6 +94,8 @@ def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves:
         result = engines.run(made, report, **options)
     result.info["seconds"] = time.perf_counter() - start
     rows = regression.compare(made, result, path.stem)
+    full = int((result.codes >= made.timing.code_max).sum())
+    rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
     if waves:
         from dermis import waves as wave_files
 

@@ -58,6 +58,7 @@ static struct {
     double remembered[3];
     enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
     bool first_of_kind;
+    bool met, ramp_begins; /* the caller was met at this time point, and began an edge there */
 
     double *record;
     size_t record_rows, record_room;
@@ -79,6 +80,8 @@ static int on_char(char *text, int id, void *user)
     const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
     if (strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
         strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence")) {
+        if (strstr(ls.trouble, said))
+            return 0;
         size_t used = strlen(ls.trouble);
         snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
     }
@@ -157,7 +160,7 @@ static void add_corner(double t)
     ls.n_corner++;
 }
 
-static void drop_corners_until(double t)
+static bool drop_corners_until(double t)
 {
     int n = 0;
     while (n < ls.n_corner && ls.corner[n] <= t + ulps(t))
@@ -166,9 +169,31 @@ static void drop_corners_until(double t)
         memmove(ls.corner, ls.corner + n, (size_t)(ls.n_corner - n) * sizeof *ls.corner);
         ls.n_corner -= n;
     }
+    return n > 0;
 }
 
-static void leave(void) { swapcontext(&ls.runner, &ls.caller); }
+/* Hand over to the caller if a time point stands at the time it asked for, and learn its next edges.
+
+   Done as soon as the point is accepted, before ngspice looks whether it stands on a breakpoint, because behind a switched
+   conductance the integration must start anew with backward Euler: at the edge, so that the integral does not begin half
+   a ramp late, and at the end of its ramp, because the current that charged a capacitor through the closing
+   switch would go on in the trapezoidal rule with alternating sign for ever. */
+static void meet(double t)
+{
+    ls.t_now = t;
+    while (t >= ls.t_target - ulps(t)) {
+        int before = ls.n_corner;
+        swapcontext(&ls.runner, &ls.caller);
+        ls.met = true;
+        ls.ramp_begins = ls.n_corner > before;
+        for (int i = 0; i < ls.n_source; i++)
+            if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t)) {
+                /* ngspice ignores a breakpoint at its own time, and takes one within 100 ulp as reached */
+                ngSpice_SetBkpt(ls.source[i].t + 2.0 * ulps(t));
+                ngSpice_SetBkpt(ls.source[i].t + ls.t_edge);
+            }
+    }
+}
 
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
@@ -181,28 +206,18 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         }
         return 0;
     }
-    ls.t_now = t;
     ls.accepted++;
-    bool landed = false;
-    if (ls.n_corner && ls.corner[0] <= t + ulps(t)) {
-        drop_corners_until(t);
-        landed = true;
+    meet(t); /* without initial operating point there is no data at t = 0 */
+    bool landed = drop_corners_until(t);
+    if (landed)
         ls.kind = AFTER_RAMP;
-    }
-    if (t >= ls.t_target - ulps(t)) {
-        if (!landed)
-            ls.kind = AFTER_SAMPLE;
-        int before = ls.n_corner;
-        leave();
-        /* A switch that closes on a charged capacitor leaves a current that the trapezoidal rule would carry on with
-           alternating sign for ever. A breakpoint makes the next step backward Euler, which forgets it. */
-        for (int i = 0; i < ls.n_source; i++)
-            if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t))
-                ngSpice_SetBkpt(ls.source[i].t + ls.t_edge);
-        if (ls.n_corner > before)
+    if (ls.met) {
+        if (ls.ramp_begins)
             ls.kind = AT_RAMP;
-        drop_corners_until(t);
+        else if (!landed)
+            ls.kind = AFTER_SAMPLE;
         landed = true;
+        ls.met = false;
     }
     double next = ls.t_target;
     if (ls.n_corner && ls.corner[0] < next)
@@ -261,6 +276,7 @@ static int on_data(pvecvaluesall all, int count, int id, void *user)
         row[0] = ls.t_data;
         memcpy(row + 1, ls.probe, (size_t)ls.n_probe * sizeof(double));
     }
+    meet(ls.t_data);
     return 0;
 }
 
@@ -333,7 +349,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     for (int k = 0; k < 3; k++)
         ls.remembered[k] = t_max_step;
     ls.kind = AFTER_SAMPLE;
-    ls.first_of_kind = false;
+    ls.first_of_kind = ls.met = ls.ramp_begins = false;
     ls.recording = recording != 0;
     ls.record_rows = 0;
     free(ls.record);
@@ -402,7 +418,8 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         ls.state = RUNNING;
     }
     swapcontext(&ls.caller, &ls.runner);
-    bool reached = ls.t_now >= to - ulps(to) || (ls.state == ENDED && ls.t_data >= to - ulps(to));
+    /* ngspice stops up to 1.1 of its smallest step, 1e-11 of the largest, before the end it was given */
+    bool reached = ls.t_now >= to - (ls.state == ENDED ? 1e-10 * ls.t_max_step : ulps(to));
     if (!reached || ls.state == FAILED)
         return fail("ngspice stopped");
     for (int p = 0; p < ls.n_probe; p++) {

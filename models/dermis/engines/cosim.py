@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -14,11 +15,12 @@ import sys
 import tempfile
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -61,6 +63,7 @@ class Job:
     analog: Literal["ngspice", "exact"]
     solver: Solver = field(default_factory=Solver)
     record: bool = False
+    parent: int = field(default_factory=os.getpid)
 
 
 def run(
@@ -117,6 +120,7 @@ def run(
         work.mkdir(parents=True)
     done = [0] * jobs
     chunks = [tuple(int(f) for f in part) for part in np.array_split(np.arange(plan.frames), jobs)]
+    children = _Children()
 
     def one(index: int) -> dict[str, Any]:
         def on_slots(slots: int) -> None:
@@ -126,7 +130,7 @@ def run(
 
         job = Job(plan, chunks[index], simulator, build, sync_latch, analog, solver or Solver(), record)
         with _cores:
-            return _run_job(job, work / f"job_{index}", on_slots)
+            return _run_job(job, work / f"job_{index}", on_slots, children)
 
     start = time.perf_counter()
     with ThreadPoolExecutor(jobs) as pool:
@@ -134,8 +138,7 @@ def run(
         try:
             parts = [future.result() for future in futures]
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            end_all()
+            children.end()
             raise
     codes = np.concatenate([part["codes"] for part in parts])
     info: dict[str, Any] = {
@@ -151,23 +154,48 @@ def run(
     return Result(codes.astype(np.uint8) if plan.timing.code_max < 256 else codes, info)
 
 
-_children: set[subprocess.Popen[bytes]] = set()
+class _Children:
+    """The child processes of one run; once ended, no further one starts."""
 
+    everyone: ClassVar[weakref.WeakSet[_Children]] = weakref.WeakSet()
 
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child and what it started: it leads a session of its own, so nothing else is hit."""
-    if child.poll() is None:
-        try:
-            os.killpg(child.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        child.wait()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._ended = False
+        self.everyone.add(self)
+
+    def start(self, command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        """Start a child as the leader of a session of its own."""
+        with self._lock:
+            if self._ended:
+                raise SimulatorError("the run was ended")
+            child = subprocess.Popen(command, start_new_session=True, **options)
+            self._running.add(child)
+            return child
+
+    def end_one(self, child: subprocess.Popen[bytes]) -> None:
+        """End a child and what it started: it leads its session, so nothing else is hit."""
+        if child.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+        with self._lock:
+            self._running.discard(child)
+
+    def end(self) -> None:
+        """End them all, for good."""
+        with self._lock:
+            self._ended = True
+            running = list(self._running)
+        for child in running:
+            self.end_one(child)
 
 
 def end_all() -> None:
-    """End every child of this process."""
-    for child in list(_children):
-        _end(child)
+    """End every run of this process, for good."""
+    for children in list(_Children.everyone):
+        children.end()
 
 
 def _slots_done(path: Path) -> int:
@@ -177,21 +205,19 @@ def _slots_done(path: Path) -> int:
         return 0
 
 
-def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict[str, Any]:
+def _run_job(
+    job: Job, directory: Path, on_slots: Callable[[int], None], children: _Children
+) -> dict[str, Any]:
     directory.mkdir(parents=True)
     (directory / "job.pickle").write_bytes(pickle.dumps(job))
-    console = directory / "console.log"
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    with console.open("wb") as out:
-        child = subprocess.Popen(
+    with (directory / "console.log").open("wb") as console:
+        child = children.start(
             [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)],
             stdin=subprocess.DEVNULL,
-            stdout=out,
+            stdout=console,
             stderr=subprocess.STDOUT,
-            env=environment,
-            start_new_session=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
-    _children.add(child)
     try:
         slots, since = 0, time.monotonic()
         while child.poll() is None:
@@ -201,13 +227,11 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
                 slots, since = now, time.monotonic()
                 on_slots(slots)
             elif time.monotonic() - since > (SLOT_LIMIT_S if slots else START_LIMIT_S):
-                _end(child)
                 raise SimulatorError(
                     f"the co-simulation stopped answering in {_place(job, slots)}", directory
                 )
     finally:
-        _end(child)
-        _children.discard(child)
+        children.end_one(child)
     return _result(job, directory, _slots_done(directory / "progress"))
 
 

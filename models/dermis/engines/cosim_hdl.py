@@ -40,7 +40,7 @@ def main(job_dir: Path) -> int:
     from dermis import hdl
 
     job = load(job_dir)
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(job.parent,), daemon=True).start()
     hdl.prepare(job.simulator)
     try:
         get_runner(job.simulator).test(

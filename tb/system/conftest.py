@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes made for a test; makes the helpers beside it importable."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dermis import plan
+from dermis.plan import Plan
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from system_bench import MakePlan
+
+
+@pytest.fixture
+def resistance_plan(tmp_path: Path) -> MakePlan:
+    """Make the cosim plan of resistances [rows, cols] or [frames, rows, cols] in ohm."""
+
+    def make(ohm: NDArray[np.float64], topology: str = "conveyor_mirror", effects: str = "") -> Plan:
+        ohm = np.asarray(ohm, dtype=float)
+        np.save(tmp_path / "taxels.npy", ohm)
+        scene = tmp_path / "scene.toml"
+        scene.write_text(
+            f'title = "test"\n[array]\nrows = {ohm.shape[-2]}\ncols = {ohm.shape[-1]}\n'
+            '[stimulus]\nkind = "resistance"\nfile = "taxels.npy"\n'
+            f'[interface]\ntopology = "{topology}"\n[effects]\n{effects}\n'
+        )
+        return plan.load(scene, "cosim")
+
+    return make

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command as a stranger uses it: results, their files, and one clear line for every mistake."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from system_bench import dermis
+
+from dermis import plan
+from dermis.design import ROOT
+from dermis.netlist import frame_deck
+
+DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
+EFFECTS_ON = "[effects]\nlateral = { r_ohm = 1e3 }\nrow_driver = { r_ohm = 1.0 }\n"
+
+
+def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp_path: Path) -> None:
+    out, again = tmp_path / "out", tmp_path / "again"
+    done = dermis("run", "single_touch", "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    codes = np.load(out / "codes.npy")
+    assert codes.dtype == np.uint8
+    assert codes.shape == (1, 16, 16)
+    with (out / "codes.csv").open() as file:
+        table = list(csv.reader(file))
+    assert table[0] == ["frame", "row", *(f"c{c}" for c in range(16))]
+    assert np.array_equal(np.array(table[1:], int)[:, 2:], codes.reshape(16, 16))
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["engine"] == "closed"
+    assert {e["name"] for e in summary["effects"] if e["on"]} == set(
+        tomllib.loads((ROOT / "models/scenes/single_touch.toml").read_text())["effects"]
+    )
+    assert all(e["reason"] for e in summary["effects"])
+    assert dermis("run", str(out / "resolved.toml"), "--out", str(again)).returncode == 0
+    assert np.array_equal(np.load(again / "codes.npy"), codes)
+
+
+def scene_with(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return str(path)
+
+
+UNIFORM = '[stimulus]\nkind = "uniform"\nforce_n = 3.0\n'
+BAD_SCENES = {
+    "unknown_key": (UNIFORM + "colour = 1\n", "stimulus.colour"),
+    "unknown_table": (UNIFORM + "[nonsense]\na = 1\n", "nonsense"),
+    "negative_force": ('[stimulus]\nkind = "uniform"\nforce_n = -1.0\n', "force_n"),
+    "nan": ('[stimulus]\nkind = "uniform"\nforce_n = nan\n', "force_n"),
+    "text_for_number": ('[stimulus]\nkind = "uniform"\nforce_n = "3 N"\n', "force_n"),
+    "negative_resistance": (UNIFORM + "[effects]\nrow_driver = { r_ohm = -1.0 }\n", "row_driver"),
+    "twice_the_same_key": ("title = 'a'\ntitle = 'b'\n" + UNIFORM, "title"),
+    "missing_file": ('[stimulus]\nkind = "resistance"\nfile = "no.csv"\n', "no.csv"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_SCENES)
+def test_a_wrong_scene_ends_in_one_line_and_exit_2(tmp_path: Path, kind: str) -> None:
+    text, named = BAD_SCENES[kind]
+    out = tmp_path / "out"
+    done = dermis("run", scene_with(tmp_path, text), "--out", str(out), "--engine", "cosim")
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "scene.toml" in done.stderr
+    assert named in done.stderr
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nonsense"],
+        ["run"],
+        ["run", "no_such_scene"],
+        ["run", "single_touch", "--engine", "magic"],
+        ["run", "single_touch", "--out", "/dev/null"],
+        ["run", "single_touch", "--waves"],
+        ["sim", "--frames", "no_such_file.csv"],
+        ["sim", "--only", "no_such_case"],
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_command_ends_in_one_line_and_exit_2(arguments: list[str]) -> None:
+    done = dermis(*arguments)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+BAD_FRAMES = {
+    "short_line": "1,2,3\n",
+    "word": ",".join(["x"] * 256) + "\n",
+    "nan": ",".join(["nan"] * 256) + "\n",
+    "negative": ",".join(["-1"] * 256) + "\n",
+    "above_255": ",".join(["256"] * 256) + "\n",
+    "empty": "",
+    "deck_text": ".control\nshell touch gotcha\n.endc\n",
+}
+
+
+@pytest.mark.parametrize("kind", BAD_FRAMES)
+def test_a_wrong_frame_file_ends_in_one_line_and_exit_2(tmp_path: Path, kind: str) -> None:
+    file = tmp_path / "frames.csv"
+    file.write_text(BAD_FRAMES[kind])
+    done = dermis("sim", "--frames", str(file), "--only", "frame_file")
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "frames.csv" in done.stderr
+
+
+def test_a_missing_simulator_is_named(tmp_path: Path) -> None:
+    """A PATH with Python alone: Icarus must be asked for, not crashed on."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "cc").symlink_to(shutil.which("cc") or "/usr/bin/cc")
+    environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{Path(sys.executable).parent}"}
+    done = dermis("run", "single_touch", "--engine", "cosim", "--out", str(tmp_path / "out"), env=environment)
+    assert done.returncode == 2
+    assert "iverilog" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
+    file = tmp_path / "x\n.control\nshell touch gotcha\n.endc.npy"
+    np.save(file, np.full((2, 2), 1e3))
+    name = file.name.replace("\n", "\\n")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        f'title = "a\\n.control\\nshell touch gotcha\\n.endc"\n[array]\nrows = 2\ncols = 2\n'
+        f'[stimulus]\nkind = "resistance"\nfile = "{name}"\n'
+    )
+    made = plan.load(scene, "cosim")
+    deck = frame_deck(made, 0, [0.0] * 5).lines
+    assert not [line for line in deck if "\n" in line or "gotcha" in line or ".control" in line]
+
+
+def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> None:
+    bare = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
+    levels = [0.0] * 33
+    deck = "\n".join(frame_deck(bare, 0, levels).lines)
+    assert "rlat" not in deck
+    for name in (" conv_", " mir_", " comp_v", " comp_t", " int_", "packet_error", "ioffset", "rcolumn"):
+        assert name not in deck
+    full = plan.load(scene_with(tmp_path, UNIFORM + EFFECTS_ON), "cosim")
+    assert "rlat_r3c4" in "\n".join(frame_deck(full, 0, levels).lines)
+
+
+def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:
+    """A real gait frame where the data is there, a made one elsewhere; Verilog and ngspice read it."""
+    real = DATA / "fscan_gait_16x16.csv"
+    if real.exists():
+        lines = real.read_text().splitlines()
+    else:
+        rng = np.random.default_rng(1)
+        lines = [",".join(map(str, rng.integers(0, 256, 256))) for _ in range(3)]
+    strongest = max(range(len(lines)), key=lambda i: sum(map(float, lines[i].split(","))))
+    file = tmp_path / "sheet.csv"
+    file.write_text(lines[strongest] + "\n")
+    done = dermis("sim", "--frames", str(file), "--only", "frame_file")
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = {row["name"]: row for row in json.loads((ROOT / "build" / "sim.json").read_text())}
+    assert rows["frame.readback_error_lsb.frame_file"]["status"] == "PASS"
+    codes = np.load(ROOT / "build" / "sim" / "frame_file" / "codes.npy")
+    assert np.array_equal(codes.ravel(), np.array(lines[strongest].split(","), float).astype(int))

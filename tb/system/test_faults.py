@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happens when a simulator dies, hangs or is interrupted: the right exit code, a place and a log, no orphans."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from system_bench import MakePlan, dermis, processes_with
+
+from dermis.design import ROOT
+from dermis.engines import cosim
+from dermis.errors import SimulatorError
+
+
+def gone(text: str, within_s: float = 5.0) -> bool:
+    """Whether no process with a text is left before the time is over."""
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        if not processes_with(text):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_an_abort_of_ngspice_names_time_node_and_log(resistance_plan: MakePlan, tmp_path: Path) -> None:
+    made = resistance_plan(np.full((2, 4), 1000.0))
+    broken = replace(made, converter=replace(made.converter, i_offset_a=np.full(4, -1e300)))
+    with pytest.raises(SimulatorError, match=r"row \d.* at [\d.e-]+ s.*Timestep too small.*node") as caught:
+        cosim.run(broken, work=tmp_path / "work")
+    assert caught.value.exit_code == 3
+    assert "Timestep too small" in Path(caught.value.log).read_text()
+    assert gone(str(tmp_path / "work"))
+
+
+def test_a_dead_hdl_simulator_ends_the_run(resistance_plan: MakePlan, tmp_path: Path) -> None:
+    made = resistance_plan(np.full((16, 4), 1000.0))
+    work = tmp_path / "work"
+
+    def kill_vvp(slots: int) -> None:
+        for pid in processes_with(str(work)):
+            if Path(f"/proc/{pid}/comm").read_text().strip() == "vvp":
+                os.kill(pid, signal.SIGSEGV)
+
+    with pytest.raises(SimulatorError, match="without a result in frame 0, row") as caught:
+        cosim.run(made, kill_vvp, work=work)
+    assert Path(caught.value.log).is_dir()
+    assert gone(str(work))
+
+
+def test_a_simulator_that_stops_answering_is_ended(
+    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step of 1e-25 s never gets anywhere in double precision."""
+    monkeypatch.setattr(cosim, "START_LIMIT_S", 6.0)
+    made = resistance_plan(np.full((1, 1), 1000.0))
+    with pytest.raises(SimulatorError, match="stopped answering"):
+        cosim.run(made, solver=cosim.Solver(t_max_step_s=1e-25), work=tmp_path / "work")
+    assert gone(str(tmp_path / "work"))
+
+
+def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[str]:
+    """Start a cosim run of many frames and wait until its children read the array."""
+    child = subprocess.Popen(
+        [sys.executable, "-m", "dermis", "run", scene, "--engine", "cosim", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    end = time.monotonic() + 60
+    while time.monotonic() < end and not job_of(child.pid):
+        time.sleep(0.1)
+    time.sleep(1.0)
+    return child
+
+
+def job_of(parent: int) -> str | None:
+    """Job directory of a run's first child."""
+    for pid in processes_with("dermis.engines.cosim_hdl"):
+        try:
+            if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
+                return Path(f"/proc/{pid}/cmdline").read_text().split("\0")[-2]
+        except (OSError, ValueError):
+            continue
+    return None
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_leaves_no_process_and_keeps_earlier_results(
+    tmp_path: Path, how: signal.Signals
+) -> None:
+    out = tmp_path / "out"
+    first = dermis("run", "single_touch", "--out", str(out))
+    assert first.returncode == 0, first.stderr
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    child = start_run(out)
+    job = job_of(child.pid)
+    assert job is not None, "the run has no child to interrupt"
+    child.send_signal(how)
+    _, said = child.communicate(timeout=20)
+    if how == signal.SIGINT:
+        assert child.returncode == 130
+        assert said.splitlines()[-1] == "interrupted"
+    assert gone(str(Path(job).parent))
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
