@@ -99,10 +99,9 @@ def test_a_right_angle_turns_rows_into_columns_exactly(shape: str, write_scene: 
 
 
 def test_an_angle_turns_the_width_towards_rising_rows(write_scene: Write) -> None:
-    force = forces(write_scene, indenter("flat", "width = 14\nlength = 1.2\nangle_deg = 45\n"))[0]
-    assert force[3, 3] > 0
-    assert force[12, 12] > 0
-    assert force[3, 12] == force[12, 3] == 0
+    force = forces(write_scene, indenter("flat", "width = 8\nlength = 1.2\nangle_deg = 45\n"))[0]
+    # 8 pitches across the diagonal reach 2.8 rows and columns to either side of (7.5, 7.5)
+    assert np.argwhere(force).tolist() == [[i, i] for i in range(5, 11)]
 
 
 def test_a_list_of_forces_makes_one_frame_each(write_scene: Write) -> None:
