@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from dermis import cli, design, plan, sweep, verdict, vfc
-from dermis.design import TOPOLOGIES
+from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import closed
 from dermis.errors import SimulatorError
 from dermis.sweep import Curve, Reading
@@ -378,3 +378,12 @@ def test_a_bad_option_ends_with_2_and_one_line_that_names_it(
     lines = said.err.strip().splitlines()
     assert len(lines) == 1
     assert option.lstrip("-") in lines[0]
+
+
+def test_the_document_names_every_column_and_row(swept: Swept) -> None:
+    text = (ROOT / "docs" / "sweep.md").read_text()
+    names = {
+        *sweep.COLUMNS,
+        *(row["name"].rsplit(".", 1)[0] for row in swept.rows if row["name"].count(".") > 1),
+    }
+    assert [name for name in sorted(names) if f"`{name}`" not in text] == []
