@@ -7,7 +7,6 @@ element behind. Every number is formatted from a float and every name is made he
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,12 +21,28 @@ from dermis.vfc import Converter
 
 SPICE = ROOT / "spice"
 
-HONOURS = frozenset(f.name for kind in (Network, Converter) for f in dataclasses.fields(kind))
-"""Record fields a deck can express: all there are."""
-
-# With truncation error watched, a preset that closes within 5e-18 s (1 uohm and 5 pF) ends in "Timestep too small";
-# 5 ps did too. 50 ps leaves 1e-4 of a packet at full current and 4000 time constants in a clock.
-_T_PRESET_S = 50e-12
+HONOURS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "g_lateral_row_s",
+        "g_lateral_column_s",  # both ends on one column line: no element, no current
+        "gain",
+        "i_offset_a",
+        "inv_gain_dc",
+        "g_in_s",
+        "v_int_max_v",
+        "v_int_min_v",
+        "packet_error",
+        "preset_error_v",
+        "v_comp_offset_v",
+        "v_hysteresis_v",
+        "t_comp_delay_s",
+    }
+)
+"""Record fields a deck can express; a field not named here is refused, never ignored."""
 
 # A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a
 # capacitor follows those exactly at any step: there is no truncation error to watch (trtol), and the tolerances are
@@ -64,9 +79,9 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
         "comp_v_offset_v": (converter.v_comp_offset_v, 0.0),
         "comp_v_hysteresis_v": (converter.v_hysteresis_v, 0.0),
         "comp_t_delay_s": (converter.t_comp_delay_s, 0.0),
+        "int_v_out_max_v": (converter.v_int_max_v, np.inf),
+        "int_v_out_min_v": (converter.v_int_min_v, -np.inf),
     }
-    if has_pole(converter):
-        values["int_r_preset_ohm"] = _T_PRESET_S / values["c_int_f"]
     if direct:
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
     else:
@@ -162,5 +177,6 @@ def integrator_node(column: int) -> str:
 
 
 def has_pole(converter: Converter) -> bool:
-    """Whether anything in the deck has a time constant besides the integrators themselves."""
-    return bool(np.any(converter.t_comp_delay_s) or np.any(converter.v_hysteresis_v))
+    """Whether anything in the deck has a time constant besides the integrators: comparator, range clamp."""
+    clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
+    return bool(np.any(converter.t_comp_delay_s) or np.any(converter.v_hysteresis_v) or np.any(clamped))

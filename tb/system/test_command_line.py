@@ -9,6 +9,7 @@ import os
 import shutil
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from system_bench import dermis
 
 from dermis import plan
 from dermis.design import ROOT
-from dermis.netlist import frame_deck
+from dermis.netlist import HONOURS, frame_deck
 
 DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
 EFFECTS_ON = "[effects]\nlateral = { r_ohm = 1e3 }\nrow_driver = { r_ohm = 1.0 }\n"
@@ -150,6 +151,17 @@ def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> No
         assert name not in deck
     full = plan.load(scene_with(tmp_path, UNIFORM + EFFECTS_ON), "cosim")
     assert "rlat_r3c4" in "\n".join(frame_deck(full, 0, levels).lines)
+
+
+@pytest.mark.parametrize("name", sorted(HONOURS - {"g_lateral_column_s"}))
+def test_every_field_a_deck_honours_changes_the_deck(tmp_path: Path, name: str) -> None:
+    made = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
+    bare = frame_deck(made, 0, [0.0] * 33).lines
+    if hasattr(made.converter, name):
+        changed = replace(made, converter=replace(made.converter, **{name: 1e-3}))
+    else:
+        changed = replace(made, surrounding={name: 1e-3})
+    assert frame_deck(changed, 0, [0.0] * 33).lines != bare
 
 
 def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from system_bench import MakePlan
 from dermis import regression
 from dermis.analog import ExactHalf
 from dermis.design import TOPOLOGIES
-from dermis.engines import Result, closed, cosim
+from dermis.engines import Result, closed, cosim, event
 from dermis.netlist import integrator_node
 from dermis.waves import trace
 
@@ -71,6 +71,24 @@ def test_array_effects_agree_with_the_network_solve(resistance_plan: MakePlan, t
     ideal = closed.run(replace(made, surrounding={})).codes.astype(int)
     assert np.abs(got - closed.run(made).codes).max() <= 1
     assert np.abs(got - ideal).max() > 5, "the effects must be large enough to be seen"
+
+
+@pytest.mark.parametrize("topology", ["conveyor_mirror", "conveyor_mirror_inverted"])
+def test_converter_effects_together_agree_with_the_event_engine(
+    resistance_plan: MakePlan, topology: str
+) -> None:
+    effects = (
+        "mirror_ratio = { ratio_error = 0.01 }\noffset_current = { i_a = 1e-8 }\n"
+        "integrator_gain = { gain_dc = 500, r_in_ohm = 1e9 }\nintegrator_range = true\n"
+        "comparator_offset = { v_v = 2e-2 }\ncomparator_hysteresis = { v_v = 1e-2 }\n"
+        "comparator_delay = { t_s = 2e-8 }\ncharge_packet = { packet_error = 0.02 }\n"
+        "preset_error = { v_v = 2e-2 }\n"
+    )
+    made = resistance_plan(510 * 60 ** np.random.default_rng(2).random((2, 6)), topology, effects)
+    got = cosim.run(made).codes.astype(int)
+    assert np.abs(got - event.run(made).codes).max() <= 1
+    bare = replace(made, converter=replace(made.converter, gain=1.0, packet_error=0.0, i_offset_a=0.0))
+    assert np.abs(got - event.run(bare).codes).max() > 1, "the effects must be large enough to be seen"
 
 
 def test_integrators_follow_the_exact_half_to_a_microvolt(resistance_plan: MakePlan) -> None:
