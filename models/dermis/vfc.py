@@ -134,8 +134,8 @@ def bits_exact(
 def count_rational(x: Fraction, clocks: int, w0: Fraction = Fraction(-1, 2)) -> int:
     """Count by the closed formula in exact rationals: floor(w0 + N x) + 1, every second clock above x = 1/2.
 
-    Valid for -1 <= w0 < 0 and packets of 1, as FACTS 1.2 has it (there the state already includes the first
-    x).
+    Valid for -1 <= w0 < 0 and packets of 1. Over N clocks the count differs from N x by less than 1, and two
+    windows of equal length differ by at most 1.
     """
     if not -1 <= w0 < 0:
         raise ValueError(f"w0 = {w0} is outside [-1, 0)")
@@ -168,7 +168,7 @@ def count(
 
     Notes
     -----
-    For packets of 1 this is floor(w0 + N x) + 1 (FACTS 1.2) and every second clock once x > 1/2. N x is
+    For packets of 1 this is floor(w0 + N x) + 1 and every second clock once x > 1/2. N x is
     rounded once, so the float version may differ from `count_exact` only where N x + (w0 - threshold) lies
     within ulp(N x) / 2 of an integer, i.e. the force within 1.2e-16 relative of a decision threshold. With w0
     = -1/2, x = c / N is half a count away from any. Up to x = packet/2 the rounded sum is compared without a
@@ -203,7 +203,7 @@ def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLik
 def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
     """Count of the paper's eq. (3): every cycle restarts at the threshold and lasts ceil(1/x) whole clocks.
 
-    A different machine from charge balance, kept to show both (FACTS 1.1). Over N clocks it gives
+    A different machine from charge balance, kept to show both. Over N clocks it gives
     ceil(N / ceil(1/x)) pulses with the first at clock 0; x = 0 gives 0 and no cycle is shorter than two
     clocks.
 
