@@ -315,8 +315,8 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
 {
     static bool initialised;
     static int ident;
-    if (ls.state == READY || ls.state == RUNNING)
-        return fail("a circuit is open already");
+    if (ls.state == READY || ls.state == RUNNING || ls.state == FAILED)
+        return fail("this process has had a circuit that did not come to its end");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)
@@ -428,4 +428,14 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         samples[p] = ls.probe[p];
     }
     return 0;
+}
+
+/* Let a transient that has come to its end return; one given up before leaves ngspice in no state to take another. */
+void lockstep_close(void)
+{
+    if (ls.state == RUNNING && ls.t_now >= ls.t_stop - 1e-10 * ls.t_max_step) {
+        ls.t_target = HUGE_VAL;
+        swapcontext(&ls.caller, &ls.runner);
+    } else if (ls.state == RUNNING)
+        fail("the transient was given up");
 }

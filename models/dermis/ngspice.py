@@ -202,4 +202,5 @@ class NgspiceHalf:
         return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
-        """Nothing to release: the next circuit of this process replaces this one."""
+        """Make way for the next circuit of this process; possible once the transient has reached its end."""
+        _lib.lockstep_close()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -48,6 +49,12 @@ CASES = (
     Case("cylindrical_indenter", SCENES / "cylindrical_indenter.toml", simulator="verilator"),
     Case("uniform_staircase", SCENES / "uniform_staircase.toml"),
 )
+
+FIGURES = {
+    "cylindrical_frame.png": "cylindrical_indenter/frame.png",
+    "triangular_transient.png": "triangular_indenter/transient.png",
+}
+"""Figures of the README, and the results they are copies of."""
 
 
 def on_code(made: Plan) -> NDArray[np.bool_]:
@@ -221,7 +228,8 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
 )
 @click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="What the file holds.")
 @click.option("--only", multiple=True, help="Only this case (may be repeated).")
-def sim_command(frames: Path | None, select: str, unit: str, only: tuple[str, ...]) -> int:
+@click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
+def sim_command(frames: Path | None, select: str, unit: str, only: tuple[str, ...], docs: bool) -> int:
     """Run the full-array regression: real Verilog, ngspice, every code judged.
 
     Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
@@ -240,5 +248,8 @@ def sim_command(frames: Path | None, select: str, unit: str, only: tuple[str, ..
     verdict.print_rows(
         rows, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
     )
+    if docs and not failed:
+        for name, source in FIGURES.items():
+            shutil.copyfile(OUT / source, ROOT / "docs" / "figures" / name)
     click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
     return SimulatorError.exit_code if failed else verdict.exit_code(rows)

@@ -47,6 +47,16 @@ def test_all_256_codes_read_back_exactly_through_ngspice(resistance_plan: MakePl
     assert np.array_equal(cosim.run(made).codes[0], codes)
 
 
+def test_frames_of_one_process_follow_each_other(
+    resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three frames through one ngspice, the middle one shorted: none may remember the one before."""
+    monkeypatch.setattr(cosim.os, "cpu_count", lambda: 1)
+    codes = np.array([np.full((2, 3), c) for c in (40, 255, 41)])
+    made = resistance_plan(np.where(codes == 255, 0.0, of_codes(codes)))
+    assert np.array_equal(cosim.run(made).codes, codes)
+
+
 def test_shorts_opens_and_overload_leave_no_ghost_in_the_next_row(resistance_plan: MakePlan) -> None:
     """A row at 312 ohm or at 0 runs the integrators away; the preset must make the next row forget it."""
     ohm = np.full((6, 8), of_codes([2])[0])

@@ -86,6 +86,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 statistics[name] += value
             if job.record:
                 waveforms.append(self.waveform())
+            super().close()
 
     def make_half(frame: int, levels: list[float]) -> Any:
         index = job.frames[frame]
