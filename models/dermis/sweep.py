@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
@@ -38,6 +39,8 @@ Ints = NDArray[np.int64]
 OUT = ROOT / "build" / "sweep"
 BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
 BENCH_LIMIT_S = 120
+
+FILES = ("sweep.csv", "sweep_frequency.png", "sweep_code.png")
 
 POINTS_MAX = 4096
 ROWS = 16
@@ -708,6 +711,8 @@ def run(
             pool.shutdown(wait=False, cancel_futures=True)
             cosim.end_all()
             raise
+    with contextlib.suppress(OSError):  # not empty: a run that failed
+        (out / "work").rmdir()
     curves: list[Curve] = []
     rows: list[Row] = []
     for topology in topologies:
@@ -757,11 +762,16 @@ def sweep_command(
     output.prepare(out)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
     curves, rows, failed = run(chosen, points, out, physical=physical)
-    if curves:
-        write_atomic(out / "sweep.csv", table(curves))
-        if plot:
-            frequency_figure(curves, out / "sweep_frequency.png")
-            code_figure(curves, out / "sweep_code.png")
+    files = {"sweep.csv": lambda path: write_atomic(path, table(curves))}
+    if plot:
+        files |= {"sweep_frequency.png": lambda path: frequency_figure(curves, path)}
+        files |= {"sweep_code.png": lambda path: code_figure(curves, path)}
+    for name in FILES:
+        # Nothing of an earlier sweep stays beside the new one.
+        if curves and name in files:
+            files[name](out / name)
+        else:
+            (out / name).unlink(missing_ok=True)
     verdict.write_rows("sweep", rows)
     verdict.print_rows(
         rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"

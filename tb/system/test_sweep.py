@@ -317,9 +317,17 @@ def test_the_command_writes_csv_figures_and_every_row(
     assert all(set(row) == {"name", "value", "unit", "min", "max", "status", "note"} for row in rows)
 
 
-def test_no_plot_draws_nothing(swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_of_an_earlier_sweep_stays(
+    swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "out").mkdir()
+    for name in sweep.FILES:
+        (tmp_path / "out" / name).write_text("old")
     invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False), "--no-plot")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["sweep.csv"]
+    assert (tmp_path / "out" / "sweep.csv").read_text() == sweep.table(swept.curves)
+    invoke(monkeypatch, tmp_path, ([], swept.rows, True))
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_missed_limit_ends_with_1_and_a_failed_simulator_with_3(
