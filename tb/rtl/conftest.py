@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from dermis.hdl import SIMULATORS
+
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), *(str(d) for d in sorted(HERE.iterdir()) if d.is_dir() and d.name[0] not in "._")]
-
-from rtl_run import SIMULATORS  # noqa: E402  (needs the path above)
 
 
 @pytest.fixture(params=SIMULATORS)
