@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dermis import calculator, verdict
+from dermis import calculator, effects, scene, verdict
 from dermis import design as design_module
 from dermis.design import ROOT, Design, exact
 from dermis.errors import InputError
@@ -262,6 +262,10 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
         "limits": limits_table,
         "range": range_table,
         "examples": examples_table,
+    },
+    "docs/scenes.md": {
+        "effects": lambda _design, _root: effects.effects_table(),
+        "keys": lambda _design, _root: scene.schema_table(),
     },
 }
 
