@@ -22,8 +22,8 @@
 #include <ngspice/sharedspice.h>
 
 #define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
-#define NAME_SLOTS 1024         /* power of two, more than twice the sources a deck may have */
-#define MAX_SOURCES 400
+#define NAME_SLOTS 4096         /* power of two, more than twice the sources a deck may have */
+#define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 #define TEXT_BYTES 4096
 
@@ -139,6 +139,10 @@ static int on_source(double *value, double t, char *name, int id, void *user)
 {
     (void)id, (void)user;
     int i = source_index(name);
+    if (i < 0) { /* nobody would ever drive it */
+        snprintf(ls.trouble, TEXT_BYTES, "the deck has an external source %.60s that was not announced", name);
+        ls.state = FAILED;
+    }
     *value = i < 0 ? 0.0 : level(&ls.source[i], t);
     ls.loads++;
     return 0;
@@ -330,7 +334,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     for (int i = 0; i < n_source; i++) {
         snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
         ls.source[i].from = ls.source[i].to = levels[i];
-        ls.source[i].t = -1.0;
+        ls.source[i].t = -HUGE_VAL;
         ls.source[i].abrupt = abrupt[i] != 0;
     }
     ls.n_probe = n_probe;
@@ -395,6 +399,10 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         double t = edge_time[i];
         if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
             return fail("an edge lies outside the interval");
+        if (t < s->t + ls.t_edge - ulps(t))
+            return fail("an edge begins before the last one of its source has ended");
+        if (ls.n_corner + 2 > MAX_CORNERS)
+            return fail("too many edges in one interval");
         s->from = level(s, t);
         s->to = edge_level[i];
         s->t = t;

@@ -89,12 +89,12 @@ def run(
     analog : "ngspice", or "exact" for the ideal converters without a circuit simulator
     solver : step control
     record : keep waveforms (info["trace"], info["waves"])
-    work : directory for decks and logs, emptied first; default a new one in build/cosim
+    work : directory for decks and logs, emptied first; default one in build/cosim that stays only after a failure
 
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info has the work directory, seconds, ngspice's step counts.
+        codes uint8 [frames, rows, cols]; info has seconds, ngspice's step counts and, if recorded, the records.
 
     Raises
     ------
@@ -111,6 +111,7 @@ def run(
         "SYNC_LATCH": int(sync_latch),
     }
     build = hdl.build(simulator, "dermis_top", parameters)
+    scratch = work is None
     if work is None:
         base = ROOT / "build" / "cosim"
         base.mkdir(parents=True, exist_ok=True)
@@ -140,9 +141,10 @@ def run(
         except BaseException:
             children.end()
             raise
+    if scratch:
+        shutil.rmtree(work, ignore_errors=True)
     codes = np.concatenate([part["codes"] for part in parts])
     info: dict[str, Any] = {
-        "work": str(work),
         "seconds": time.perf_counter() - start,
         "simulator": simulator,
         "steps": {
