@@ -28,7 +28,7 @@ help: ## print this list
 sim: setup ## the full-array regression, a verdict table [FRAMES=file.csv|npy]
 	@$(dermis) sim $(if $(FRAMES),--frames '$(FRAMES)') $(ARGS)
 
-run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT=dir]
+run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|cosim] [OUT=dir]
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
 

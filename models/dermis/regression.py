@@ -115,7 +115,9 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     return rows
 
 
-def frame_file_case(path: Path, select: str, unit: str, rows: int | None = None) -> Case:
+def frame_file_case(
+    path: Path, select: str, unit: str, key: str | None = None, rows: int = 16, cols: int = 16
+) -> Case:
     """Write the scene that reads a user's frame file, and return its case.
 
     Parameters
@@ -123,17 +125,27 @@ def frame_file_case(path: Path, select: str, unit: str, rows: int | None = None)
     path : csv, npy or npz file, see docs/scenes.md
     select : "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20"
     unit : "codes" or "newtons"
+    key : which array of an npz file
+    rows, cols : taxels of a frame
+
+    Raises
+    ------
+    InputError
+        The file, its values or an option is wrong.
     """
-    if not path.is_file():
-        raise InputError("command line", "--frames", str(path), "a csv, npy or npz file that can be read")
+    if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
+        raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
     directory = OUT / "frame_file"
     directory.mkdir(parents=True, exist_ok=True)
     scene = directory / "scene.toml"
 
     def write(chosen: Any) -> None:
         stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
+        if key is not None:
+            stimulus["key"] = key
+        array = {"rows": rows, "cols": cols}
         title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
-        scene.write_text(tomli_w.dumps({"title": title, "stimulus": stimulus}))
+        scene.write_text(tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
 
     if select == "spread":
         write("all")
@@ -227,29 +239,41 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
     "--select", default="spread", help="Frames of the file: spread (4), all, first, last, or 0,10,20."
 )
 @click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="What the file holds.")
+@click.option("--key", help="Which array of an npz file.")
+@click.option("--rows", type=click.IntRange(1, 256), default=16, help="Rows of a frame of the file.")
+@click.option("--cols", type=click.IntRange(1, 256), default=16, help="Columns of a frame of the file.")
 @click.option("--only", multiple=True, help="Only this case (may be repeated).")
 @click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
-def sim_command(frames: Path | None, select: str, unit: str, only: tuple[str, ...], docs: bool) -> int:
+def sim_command(
+    frames: Path | None,
+    select: str,
+    unit: str,
+    key: str | None,
+    rows: int,
+    cols: int,
+    only: tuple[str, ...],
+    docs: bool,
+) -> int:
     """Run the full-array regression: real Verilog, ngspice, every code judged.
 
     Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
     """
     cases = list(CASES)
     if frames is not None:
-        cases.append(frame_file_case(frames, select, unit))
+        cases.append(frame_file_case(frames, select, unit, key, rows, cols))
     if only:
         known = [case.name for case in cases]
         for name in only:
             if name not in known:
                 raise InputError("command line", "--only", name, f"one of {', '.join(known)}")
         cases = [case for case in cases if case.name in only]
-    rows, failed = run(cases)
-    verdict.write_rows("sim", rows)
+    verdicts, failed = run(cases)
+    verdict.write_rows("sim", verdicts)
     verdict.print_rows(
-        rows, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
+        verdicts, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
     )
     if docs and not failed:
         for name, source in FIGURES.items():
             shutil.copyfile(OUT / source, ROOT / "docs" / "figures" / name)
     click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
-    return SimulatorError.exit_code if failed else verdict.exit_code(rows)
+    return SimulatorError.exit_code if failed else verdict.exit_code(verdicts)

@@ -86,6 +86,7 @@ def test_a_wrong_scene_ends_in_one_line_and_exit_2(tmp_path: Path, kind: str) ->
         ["run", "single_touch", "--out", "/dev/null"],
         ["run", "single_touch", "--waves"],
         ["sim", "--frames", "no_such_file.csv"],
+        ["sim", "--frames", "README.md"],
         ["sim", "--only", "no_such_case"],
     ],
     ids=" ".join,
