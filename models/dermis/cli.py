@@ -77,7 +77,7 @@ def scene_path(name: str) -> Path:
 @click.option("--waves", is_flag=True, help="For cosim: also write waves.vcd and waves.gtkw.")
 def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves: bool) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import engines, output, plan, progress, regression, verdict
+    from dermis import engines, output, plan, progress, regression, report, verdict
 
     path = scene_path(scene)
     made = plan.load(path, engine)
@@ -90,12 +90,13 @@ def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves:
     elif waves:
         raise InputError("command line", "--waves", made.engine, "engine cosim, the only one with waveforms")
     start = time.perf_counter()
-    with progress.slots(path.stem, made.frames * made.rows) as report:
-        result = engines.run(made, report, **options)
+    with progress.slots(path.stem, made.frames * made.rows) as on_slots:
+        result = engines.run(made, on_slots, **options)
     result.info["seconds"] = time.perf_counter() - start
     rows = regression.compare(made, result, path.stem)
     full = int((result.codes >= made.timing.code_max).sum())
     rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
+    report.frame_figure(made, result.codes, regression.fit_residual(made, result.codes), out / "frame.png")
     if waves:
         from dermis import waves as wave_files
 
@@ -103,7 +104,7 @@ def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves:
     output.write(out, made, result, rows)
     verdict.write_rows("run", rows)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
-    click.echo(f"codes, summary and the resolved scene are in {out}")
+    click.echo(f"codes, figure, summary and the resolved scene are in {out}")
     return verdict.exit_code(rows)
 
 

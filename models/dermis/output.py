@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.decode import decode
 from dermis.engines import Result
 from dermis.errors import InputError
 from dermis.plan import Plan
@@ -80,6 +81,7 @@ def _tool_version(command: Sequence[str]) -> str:
 
 def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     """What a script wants to know of a run besides its codes."""
+    decoded = decode(plan, result.codes)
     scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
     return {
         "title": plan.scene.table.title,
@@ -92,7 +94,11 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "frame_time_s": plan.timing.frame_s,
         "effects": [{"name": e.name, "on": e.on, "reason": e.reason} for e in plan.effects],
         "seed": plan.seed,
-        "saturated": int((result.codes >= plan.timing.code_max).sum()),
+        "decoded": {
+            "total_force_n": decoded.force_n.sum(axis=(1, 2)).tolist(),
+            "taxels_at_zero": int(decoded.zero.sum()),
+            "taxels_at_full_scale": int(decoded.saturated.sum()),
+        },
         "info": scalars,
         "verdicts": list(rows),
         "versions": versions(),

@@ -62,12 +62,13 @@ def frame_figure(
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     code_max = made.timing.code_max
+    full_n = 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max())
     if made.force_n is None:
         values, label = made.resistance_ohm[frame], "resistance / ohm"
+        values = np.where(np.isfinite(values), values, np.nan)
     else:
-        values, label = made.force_n[frame], "force / N"
-    finite = np.where(np.isfinite(values), values, np.nan)
-    _map(figure, grid[0, 0], finite, label, f"What presses{which}")
+        values, label = np.minimum(made.force_n[frame], full_n), "force / N"
+    _map(figure, grid[0, 0], values, label, f"What presses{which}")
     _map(figure, grid[0, 1], codes[frame], "code", f"What the chip reports{which}", vmin=0, vmax=code_max)
     curve, rest = grid[1]
     if made.force_n is None:
@@ -76,7 +77,7 @@ def frame_figure(
         save(figure, path)
         return
     force = made.force_n.ravel()
-    shown = np.isfinite(force)
+    shown = force <= full_n  # a short is as good as an infinite force
     curve.plot(force[shown], codes.ravel()[shown], ".", color=BLUE, ms=4, label=f"{int(shown.sum())} codes")
     if fit is not None:
         line = np.array([0.0, (code_max - fit[1]) / fit[0]])
@@ -98,7 +99,8 @@ def frame_figure(
         rest.plot(made.force_n[below], fit[2], ".", color=BLUE, ms=4)
         for limit in (-0.5, 0.5):
             rest.axhline(limit, color=GREY, lw=0.8, ls="--")
-        rest.set_ylim(-1.1, 1.1)
+        most = 1.1 * max(1.0, float(np.abs(fit[2]).max()))
+        rest.set_ylim(-most, most)
     else:
         rest.text(0.5, 0.5, "fewer than three forces", ha="center", transform=rest.transAxes)
     save(figure, path)

@@ -41,6 +41,9 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
         tomllib.loads((ROOT / "models/scenes/single_touch.toml").read_text())["effects"]
     )
     assert all(e["reason"] for e in summary["effects"])
+    total = codes.astype(float).sum() * 15.0 / 255
+    assert abs(summary["decoded"]["total_force_n"][0] - total) < 1e-9 * total
+    assert (out / "frame.png").stat().st_size > 10_000
     assert dermis("run", str(out / "resolved.toml"), "--out", str(again)).returncode == 0
     assert np.array_equal(np.load(again / "codes.npy"), codes)
 
