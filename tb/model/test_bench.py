@@ -171,6 +171,8 @@ def test_docs_table_goes_between_its_marks_and_nowhere_else(tmp_path: Path) -> N
     assert "old" not in text
     assert "Machine: some machine." in text
     assert "| `cosim.edge_error_v.step_1u` | 2e-06 | V | ≤ 1e-06 | FAIL | a \\| b |" in text
+    skipped = [verdict.skip(f"peer.spicebind.{rest}", "not installed") for rest in ("a", "b")]
+    assert bench.docs_table(skipped).count("\n| `peer.spicebind.*` |") == 1  # one line for one reason
     docs.write_text("no marks")
     with pytest.raises(InputError, match=bench.DOCS):
         bench.write_docs(rows, tmp_path)
