@@ -18,6 +18,7 @@ import shutil
 import signal
 import statistics
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -589,8 +590,9 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: 
     if docs and (quick or only):
         raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
     sections = chosen(only)
-    work = ROOT / "build" / "bench"
-    shutil.rmtree(work, ignore_errors=True)
+    base = ROOT / "build" / "bench"
+    base.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(dir=base))  # its own: two may run at once
     m = Measurements(work, repeat or (2 if quick else 5), quick)
     rows: list[Row] = []
     for section in sections:
@@ -600,7 +602,14 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: 
         click.echo(f"bench:   {time.perf_counter() - begin:.0f} s", err=True)
     verdict.write_rows("bench", rows)
     verdict.print_rows(rows, "Benchmark")
-    if docs:
+    broken = [row["name"] for row in rows if row["status"] == "ERROR"]
+    if broken:
+        click.echo(f"decks and logs of what broke are in {work}")
+    else:
+        shutil.rmtree(work, ignore_errors=True)
+    if docs and broken:
+        click.echo(f"not written: {DOCS}, for {broken[0]} was not measured")
+    elif docs:
         write_docs(rows)
         click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

@@ -41,9 +41,8 @@ JOB_VARIABLE = "DERMIS_BENCH_JOB"
 ROW, PRESET, CHARGE = range(3)
 """Sources of a deck with one row and one column."""
 
-# A circuit without a pole follows straight lines, so there is no truncation error to watch (trtol); the rest is
-# Newton's, far below a microvolt. The same line goes into the decks of others, who get no worse from it.
-OPTIONS = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9 chgtol=5e-18 trtol=1e12"
+# The same line goes into the decks of others, who get no worse from it.
+OPTIONS = netlist.options(pole=False)
 
 
 @dataclass(frozen=True)

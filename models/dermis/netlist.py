@@ -163,12 +163,17 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
-    lines.append(".options " + _assignments(_OPTIONS_POLE if has_pole(plan.converter) else _OPTIONS_EXACT))
+    lines.append(options(has_pole(plan.converter)))
     probes = [f"comp{c}" for c in range(cols)]
     if record:
         probes += [integrator_node(c) for c in range(cols)]
     abrupt = (True,) * (rows + 1) + (False,) * cols
     return Deck(tuple(lines), source_names(rows, cols), tuple(levels), abrupt, tuple(probes))
+
+
+def options(pole: bool) -> str:
+    """The `.options` line of a deck that has a time constant besides its integrators, or none."""
+    return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
 
 
 def integrator_node(column: int) -> str:
