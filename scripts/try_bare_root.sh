@@ -40,16 +40,16 @@ for file in /etc/pip.conf /etc/ssl/certs/ca-certificates.crt /usr/local/share/ca
     fi
 done
 
-rm -rf "$bare/root/dermis"
-git clone --quiet --no-hardlinks "$tree" "$bare/root/dermis"
+rm -rf "$bare/opt/dermis"
+git clone --quiet --no-hardlinks "$tree" "$bare/opt/dermis"
 
 inside() {
     env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
-        chroot "$bare" /bin/bash -c "cd /root/dermis && $1"
+        chroot "$bare" /bin/bash -c "cd /opt/dermis && $1"
 }
 # A clone and a Makefile take git and make; all else must come from the project itself.
 inside "command -v make git >/dev/null || { export DEBIAN_FRONTEND=noninteractive; apt-get -qq update &&
-    apt-get -qqy install --no-install-recommends make git; } >/root/bootstrap.log 2>&1"
+    apt-get -qqy install --no-install-recommends make git; } >/var/log/bootstrap.log 2>&1"
 for command in "$@"; do
     begin=$SECONDS status=0
     echo "== $command"
