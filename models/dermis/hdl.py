@@ -92,13 +92,14 @@ def build(
         ).encode()
     )
     target = ROOT / "build" / where / simulator / f"{toplevel}_{key.hexdigest()[:16]}"
-    target.mkdir(parents=True, exist_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
     log = target.with_suffix(".log")
     with target.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if (target / "built").exists():
             return target
-        shutil.rmtree(target)
+        # Only behind the lock: another process may be asking for the same build.
+        shutil.rmtree(target, ignore_errors=True)
         target.mkdir()
         arguments = ["-Wall", "-g2005"]
         runtime = target.parent / f"runtime_{hashlib.sha256(f'{tool} {optimise}'.encode()).hexdigest()[:16]}"
