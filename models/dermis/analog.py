@@ -79,7 +79,7 @@ class ExactHalf:
             elif source == self._rows:
                 if level < self._preset:
                     self.w[:] = self._w_preset
-                    # the preset lets go as its ramp ends; until then the integrator is held
+                    # the preset lets go at the first of its falling edge, as the switch in SPICE does
                     span = to - time
                 self._preset = level
             else:

@@ -46,7 +46,7 @@ static struct {
     struct { const char *key; int index; } slot[NAME_SLOTS];
 
     char probe_name[MAX_SOURCES][64];
-    int probe_vector[MAX_SOURCES], n_probe, n_vector;
+    int probe_vector[MAX_SOURCES], n_probe;
     double probe[MAX_SOURCES];
 
     double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
@@ -249,7 +249,6 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
 static int on_init_data(pvecinfoall all, int id, void *user)
 {
     (void)id, (void)user;
-    ls.n_vector = all->veccount;
     for (int p = 0; p < ls.n_probe; p++) {
         ls.probe_vector[p] = -1;
         for (int v = 0; v < all->veccount; v++)

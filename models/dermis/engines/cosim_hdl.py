@@ -81,7 +81,6 @@ def load(job_dir: Path) -> Job:
 async def _frames(dut: Any, job_dir: Path) -> None:
     job = load(job_dir)
     plan = job.plan
-    halves: list[Any] = []
     waveforms: list[tuple[Any, Any]] = []
     statistics = {"accepted": 0, "rejected": 0, "loads": 0}
 
@@ -111,7 +110,6 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 log=job_dir / "ngspice.log",
                 record=job.record,
             )
-        halves.append(half)
         return half
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
