@@ -38,6 +38,11 @@ class Network:
     and c+1 in each row, `g_lateral_column_s` between rows r and r+1 in each column. Without trace resistance
     both ends of the latter are the same column line, so they carry no current and no solve here sees them; a
     deck still writes them.
+
+    `i_leak_a[c]` flows into column c in front of r_column_ohm and adds to its current. Traces have a resistance
+    per taxel pitch: a row line runs driver, segment, taxel 0, segment, taxel 1 ...; a column line taxel 0,
+    segment, taxel 1 ... last taxel, segment, column node. Capacitances lie from every row line (behind its
+    driver) and every column node to ground and across every taxel; they carry no direct current.
     """
 
     g_taxel_s: Floats
@@ -48,13 +53,19 @@ class Network:
     v_column_offset_v: Floats = 0.0  # type: ignore[assignment]
     g_lateral_row_s: float = 0.0
     g_lateral_column_s: float = 0.0
+    r_trace_row_ohm: float = 0.0
+    r_trace_column_ohm: float = 0.0
+    i_leak_a: Floats = 0.0  # type: ignore[assignment]
+    c_row_f: float = 0.0
+    c_column_f: float = 0.0
+    c_taxel_f: float = 0.0
 
     def __post_init__(self) -> None:
         g = np.asarray(self.g_taxel_s, dtype=float)
         if g.ndim != 2 or 0 in g.shape or not (g >= 0).all():
             raise ValueError("g_taxel_s must be [rows, cols], 0 or above")
         object.__setattr__(self, "g_taxel_s", g)
-        for name in ("r_column_ohm", "v_column_offset_v"):
+        for name in ("r_column_ohm", "v_column_offset_v", "i_leak_a"):
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (g.shape[1],)).copy()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -64,6 +75,12 @@ class Network:
             raise ValueError("row resistances must be 0 or above, the driven one finite")
         if not 0 <= self.g_lateral_row_s < np.inf or not 0 <= self.g_lateral_column_s < np.inf:
             raise ValueError("lateral conductances must be finite and 0 or above")
+        if not 0 <= self.r_trace_row_ohm < np.inf or not 0 <= self.r_trace_column_ohm < np.inf:
+            raise ValueError("trace resistances must be finite and 0 or above")
+        if not (np.isfinite(self.v_column_offset_v).all() and np.isfinite(self.i_leak_a).all()):
+            raise ValueError("v_column_offset_v and i_leak_a must be finite")
+        if not all(0 <= c < np.inf for c in (self.c_row_f, self.c_column_f, self.c_taxel_f)):
+            raise ValueError("capacitances must be finite and 0 or above")
 
     @property
     def rows(self) -> int:
@@ -117,11 +134,14 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
         with np.errstate(over="ignore"):
             current = network.v_bias_v * g
     else:
+        if network.active_fields() & _TRACES:
+            raise NotImplementedError("trace resistance")
         current = _solve(network, np.minimum(g, _G_TAXEL_SHORT_S))
     return current[0] if g_frames_s is None else current
 
 
-_ACTS = frozenset({"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "v_column_offset_v"})
+_TRACES = frozenset({"r_trace_row_ohm", "r_trace_column_ohm"})
+_ACTS = _TRACES | {"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "v_column_offset_v", "i_leak_a"}
 
 
 def _conductance(resistance_ohm: ArrayLike) -> Floats:
@@ -146,12 +166,13 @@ def _solve(network: Network, g: Floats) -> Floats:
     leak = g_ground * share.sum(axis=1)
 
     # One right-hand side a row: a current into row r that would hold it at 1 V were all columns grounded; and
-    # one for the offsets. Columns that are held hard count their voltage from there, or the little they move
+    # one for offsets and leaks. Columns that are held hard count their voltage from there, or the little they move
     # would drown in it; the others count from ground, or what two of them share through shorts would.
     drive = g.transpose(0, 2, 1)
-    if offset.any():
+    held = bool(offset.any() or network.i_leak_a.any())
+    if held:
         origin = np.where(network.r_column_ohm == 0, offset, 0.0)
-        pull = g_column * (offset - origin) - leak * origin
+        pull = g_column * (offset - origin) - leak * origin + network.i_leak_a
         pull -= (link * (origin[:, np.newaxis] - origin[np.newaxis, :])).sum(axis=2)
         drive = np.concatenate([drive, pull[:, :, np.newaxis]], axis=2)
     if network.r_column_ohm.any():
@@ -171,7 +192,7 @@ def _solve(network: Network, g: Floats) -> Floats:
     into_row = delivered[:, :rows].sum(axis=2) + to_ground.sum(axis=1)
     scale = network.r_row_driven_ohm * into_row + at_row
     source = np.full_like(scale, network.v_bias_v)
-    if offset.any():
+    if held:
         lifted = (share * (u[:, rows:] + origin)).sum(axis=2)
         delivered[:, rows:] -= g_column * (offset - origin)
         source -= (1.0 - g_ground * network.r_row_driven_ohm) * lifted
