@@ -51,6 +51,11 @@ class Array(_Strict):
     rows: int = Field(ge=1, le=1024)
     cols: int = Field(ge=1, le=1024)
     r_lateral_ohm: Positive
+    r_trace_row_ohm: NonNegative
+    r_trace_column_ohm: NonNegative
+    c_row_f: NonNegative
+    c_column_f: NonNegative
+    c_taxel_f: NonNegative
     r_floor_ohm: Positive
 
 
@@ -60,6 +65,10 @@ class Sensor(_Strict):
     force_max_n: Positive
     r_min_ohm: Positive
     r_max_ohm: Positive
+    hysteresis: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    creep_per_decade: NonNegative
+    spread: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    tc_per_k: Signed
 
     @property
     def k_force_n_ohm(self) -> float:
@@ -88,6 +97,7 @@ class Converter(_Strict):
     c_int_f: Positive
     f_clk_hz: Positive
     t_edge_s: Positive
+    t_jitter_s: NonNegative
 
     @property
     def t_clk_s(self) -> float:
@@ -159,6 +169,13 @@ class Supply(_Strict):
     v_logic_v: Positive
 
 
+class Ripple(_Strict):
+    """What a supply leaves on the bias of the driven row."""
+
+    relative: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    frequency_hz: Positive
+
+
 class Integrator(_Strict):
     """Amplifier, capacitor switch and clamp of the integrator."""
 
@@ -183,6 +200,8 @@ class Comparator(_Strict):
     v_offset_v: Signed
     v_hysteresis_v: NonNegative
     t_delay_s: NonNegative
+    v_noise_v: NonNegative
+    t_aperture_s: NonNegative
 
 
 class Conveyor(_Strict):
@@ -207,6 +226,9 @@ class Mirror(_Strict):
     ratio_error: RelativeError
     r_out_ohm: Positive
     f_pole_hz: Positive
+    q_lag_c: Positive
+    r_switch_ohm: NonNegative
+    v_overdrive_v: Positive
 
     @property
     def t_pole_s(self) -> float:
@@ -219,18 +241,23 @@ class RowDriver(_Strict):
 
     r_on_ohm: NonNegative
     r_ground_ohm: NonNegative
+    i_leak_a: Signed
 
 
 class Charge(_Strict):
     """The charge source."""
 
     packet_error: RelativeError
+    tc_per_k: Signed
+    flicker: NonNegative
 
 
 class Ambient(_Strict):
     """Surroundings."""
 
     temperature_c: float = Field(gt=-273.15, allow_inf_nan=False)
+    delta_k: Signed
+    noise_factor: NonNegative
 
     @property
     def temperature_k(self) -> float:
@@ -247,6 +274,7 @@ class Design(_Strict):
     converter: Converter
     timing: Timing
     supply: Supply
+    ripple: Ripple
     integrator: Integrator
     comparator: Comparator
     conveyor: Conveyor

@@ -51,6 +51,16 @@ class Converter:
     v_comp_offset_v: ArrayLike = 0.0
     v_hysteresis_v: ArrayLike = 0.0  # full width of the window
     t_comp_delay_s: ArrayLike = 0.0
+    inv_i_range_a: ArrayLike = 0.0  # 1/A: the column current i becomes i / (1 + |i| inv_i_range_a)
+    q_mirror_c: ArrayLike = 0.0  # mirror output y follows its settled value x: dy/dt = y (x - y) i0 / q_mirror
+    t_gbw_s: ArrayLike = 0.0  # 1 / (2 pi gain-bandwidth product) of the integrator
+    v_comp_noise_v: ArrayLike = 0.0  # rms, every decision anew
+    t_meta_s: ArrayLike = 0.0  # samples this close to the level, in time, are decided by a coin
+    t_jitter_s: ArrayLike = 0.0  # rms, every clock edge anew
+    kt_noise_j: ArrayLike = 0.0  # k_B T of the noise of the conductances on a column, times a factor
+    q_shot_c: ArrayLike = 0.0  # charge quantum of shot noise, of the input and of the packets
+    v_preset_noise_v: ArrayLike = 0.0  # rms, every slot anew
+    packet_flicker: ArrayLike = 0.0  # relative rms of the packet, every slot anew
 
     def __post_init__(self) -> None:
         cols = np.shape(np.atleast_1d(np.asarray(self.k, dtype=float)))[0]
@@ -76,14 +86,23 @@ class Converter:
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
-        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere."""
+        """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""
         i_column = np.asarray(i_column_a, dtype=float)
+        if self.inv_i_range_a.any():
+            # 1 / (1/|i| + a) is |i| / (1 + |i| a) and has a limit for a short.
+            with np.errstate(divide="ignore"):
+                i_column = np.copysign(
+                    np.divide(1.0, np.divide(1.0, np.abs(i_column)) + self.inv_i_range_a), i_column
+                )
         with np.errstate(over="ignore"):  # a short may drive it to inf
             return (self.gain * i_column + self.k * self.i_offset_a) / (self.k * self.i0_a)
 
     def active_fields(self) -> frozenset[str]:
         """Names of the fields that are away from the ideal."""
-        return frozenset(n for n, v in _IDEAL.items() if bool(np.any(getattr(self, n) != v)))
+        active = {n for n, v in _IDEAL.items() if bool(np.any(getattr(self, n) != v))}
+        if "inv_gain_dc" not in active and "t_gbw_s" not in active:
+            active.discard("g_in_s")  # no voltage across it, no current in it
+        return frozenset(active)
 
 
 _IDEAL: dict[str, float] = {
