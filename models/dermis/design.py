@@ -25,6 +25,8 @@ SPEC_FILE = ROOT / "models" / "spec.toml"
 
 TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
 K_BOLTZMANN_J_PER_K = 1.380649e-23
+ELECTRON_C = 1.602176634e-19
+ABSOLUTE_ZERO_C = -273.15
 # Relative: what a value computed elsewhere in doubles may be off and still meet a cross-check.
 _ROUNDING = 1e-12
 
@@ -262,7 +264,7 @@ class Ambient(_Strict):
     @property
     def temperature_k(self) -> float:
         """Absolute temperature in kelvin."""
-        return self.temperature_c + 273.15
+        return self.temperature_c - ABSOLUTE_ZERO_C
 
 
 class Design(_Strict):

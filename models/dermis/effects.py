@@ -7,14 +7,15 @@ decks read the record fields and need nothing else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, create_model
 
-from dermis.design import TOPOLOGIES, Design
+from dermis.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K, TOPOLOGIES, Design
 from dermis.design import load as load_design
 from dermis.errors import InputError
 from dermis.schema import Strict, entry
@@ -22,7 +23,10 @@ from dermis.schema import Strict, entry
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 PerColumn = _Number | Annotated[list[_Number], Field(min_length=1)]
 _PER_COLUMN = "a finite number, or a list of them, one a column"
-_OHM = "a finite number >= 0"
+_OHM = _FARAD = _RMS = "a finite number >= 0"
+_FINITE = "a finite number"
+_POSITIVE = "a finite number > 0"
+_CELSIUS = "a finite number above -273.15"
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,18 @@ class Setting:
     cols: int
     topology: str
     k: float
+    c_int_f: float  # of the integrator, k times larger where nothing divides the current
     design: Design
     rng: Callable[
         [str], np.random.Generator
     ]  # by effect name: adding an effect moves no other effect's numbers
+
+    @classmethod
+    def of(cls, table: Any, design: Design, rng: Callable[[str], np.random.Generator]) -> Setting:
+        """The setting of a scene's resolved tables."""
+        interface = table.interface
+        c_int_f = interface.c_int_f * (interface.k if interface.topology == "direct" else 1)
+        return cls(table.array.cols, interface.topology, interface.k, c_int_f, design, rng)
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,8 @@ class Contribution:
 
     network: Mapping[str, Any] = field(default_factory=dict)
     converter: Mapping[str, Any] = field(default_factory=dict)
+    drive: Mapping[str, Any] = field(default_factory=dict)
+    sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -63,6 +77,8 @@ class Effect:
         (parameters, setting) -> Contribution.
     topologies : tuple of str
         Where it exists.
+    random : bool
+        Whether it draws numbers while frames are converted; its bound is then one at a stated confidence.
     """
 
     name: str
@@ -71,6 +87,7 @@ class Effect:
     defaults: Callable[[Design, str], dict[str, Any]]
     contribute: Callable[[Any, Setting], Contribution]
     topologies: tuple[str, ...] = TOPOLOGIES
+    random: bool = False
 
 
 class _Lateral(Strict):
@@ -207,6 +224,196 @@ class _PresetError(Strict):
     )
 
 
+class _Trace(Strict):
+    r_row_ohm: float | None = entry(
+        None, "Of a row line, a pitch, in ohm", _OHM, default_from="array.r_trace_row_ohm", ge=0
+    )
+    r_column_ohm: float | None = entry(
+        None, "Of a column line, a pitch, in ohm", _OHM, default_from="array.r_trace_column_ohm", ge=0
+    )
+
+
+class _LineCapacitance(Strict):
+    c_row_f: float | None = entry(
+        None, "Of every row line to ground, in F", _FARAD, default_from="array.c_row_f", ge=0
+    )
+    c_column_f: float | None = entry(
+        None, "Of every column line to ground, in F", _FARAD, default_from="array.c_column_f", ge=0
+    )
+    c_taxel_f: float | None = entry(
+        None, "Across every taxel, in F", _FARAD, default_from="array.c_taxel_f", ge=0
+    )
+
+
+class _MuxLeakage(Strict):
+    i_a: PerColumn | None = entry(
+        None, "Into every column, in A", _PER_COLUMN, default_from="row_driver.i_leak_a"
+    )
+
+
+class _MirrorOutput(Strict):
+    r_out_ohm: float | None = entry(
+        None, "Across the mirror's output, in ohm", _POSITIVE, default_from="mirror.r_out_ohm", gt=0
+    )
+
+
+class _MirrorLag(Strict):
+    q_c: float | None = entry(
+        None,
+        "Time constant times output current, in C",
+        _POSITIVE,
+        default_from="mirror.q_lag_c",
+        gt=0,
+    )
+
+
+class _RangeSwitch(Strict):
+    r_ohm: float | None = entry(
+        None,
+        "In series with the mirror's input devices, in ohm",
+        _OHM,
+        default_from="mirror.r_switch_ohm",
+        ge=0,
+    )
+    v_overdrive_v: float | None = entry(
+        None, "Overdrive of those devices, in V", _POSITIVE, default_from="mirror.v_overdrive_v", gt=0
+    )
+
+
+class _IntegratorBandwidth(Strict):
+    gbw_hz: float | None = entry(
+        None, "Gain-bandwidth product, in Hz", _POSITIVE, default_from="integrator.gbw_hz", gt=0
+    )
+
+
+class _ComparatorNoise(Strict):
+    v_v: float | None = entry(
+        None, "Of every decision, rms in V", _RMS, default_from="comparator.v_noise_v", ge=0
+    )
+
+
+class _Metastability(Strict):
+    t_aperture_s: float | None = entry(
+        None,
+        "Crossings within half of it either side of a clock edge are decided by a coin, in s",
+        "a finite number >= 0, below one clock",
+        default_from="comparator.t_aperture_s",
+        ge=0,
+    )
+
+
+class _ReferenceDrift(Strict):
+    tc_per_k: float | None = entry(
+        None, "Relative change of i0 a kelvin", _FINITE, default_from="charge.tc_per_k"
+    )
+    delta_k: float | None = entry(
+        None, "How far the chip is from where i0 was set, in K", _FINITE, default_from="ambient.delta_k"
+    )
+
+
+class _ClockJitter(Strict):
+    t_s: float | None = entry(
+        None, "Of every edge, rms in s", _RMS, default_from="converter.t_jitter_s", ge=0
+    )
+
+
+class _ThermalNoise(Strict):
+    temperature_c: float | None = entry(
+        None,
+        "Of sheet and chip, in degrees Celsius",
+        _CELSIUS,
+        default_from="ambient.temperature_c",
+        gt=-273.15,
+    )
+    factor: float | None = entry(
+        None,
+        "Noise power over that of the taxels alone",
+        "a finite number >= 0",
+        default_from="ambient.noise_factor",
+        ge=0,
+    )
+
+
+class _ShotNoise(Strict):
+    factor: float = entry(1.0, "Noise power over that of single electrons", "a finite number >= 0", ge=0)
+
+
+class _KtcNoise(Strict):
+    temperature_c: float | None = entry(
+        None,
+        "Of the preset switch, in degrees Celsius",
+        _CELSIUS,
+        default_from="ambient.temperature_c",
+        gt=-273.15,
+    )
+
+
+class _FlickerNoise(Strict):
+    relative: float | None = entry(
+        None, "Of the packets from slot to slot, rms relative", _RMS, default_from="charge.flicker", ge=0
+    )
+
+
+class _SupplyRipple(Strict):
+    relative: float | None = entry(
+        None,
+        "Amplitude on the bias, relative",
+        "a finite number 0..1",
+        default_from="ripple.relative",
+        ge=0,
+        le=1,
+    )
+    frequency_hz: float | None = entry(
+        None, "Of the ripple, in Hz", _POSITIVE, default_from="ripple.frequency_hz", gt=0
+    )
+    phase_deg: float = entry(0.0, "At the first clock of the first frame, in degrees", _FINITE)
+
+
+class _Motion(Strict):
+    pass
+
+
+class _SensorHysteresis(Strict):
+    relative: float | None = entry(
+        None,
+        "Width of the loop relative to the conductance",
+        "a finite number from 0 to below 1",
+        default_from="sensor.hysteresis",
+        ge=0,
+        lt=1,
+    )
+
+
+class _SensorCreep(Strict):
+    per_decade: float | None = entry(
+        None,
+        "Relative growth of conductance a decade of time",
+        _RMS,
+        default_from="sensor.creep_per_decade",
+        ge=0,
+    )
+
+
+class _SensorTemperature(Strict):
+    tc_per_k: float | None = entry(
+        None, "Relative change of conductance a kelvin", _FINITE, default_from="sensor.tc_per_k"
+    )
+    delta_k: float | None = entry(
+        None, "How far the sheet is from where it was measured, in K", _FINITE, default_from="ambient.delta_k"
+    )
+
+
+class _SensorSpread(Strict):
+    relative: float | None = entry(
+        None,
+        "Standard deviation of conductance from taxel to taxel, relative",
+        "a finite number from 0 to below 1",
+        default_from="sensor.spread",
+        ge=0,
+        lt=1,
+    )
+
+
 def _lateral(p: _Lateral, _: Setting) -> Contribution:
     return Contribution({"g_lateral_row_s": 1.0 / p.r_ohm, "g_lateral_column_s": 1.0 / p.r_ohm})
 
@@ -224,6 +431,10 @@ def _mirror_ratio(p: _MirrorRatio, setting: Setting) -> Contribution:
     if p.spread:
         gain = gain * (1.0 + p.spread * setting.rng("mirror_ratio").standard_normal(setting.cols))
     return Contribution(converter={"gain": gain})
+
+
+def _kt_j(temperature_c: float) -> float:
+    return K_BOLTZMANN_J_PER_K * (temperature_c - ABSOLUTE_ZERO_C)
 
 
 _MIRRORED = tuple(t for t in TOPOLOGIES if t != "direct")
@@ -323,6 +534,177 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {},
             lambda p, s: Contribution(converter={"preset_error_v": p.v_v}),
         ),
+        Effect(
+            "trace",
+            "the lines have resistance: taxels far from driver and column input see less of both",
+            _Trace,
+            lambda d, t: {"r_row_ohm": d.array.r_trace_row_ohm, "r_column_ohm": d.array.r_trace_column_ohm},
+            lambda p, s: Contribution({"r_trace_row_ohm": p.r_row_ohm, "r_trace_column_ohm": p.r_column_ohm}),
+        ),
+        Effect(
+            "line_capacitance",
+            "lines and taxels have capacitance: what has not settled when the gate opens is counted",
+            _LineCapacitance,
+            lambda d, t: {
+                "c_row_f": d.array.c_row_f,
+                "c_column_f": d.array.c_column_f,
+                "c_taxel_f": d.array.c_taxel_f,
+            },
+            lambda p, s: Contribution(
+                {"c_row_f": p.c_row_f, "c_column_f": p.c_column_f, "c_taxel_f": p.c_taxel_f}
+            ),
+        ),
+        Effect(
+            "mux_leakage",
+            "switches that are off leak into the columns, before the mirror",
+            _MuxLeakage,
+            lambda d, t: {"i_a": d.row_driver.i_leak_a},
+            lambda p, s: Contribution({"i_leak_a": p.i_a}),
+        ),
+        Effect(
+            "mirror_output",
+            "finite output resistance of the mirror, across the integrator's input",
+            _MirrorOutput,
+            lambda d, t: {"r_out_ohm": d.mirror.r_out_ohm},
+            lambda p, s: Contribution(converter={"g_in_s": 1.0 / p.r_out_ohm}),
+            _MIRRORED,
+        ),
+        Effect(
+            "mirror_lag",
+            "the mirror is slow at low current: it still follows the row before when the gate opens",
+            _MirrorLag,
+            lambda d, t: {"q_c": d.mirror.q_lag_c},
+            lambda p, s: Contribution(converter={"q_mirror_c": p.q_c}),
+            _MIRRORED,
+        ),
+        Effect(
+            "range_switch",
+            "the switches that set k take overdrive from the mirror's input at high current",
+            _RangeSwitch,
+            lambda d, t: {"r_ohm": d.mirror.r_switch_ohm, "v_overdrive_v": d.mirror.v_overdrive_v},
+            lambda p, s: Contribution(converter={"inv_i_range_a": p.r_ohm / p.v_overdrive_v}),
+            _MIRRORED,
+        ),
+        Effect(
+            "integrator_bandwidth",
+            "finite gain-bandwidth product: the output follows the charge late",
+            _IntegratorBandwidth,
+            lambda d, t: {"gbw_hz": d.integrator.gbw_hz},
+            lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
+        ),
+        Effect(
+            "comparator_noise",
+            "every decision is taken at a level of its own",
+            _ComparatorNoise,
+            lambda d, t: {"v_v": d.comparator.v_noise_v},
+            lambda p, s: Contribution(converter={"v_comp_noise_v": p.v_v}),
+            random=True,
+        ),
+        Effect(
+            "metastability",
+            "a crossing too close to a clock edge is seen one clock late, by chance",
+            _Metastability,
+            lambda d, t: {"t_aperture_s": d.comparator.t_aperture_s},
+            lambda p, s: Contribution(converter={"t_meta_s": p.t_aperture_s}),
+            random=True,
+        ),
+        Effect(
+            "reference_drift",
+            "the reference current drifts with temperature, and every packet with it",
+            _ReferenceDrift,
+            lambda d, t: {"tc_per_k": d.charge.tc_per_k, "delta_k": d.ambient.delta_k},
+            lambda p, s: Contribution(converter={"packet_error": p.tc_per_k * p.delta_k}),
+        ),
+        Effect(
+            "clock_jitter",
+            "clock edges come early or late: samples move, and packets are wider or narrower",
+            _ClockJitter,
+            lambda d, t: {"t_s": d.converter.t_jitter_s},
+            lambda p, s: Contribution(converter={"t_jitter_s": p.t_s}),
+            random=True,
+        ),
+        Effect(
+            "thermal_noise",
+            "every conductance on a column is a white noise current",
+            _ThermalNoise,
+            lambda d, t: {"temperature_c": d.ambient.temperature_c, "factor": d.ambient.noise_factor},
+            lambda p, s: Contribution(converter={"kt_noise_j": _kt_j(p.temperature_c) * p.factor}),
+            random=True,
+        ),
+        Effect(
+            "shot_noise",
+            "input and packets are made of electrons",
+            _ShotNoise,
+            lambda d, t: {},
+            lambda p, s: Contribution(converter={"q_shot_c": ELECTRON_C * p.factor}),
+            random=True,
+        ),
+        Effect(
+            "ktc_noise",
+            "the preset leaves the noise of its switch on the capacitor",
+            _KtcNoise,
+            lambda d, t: {"temperature_c": d.ambient.temperature_c},
+            lambda p, s: Contribution(
+                converter={"v_preset_noise_v": math.sqrt(_kt_j(p.temperature_c) / s.c_int_f)}
+            ),
+            random=True,
+        ),
+        Effect(
+            "flicker_noise",
+            "the reference wanders slowly: every slot has packets of its own size",
+            _FlickerNoise,
+            lambda d, t: {"relative": d.charge.flicker},
+            lambda p, s: Contribution(converter={"packet_flicker": p.relative}),
+            random=True,
+        ),
+        Effect(
+            "supply_ripple",
+            "a sine on the bias of the driven row",
+            _SupplyRipple,
+            lambda d, t: {"relative": d.ripple.relative, "frequency_hz": d.ripple.frequency_hz},
+            lambda p, s: Contribution(
+                drive={
+                    "ripple": p.relative,
+                    "f_ripple_hz": p.frequency_hz,
+                    "phase_ripple_rad": math.radians(p.phase_deg),
+                }
+            ),
+        ),
+        Effect(
+            "motion",
+            "forces change inside a frame and a gate: conductances run straight from frame to frame",
+            _Motion,
+            lambda d, t: {},
+            lambda p, s: Contribution(drive={"motion": True}),
+        ),
+        Effect(
+            "sensor_hysteresis",
+            "a taxel conducts more on the way down than on the way up",
+            _SensorHysteresis,
+            lambda d, t: {"relative": d.sensor.hysteresis},
+            lambda p, s: Contribution(sensor={"hysteresis": p.relative}),
+        ),
+        Effect(
+            "sensor_creep",
+            "a taxel under load conducts more with every decade of time",
+            _SensorCreep,
+            lambda d, t: {"per_decade": d.sensor.creep_per_decade},
+            lambda p, s: Contribution(sensor={"creep_per_decade": p.per_decade}),
+        ),
+        Effect(
+            "sensor_temperature",
+            "the sheet conducts more, or less, when warm",
+            _SensorTemperature,
+            lambda d, t: {"tc_per_k": d.sensor.tc_per_k, "delta_k": d.ambient.delta_k},
+            lambda p, s: Contribution(sensor={"temperature_error": p.tc_per_k * p.delta_k}),
+        ),
+        Effect(
+            "sensor_spread",
+            "no two taxels are alike",
+            _SensorSpread,
+            lambda d, t: {"relative": d.sensor.spread},
+            lambda p, s: Contribution(sensor={"spread": p.relative}),
+        ),
     )
 }
 
@@ -375,12 +757,25 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
                 )
             _check(effect, name, value, setting, file)
         on[effect.name] = parameters
+    for name in ("reference_drift", "sensor_temperature"):
+        if name in on and on[name].tc_per_k * on[name].delta_k <= -1:
+            p = on[name]
+            raise InputError(
+                file,
+                f"effects.{name}.delta_k",
+                p.delta_k,
+                f"above {-1 / p.tc_per_k:g} K, where nothing is left"
+                if p.tc_per_k > 0
+                else f"below {-1 / p.tc_per_k:g} K, where nothing is left",
+            )
     return on
 
 
 # What is impossible rather than bad: a negative resistance, a packet or a mirror that turns its sign.
 _LOWEST = {("column_input", "r_ohm"): (0.0, True), ("mirror_ratio", "ratio_error"): (-1.0, False),
            ("charge_packet", "packet_error"): (-1.0, False)}  # fmt: skip
+
+_BELOW_ONE_CLOCK = {("comparator_delay", "t_s"), ("metastability", "t_aperture_s")}
 
 
 def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -> None:
@@ -395,22 +790,27 @@ def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -
         for v in value if isinstance(value, list) else [value]:
             if v < bound or (v == bound and not closed):
                 raise InputError(file, key, v, f"a number {'>=' if closed else '>'} {bound:g}")
-    if effect.name == "comparator_delay" and value >= 1.0 / setting.design.converter.f_clk_hz:
-        raise InputError(file, key, value, f"below one clock ({1.0 / setting.design.converter.f_clk_hz:g} s)")
+    clock_s = 1.0 / setting.design.converter.f_clk_hz
+    if (effect.name, name) in _BELOW_ONE_CLOCK and value >= clock_s:
+        raise InputError(file, key, value, f"below one clock ({clock_s:g} s)")
+
+
+# Fields that several effects may write: what they write adds up. Every other field has one effect.
+_SUMS = frozenset({"g_in_s", "packet_error"})
 
 
 def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
-    """Collect what the effects that are on write; no two may write the same field."""
-    network: dict[str, Any] = {}
-    converter: dict[str, Any] = {}
+    """Collect what the effects that are on write."""
+    total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)
-        for into, fields in ((network, part.network), (converter, part.converter)):
-            for key, value in fields.items():
-                if key in into:
+        for record in fields(Contribution):
+            into: dict[str, Any] = getattr(total, record.name)
+            for key, value in getattr(part, record.name).items():
+                if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")
-                into[key] = value
-    return Contribution(network, converter)
+                into[key] = np.add(into[key], value) if key in into else value
+    return total
 
 
 def effects_table() -> str:
@@ -419,12 +819,18 @@ def effects_table() -> str:
     lines = ["| effect | what it is | record fields it writes |", "|---|---|---|"]
     for effect in EFFECTS.values():
         topology = effect.topologies[0] if "direct" not in effect.topologies else "conveyor_mirror"
-        setting = Setting(design.array.cols, topology, design.interface.k, design, _no_rng)
+        setting = Setting(
+            design.array.cols, topology, design.interface.k, design.converter.c_int_f, design, _no_rng
+        )
         on = resolve_effects(EffectsTable(**{effect.name: True}), setting, "defaults")
         part = effect.contribute(on[effect.name], setting)
-        fields = [f"Network.{f}" for f in part.network] + [f"Converter.{f}" for f in part.converter]
+        written = [
+            f"{record.name.capitalize()}.{key}"
+            for record in fields(part)
+            for key in getattr(part, record.name)
+        ]
         only = "" if effect.topologies == TOPOLOGIES else f" (not for {', '.join(_missing(effect))})"
-        lines.append(f"| `{effect.name}` | {effect.meaning}{only} | {', '.join(f'`{f}`' for f in fields)} |")
+        lines.append(f"| `{effect.name}` | {effect.meaning}{only} | {', '.join(f'`{w}`' for w in written)} |")
     return "\n".join(lines) + "\n"
 
 

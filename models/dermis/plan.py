@@ -61,9 +61,21 @@ class Timing:
 
 @dataclass(frozen=True)
 class Drive:
-    """What changes in time: one frame of resistances after the other, each held for t_frame_s seconds."""
+    """What changes in time: one frame of resistances after the other, each read in t_frame_s seconds.
+
+    The bias is v_bias (1 + ripple sin(2 pi f_ripple t + phase_ripple)), t from the first clock of frame 0. With
+    `motion` a conductance runs straight from one frame to the next; without, it holds for a frame.
+    """
 
     t_frame_s: float
+    ripple: float = 0.0
+    f_ripple_hz: float = 0.0
+    phase_ripple_rad: float = 0.0
+    motion: bool = False
+
+    def active_fields(self) -> frozenset[str]:
+        """Names of the fields that make something change inside a frame."""
+        return frozenset(n for n in ("ripple", "motion") if getattr(self, n))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +167,7 @@ class Plan:
 
     def active_fields(self) -> frozenset[str]:
         """Names of the record fields that are away from the ideal."""
-        return self.network(0).active_fields() | self.converter.active_fields()
+        return self.network(0).active_fields() | self.converter.active_fields() | self.drive.active_fields()
 
     def effects_of_field(self, field: str) -> tuple[str, ...]:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
@@ -163,7 +175,7 @@ class Plan:
             name
             for name, parameters in self.scene.effects.items()
             for part in [effects.EFFECTS[name].contribute(parameters, self._setting())]
-            if field in part.network or field in part.converter
+            if field in part.network or field in part.converter or field in part.drive
         )
 
     def resolved_toml(self, directory: Path | None = None) -> str:
@@ -240,7 +252,7 @@ def make(world: Scene, engine: str | None = None) -> Plan:
         force_n=made.force_n,
         sensor=sensor,
         converter=converter,
-        drive=Drive(t_frame_s=timing.frame_s),
+        drive=Drive(t_frame_s=timing.frame_s, **contribution.drive),
         effects=tuple(
             EffectState(
                 name, name in world.effects, "named in the scene" if name in world.effects else "not named"
@@ -261,4 +273,4 @@ def _setting(world: Scene) -> effects.Setting:
         word = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
         return np.random.default_rng([table.run.seed, word])
 
-    return effects.Setting(table.array.cols, table.interface.topology, table.interface.k, world.design, rng)
+    return effects.Setting.of(table, world.design, rng)

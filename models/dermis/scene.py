@@ -202,8 +202,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     resolved = table.model_copy(
         update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
     )
-    setting = Setting(array.cols, interface.topology, interface.k, design, rng=_no_rng)
-    on = resolve_effects(table.effects, setting, path)
+    on = resolve_effects(table.effects, Setting.of(resolved, design, _no_rng), path)
     if "comparator_hysteresis" in on and on["comparator_hysteresis"].v_v >= packet_v * (1 - 1e-9):
         # A window that reaches the preset would carry the state of the row before over to the next.
         value, allowed = on["comparator_hysteresis"].v_v, f"below one packet ({packet_v:g} V)"

@@ -52,7 +52,9 @@ class Converter:
     v_hysteresis_v: ArrayLike = 0.0  # full width of the window
     t_comp_delay_s: ArrayLike = 0.0
     inv_i_range_a: ArrayLike = 0.0  # 1/A: the column current i becomes i / (1 + |i| inv_i_range_a)
-    q_mirror_c: ArrayLike = 0.0  # mirror output y follows its settled value x: dy/dt = y (x - y) i0 / q_mirror
+    q_mirror_c: ArrayLike = (
+        0.0  # mirror output y follows its settled value x: dy/dt = y (x - y) i0 / q_mirror
+    )
     t_gbw_s: ArrayLike = 0.0  # 1 / (2 pi gain-bandwidth product) of the integrator
     v_comp_noise_v: ArrayLike = 0.0  # rms, every decision anew
     t_meta_s: ArrayLike = 0.0  # samples this close to the level, in time, are decided by a coin
