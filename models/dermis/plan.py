@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -102,6 +102,10 @@ class Plan:
     engine, seed, views : str, int, str
     surrounding : dict
         Fields of Network other than the taxels and the bias.
+    first_frame : int
+        Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
+    next_resistance_ohm : ndarray or None
+        [rows, cols] of the frame behind the last one, which it moves to; None where it holds.
     """
 
     scene: Scene
@@ -117,6 +121,8 @@ class Plan:
     seed: int
     views: str
     surrounding: dict[str, Any]
+    first_frame: int = 0
+    next_resistance_ohm: Floats | None = None
 
     @property
     def frames(self) -> int:
@@ -142,6 +148,30 @@ class Plan:
         """Taxel conductance of some frames in siemens; inf where the resistance is 0."""
         with np.errstate(divide="ignore", over="ignore"):
             return np.divide(1.0, self.resistance_ohm[frames])
+
+    def next_conductance_s(self, frames: slice = slice(None)) -> Floats:
+        """Conductance of the frame behind each of some frames in siemens; the last frame of a run holds."""
+        last = self.resistance_ohm[-1] if self.next_resistance_ohm is None else self.next_resistance_ohm
+        first, stop, _ = frames.indices(self.frames)
+        behind = self.resistance_ohm[first + 1 : stop + 1]
+        if stop == self.frames:
+            behind = np.concatenate([behind, last[None]])
+        with np.errstate(divide="ignore", over="ignore"):
+            return np.divide(1.0, behind)
+
+    def part(self, first: int, stop: int) -> Plan:
+        """Frames first..stop-1 as a plan of their own, which gives the codes they have in the whole one."""
+        if not 0 <= first < stop <= self.frames:
+            raise ValueError(f"frames {first}..{stop} of {self.frames}")
+        return replace(
+            self,
+            resistance_ohm=self.resistance_ohm[first:stop],
+            force_n=None if self.force_n is None else self.force_n[first:stop],
+            first_frame=self.first_frame + first,
+            next_resistance_ohm=self.next_resistance_ohm
+            if stop == self.frames
+            else self.resistance_ohm[stop],
+        )
 
     def network(self, frame: int) -> Network:
         """The network of one frame."""
