@@ -62,7 +62,7 @@ class Array(_Strict):
 
 
 class Sensor(_Strict):
-    """Force = k_force_n_ohm / R."""
+    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and how far a sheet departs from either."""
 
     force_max_n: Positive
     r_min_ohm: Positive
@@ -71,6 +71,11 @@ class Sensor(_Strict):
     creep_per_decade: NonNegative
     spread: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
     tc_per_k: Signed
+    force_points_n: list[Positive] = Field(min_length=2)
+    r_points_ohm: list[Positive] = Field(min_length=2)
+    force_on_n: NonNegative
+    r_open_ohm: Positive
+    creep_start_s: Positive
 
     @property
     def k_force_n_ohm(self) -> float:
@@ -306,6 +311,13 @@ class Design(_Strict):
                 timing.gate_clocks,
                 f"at least {need} clocks for {timing.code_bits} bits",
             )
+        forces, ohms = sensor.force_points_n, sensor.r_points_ohm
+        if sorted(set(forces)) != forces:
+            _cross("sensor.force_points_n", forces, "forces that rise")
+        if sorted(set(ohms), reverse=True) != ohms or len(ohms) != len(forces):
+            _cross("sensor.r_points_ohm", ohms, f"{len(forces)} resistances that fall, one a force point")
+        if sensor.r_open_ohm <= ohms[0]:
+            _cross("sensor.r_open_ohm", sensor.r_open_ohm, f"above the first of r_points_ohm = {ohms[0]!r}")
         if sensor.r_max_ohm <= sensor.r_min_ohm:
             _cross("sensor.r_max_ohm", sensor.r_max_ohm, f"above r_min_ohm = {sensor.r_min_ohm!r}")
         if self.array.r_floor_ohm >= sensor.r_min_ohm:

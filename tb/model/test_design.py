@@ -119,6 +119,18 @@ def test_no_derived_value_is_stored() -> None:
         ("frame_s = 2e-3", "frame_s = 2.001e-3", "whole clocks, not of 625.3125"),
         ("r_max_ohm = 64250.0", "r_max_ohm = 400.0", "sensor.r_max_ohm = 400.0: above r_min_ohm"),
         (
+            "[0.2, 1.0, 10.0, 100.0]",
+            "[0.2, 1.0, 1.0, 100.0]",
+            "sensor.force_points_n = [0.2, 1.0, 1.0, 100.0]: forces",
+        ),
+        (
+            "[30e3, 6e3, 1e3, 250.0]",
+            "[30e3, 6e3, 1e3]",
+            "sensor.r_points_ohm = [30000.0, 6000.0, 1000.0]: 4 resist",
+        ),
+        ("[30e3, 6e3, 1e3, 250.0]", "[30e3, 6e3, 1e3, 2e3]", "sensor.r_points_ohm = [30000.0"),
+        ("r_open_ohm = 1e7", "r_open_ohm = 2e4", "sensor.r_open_ohm = 20000.0: above the first"),
+        (
             "r_min_ohm = 500.0",
             "r_min_ohm = 499.0",
             "sensor.r_min_ohm = 499.0: at least 2 v_bias_v / (k i0_a)",
