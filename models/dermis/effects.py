@@ -775,6 +775,47 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
 _LOWEST = {("column_input", "r_ohm"): (0.0, True), ("mirror_ratio", "ratio_error"): (-1.0, False),
            ("charge_packet", "packet_error"): (-1.0, False)}  # fmt: skip
 
+
+def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, file: Any) -> None:
+    """Refuse effects that contradict each other, naming both.
+
+    Raises InputError where the levels of the comparator or the preset lie outside the range of the integrator
+    (it would never answer, or answer for ever), and where hysteresis reaches the preset.
+    """
+
+    def values(name: str, key: str) -> list[float]:
+        value = getattr(on[name], key) if name in on else 0.0
+        return value if isinstance(value, list) else [value]
+
+    offsets, window = values("comparator_offset", "v_v"), values("comparator_hysteresis", "v_v")[0]
+    presets = values("preset_error", "v_v")
+    if window >= packet_v * (1 - 1e-9):
+        # A window that reaches the preset would carry the state of the row before over to the next.
+        raise InputError(
+            file, "effects.comparator_hysteresis.v_v", window, f"below one packet ({packet_v:g} V)"
+        )
+    if "integrator_range" not in on:
+        return
+    limits = on["integrator_range"]
+    low, high = limits.v_min_v, limits.v_max_v
+    if topology != "conveyor_mirror_inverted":  # stored charge drives the output down
+        low, high = -high, -low
+    for name, stands, room in (
+        ("comparator_offset", offsets, window / 2),
+        ("preset_error", [v - packet_v / 2 for v in presets], 0.0),
+    ):
+        for v in stands:
+            if not low < v - room <= v + room < high:
+                where = f"a level of {v:g} V of stored charge, outside {low:g} .. {high:g} V"
+                with_window = " and effects.comparator_hysteresis" if room else ""
+                raise InputError(
+                    file,
+                    f"effects.integrator_range and effects.{name}{with_window}",
+                    where,
+                    "levels inside the range of the integrator",
+                )
+
+
 _BELOW_ONE_CLOCK = {("comparator_delay", "t_s"), ("metastability", "t_aperture_s")}
 
 

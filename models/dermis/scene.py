@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field
 
 from dermis.design import Design
 from dermis.design import load as load_design
-from dermis.effects import EffectsTable, Setting, resolve_effects
+from dermis.effects import EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
 from dermis.schema import Strict, entry, read_toml, validate, write_toml
 from dermis.sensor import SensorTable
@@ -203,10 +203,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
     )
     on = resolve_effects(table.effects, Setting.of(resolved, design, _no_rng), path)
-    if "comparator_hysteresis" in on and on["comparator_hysteresis"].v_v >= packet_v * (1 - 1e-9):
-        # A window that reaches the preset would carry the state of the row before over to the next.
-        value, allowed = on["comparator_hysteresis"].v_v, f"below one packet ({packet_v:g} V)"
-        raise InputError(path, "effects.comparator_hysteresis.v_v", value, allowed)
+    check_together(on, interface.topology, packet_v, path)
     return Scene(path, resolved, on, design)
 
 
