@@ -67,6 +67,10 @@ class InputError(DermisError):
             f"{one_line(self.file, 400)}: {one_line(key, 200)} = {one_line(value)}: {one_line(allowed, 1000)}"
         )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # An exception is rebuilt from its message alone, which would end the process that gets it from a worker.
+        return type(self), (self.file, self.key, self.value, self.allowed)
+
 
 class SimulatorError(DermisError):
     """A simulator failed.
@@ -85,3 +89,6 @@ class SimulatorError(DermisError):
         self.what = what
         self.log = None if log is None else str(log)
         super().__init__(what if log is None else f"{what} (log: {log})")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.what, self.log)

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One plan over several processes of this machine, or over the workers of a Dask cluster: the same codes, sooner.
+
+A plan is cut into parts of whole frames (Plan.part). A part keeps its place in time and its random numbers, so
+its codes are those that it has in a run of the whole plan, however many parts there are and whoever runs them.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis import engines
+from dermis.engines import Result
+from dermis.errors import InputError, SimulatorError
+from dermis.plan import Plan
+
+# 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
+# 4 MB of doubles both ways, below what Dask complains about.
+_VALUES_A_PART = 1 << 18
+
+# Parts a worker, so that the slowest one does not hold up the rest for long.
+_PARTS_A_WORKER = 4
+
+CONNECT_S = 10
+"""How long a scheduler may take to answer."""
+
+WORKER_S = 60
+"""How long a scheduler may take to have a worker."""
+
+_END_S = 5.0
+"""How long a worker may take to end what it started before it is killed."""
+
+# Each worker has one core; linear algebra that starts a thread a core in each of them would only fight for it.
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {
+    "NUMBA_NUM_THREADS": "1"
+}
+
+
+def run(
+    plan: Plan,
+    progress: Callable[[int], None] | None = None,
+    *,
+    processes: int = 1,
+    scheduler: str | None = None,
+    **options: Any,
+) -> Result:
+    """Run a plan through its engine in parts.
+
+    Parameters
+    ----------
+    plan : Plan
+    progress : callable, optional
+        Called with the number of row slots done so far, over all parts.
+    processes : int
+        Processes of this machine; 1 runs the plan here, uncut.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as tcp://host:8786; its workers are used instead.
+    options : passed to the engine
+
+    Returns
+    -------
+    Result
+        As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
+        are kept where all parts agree.
+
+    Raises
+    ------
+    InputError
+        Engine cosim with processes (it has its own); a scheduler that does not answer; the plan's own.
+    SimulatorError
+        A worker died, or runs another version of dermis.
+    """
+    engines.check(plan)
+    if scheduler is not None:
+        with _cluster(scheduler) as (executor, workers):
+            return _run_parts(plan, executor, workers, progress, options)
+    if processes > 1 and plan.engine == "cosim":
+        raise InputError(
+            "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
+        )
+    if processes <= 1 or plan.frames == 1:
+        return engines.run(plan, progress, **options)
+    with _pool(min(processes, plan.frames)) as executor:
+        return _run_parts(plan, executor, processes, progress, options)
+
+
+def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
+    """First and last + 1 frame of every part."""
+    at_most = max(1, _VALUES_A_PART // (plan.rows * plan.cols))
+    parts = max(-(-plan.frames // at_most), min(plan.frames, workers * _PARTS_A_WORKER))
+    edges = [plan.frames * i // parts for i in range(parts + 1)]
+    return list(itertools.pairwise(edges))
+
+
+def _run_parts(
+    plan: Plan,
+    executor: Executor,
+    workers: int,
+    progress: Callable[[int], None] | None,
+    options: dict[str, Any],
+) -> Result:
+    light = replace(plan, force_n=None)  # no engine reads it
+    todo = bounds(plan, workers)
+    waiting = iter(enumerate(todo))
+    results: dict[int, Result] = {}
+    running: dict[Future[Result], int] = {}
+    done = 0
+
+    def start() -> None:
+        for index, (first, stop) in waiting:
+            task = executor.submit(_work, _run_part, light.part(first, stop), fingerprint(), options)
+            running[task] = index
+            return
+
+    for _ in range(2 * workers):  # enough that no worker waits, few enough that the parts do not pile up
+        start()
+    while running:
+        for task in wait(running, return_when=FIRST_COMPLETED).done:
+            index = running.pop(task)
+            try:
+                results[index] = task.result()
+            except BrokenProcessPool:
+                first, stop = todo[index]
+                raise SimulatorError(
+                    f"a process died that ran one of the frames {first} to {stop - 1} or others at that time"
+                ) from None
+            start()
+            done += (todo[index][1] - todo[index][0]) * plan.rows
+            if progress is not None:
+                progress(done)
+    return _joined([results[i] for i in range(len(todo))], [stop - first for first, stop in todo])
+
+
+def _joined(parts: list[Result], frames: list[int]) -> Result:
+    def join(values: list[Any]) -> Any:
+        if all(
+            isinstance(v, np.ndarray) and v.ndim and len(v) == n for v, n in zip(values, frames, strict=True)
+        ):
+            return np.concatenate(values)
+        return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
+
+    info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
+    whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
+    return Result(**whole, info={name: value for name, value in info.items() if value is not None})
+
+
+def _work(function: Callable[..., Result], *arguments: Any) -> Result:
+    try:
+        return function(*arguments)
+    except SystemExit:  # of _enter_worker: the pool would take it for a result and wait for the next part
+        os._exit(1)
+
+
+def _run_part(part: Plan, version: str, options: dict[str, Any]) -> Result:
+    """Run one part in a worker."""
+    if fingerprint() != version:
+        raise SimulatorError(
+            f"a worker on {os.uname().nodename} has another version of dermis than the one that gives it work"
+        )
+    return engines.run(part, **options)
+
+
+@functools.cache
+def fingerprint() -> str:
+    """A hash of everything that decides about codes: the package, its design values and its Verilog."""
+    here = Path(__file__).parent
+    root = here.parent.parent
+    files = [*here.rglob("*.py"), root / "models" / "design.toml", *(root / "rtl").glob("*.v*")]
+    files += (root / "models" / "verilog").glob("*.*v*")
+    text = hashlib.sha256()
+    for file in sorted(files):
+        text.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    return text.hexdigest()
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[Executor]:
+    """Processes of this machine, all of them gone at the end, whatever the end is."""
+    before = set(multiprocessing.active_children())
+    kept = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)  # a library reads it once, on import: before the worker is there
+    context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
+    pool = ProcessPoolExecutor(processes, context, _enter_worker)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        _end(set(multiprocessing.active_children()) - before)
+        raise
+    finally:
+        for name, value in kept.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+    pool.shutdown()
+
+
+def _end(workers: set[Any]) -> None:
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        worker.join(_END_S)
+        if worker.is_alive():
+            worker.kill()
+            worker.join()
+
+
+def _enter_worker() -> None:
+    # Ctrl-C reaches every process of the terminal; the one that gives the work decides what becomes of it. It ends
+    # its workers with SIGTERM, as an exception here, so that they end what they have started in their turn.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """The workers of a Dask scheduler as an executor, and how many there are."""
+    import distributed
+
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            "command line",
+            "--scheduler",
+            address,
+            f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786 "
+            f"({type(error).__name__})",
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=WORKER_S)
+        except TimeoutError:
+            raise SimulatorError(f"the scheduler {address} has no worker after {WORKER_S} s") from None
+        workers = sum(client.nthreads().values())
+        executor = client.get_executor(pure=False, retries=0)
+        try:
+            yield executor, workers
+        except BaseException:
+            executor.shutdown(wait=False)
+            raise
+        executor.shutdown()

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Batches: the same codes from any number of processes or Dask workers, and a clean end of every kind."""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dermis import batch, engines, plan, scene
+from dermis.errors import InputError, SimulatorError
+from dermis.plan import Plan
+
+FRAMES, SIZE = 11, 6
+
+
+@pytest.fixture
+def make_plan(tmp_path: Path):
+    """A plan of random resistances, with effects by name."""
+
+    def make(engine: str = "event", frames: int = FRAMES, **effects: object) -> Plan:
+        ohm = np.exp(np.random.default_rng(7).uniform(np.log(500), np.log(6e4), (frames, SIZE, SIZE)))
+        np.save(tmp_path / "ohm.npy", ohm)
+        data = {
+            "array": {"rows": SIZE, "cols": SIZE},
+            "stimulus": {"kind": "resistance", "file": "ohm.npy"},
+            "effects": effects,
+        }
+        return plan.make(scene.from_data(data, tmp_path / "batch.toml"), engine)
+
+    return make
+
+
+def _in_parts(made: Plan, edges: list[int]) -> np.ndarray:
+    parts = [made.part(a, b) for a, b in itertools.pairwise(edges)]
+    return np.concatenate([engines.run(part).codes for part in parts])
+
+
+# Everything that an engine knows beyond its own frame: random numbers, the time of the ripple, the next frame.
+ACROSS_FRAMES = {
+    "ideal": {},
+    "random": dict.fromkeys(
+        (
+            "comparator_noise",
+            "metastability",
+            "clock_jitter",
+            "thermal_noise",
+            "shot_noise",
+            "ktc_noise",
+            "flicker_noise",
+        ),
+        True,
+    ),
+    "ripple": {"supply_ripple": {"relative": 0.05, "frequency_hz": 1234.0}},
+    "motion": {"motion": True},
+    "sensor": dict.fromkeys(("sensor_hysteresis", "sensor_creep", "sensor_spread"), True),
+    "drawn_once": {"mirror_ratio": {"ratio_error": 0.0, "spread": 0.02}},
+}
+
+
+@pytest.mark.parametrize("kind", ACROSS_FRAMES)
+def test_parts_have_the_codes_of_the_whole(make_plan, kind: str) -> None:
+    made = make_plan(**ACROSS_FRAMES[kind])
+    if lost := engines.refused(made, "event"):
+        pytest.skip(f"engine event does not do {', '.join(sorted(lost))} yet")
+    whole = engines.run(made).codes
+    assert np.array_equal(_in_parts(made, [0, 1, 5, FRAMES]), whole)
+    again = made.part(2, 9)
+    assert np.array_equal(engines.run(again.part(1, 4)).codes, whole[3:6])
+
+
+@pytest.mark.parametrize("forgotten", ["first_frame", "next_resistance_ohm"])
+def test_a_part_that_forgot_its_place_would_be_seen(make_plan, forgotten: str) -> None:
+    made = make_plan(motion=True, supply_ripple={"relative": 0.05, "frequency_hz": 1234.0})
+    if lost := engines.refused(made, "event"):
+        pytest.skip(f"engine event does not do {', '.join(sorted(lost))} yet")
+    part = replace(made.part(4, 7), **{forgotten: None if forgotten.startswith("next") else 0})
+    assert not np.array_equal(engines.run(part).codes, engines.run(made).codes[4:7])
+
+
+def test_the_frame_behind_a_part_is_that_of_the_whole(make_plan) -> None:
+    made = make_plan()
+    behind = made.next_conductance_s()
+    assert np.array_equal(behind[:-1], made.conductance_s(slice(1, None)))
+    assert np.array_equal(behind[-1], made.conductance_s(-1))
+    part = made.part(3, 7)
+    assert part.first_frame == 3
+    assert np.array_equal(part.next_conductance_s(), behind[3:7])
+    assert np.array_equal(part.next_conductance_s(slice(1, 3)), behind[4:6])
+    assert np.array_equal(made.next_conductance_s(slice(2, 5)), behind[2:5])
+    for first, stop in ((-1, 2), (3, 3), (0, FRAMES + 1)):
+        with pytest.raises(ValueError, match="frames"):
+            made.part(first, stop)
+
+
+def test_bounds_cover_every_frame_once_in_parts_of_limited_size(make_plan) -> None:
+    made = make_plan()
+    for workers in (1, 2, 3, 50):
+        edges = batch.bounds(made, workers)
+        assert [f for a, b in edges for f in range(a, b)] == list(range(FRAMES))
+    long = replace(made, resistance_ohm=np.broadcast_to(made.resistance_ohm[:1], (10**6, SIZE, SIZE)))
+    assert max((b - a) * SIZE * SIZE for a, b in batch.bounds(long, 2)) <= 2**18
+
+
+@pytest.mark.parametrize("processes", [1, 2, 3])
+def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int) -> None:
+    made = make_plan(row_driver=True, comparator_delay=True)
+    seen: list[int] = []
+    result = batch.run(made, seen.append, processes=processes)
+    expected = engines.run(made)
+    assert np.array_equal(result.codes, expected.codes)
+    assert np.array_equal(result.info["x"], expected.info["x"])
+    assert seen == sorted(seen)
+    assert seen[-1] == FRAMES * SIZE
+    assert len(seen) >= min(processes, 2)
+    assert not multiprocessing.active_children()
+
+
+def test_a_dask_cluster_gives_the_same_codes(make_plan) -> None:
+    distributed = pytest.importorskip("distributed")
+    made = make_plan(row_driver=True, comparator_delay=True)
+    seen: list[int] = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address)
+        with pytest.raises(InputError, match="packets below the threshold"):
+            batch.run(_failing(make_plan), scheduler=cluster.scheduler_address)
+    assert np.array_equal(result.codes, engines.run(made).codes)
+    assert seen[-1] == FRAMES * SIZE
+
+
+def test_a_scheduler_that_is_not_there_is_a_mistake_of_the_user(
+    make_plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "CONNECT_S", 1)
+    for address in ("tcp://127.0.0.1:1", "nonsense"):
+        with pytest.raises(InputError, match="--scheduler"):
+            batch.run(make_plan(), scheduler=address)
+
+
+def _failing(make_plan) -> Plan:
+    """Passes every check on the way in and fails in the engine."""
+    return make_plan("closed", preset_error={"v_v": 0.7})
+
+
+def test_a_part_that_fails_ends_the_run_with_its_error(make_plan) -> None:
+    with pytest.raises(InputError, match="packets below the threshold") as raised:
+        batch.run(_failing(make_plan), processes=2)
+    assert raised.value.key == "effects.preset_error and effects.comparator_offset"
+    assert not multiprocessing.active_children()
+
+
+def test_another_version_of_the_package_is_refused(make_plan) -> None:
+    with pytest.raises(SimulatorError, match="another version"):
+        batch._run_part(make_plan().part(0, 1), "an old one", {})
+
+
+def test_a_worker_that_dies_is_reported(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_run_part", _die)
+    with pytest.raises(SimulatorError, match=r"died that ran one of the frames \d+ to \d+"):
+        batch.run(make_plan(), processes=2)
+    assert not multiprocessing.active_children()
+
+
+def _die(*_: object) -> None:
+    os._exit(9)
+
+
+def test_errors_cross_a_process_whole() -> None:
+    for error in (InputError("f.toml", "a.b", -1.0, "more"), SimulatorError("it broke", "a.log")):
+        again = pickle.loads(pickle.dumps(error))
+        assert (str(again), vars(again)) == (str(error), vars(error))
+
+
+def test_cosim_is_told_that_it_has_processes_of_its_own(make_plan) -> None:
+    with pytest.raises(InputError, match="--processes"):
+        batch.run(make_plan("cosim"), processes=2)
+
+
+def test_a_worker_has_one_thread(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with batch._pool(1) as executor:
+        assert executor.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+SLOW = """
+import sys, time
+from dermis import batch, engines, plan
+def run(part, *_):
+    print("at work", flush=True)
+    time.sleep(60)
+if __name__ == "__main__":
+    batch._run_part = run
+    made = plan.load(sys.argv[1], "event")
+    batch.run(made, processes=2)
+"""
+
+
+def _sleepers(text: str) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and text.encode() in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["ctrl_c", "killed"])
+def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    (tmp_path / "scene.toml").write_text('[stimulus]\nkind = "uniform"\ncode = [1, 2, 3, 4]\n')
+    mark = f"DERMIS_TEST_BATCH={tmp_path}"
+    run = subprocess.Popen(
+        [sys.executable, str(tmp_path / "slow.py"), str(tmp_path / "scene.toml")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "DERMIS_TEST_BATCH": str(tmp_path)},
+    )
+    assert run.stdout is not None
+    assert run.stdout.readline() == "at work\n"
+    assert len(_sleepers(mark)) >= 3
+    if how == signal.SIGINT:
+        os.killpg(run.pid, how)  # as a terminal does it: to all of them
+    else:
+        run.kill()
+    run.wait(20)
+    end = time.monotonic() + 10
+    while _sleepers(mark) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert _sleepers(mark) == []
