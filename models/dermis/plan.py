@@ -17,7 +17,7 @@ from dermis.array import Network
 from dermis.design import Design
 from dermis.errors import InputError
 from dermis.scene import Scene
-from dermis.sensor import InverseSensor, make_sensor
+from dermis.sensor import Sensor, SensorState, age, make_sensor
 from dermis.stimulus import Surroundings, make_frames
 from dermis.vfc import Converter
 
@@ -93,8 +93,8 @@ class Plan:
         [frames, rows, cols], 0..inf.
     force_n : ndarray or None
         [frames, rows, cols] in newtons; None where a stimulus has none.
-    sensor : InverseSensor
-        The law that ties the two.
+    sensor : Sensor
+        The law that ties the two as long as no effect of the sensor is on.
     converter : Converter
     drive : Drive
     effects : tuple of EffectState
@@ -113,7 +113,7 @@ class Plan:
     timing: Timing
     resistance_ohm: Floats
     force_n: Floats | None
-    sensor: InverseSensor
+    sensor: Sensor
     converter: Converter
     drive: Drive
     effects: tuple[EffectState, ...]
@@ -266,23 +266,33 @@ def make(world: Scene, engine: str | None = None) -> Plan:
     sensor = make_sensor(table.sensor)
     unit_ohm = interface.v_bias_v / (interface.k * interface.i0_a)
 
-    def force_of_code(code: Floats) -> Floats:
-        return sensor.k_force_n_ohm / unit_ohm * code / timing.gate_clocks
+    def ohm_of_code(code: Floats) -> Floats:
+        with np.errstate(divide="ignore"):
+            return unit_ohm * timing.gate_clocks / (code + 0.0)
 
-    about = Surroundings(world.path, rows, cols, sensor, force_of_code)
+    about = Surroundings(world.path, rows, cols, sensor, ohm_of_code, timing.frame_s)
     made = make_frames(table.stimulus, about)
-    for array in (made.resistance_ohm, made.force_n):
+    state = SensorState(**contribution.sensor)
+    resistance_ohm = age(
+        sensor,
+        made.resistance_ohm,
+        made.t_frame_s,
+        state,
+        design.sensor.creep_start_s,
+        _setting(world).rng,
+    )
+    for array in (resistance_ohm, made.force_n):
         if array is not None:
             array.flags.writeable = False
     return Plan(
         scene=world,
         topology=interface.topology,
         timing=timing,
-        resistance_ohm=made.resistance_ohm,
+        resistance_ohm=resistance_ohm,
         force_n=made.force_n,
         sensor=sensor,
         converter=converter,
-        drive=Drive(t_frame_s=timing.frame_s, **contribution.drive),
+        drive=Drive(t_frame_s=made.t_frame_s, **contribution.drive),
         effects=tuple(
             EffectState(
                 name, name in world.effects, "named in the scene" if name in world.effects else "not named"

@@ -21,6 +21,7 @@ from dermis.design import ROOT
 from dermis.engines import Result, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
+from dermis.sensor import InverseSensor
 from dermis.verdict import Row
 
 OUT = ROOT / "build" / "sim"
@@ -66,8 +67,13 @@ def on_code(made: Plan) -> NDArray[np.bool_]:
 
 
 def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
-    """Straight line through code against force below saturation: slope a newton, offset, residuals; or None."""
-    if made.force_n is None:
+    """Straight line through code against force below saturation: slope a newton, offset, residuals; or None.
+
+    None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet that has aged.
+    """
+    if made.force_n is None or not isinstance(made.sensor, InverseSensor):
+        return None
+    if not np.allclose(made.sensor.force_n(made.resistance_ohm), made.force_n, rtol=_EXACT, atol=0):
         return None
     steps = made.timing.gate_clocks * made.duty_ideal()
     below = np.isfinite(made.force_n) & (steps <= made.timing.code_max)

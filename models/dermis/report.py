@@ -102,7 +102,7 @@ def frame_figure(
         most = 1.1 * max(1.0, float(np.abs(fit[2]).max()))
         rest.set_ylim(-most, most)
     else:
-        rest.text(0.5, 0.5, "fewer than three forces", ha="center", transform=rest.transAxes)
+        rest.text(0.5, 0.5, "no line to fit", ha="center", transform=rest.transAxes)
     save(figure, path)
 
 

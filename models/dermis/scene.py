@@ -19,7 +19,9 @@ from dermis.effects import EffectsTable, Setting, check_together, resolve_effect
 from dermis.errors import InputError
 from dermis.schema import Strict, entry, read_toml, validate, write_toml
 from dermis.sensor import SensorTable
+from dermis.sensor import resolve as resolve_sensor
 from dermis.stimulus import StimulusTable
+from dermis.stimulus import resolve as resolve_stimulus
 
 
 class ArrayTable(Strict):
@@ -150,6 +152,7 @@ class Scene:
         """
         data = self.table.model_dump()
         data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
+        data["stimulus"] = {"kind": data["stimulus"].pop("kind")} | data["stimulus"]
         if "file" in data["stimulus"]:
             file = (self.path.parent / data["stimulus"]["file"]).resolve()
             data["stimulus"]["file"] = (
@@ -179,7 +182,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     """Fill in every default that comes from the design, and check what no single key can."""
     design = design or load_design()
     array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
-    sensor = _filled(table.sensor, k_force_n_ohm=design.sensor.k_force_n_ohm)
+    sensor = resolve_sensor(table.sensor, design.sensor, path)
     interface = _filled(
         table.interface,
         topology=design.interface.topology,
@@ -196,9 +199,8 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
         allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
         raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
-    stimulus = table.stimulus
-    if stimulus.kind == "indenter":
-        stimulus = _filled(stimulus, center_row=(array.rows - 1) / 2, center_col=(array.cols - 1) / 2)
+    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
+    stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
     resolved = table.model_copy(
         update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
     )
@@ -237,7 +239,10 @@ def schema_table() -> str:
 
 def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
     inner: list[tuple[str, type[BaseModel]]] = []
-    for name, field in model.model_fields.items():
+    # What a table says itself stands before what it has in common with others.
+    own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
+    for name in sorted(model.model_fields, key=own.index):
+        field = model.model_fields[name]
         members = _members(field.annotation)
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if members and bool not in typing.get_args(field.annotation):

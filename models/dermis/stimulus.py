@@ -7,7 +7,7 @@ import io
 import math
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +17,7 @@ from pydantic import Field
 
 from dermis.errors import InputError, one_line, quoted
 from dermis.schema import Strict, entry, read_bytes
-from dermis.sensor import InverseSensor
+from dermis.sensor import Sensor
 
 Floats = NDArray[np.float64]
 
@@ -30,10 +30,20 @@ CODE_MAX = 255
 
 @dataclass(frozen=True)
 class Frames:
-    """What the sheet goes through: resistance_ohm and force_n (newtons, or None), [frames, rows, cols]."""
+    """What the sheet goes through.
+
+    Attributes
+    ----------
+    resistance_ohm, force_n : ndarray
+        By the sensor's law, and in newtons (or None), [frames, rows, cols]: one frame for each time the array is
+        read.
+    t_frame_s : float
+        From the start of one reading to the start of the next, the chip's frame time or longer.
+    """
 
     resistance_ohm: Floats
     force_n: Floats | None
+    t_frame_s: float
 
 
 @dataclass(frozen=True)
@@ -43,29 +53,64 @@ class Surroundings:
     scene: Path
     rows: int
     cols: int
-    sensor: InverseSensor
-    force_of_code: Callable[[Floats], Floats]
+    sensor: Sensor
+    ohm_of_code: Callable[[Floats], Floats]
+    t_frame_s: float
+    where: str = "stimulus"
+
+    def wrong(self, key: str, value: Any, allowed: str) -> InputError:
+        """The error of one key of the stimulus, or of the whole table where the key is empty."""
+        return InputError(self.scene, f"{self.where}.{key}" if key else self.where, value, allowed)
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Force = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Forces = Force | Annotated[list[Force], Field(min_length=1)]
+Points = Annotated[list[Force], Field(min_length=2)]
 Ohm = Annotated[float, Field(ge=0, allow_inf_nan=True)]
 Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
+Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
+Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
+Seconds = Annotated[float, Field(gt=0, le=1e9)]
 _FORCE = "a finite number >= 0, or a list of them, one a frame"
+_TAPS = "a finite number >= 0, or a list of them, one a tap"
+_POINTS = "a list of at least 2 finite numbers >= 0"
+_SHAPES = 'one of "flat", "triangular", "cylindrical", "spherical", "round"'
+_PROFILES = (
+    "flat 1; triangular 1 - |t|; cylindrical sqrt(1 - t^2); these three on the rectangle width x length; "
+    "spherical sqrt(1 - t^2 - s^2) and round 1 on the ellipse in it; t and s run from -1 to 1 across width and length"
+)
 
 
-class IndenterTable(Strict):
-    """A stiff body pressed into the sheet; one frame for each force."""
+class _Timed(Strict):
+    """What a stimulus of ready frames says of time."""
 
-    kind: Literal["indenter"] = entry(..., "A body pressed into the sheet", '"indenter"')
-    shape: Literal["flat", "triangular", "cylindrical"] = entry(
-        ...,
-        "Pressure along the width: flat 1, triangular 1 - |t|, cylindrical sqrt(1 - t^2), t = -1..1 from "
-        "edge to edge; along the length always constant",
-        'one of "flat", "triangular", "cylindrical"',
+    t_frame_s: Seconds | None = entry(
+        None,
+        "Time from one of its frames to the next, in s",
+        "a finite number > 0, at most 1e9",
+        default_from="the frame time of the chip, rows * timing.slot_s",
     )
-    force_n: Force | Annotated[list[Force], Field(min_length=1)] = entry(
-        ..., "Force in N on a taxel where the profile is 1; a list makes one frame each", _FORCE
+    resample: Literal["none", "hold", "linear"] = entry(
+        "none",
+        "What the chip, which reads on at its own frame time, sees between them: none: it reads once a frame of the "
+        "stimulus; hold: the newest frame; linear: conductance on a straight line from frame to frame",
+        'one of "none", "hold", "linear"',
+    )
+
+
+class _Body(Strict):
+    """A stiff body: where it stands and how it presses."""
+
+    shape: Shape = entry(..., "Pressure under the body: " + _PROFILES, _SHAPES)
+    force_n: Forces | None = entry(
+        None,
+        "Force in N on a taxel where the profile is 1; a list makes one frame each",
+        _FORCE + "; or total_force_n instead",
+    )
+    total_force_n: Forces | None = entry(
+        None,
+        "Force in N of the whole body, shared by the taxels it touches; a list makes one frame each",
+        _FORCE + "; or force_n instead",
     )
     width: float = entry(8.0, "Extent across the profile, in taxel pitches", "a finite number > 0", gt=0)
     length: float = entry(
@@ -87,9 +132,119 @@ class IndenterTable(Strict):
         ge=-360,
         le=360,
     )
+    samples: int = entry(
+        1,
+        "1: a taxel feels the pressure at its centre; n: the mean over n x n points spread evenly over its pitch",
+        "a whole number 1..16",
+        ge=1,
+        le=16,
+    )
 
 
-class UniformTable(Strict):
+class _Lasting(Strict):
+    """How long something that moves is watched; frames follow each other at the chip's frame time."""
+
+    frames: int | None = entry(
+        None, "Frames to read", "a whole number 1..2^25; or duration_s instead", ge=1, le=1 << 25
+    )
+    duration_s: Seconds | None = entry(
+        None,
+        "Or time to read for, in s, rounded up to whole frames",
+        "a finite number > 0, at most 1e9; or frames instead",
+    )
+
+
+class IndenterTable(_Body, _Timed):
+    """A stiff body pressed into the sheet; one frame for each force."""
+
+    kind: Literal["indenter"] = entry(..., "A body pressed into the sheet", '"indenter"')
+
+
+class SlipTable(_Body, _Lasting):
+    """A stiff body that slides over the sheet."""
+
+    kind: Literal["slip"] = entry(
+        ..., "A body that slides over the sheet, read at the chip's frame time", '"slip"'
+    )
+    speed_pitch_per_s: float = entry(
+        ...,
+        "Speed in taxel pitches a second (100 mm/s on a pitch of 5 mm is 20)",
+        "a finite number >= 0",
+        ge=0,
+    )
+    direction_deg: float = entry(
+        0.0,
+        "Where it goes: 0 towards rising columns, 90 towards rising rows, in degrees",
+        "a finite number from -360 to 360",
+        ge=-360,
+        le=360,
+    )
+    start_s: float = entry(0.0, "It rests at its centre until then, in s", "a finite number >= 0", ge=0)
+
+
+class TappingTable(_Body, _Lasting):
+    """A stiff body that comes down again and again."""
+
+    kind: Literal["tapping"] = entry(
+        ..., "A body that taps on the sheet, read at the chip's frame time", '"tapping"'
+    )
+    force_n: Forces | None = entry(
+        None,
+        "Highest force in N of a tap, on a taxel where the profile is 1; a list makes one tap each, over and over",
+        _TAPS + "; or total_force_n instead",
+    )
+    total_force_n: Forces | None = entry(
+        None,
+        "Highest force in N of a tap of the whole body, shared by the taxels it touches; a list as for force_n",
+        _TAPS + "; or force_n instead",
+    )
+    frequency_hz: float = entry(
+        ..., "Taps a second; the first begins at time 0", "a finite number > 0, at most 1e6", gt=0, le=1e6
+    )
+    duty: float = entry(0.5, "Share of the period in contact", "a finite number > 0, at most 1", gt=0, le=1)
+    profile: Literal["half_sine", "square"] = entry(
+        "half_sine", "Force over the time of contact", 'one of "half_sine", "square"'
+    )
+
+
+class RampTable(_Body, _Lasting):
+    """A body, or even pressure, whose force changes along straight lines."""
+
+    kind: Literal["ramp"] = entry(
+        ...,
+        "A force that runs along straight lines in time, read at the chip's frame time; with the effect motion it "
+        "runs inside every gate as well",
+        '"ramp"',
+    )
+    shape: Shape | None = entry(
+        None, "Left out: the same on every taxel; else pressure under a body, as for an indenter", _SHAPES
+    )
+    force_n: Points | None = entry(
+        None,
+        "Forces in N on a taxel where the profile is 1, at equal steps of time from the first frame to the last, with "
+        "straight lines between them",
+        _POINTS + "; or total_force_n instead",
+    )
+    total_force_n: Points | None = entry(
+        None,
+        "As force_n, of the whole body and shared by the taxels it touches",
+        _POINTS + "; or force_n instead",
+    )
+    frames: int | None = entry(
+        None,
+        "Frames to read, the first and the last force included; left out with duration_s: one a force",
+        "a whole number 2..2^25; or duration_s instead",
+        ge=2,
+        le=1 << 25,
+    )
+    duration_s: Seconds | None = entry(
+        None,
+        "Or time from the first force to the last, in s",
+        "a finite number > 0, at most 1e9; or frames instead",
+    )
+
+
+class UniformTable(_Timed):
     """The same on every taxel; exactly one of force_n, code, r_ohm; a list makes one frame each."""
 
     kind: Literal["uniform"] = entry(
@@ -108,7 +263,7 @@ class UniformTable(Strict):
     )
 
 
-class FramesTable(Strict):
+class FramesTable(_Timed):
     """Frames from a file."""
 
     kind: Literal["frames"] = entry(..., "Frames from a file", '"frames"')
@@ -129,16 +284,14 @@ class FramesTable(Strict):
         'one of "codes", "newtons"',
     )
     scale: float = entry(1.0, "Factor on every force, after the unit", "a finite number >= 0", ge=0)
-    select: (
-        Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
-    ) = entry(
+    select: Select = entry(
         "all",
         "Which frames, counted from 0, in the order given",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
 
 
-class ResistanceTable(Strict):
+class ResistanceTable(_Timed):
     """Resistances from a file."""
 
     kind: Literal["resistance"] = entry(..., "Resistances from a file", '"resistance"')
@@ -151,103 +304,279 @@ class ResistanceTable(Strict):
     key: str | None = entry(
         None, "Which array of an npz file; may be left out where there is one", "a name in the npz"
     )
-    select: (
-        Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
-    ) = entry(
+    select: Select = entry(
         "all",
         "Which frames, counted from 0, in the order given",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
 
 
+Part = Annotated[IndenterTable | SlipTable | TappingTable | RampTable, Field(discriminator="kind")]
+
+
+class SeveralTable(Strict):
+    """Several bodies at once; their forces add."""
+
+    kind: Literal["several"] = entry(..., "Several bodies at once; their forces add", '"several"')
+    parts: Annotated[list[Part], Field(min_length=1, max_length=64)] = entry(
+        ...,
+        "The bodies; one that ends before the others holds its last frame",
+        "1 to 64 tables of kind indenter, slip, tapping or ramp, each a [[stimulus.parts]] of its own",
+    )
+
+
 StimulusTable = Annotated[
-    IndenterTable | UniformTable | FramesTable | ResistanceTable, Field(discriminator="kind")
+    IndenterTable
+    | SlipTable
+    | TappingTable
+    | RampTable
+    | SeveralTable
+    | UniformTable
+    | FramesTable
+    | ResistanceTable,
+    Field(discriminator="kind"),
 ]
 
 
-def indenter_profile(table: IndenterTable, rows: int, cols: int) -> Floats:
-    """Pressure relative to its peak at the centre of every taxel, [rows, cols], 0..1.
+def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
+    """Fill in what a [stimulus] table takes from the rest of the scene: its place and its time."""
+    if isinstance(table, SeveralTable):
+        return table.model_copy(update={"parts": [resolve(p, rows, cols, t_frame_s) for p in table.parts]})
+    defaults = {"center_row": (rows - 1) / 2, "center_col": (cols - 1) / 2, "t_frame_s": t_frame_s}
+    fields = type(table).model_fields
+    missing = {k: v for k, v in defaults.items() if k in fields and getattr(table, k) is None}
+    return table.model_copy(update=missing)
 
-    With u across and v along the body, counted in pitches from its centre, a taxel is touched where its
-    centre has |u| <= width/2 and |v| <= length/2. With t = u / (width/2): flat 1; triangular 1 - |t|, a
-    straight ridge; cylindrical sqrt(1 - t^2), the half ellipse of Hertz for a cylinder lying on a plane.
+
+def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:
+    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at each place.
+
+    With u across and v along the body, counted in pitches from its centre, t = u / (width/2) and
+    s = v / (length/2): flat 1, triangular 1 - |t| (a straight ridge) and cylindrical sqrt(1 - t^2) (the half
+    ellipse of Hertz for a cylinder lying on a plane) where |t| <= 1 and |s| <= 1; spherical sqrt(1 - t^2 - s^2)
+    (the half ellipsoid of Hertz for a ball) and round 1 where t^2 + s^2 <= 1.
     """
-    if table.center_row is None or table.center_col is None:
-        raise ValueError("the [stimulus] table is not resolved: the centre has no value")
+    out = np.zeros((row.size, rows, cols))
+    step = max(1, (1 << 20) // (rows * cols))
+    inside = (np.arange(table.samples) + 0.5) / table.samples - 0.5
+    for n in range(0, row.size, step):
+        at = slice(n, n + step)
+        for down in inside:
+            for right in inside:
+                out[at] += _pressure(
+                    table,
+                    (np.arange(rows) + down)[:, np.newaxis] - row[at, np.newaxis, np.newaxis],
+                    (np.arange(cols) + right)[np.newaxis, :] - col[at, np.newaxis, np.newaxis],
+                )
+    return out / table.samples**2
+
+
+def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
     angle = math.radians(table.angle_deg)
-    down = np.arange(rows, dtype=float)[:, np.newaxis] - table.center_row
-    right = np.arange(cols, dtype=float)[np.newaxis, :] - table.center_col
     with np.errstate(over="ignore", invalid="ignore"):
         t = (right * math.cos(angle) + down * math.sin(angle)) / (table.width / 2)
         s = (down * math.cos(angle) - right * math.sin(angle)) / (table.length / 2)
-    # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
-    touched = (np.abs(t) <= 1 + 1e-9) & (np.abs(s) <= 1 + 1e-9)
-    t = np.clip(np.where(touched, t, 0.0), -1.0, 1.0)
-    profile = {"flat": np.ones_like(t), "triangular": 1 - np.abs(t), "cylindrical": np.sqrt(1 - t * t)}[
-        table.shape
-    ]
+        # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
+        if table.shape in ("spherical", "round"):
+            touched = t * t + s * s <= 1 + 1e-9
+        else:
+            touched = (np.abs(t) <= 1 + 1e-9) & (np.abs(s) <= 1 + 1e-9)
+    t, s = np.where(touched, t, 0.0), np.where(touched, s, 0.0)
+    profile = {
+        "flat": np.ones_like,
+        "round": np.ones_like,
+        "triangular": lambda t: np.maximum(1 - np.abs(t), 0.0),
+        "cylindrical": lambda t: np.sqrt(np.maximum(1 - t * t, 0.0)),
+        "spherical": lambda t: np.sqrt(np.maximum(1 - t * t - s * s, 0.0)),
+    }[table.shape](t)
     return np.where(touched, profile, 0.0)
 
 
 def make_frames(table: Any, about: Surroundings) -> Frames:
     """Turn a resolved [stimulus] table into frames; InputError for what is wrong in file or keys."""
     sensor = about.sensor
-    if isinstance(table, IndenterTable):
-        profile = indenter_profile(table, about.rows, about.cols)
-        force = _frame_steps(table.force_n, "force_n", about)[:, np.newaxis, np.newaxis] * profile
-        return Frames(sensor.resistance_ohm(force), force)
+    if isinstance(table, _Body):
+        return _body(table, about)
+    if isinstance(table, SeveralTable):
+        return _several(table, about)
     if isinstance(table, UniformTable):
         return _uniform(table, about)
     values = read_frames(table, about)
     if isinstance(table, ResistanceTable):
-        return Frames(values, sensor.force_n(values))
+        return _in_time(table, about, values, sensor.force_n(values))
     if table.unit == "codes":
-        values = about.force_of_code(values)
+        ohm = about.ohm_of_code(values)
+        if table.scale == 1:
+            return _in_time(table, about, ohm, sensor.force_n(ohm))
+        values = sensor.force_n(ohm)
     with np.errstate(over="ignore"):
         force = values * table.scale
     if not np.isfinite(force).all():
-        raise InputError(about.scene, "stimulus.scale", table.scale, "a factor that keeps every force finite")
-    return Frames(sensor.resistance_ohm(force), force)
+        raise about.wrong("scale", table.scale, "a factor that keeps every force finite")
+    return _in_time(table, about, sensor.resistance_ohm(force), force)
+
+
+def _one_of(table: Strict, keys: tuple[str, ...], about: Surroundings) -> str:
+    given = [k for k in keys if getattr(table, k) is not None]
+    if len(given) != 1:
+        raise about.wrong("", " and ".join(given) or "nothing", "exactly one of " + ", ".join(keys))
+    return given[0]
 
 
 def _uniform(table: UniformTable, about: Surroundings) -> Frames:
-    given = [k for k in ("force_n", "code", "r_ohm") if getattr(table, k) is not None]
-    if len(given) != 1:
-        found = " and ".join(given) or "nothing"
-        raise InputError(about.scene, "stimulus", found, "exactly one of force_n, code, r_ohm")
-    steps = _frame_steps(getattr(table, given[0]), given[0], about)
+    key = _one_of(table, ("force_n", "code", "r_ohm"), about)
+    steps = _frame_steps(getattr(table, key), key, about)
     steps = np.tile(steps[:, np.newaxis, np.newaxis], (1, about.rows, about.cols))
-    if given[0] == "r_ohm":
-        return Frames(steps, about.sensor.force_n(steps))
-    force = about.force_of_code(steps) if given[0] == "code" else steps
-    return Frames(about.sensor.resistance_ohm(force), force)
+    if key == "force_n":
+        return _in_time(table, about, about.sensor.resistance_ohm(steps), steps)
+    ohm = about.ohm_of_code(steps) if key == "code" else steps
+    return _in_time(table, about, ohm, about.sensor.force_n(ohm))
 
 
 def _frame_steps(value: Any, key: str, about: Surroundings) -> Floats:
     steps = np.atleast_1d(np.asarray(value, dtype=float))
     if steps.size * about.rows * about.cols > VALUES_MAX:
-        raise InputError(
-            about.scene, f"stimulus.{key}", f"{steps.size} frames", f"at most {VALUES_MAX} values in all"
-        )
+        raise about.wrong(key, f"{steps.size} frames", f"at most {VALUES_MAX} values in all")
     return steps
+
+
+def _body(table: _Body, about: Surroundings) -> Frames:
+    if table.center_row is None or table.center_col is None:
+        raise ValueError("the [stimulus] table is not resolved: the centre has no value")
+    key = _one_of(table, ("force_n", "total_force_n"), about)
+    forces = _frame_steps(getattr(table, key), key, about)
+    row, col = np.array([table.center_row]), np.array([table.center_col])
+    if isinstance(table, SlipTable):
+        count = _count(table, about, forces.size if forces.size > 1 else None)
+        if forces.size not in (1, count):
+            said = f"one force, or one for each of the {count} frames"
+            raise about.wrong(key, f"{forces.size} forces", said)
+        time = np.arange(count) * about.t_frame_s
+        way = table.speed_pitch_per_s * np.maximum(time - table.start_s, 0.0)
+        turn = math.radians(table.direction_deg)
+        row, col = row + way * math.sin(turn), col + way * math.cos(turn)
+        forces = np.broadcast_to(forces, count)
+    elif isinstance(table, TappingTable):
+        time = np.arange(_count(table, about, None)) * about.t_frame_s
+        # A tap that begins on a frame begins there whatever way the product rounds.
+        tap = np.floor(time * table.frequency_hz + 1e-9)
+        phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
+        wave = np.sin(np.pi * np.minimum(phase, 1.0)) if table.profile == "half_sine" else phase < 1 - 1e-9
+        forces = forces[(tap % forces.size).astype(int)] * np.where(phase < 1, wave, 0.0)
+    elif isinstance(table, RampTable):
+        count = _count(table, about, forces.size)
+        last = (count - 1) * about.t_frame_s if table.duration_s is None else table.duration_s
+        share = np.minimum(np.arange(count) * about.t_frame_s / last, 1.0)
+        forces = np.interp(share * (forces.size - 1), np.arange(forces.size), forces)
+    if table.shape is None:
+        profile = np.ones((1, about.rows, about.cols))
+    else:
+        profile = body_profile(table, row, col, about.rows, about.cols)
+    if key == "total_force_n":
+        whole = profile.sum(axis=(1, 2), keepdims=True)
+        if isinstance(table, IndenterTable) and not whole.all() and forces.any():
+            raise about.wrong(key, table.total_force_n, "0 for a body that touches no taxel")
+        # Where a moving body has left the sheet nothing carries it.
+        profile = np.divide(profile, whole, out=np.zeros_like(profile), where=whole > 0)
+    force = forces[:, np.newaxis, np.newaxis] * profile
+    ohm = about.sensor.resistance_ohm(force)
+    return (
+        _in_time(table, about, ohm, force)
+        if isinstance(table, _Timed)
+        else Frames(ohm, force, about.t_frame_s)
+    )
+
+
+def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
+    """Frames of something that moves: from its keys, or as many as its list has forces."""
+    both_ends = isinstance(table, RampTable)
+    if listed is None or (table.frames is not None and table.duration_s is not None):
+        _one_of(table, ("frames", "duration_s"), about)
+    if table.duration_s is not None:
+        count = max(1, math.ceil(table.duration_s / about.t_frame_s - 1e-9)) + both_ends
+    else:
+        count = listed if table.frames is None else table.frames
+    if count * about.rows * about.cols > VALUES_MAX:
+        key = "frames" if table.duration_s is None else "duration_s"
+        said = f"at most {VALUES_MAX} values in all, {VALUES_MAX // (about.rows * about.cols)} frames"
+        raise about.wrong(key, getattr(table, key), said)
+    return count
+
+
+def _several(table: SeveralTable, about: Surroundings) -> Frames:
+    total: Frames | None = None
+    for n, part in enumerate(table.parts):
+        here = replace(about, where=f"{about.where}.parts.{n}")
+        made = make_frames(part, here)
+        if total is None:
+            total = made
+            continue
+        if made.t_frame_s != total.t_frame_s:
+            said = 'the same for all parts, or resample = "hold" or "linear"'
+            raise here.wrong("t_frame_s", getattr(part, "t_frame_s", made.t_frame_s), said)
+        count = max(made.force_n.shape[0], total.force_n.shape[0])
+        with np.errstate(over="ignore"):
+            force = _held(made.force_n, count) + _held(total.force_n, count)
+        if not np.isfinite(force).all():
+            raise here.wrong("", "its forces", "a sum that stays finite")
+        total = Frames(total.resistance_ohm, force, made.t_frame_s)
+    return Frames(about.sensor.resistance_ohm(total.force_n), total.force_n, total.t_frame_s)
+
+
+def _held(values: Floats, count: int) -> Floats:
+    return values[np.minimum(np.arange(count), values.shape[0] - 1)]
+
+
+def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
+    """What the chip reads of frames that follow each other at their own rate, see `_Timed.resample`."""
+    if table.t_frame_s is None:
+        raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
+    steps = about.t_frame_s / table.t_frame_s
+    if abs(steps - 1) < 1e-9:
+        return Frames(ohm, force, about.t_frame_s)
+    frames = ohm.shape[0]
+    if table.resample == "none":
+        if steps > 1:
+            said = f'at least the frame time of the chip, {about.t_frame_s:g} s, or resample = "hold" or "linear"'
+            raise about.wrong("t_frame_s", table.t_frame_s, said)
+        return Frames(ohm, force, table.t_frame_s)
+    # hold: the last frame lasts as long as the others; linear: the last one is the end.
+    count = (
+        math.ceil(frames / steps - 1e-9)
+        if table.resample == "hold"
+        else math.floor((frames - 1) / steps + 1e-9) + 1
+    )
+    if count * about.rows * about.cols > VALUES_MAX:
+        said = f"a time that makes at most {VALUES_MAX} values, not {count} frames"
+        raise about.wrong("t_frame_s", table.t_frame_s, said)
+    place = np.arange(max(count, 1)) * steps
+    first = np.minimum(np.floor(place + 1e-9).astype(int), frames - 1)
+    if table.resample == "hold":
+        return Frames(ohm[first], force[first], about.t_frame_s)
+    share = (place - first)[:, np.newaxis, np.newaxis]
+    share[share < 1e-9] = 0.0
+    before, behind = ohm[first], ohm[np.minimum(first + 1, frames - 1)]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        between = 1.0 / ((1.0 - share) / before + share / behind)
+    kept = (share == 0) | (before == behind)
+    ohm = np.where(kept, before, between)
+    return Frames(ohm, np.where(kept, force[first], about.sensor.force_n(ohm)), about.t_frame_s)
 
 
 def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Floats:
     """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or above."""
     path = about.scene.parent / table.file
     shown = table.file
-    told_by = (about.scene, "stimulus.file", table.file)
+    told_by = (about.scene, f"{about.where}.file", table.file)
     suffix = Path(table.file).suffix.lower()
     if table.key is not None and suffix != ".npz":
-        raise InputError(about.scene, "stimulus.key", quoted(table.key), "left out, except for an npz file")
+        raise about.wrong("key", quoted(table.key), "left out, except for an npz file")
     if suffix == ".csv":
         values = _read_csv(read_bytes(path, FILE_BYTES_MAX, told_by), shown, about)
     elif suffix in (".npy", ".npz"):
         values = _read_numpy(read_bytes(path, FILE_BYTES_MAX, told_by), shown, suffix, table, about)
     else:
-        raise InputError(
-            about.scene, "stimulus.file", quoted(table.file), "a file that ends in .csv, .npy or .npz"
-        )
+        raise about.wrong("file", quoted(table.file), "a file that ends in .csv, .npy or .npz")
     _check_values(values, shown, table)
     return values[_selected(table, values.shape[0], about)]
 
@@ -257,14 +586,9 @@ def _selected(table: FramesTable | ResistanceTable, frames: int, about: Surround
         return {"all": slice(None), "first": slice(0, 1), "last": slice(frames - 1, frames)}[table.select]
     for number in table.select:
         if number >= frames:
-            raise InputError(about.scene, "stimulus.select", number, f"frame numbers 0..{frames - 1}")
+            raise about.wrong("select", number, f"frame numbers 0..{frames - 1}")
     if len(table.select) * about.rows * about.cols > VALUES_MAX:
-        raise InputError(
-            about.scene,
-            "stimulus.select",
-            f"{len(table.select)} frames",
-            f"at most {VALUES_MAX} values in all",
-        )
+        raise about.wrong("select", f"{len(table.select)} frames", f"at most {VALUES_MAX} values in all")
     return list(table.select)
 
 
