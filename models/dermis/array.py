@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
+Node = tuple[Any, ...]
 
 # Conductances that stand for a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
 # how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. Both are
-# far beyond what double precision can tell from a true short next to 1 microohm, and the elimination below
+# far beyond what double precision can tell from a true short next to 1 microohm, and the eliminations below
 # never subtracts them.
-_G_TAXEL_SHORT_S = 1e16
+_G_TAXEL_SHORT_S = 1e22
 _G_SERIES_SHORT_S = 1e30
 
 # Rounding of n elimination steps without a subtraction stays below about n^2 * 1e-16; a wrong term is of
@@ -134,14 +136,22 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
         with np.errstate(over="ignore"):
             current = network.v_bias_v * g
     else:
-        if network.active_fields() & _TRACES:
-            raise NotImplementedError("trace resistance")
         current = _solve(network, np.minimum(g, _G_TAXEL_SHORT_S))
     return current[0] if g_frames_s is None else current
 
 
-_TRACES = frozenset({"r_trace_row_ohm", "r_trace_column_ohm"})
-_ACTS = _TRACES | {"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "v_column_offset_v", "i_leak_a"}
+# Capacitances carry no direct current; laterals between ideal columns none at all.
+_ACTS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "i_leak_a",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+    }
+)
 
 
 def _conductance(resistance_ohm: ArrayLike) -> Floats:
@@ -149,27 +159,141 @@ def _conductance(resistance_ohm: ArrayLike) -> Floats:
         return np.minimum(np.divide(1.0, np.asarray(resistance_ohm, dtype=float)), _G_SERIES_SHORT_S)
 
 
+def _ratio(above: Floats, below: Floats) -> Floats:
+    """above / below, 0 where there is nothing below (a row line that hangs on nothing)."""
+    return np.divide(
+        above, below, out=np.zeros(np.broadcast_shapes(above.shape, below.shape)), where=below > 0
+    )
+
+
+# The products along a row line stay away from underflow by as much again.
+_PRODUCT_MIN = 1e-150
+
+
+class _RowLines:
+    """Row lines without their drivers, seen from the column lines: [frames, rows, cols].
+
+    Everything of row line r between its driver's node and the column lines is `to_driver[:, r, c]`, a
+    conductance from the driver's node to column line c, and `between` gives those from column line to column
+    line.
+    """
+
+    def __init__(self, network: Network, g: Floats) -> None:
+        self.g = g
+        self.to_driver = g
+        self.bent = network.r_trace_row_ohm > 0
+        if not self.bent:
+            return
+        # The line as a ladder, from its far end: `total` hangs on node c from there on, `pass_on` is the part
+        # of a current into node c (nothing but what lies before it connected) that goes towards the driver.
+        segment = float(_conductance(network.r_trace_row_ohm))
+        total = np.zeros_like(g[:, :, 0])
+        pivot = np.empty_like(g)
+        for c in reversed(range(network.cols)):
+            total = g[:, :, c] + segment * (total / (segment + total))
+            pivot[:, :, c] = segment + total
+        self.pass_on = segment / pivot
+        # `seen` is the resistance at node c with the driver's node and all column lines grounded.
+        self.seen = 1.0 / pivot
+        for c in range(1, network.cols):
+            self.seen[:, :, c] += self.pass_on[:, :, c] ** 2 * self.seen[:, :, c - 1]
+        self.to_driver = g * np.cumprod(self.pass_on, axis=2)
+
+        # From node i to node j > i: g_i seen_i times all pass_on between them times g_j. As a product of one
+        # factor of i and one of j it is fast, as long as the products from the driver on stay in range.
+        through = np.cumprod(self.pass_on, axis=2)
+        self.mild = bool((through > _PRODUCT_MIN).all())
+        if self.mild:
+            self.left, self.right = g * self.seen / through, g * through
+
+    def between(self, rows: slice) -> Floats:
+        """Conductances between column lines through some row lines, [frames, cols, cols]; diagonal 0."""
+        if self.mild:
+            upper = np.matmul(self.left[:, rows].transpose(0, 2, 1), self.right[:, rows])
+        else:
+            upper = self._between_steep(rows)
+        upper = np.triu(upper, 1)
+        return upper + upper.transpose(0, 2, 1)
+
+    def _between_steep(self, rows: slice) -> Floats:
+        cols = self.g.shape[2]
+        after = np.arange(cols)[np.newaxis, :] > np.arange(cols)[:, np.newaxis]
+        upper = np.zeros((self.g.shape[0], cols, cols))
+        for row in range(self.g.shape[1])[rows]:
+            steps = np.where(after, self.pass_on[:, row, np.newaxis, :], 1.0)
+            left, right = self.g[:, row] * self.seen[:, row], self.g[:, row]
+            upper += left[:, :, np.newaxis] * np.cumprod(steps, axis=2) * right[:, np.newaxis, :]
+        return upper
+
+
+@dataclass
+class _Response:
+    """What the array does while all rows are grounded, and row r has the current that `drive` describes.
+
+    The current into the driver's node of row r is the one that would hold it at 1 V were all column lines
+    grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at 1 + `lift`
+    [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. What offsets and leaks do
+    by themselves is `held` [frames, cols] at the columns and `lifted` [frames, rows] at the drivers' nodes.
+    """
+
+    delivered: Floats
+    lift: Floats
+    away: Floats
+    held: Floats | None = None
+    lifted: Floats | None = None
+
+
 def _solve(network: Network, g: Floats) -> Floats:
-    offset = network.v_column_offset_v
+    lines = _RowLines(network, g)
+    respond = _respond_chain if network.r_trace_column_ohm > 0 else _respond_columns
+    response = respond(network, lines)
+    g_ground = float(_conductance(network.r_row_grounded_ohm))
+    _check_balance(
+        lines.to_driver.sum(axis=2), response.away + g_ground * response.lift, "in the slot of a row"
+    )
+    # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
+    scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
+    source = np.full_like(scale, network.v_bias_v)
+    if response.held is None or response.lifted is None:
+        return (source / scale)[:, :, np.newaxis] * response.delivered
+    source -= (1.0 - g_ground * network.r_row_driven_ohm) * response.lifted
+    return (source / scale)[:, :, np.newaxis] * response.delivered + response.held[:, np.newaxis, :]
+
+
+def _held(network: Network) -> bool:
+    return bool(network.v_column_offset_v.any() or network.i_leak_a.any())
+
+
+def _add_neighbours(link: Floats, g: float) -> None:
+    at = np.arange(link.shape[1] - 1)
+    link[:, at, at + 1] += g
+    link[:, at + 1, at] += g
+
+
+def _respond_columns(network: Network, lines: _RowLines) -> _Response:
+    """Every column line is one node."""
+    rows, cols = network.rows, network.cols
     g_ground = float(_conductance(network.r_row_grounded_ohm))
     g_column = _conductance(network.r_column_ohm)
+    g = lines.to_driver
 
-    # All rows grounded: star-mesh of every row node. link[c, d] joins two columns, leak[c] goes to ground.
+    # Star-mesh of every driver's node. link[c, d] joins two columns, leak[c] goes to ground.
     node = g.sum(axis=2) + g_ground
-    share = np.divide(g, node[:, :, np.newaxis], out=np.zeros_like(g), where=node[:, :, np.newaxis] > 0)
+    share = _ratio(g, node[:, :, np.newaxis])
     link = np.matmul(share.transpose(0, 2, 1), g)
-    if network.g_lateral_row_s and network.cols > 1:
-        neighbours = np.arange(network.cols - 1)
-        link[:, neighbours, neighbours + 1] += network.rows * network.g_lateral_row_s
-        link[:, neighbours + 1, neighbours] += network.rows * network.g_lateral_row_s
-    link[:, np.arange(network.cols), np.arange(network.cols)] = 0.0
-    leak = g_ground * share.sum(axis=1)
+    if lines.bent:
+        link += lines.between(slice(None))
+    if network.g_lateral_row_s:
+        _add_neighbours(link, rows * network.g_lateral_row_s)
+    link[:, np.arange(cols), np.arange(cols)] = 0.0
+    leaks = g_ground * share
+    leak = leaks.sum(axis=1)
 
-    # One right-hand side a row: a current into row r that would hold it at 1 V were all columns grounded; and
-    # one for offsets and leaks. Columns that are held hard count their voltage from there, or the little they move
-    # would drown in it; the others count from ground, or what two of them share through shorts would.
+    # One right-hand side a row, and one for offsets and leaks. Columns that are held hard count their voltage
+    # from there, or the little they move would drown in it; the others count from ground, or what two of them
+    # share through shorts would.
     drive = g.transpose(0, 2, 1)
-    held = bool(offset.any() or network.i_leak_a.any())
+    offset, held = network.v_column_offset_v, _held(network)
     if held:
         origin = np.where(network.r_column_ohm == 0, offset, 0.0)
         pull = g_column * (offset - origin) - leak * origin + network.i_leak_a
@@ -183,60 +307,170 @@ def _solve(network: Network, g: Floats) -> Floats:
         delivered = drive
     u, delivered = u.transpose(0, 2, 1), delivered.transpose(0, 2, 1)
 
-    rows = network.rows
-    reach = np.matmul(g, u[:, :rows].transpose(0, 2, 1))  # [frames, other row, driven row]
-    own = np.arange(rows)
-    at_row = 1.0 + np.divide(reach[:, own, own], node, out=np.zeros_like(node), where=node > 0)
-    to_ground = g_ground * np.divide(reach, node[:, :, np.newaxis], out=np.zeros_like(reach), where=reach > 0)
-    to_ground[:, own, own] = 0.0
-    into_row = delivered[:, :rows].sum(axis=2) + to_ground.sum(axis=1)
-    scale = network.r_row_driven_ohm * into_row + at_row
-    source = np.full_like(scale, network.v_bias_v)
+    moved = u[:, :rows]
+    away = delivered[:, :rows].sum(axis=2)
+    away += (_sum_of_others(leaks) * moved).sum(axis=2)
+    response = _Response(delivered[:, :rows], _ratio((g * moved).sum(axis=2), node), away)
     if held:
-        lifted = (share * (u[:, rows:] + origin)).sum(axis=2)
-        delivered[:, rows:] -= g_column * (offset - origin)
-        source -= (1.0 - g_ground * network.r_row_driven_ohm) * lifted
-        return (source / scale)[:, :, np.newaxis] * delivered[:, :rows] + delivered[:, rows:]
-    return (source / scale)[:, :, np.newaxis] * delivered[:, :rows]
+        response.held = delivered[:, rows] - g_column * (offset - origin)
+        response.lifted = (share * (u[:, rows:] + origin)).sum(axis=2)
+    return response
+
+
+def _sum_of_others(values: Floats) -> Floats:
+    """Sum along axis 1 of all elements but the one at each place, without a subtraction."""
+    others = np.zeros_like(values)
+    np.cumsum(values[:, :-1], axis=1, out=others[:, 1:])
+    others[:, :-1] += np.cumsum(values[:, :0:-1], axis=1)[:, ::-1]
+    return others
+
+
+def _respond_chain(network: Network, lines: _RowLines) -> _Response:
+    """Every column line is a chain of one node a row; blocks of one row are eliminated from the far row up.
+
+    With Z[r] the inverse of block r once the rows below it are folded into it, and G the conductance from row
+    to row, the diagonal blocks of the whole inverse are S[r] = Z[r] + Z[r] G S[r-1] G Z[r]. Nothing in here
+    subtracts.
+    """
+    rows, cols = network.rows, network.cols
+    frames = lines.g.shape[0]
+    g_ground = float(_conductance(network.r_row_grounded_ohm))
+    g_end = _conductance(network.r_trace_column_ohm + network.r_column_ohm)
+    step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
+    g = lines.to_driver
+    node = g.sum(axis=2) + g_ground
+    share = _ratio(g, node[:, :, np.newaxis])
+    leak = g_ground * share
+    held = _held(network)
+    behind = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
+
+    # Upwards. `below[:, r]` is what row r sees as a conductance to the grounds and columns below it; `carry`
+    # are currents (all drives at once, for the check; offsets and leaks) folded into the rows above.
+    z = np.empty((rows, frames, cols, cols))
+    below = np.empty((frames, rows, cols))
+    below[:, rows - 1] = g_end
+    carry = np.zeros((rows, frames, cols, 2 if held else 1))
+    carry[..., 0] = g.transpose(1, 0, 2)
+    if held:
+        carry[rows - 1, :, :, 1] = g_end * behind
+    identity = np.broadcast_to(np.eye(cols), (frames, cols, cols))
+    for r in reversed(range(rows)):
+        link = g[:, r, :, np.newaxis] * share[:, r, np.newaxis, :]
+        if lines.bent:
+            link += lines.between(slice(r, r + 1))
+        if network.g_lateral_row_s:
+            _add_neighbours(link, network.g_lateral_row_s)
+        ground = leak[:, r] + below[:, r]
+        if r < rows - 1:
+            link += step**2 * z[r + 1]
+        link[:, np.arange(cols), np.arange(cols)] = 0.0
+        z[r] = _eliminate(link, ground + step if r else ground, identity)
+        if r:
+            below[:, r - 1] = step * np.matmul(z[r], ground[:, :, np.newaxis])[:, :, 0]
+            carry[r - 1] += step * np.matmul(z[r], carry[r])
+
+    # Downwards. `past[:, :, :r]` are the voltages in row r that the drives of the rows above it make;
+    # `above` is the part of a current into row r that ends in grounds of the rows above or in its own.
+    delivered = np.empty((frames, cols, rows))
+    moved = np.empty((frames, rows, cols))
+    away = np.empty((frames, rows))
+    above = np.zeros((frames, cols, 1))
+    diagonal = z[0]
+    voltage = np.zeros((rows, *carry.shape[1:]))
+    past = delivered
+    for r in range(rows):
+        if r:
+            reach = step * z[r]
+            diagonal = z[r] + np.matmul(np.matmul(reach, diagonal), reach)
+            past[:, :, :r] = np.matmul(reach, past[:, :, :r])
+            above = np.matmul(reach, above)
+            carry[r] += step * voltage[r - 1]
+        voltage[r] = np.matmul(z[r], carry[r])
+        moved[:, r] = np.matmul(diagonal, g[:, r, :, np.newaxis])[:, :, 0]
+        past[:, :, r] = moved[:, r]
+        away[:, r] = (g[:, r] * above[:, :, 0] + below[:, r] * moved[:, r]).sum(axis=1)
+        above = above + np.matmul(diagonal, leak[:, r, :, np.newaxis])
+    delivered *= g_end[:, np.newaxis]
+    end = voltage[rows - 1]
+    _check_balance((g_end[:, np.newaxis] * end)[:, :, 0], delivered.sum(axis=2), "in a column")
+    response = _Response(delivered.transpose(0, 2, 1), _ratio((g * moved).sum(axis=2), node), away)
+    if held:
+        response.held = g_end * (end[:, :, 1] - behind) + network.i_leak_a
+        by_row = voltage[..., 1].transpose(1, 0, 2)
+        response.lifted = (share * by_row).sum(axis=2)
+        lost = (leak * by_row).sum(axis=(1, 2))
+        size = (leak * np.abs(by_row)).sum(axis=(1, 2)) + (g_end * np.abs(behind)).sum()
+        came = (g_end * (behind - end[:, :, 1])).sum(axis=1)
+        _check_balance(came, lost, "between offsets and grounds", size)
+    return response
+
+
+_PANEL = 32
 
 
 def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
-    """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps."""
+    """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps.
+
+    Steps go in panels, so that the bulk is a product of matrices, still of sums only.
+    """
     n = leak.shape[1]
-    mesh, ground, v = link.copy(), leak.copy(), drive.copy()
+    # Links, ground and drives side by side: an elimination does the same to all of them. Diagonals collect
+    # meaningless loops; no step reads them.
+    work = np.concatenate([link, leak[:, :, np.newaxis], drive], axis=2)
+    v = work[:, :, n + 1 :]
     pivot = np.empty_like(leak)
-    for k in range(n):
-        rest = slice(k + 1, n)
-        pivot[:, k] = ground[:, k] + mesh[:, k, rest].sum(axis=1)
-        weight = mesh[:, rest, k] / pivot[:, k, np.newaxis]
-        ground[:, rest] += weight * ground[:, k, np.newaxis]
-        v[:, rest] += weight[:, :, np.newaxis] * v[:, k, np.newaxis, :]
-        # The diagonal collects a meaningless loop here; no step reads it.
-        mesh[:, rest, rest] += weight[:, :, np.newaxis] * mesh[:, k, np.newaxis, rest]
-    for k in reversed(range(n)):
-        v[:, k] += np.matmul(mesh[:, k, np.newaxis, k + 1 :], v[:, k + 1 :])[:, 0]
-        v[:, k] /= pivot[:, k, np.newaxis]
+    for first in range(0, n, _PANEL):
+        last = min(first + _PANEL, n)
+        for k in range(first, last):
+            pivot[:, k] = work[:, k, k + 1 : n + 1].sum(axis=1)
+            if k + 1 < last:
+                weight = work[:, k, k + 1 : last] / pivot[:, k, np.newaxis]
+                work[:, k + 1 : last, k + 1 :] += weight[:, :, np.newaxis] * work[:, k, np.newaxis, k + 1 :]
+        if last < n:
+            weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
+            work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
+    for first in reversed(range(0, n, _PANEL)):
+        last = min(first + _PANEL, n)
+        if last < n:
+            v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
+        for k in reversed(range(first, last)):
+            if k + 1 < last:
+                v[:, k] += np.matmul(work[:, k, np.newaxis, k + 1 : last], v[:, k + 1 : last])[:, 0]
+            v[:, k] /= pivot[:, k, np.newaxis]
     _check_kirchhoff(link, leak, drive, v)
     return v
 
 
 def _check_kirchhoff(link: Floats, leak: Floats, drive: Floats, v: Floats) -> None:
-    out = (leak + link.sum(axis=2))[:, :, np.newaxis] * v
-    across = np.matmul(link, v)
-    size = np.abs(out) + np.matmul(link, np.abs(v)) + np.abs(drive)
-    miss = np.abs(out - across - drive)
+    """Check every node for all drives together, each at unit strength, and every drive for all nodes together."""
+    magnitude = np.abs(drive).sum(axis=1)
+    weight = (1.0 / np.maximum(magnitude, _CURRENT_FLOOR_A))[:, :, np.newaxis]
+    size_v = np.abs(v) if (v < 0).any() else v
+    size_drive = np.abs(drive) if (drive < 0).any() else drive
+    node_v, size = np.matmul(v, weight), np.matmul(size_v, weight)
+    out = (leak + link.sum(axis=2))[:, :, np.newaxis]
+    came = np.matmul(drive, weight) + np.matmul(link, node_v)
+    _check_balance(out * node_v, came, "at a node", out * size + np.matmul(size_drive, weight))
+    across = np.matmul(leak[:, np.newaxis, :], v)[:, 0]
+    size = np.matmul(leak[:, np.newaxis, :], size_v)[:, 0] + magnitude
+    _check_balance(across, drive.sum(axis=1), "from one source", size)
+
+
+def _check_balance(left: Floats, right: Floats, where: str, size: Floats | None = None) -> None:
+    size = np.abs(left) + np.abs(right) if size is None else size
+    miss = np.abs(left - right)
     if not (miss <= _RESIDUAL_MAX * size + _CURRENT_FLOOR_A).all():
-        worst = np.nanmax(np.divide(miss, size, out=np.zeros_like(size), where=size > 0))
+        worst = np.nanmax(np.divide(miss, size, out=np.full_like(miss, np.nan), where=size > 0))
         raise SimulatorError(
-            f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current at a node"
+            f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
         )
 
 
 def column_currents_reference(network: Network, digits: int = 60) -> Floats:
     """The same currents from the full nodal matrix, row after row, in `digits` decimal digits.
 
-    Slow and obvious: series resistances of 0 fix their node, the driven row is stamped as it is, nothing is
-    reused. Only a taxel of 0 ohm between two free nodes is taken as 1e-30 ohm.
+    Slow and obvious: series resistances of 0 fix or join their nodes, the driven row is stamped as it is,
+    nothing is reused. Only a taxel of 0 ohm between two free nodes is taken as 1e-30 ohm.
     """
     with mpmath.workdps(digits):
         out = np.empty((network.rows, network.cols))
@@ -247,42 +481,72 @@ def column_currents_reference(network: Network, digits: int = 60) -> Floats:
 
 def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
     rows, cols = network.rows, network.cols
-    zero, one = mpmath.mpf(0), mpmath.mpf(1)
+    exact = mpmath.mpf
+    zero = exact(0)
 
-    # Every element as (node a, node b, conductance); nodes are rows, then columns, then numbered sources.
-    elements: list[tuple[int, int, mpmath.mpf]] = []
-    known: dict[int, mpmath.mpf] = {}
-    feeds: list[tuple[int, float, mpmath.mpf]] = []
-    for r in range(rows):
-        resistance = network.r_row_driven_ohm if r == driven else network.r_row_grounded_ohm
-        feeds.append((r, resistance, mpmath.mpf(network.v_bias_v) if r == driven else zero))
-    for c in range(cols):
-        feeds.append(
-            (rows + c, float(network.r_column_ohm[c]), mpmath.mpf(float(network.v_column_offset_v[c])))
-        )
-    source = rows + cols
-    for node, resistance, voltage in feeds:
-        if resistance == 0:
+    # Nodes by name. Behind its driver a row line is ("row", r), in front of its input a column ("column", c).
+    def on_row(r: int, c: int) -> Node:
+        return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
+
+    def on_column(r: int, c: int) -> Node:
+        return ("on_column", r, c) if network.r_trace_column_ohm else ("column", c)
+
+    # Every element as (node a, node b, conductance).
+    elements: list[tuple[Node, Node, mpmath.mpf]] = []
+    known: dict[Node, mpmath.mpf] = {}
+    injected = {("column", c): exact(float(network.i_leak_a[c])) for c in range(cols)}
+
+    def feed(node: Node, resistance_ohm: float, voltage: mpmath.mpf) -> None:
+        if resistance_ohm == 0:
             known[node] = voltage
-        elif resistance != np.inf:
-            known[source] = voltage
-            elements.append((node, source, one / mpmath.mpf(resistance)))
-            source += 1
+        elif resistance_ohm != np.inf:
+            known["source", node] = voltage
+            elements.append((node, ("source", node), 1 / exact(float(resistance_ohm))))
+
+    for r in range(rows):
+        if r == driven:
+            feed(("row", r), network.r_row_driven_ohm, exact(network.v_bias_v))
+        else:
+            feed(("row", r), network.r_row_grounded_ohm, zero)
+        if network.r_trace_row_ohm:
+            line = [("row", r), *(on_row(r, c) for c in range(cols))]
+            segment = 1 / exact(network.r_trace_row_ohm)
+            elements += [(line[c], line[c + 1], segment) for c in range(cols)]
+    for c in range(cols):
+        feed(("column", c), network.r_column_ohm[c], exact(float(network.v_column_offset_v[c])))
+        if network.r_trace_column_ohm:
+            line = [*(on_column(r, c) for r in range(rows)), ("column", c)]
+            segment = 1 / exact(network.r_trace_column_ohm)
+            elements += [(line[r], line[r + 1], segment) for r in range(rows)]
     for r in range(rows):
         for c in range(cols):
             g = float(network.g_taxel_s[r, c])
             if g > 0:
-                elements.append((r, rows + c, mpmath.mpf("1e30") if g == np.inf else mpmath.mpf(g)))
+                elements.append((on_row(r, c), on_column(r, c), exact("1e30") if g == np.inf else exact(g)))
             if c + 1 < cols and network.g_lateral_row_s:
-                elements.append((rows + c, rows + c + 1, mpmath.mpf(network.g_lateral_row_s)))
+                elements.append((on_column(r, c), on_column(r, c + 1), exact(network.g_lateral_row_s)))
+            if r + 1 < rows and network.g_lateral_column_s and network.r_trace_column_ohm:
+                elements.append((on_column(r, c), on_column(r + 1, c), exact(network.g_lateral_column_s)))
 
-    touched = {n for a, b, _ in elements for n in (a, b)}
-    free = sorted(n for n in touched if n not in known)
-    # A floating row without a live taxel is alone and at no voltage; it is not touched and drops out.
-    place = {n: i for i, n in enumerate(free)}
     voltage = dict(known)
+    # Nodes that hang on nothing are at no voltage and carry nothing: only what is tied to a source counts.
+    near: dict[Node, list[Node]] = {}
+    for a, b, _ in elements:
+        near.setdefault(a, []).append(b)
+        near.setdefault(b, []).append(a)
+    tied, rim = set(known), list(known)
+    while rim:
+        for other in near.get(rim.pop(), []):
+            if other not in tied:
+                tied.add(other)
+                rim.append(other)
+    free = [n for n in near if n in tied and n not in known]
+    place = {n: i for i, n in enumerate(free)}
     if free:
         matrix, right = mpmath.zeros(len(free)), mpmath.zeros(len(free), 1)
+        for node, current in injected.items():
+            if node in place:
+                right[place[node]] += current
         for a, b, g in elements:
             for here, there in ((a, b), (b, a)):
                 if here in place:
@@ -296,15 +560,15 @@ def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
 
     currents = []
     for c in range(cols):
-        node, total = rows + c, zero
-        if node in known:  # all that flows in from the array
+        node: Node = ("column", c)
+        if network.r_column_ohm[c] == 0:  # all that flows in from the array
+            total = injected[node]
             for a, b, g in elements:
                 if node in (a, b):
                     other = b if a == node else a
                     total += g * (voltage[other] - voltage[node])
         else:
-            total = (voltage[node] - mpmath.mpf(float(network.v_column_offset_v[c]))) / mpmath.mpf(
-                float(network.r_column_ohm[c])
-            )
+            held = exact(float(network.v_column_offset_v[c]))
+            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
         currents.append(total)
     return currents
