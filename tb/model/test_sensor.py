@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sheet: laws that undo themselves, and hysteresis, creep, temperature and spread as the data sheet has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dermis import design as designs
+from dermis import plan as planning
+from dermis import sensor
+from dermis.decode import decode
+from dermis.engines import closed
+from dermis.errors import InputError
+from dermis.sensor import InverseSensor, PowerSensor, SensorState, age, creep_decades, play, spread_factor
+
+Floats = NDArray[np.float64]
+Write = Callable[..., Path]
+
+INVERSE = InverseSensor(7500.0)
+
+
+def power(**changes: object) -> PowerSensor:
+    """The measured curve of models/design.toml."""
+    return sensor.make_sensor(
+        sensor.resolve(sensor.SensorTable(law="power", **changes), designs.load().sensor, "made")
+    )
+
+
+def no_rng(name: str) -> np.random.Generator:
+    raise AssertionError(f"{name} drew a random number")
+
+
+def seeded(name: str) -> np.random.Generator:
+    assert name == "sensor_spread"
+    return np.random.default_rng(5)
+
+
+def aged(
+    resistance_ohm: Floats, t_frame_s: float = 2e-3, law: sensor.Sensor = INVERSE, **state: float
+) -> Floats:
+    return age(law, resistance_ohm, t_frame_s, SensorState(**state), 10e-3, seeded)
+
+
+def column(values: object) -> Floats:
+    """One taxel in time."""
+    return np.asarray(values, dtype=float).reshape(-1, 1, 1)
+
+
+# --- the laws
+
+
+def test_the_measured_curve_goes_through_its_points_with_the_exponents_of_facts() -> None:
+    law = power()
+    assert law.resistance_ohm([0.2, 1.0, 10.0, 100.0]).tolist() == [30e3, 6e3, 1e3, 250.0]
+    assert law.force_n([30e3, 6e3, 1e3, 250.0]).tolist() == [0.2, 1.0, 10.0, 100.0]
+    assert law.exponents() == pytest.approx([1.0, 0.78, 0.60, 0.60], abs=0.005)
+
+
+def test_a_taxel_is_open_below_turn_on_and_its_curve_goes_on_at_both_ends() -> None:
+    law = power()
+    assert law.resistance_ohm([0.0, -0.0, 0.199, 5e-324]).tolist() == [1e7] * 4
+    assert law.resistance_ohm(np.inf) == 0
+    assert law.resistance_ohm(1000.0) == pytest.approx(250.0 * 10**-0.60206, rel=1e-6)
+    assert power(force_on_n=0.05).resistance_ohm(0.1) == pytest.approx(60e3, rel=1e-12)
+    # without a turn-on the highest resistance there is ends the curve
+    assert power(force_on_n=0.0).resistance_ohm([1e-3, 1e-9]) == pytest.approx([6e6, 1e7])
+    assert power(force_on_n=0.0, r_open_ohm=math.inf).resistance_ohm([1e-9, 0.0]).tolist() == [6e12, np.inf]
+
+
+def test_resistances_that_no_force_makes_mean_turn_on_or_nothing() -> None:
+    law = power()
+    assert law.force_n([0.0, 30.1e3, 9.99e6, 1e7, 1e8, np.inf]).tolist() == [np.inf, 0.2, 0.2, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "law", [INVERSE, power(), power(force_on_n=0.0)], ids=["inverse", "power", "no turn-on"]
+)
+def test_force_and_resistance_undo_each_other(law: sensor.Sensor) -> None:
+    force = np.geomspace(0.2, 1e6, 20001)
+    assert law.force_n(law.resistance_ohm(force)) == pytest.approx(force, rel=4e-15)
+    ohm = np.geomspace(1e-3, 30e3, 20001)
+    assert law.resistance_ohm(law.force_n(ohm)) == pytest.approx(ohm, rel=4e-15)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    a=st.floats(0, 1e300), b=st.floats(0, 1e300), on=st.sampled_from([0.0, 0.2, 3.0]),
+    open_ohm=st.sampled_from([1e5, 1e7, math.inf]),
+)  # fmt: skip
+def test_both_laws_are_monotone(a: float, b: float, on: float, open_ohm: float) -> None:
+    low, high = sorted((a, b))
+    for law in (INVERSE, power(force_on_n=on, r_open_ohm=open_ohm)):
+        assert law.resistance_ohm(low) >= law.resistance_ohm(high)
+        assert law.force_n(low) >= law.force_n(high)
+
+
+def test_a_power_law_with_exponent_one_is_the_inverse_law() -> None:
+    law = PowerSensor((1.0, 10.0, 100.0), (7500.0, 750.0, 75.0), 0.0, math.inf)
+    force = np.array([0.0, 1e-3, 0.2, 15.0, 1e4, np.inf])
+    assert law.resistance_ohm(force) == pytest.approx(INVERSE.resistance_ohm(force), rel=1e-14)
+
+
+def scene(law: str, forces: str) -> str:
+    return f'[array]\nrows = 1\ncols = 1\n[sensor]\nlaw = "{law}"\n[stimulus]\nkind = "uniform"\nforce_n = {forces}\n'
+
+
+def test_decoding_follows_the_law(write_scene: Write) -> None:
+    forces = [0.0, 0.1, 0.2, 0.5, 1, 3, 7, 15, 30]
+    plan = planning.load(write_scene(scene("power", str(forces))))
+    decoded = decode(plan, closed.run(plan).codes)
+    assert (decoded.force_low_n.ravel() <= np.array(forces) * (1 + 1e-12)).all()
+    assert (decoded.force_high_n.ravel() >= np.array(forces) * (1 - 1e-12)).all()
+    # the loss of sensitivity at 10 N: FACTS.md 3 says 40 %, an exponent of 0.6 where K/R has 1
+    codes = decode(plan, np.arange(256).reshape(-1, 1, 1))
+    at = int(np.searchsorted(codes.force_n.ravel(), 10.0))
+    f, x = codes.force_n.ravel(), codes.x.ravel()
+    slope = math.log(x[at + 1] / x[at]) / math.log(f[at + 1] / f[at])
+    assert slope == pytest.approx(0.60, abs=0.01)
+
+
+def test_codes_stand_for_resistances_under_every_law(write_scene: Write) -> None:
+    text = '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\ncode = ' + str(list(range(256)))
+    for law in ("inverse", "power"):
+        plan = planning.load(write_scene(f'{text}\n[sensor]\nlaw = "{law}"\n'))
+        assert plan.duty_ideal().ravel() == pytest.approx(np.arange(256) / 510, rel=1e-14, abs=0)
+        assert plan.force_n is not None
+        assert (np.diff(plan.force_n.ravel()) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "allowed"),
+    [
+        ("r_open_ohm = 1e6", "sensor.r_open_ohm", 'left out with law "inverse"'),
+        ("force_points_n = [1, 2]", "sensor.force_points_n", 'left out with law "inverse"'),
+        ('law = "power"\nk_force_n_ohm = 7e3', "sensor.k_force_n_ohm", 'left out with law "power"'),
+        ('law = "power"\nforce_points_n = [1, 2]', "sensor.r_points_ohm", "2 resistances"),
+        ('law = "power"\nforce_points_n = [1, 2, 2, 3]', "sensor.force_points_n", "rise"),
+        ('law = "power"\nforce_points_n = [2, 1, 3, 4]', "sensor.force_points_n", "rise"),
+        ('law = "power"\nforce_points_n = [1]', "sensor.force_points_n", "at least 2"),
+        ('law = "power"\nforce_points_n = [0, 1]', "sensor.force_points_n.0", "1e-9"),
+        ('law = "power"\nr_points_ohm = [1e3, 1e3, 10, 1]', "sensor.r_points_ohm", "fall"),
+        ('law = "power"\nr_points_ohm = [1e3, nan]', "sensor.r_points_ohm.1", "1e-6"),
+        ('law = "power"\nr_open_ohm = 30e3', "sensor.r_open_ohm", "above the first of r_points_ohm, 30000"),
+        ('law = "power"\nforce_on_n = -0.1', "sensor.force_on_n", ">= 0"),
+        ('law = "power"\nforce_on_n = inf', "sensor.force_on_n", "finite"),
+    ],
+)
+def test_a_law_that_is_none_is_one_line(text: str, key: str, allowed: str, write_scene: Write) -> None:
+    with pytest.raises(InputError) as caught:
+        planning.load(write_scene(f'[stimulus]\nkind = "uniform"\ncode = 1\n[sensor]\n{text}\n'))
+    assert caught.value.key == key
+    assert allowed in caught.value.allowed
+
+
+# --- off leaves no trace
+
+
+def test_a_sheet_as_new_is_the_very_same_array() -> None:
+    ohm = INVERSE.resistance_ohm(np.random.default_rng(0).random((4, 3, 2)))
+    assert age(INVERSE, ohm, 2e-3, SensorState(), 10e-3, no_rng) is ohm
+    for state in ({"hysteresis": 0.1}, {"creep_per_decade": 0.05}, {"temperature_error": 0.01}):
+        assert age(INVERSE, ohm, 2e-3, SensorState(**state), 10e-3, no_rng) is not ohm
+
+
+def test_a_scene_without_sensor_effects_holds_the_law_to_the_last_bit(write_scene: Write) -> None:
+    plan = planning.load(write_scene(scene("inverse", "[1, 5, 2]") + "[effects]\nsensor_spread = false\n"))
+    assert (plan.resistance_ohm == plan.sensor.resistance_ohm(plan.force_n)).all()
+    assert plan.force_n.ravel().tolist() == [1, 5, 2]
+
+
+def test_true_force_stays_what_it_is_under_a_worn_sheet(write_scene: Write) -> None:
+    text = scene("power", "[1, 5, 2]") + "[effects]\nsensor_hysteresis = true\nsensor_spread = true\n"
+    plan = planning.load(write_scene(text))
+    assert plan.force_n is not None
+    assert plan.force_n.ravel().tolist() == [1, 5, 2]
+    assert not np.allclose(plan.resistance_ohm, plan.sensor.resistance_ohm(plan.force_n))
+
+
+# --- hysteresis
+
+
+def test_the_way_back_reads_ten_percent_lower_and_the_way_up_is_the_law() -> None:
+    force = np.concatenate([np.linspace(1, 10, 200), np.linspace(10, 1, 200)])
+    ohm = INVERSE.resistance_ohm(column(force))
+    got = aged(ohm, hysteresis=0.10)
+    assert (got[:200] == ohm[:200]).all()
+    back = got[230:] / ohm[230:]
+    assert back == pytest.approx(0.9, rel=1e-12)  # (R+ - R-)/R+ = 10 %
+    assert ((got <= ohm) & (got >= 0.9 * ohm * (1 - 1e-15))).all()
+
+
+def test_the_loop_has_the_area_of_the_play_operator() -> None:
+    """On log axes it is a parallelogram: width a = -log(1 - h), span L: area a (L - a)."""
+    steps = 4000
+    up = np.geomspace(1.0, 20.0, steps)
+    cycle = np.concatenate([up, up[::-1], up, up[::-1]])
+    ohm = aged(INVERSE.resistance_ohm(column(cycle)), hysteresis=0.10).ravel()
+    u, y = np.log(cycle[steps : 3 * steps]), -np.log(ohm[steps : 3 * steps])  # one whole loop, from the top
+    area = abs(np.trapezoid(y, u))
+    a, span = -math.log(0.9), math.log(20.0)
+    assert area == pytest.approx(a * (span - a), rel=2e-3)
+    assert area > 0.25
+    assert abs(np.trapezoid(-np.log(INVERSE.resistance_ohm(cycle[steps : 3 * steps])), u)) < 1e-12
+
+
+def test_loops_close_whatever_the_speed_and_a_small_loop_is_forgotten() -> None:
+    big = [1, 10, 1]
+    slow = np.interp(np.linspace(0, 2, 401), range(3), big)
+    inner = [1, 10, 4, 6, 4, 6, 1]
+    ohm = lambda f: aged(INVERSE.resistance_ohm(column(f)), hysteresis=0.2).ravel()  # noqa: E731
+    assert ohm(slow)[-1] == ohm(big)[-1] == ohm(inner)[-1]
+    assert ohm([1, 10, 1, 10, 1])[2] == ohm([1, 10, 1, 10, 1])[4]
+    assert ohm([0, 5, 0])[[0, 2]].tolist() == [np.inf, np.inf]  # let go, it is open again
+
+
+def test_hysteresis_takes_shorts_and_opens() -> None:
+    got = play(column([np.inf, 0.0, 100.0, 0.0, np.inf, 1e3]), 0.1).ravel()
+    assert got.tolist() == [np.inf, 0.0, 90.0, 0.0, np.inf, 1e3]
+
+
+# --- creep
+
+
+def exact_decades(loaded: NDArray[np.bool_], t: float, start: float) -> list[float]:
+    """The slow reference: every interval of load adds its own logarithm."""
+    out = []
+    for n in range(loaded.size):
+        total = 0.0
+        for m in range(n):
+            if loaded[m]:
+                total += math.log10((start + (n - m) * t) / (start + (n - m - 1) * t))
+        out.append(total)
+    return out
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    loaded=st.lists(st.booleans(), min_size=1, max_size=120),
+    t=st.sampled_from([125e-6, 2e-3, 32e-3, 10.0, 1e4]),
+    start=st.sampled_from([1e-3, 10e-3, 1.0]),
+)
+def test_creep_is_the_sum_over_all_loads_before(loaded: list[bool], t: float, start: float) -> None:
+    values = np.array(loaded)
+    got = creep_decades(values.reshape(-1, 1, 1), t, start).ravel()
+    assert got == pytest.approx(exact_decades(values, t, start), rel=1e-8, abs=1e-9)
+
+
+def test_conductance_grows_five_percent_a_decade_of_time() -> None:
+    t = 10e-3
+    ohm = INVERSE.resistance_ohm(column(np.full(10001, 5.0)))
+    g = 1500.0 / aged(ohm, t, creep_per_decade=0.05).ravel()
+    assert g[0] == 1.0
+    time = np.arange(g.size) * t
+    assert g == pytest.approx(1 + 0.05 * np.log10(1 + time / 10e-3), rel=1e-9)
+    for n in (100, 1000):  # at ten times the time
+        assert g[10 * n] - g[n] == pytest.approx(0.05, rel=0.01)
+    assert (np.diff(g) > 0).all()
+
+
+def test_creep_is_forgotten_after_release_and_shows_at_the_next_touch() -> None:
+    force = np.concatenate([np.full(500, 5.0), np.zeros(500), [5.0], np.zeros(20000), [5.0]])
+    got = aged(INVERSE.resistance_ohm(column(force)), creep_per_decade=0.05).ravel()
+    assert np.isinf(got[500:1000]).all()
+    soon, late = 1500.0 / got[1000] - 1, 1500.0 / got[-1] - 1
+    grown = 1500.0 / got[499] - 1
+    assert soon == pytest.approx(0.05 * (math.log10(1 + 2.0 / 0.01) - math.log10(1 + 1.0 / 0.01)), rel=1e-6)
+    assert grown > 5 * soon > 5 * late > 0
+
+
+def test_an_open_taxel_of_the_measured_curve_does_not_creep() -> None:
+    law = power()
+    ohm = law.resistance_ohm(column([0.1] * 100))
+    assert (aged(ohm, 1.0, law, creep_per_decade=0.05) == ohm).all()
+
+
+# --- temperature and spread
+
+
+def test_temperature_is_a_factor_on_every_conductance() -> None:
+    ohm = column([0.0, 500.0, np.inf])
+    assert aged(ohm, temperature_error=0.176).ravel() == pytest.approx([0.0, 500 / 1.176, np.inf])
+    # 60 K above room temperature: 15 % less resistance (Interlink)
+    tc = designs.load().sensor.tc_per_k
+    assert 1 - 1 / (1 + tc * 60) == pytest.approx(0.15, abs=0.005)
+
+
+@pytest.mark.parametrize("relative", [0.02, 0.06, 0.9])
+def test_spread_has_mean_one_and_the_stated_deviation_and_stays_positive(relative: float) -> None:
+    draw = np.random.default_rng(1).standard_normal(1_000_000)
+    factor = spread_factor(draw, relative)
+    assert factor.min() > 0
+    assert factor.mean() == pytest.approx(1.0, abs=5 * relative / 1000)
+    assert factor.std() == pytest.approx(relative, rel=0.02)
+
+
+def test_a_taxel_keeps_its_spread_over_all_frames_and_others_have_theirs() -> None:
+    ohm = INVERSE.resistance_ohm(np.full((5, 16, 16), 3.0))
+    factor = ohm / aged(ohm, spread=0.06)
+    assert (factor == factor[0]).all()
+    assert np.unique(factor[0]).size == 256
+    assert factor[0].std() == pytest.approx(0.06, rel=0.2)
+    one = INVERSE.resistance_ohm(np.full((1, 16, 16), 3.0))
+    assert (one / aged(one, spread=0.06) == factor[:1]).all()
+
+
+def test_spread_hangs_on_the_seed_and_on_no_other_effect(write_scene: Write) -> None:
+    base = scene("inverse", "[1, 5, 2]").replace("rows = 1\ncols = 1", "rows = 4\ncols = 4")
+    spread = "sensor_spread = { relative = 0.06 }\n"
+
+    def factors(more: str, run: str = "") -> Floats:
+        plan = planning.load(write_scene(f"{base}[effects]\n{more}\n{run}"))
+        return plan.sensor.resistance_ohm(plan.force_n)[0] / plan.resistance_ohm[0]
+
+    alone = factors(spread)
+    others = "mirror_ratio = { spread = 0.01 }\nflicker_noise = true\n"
+    assert (factors(others + spread) == alone).all()
+    assert not np.allclose(factors(spread, "[run]\nseed = 1\n"), alone)
+
+
+def test_the_order_in_a_scene_changes_nothing(write_scene: Write) -> None:
+    lines = ["sensor_hysteresis = true", "sensor_creep = true", "sensor_temperature = { delta_k = 20 }",
+             "sensor_spread = true"]  # fmt: skip
+    base = scene("power", "[0, 1, 5, 2, 0.5, 8, 0]") + "[effects]\n"
+    one = planning.load(write_scene(base + "\n".join(lines)))
+    two = planning.load(write_scene(base + "\n".join(reversed(lines))))
+    assert (one.resistance_ohm == two.resistance_ohm).all()
+    by_law = one.sensor.resistance_ohm(one.force_n)
+    assert not np.allclose(one.resistance_ohm, by_law)
+
+
+def test_all_effects_together_are_the_product_of_each() -> None:
+    ohm = INVERSE.resistance_ohm(column([1, 5, 2, 0.5, 8, 3, 0, 4]))
+    state = SensorState(hysteresis=0.1, creep_per_decade=0.05, temperature_error=0.1, spread=0.06)
+    together = age(INVERSE, ohm, 1.0, state, 10e-3, seeded)
+    product = np.ones_like(ohm)
+    for name in ("hysteresis", "creep_per_decade", "temperature_error", "spread"):
+        alone = replace(SensorState(), **{name: getattr(state, name)})
+        with np.errstate(invalid="ignore"):
+            part = age(INVERSE, ohm, 1.0, alone, 10e-3, seeded) / ohm
+        product *= np.where(np.isfinite(part), part, 1.0)
+    assert together == pytest.approx(ohm * product, rel=1e-12)
