@@ -376,7 +376,7 @@ class _Motion(Strict):
 class _SensorHysteresis(Strict):
     relative: float | None = entry(
         None,
-        "Width of the loop relative to the conductance",
+        "How far the resistance on the way back lies below that on the way up, relative",
         "a finite number from 0 to below 1",
         default_from="sensor.hysteresis",
         ge=0,
