@@ -19,6 +19,8 @@ from dermis import stimulus
 from dermis.errors import InputError
 from dermis.sensor import InverseSensor
 
+T = 2e-3  # frame time of the chip with its 16 rows
+
 Write = Callable[..., Path]
 
 
@@ -107,6 +109,262 @@ def test_an_angle_turns_the_width_towards_rising_rows(write_scene: Write) -> Non
 def test_a_list_of_forces_makes_one_frame_each(write_scene: Write) -> None:
     text = '[stimulus]\nkind = "indenter"\nshape = "flat"\nforce_n = [0, 5, 15]\n'
     assert forces(write_scene, text).max(axis=(1, 2)) == pytest.approx([0, 5, 15])
+
+
+def test_spherical_is_the_half_ellipsoid_of_hertz(write_scene: Write) -> None:
+    more = "width = 10\nlength = 10\ncenter_row = 7\ncenter_col = 8\n"
+    force = forces(write_scene, indenter("spherical", more))[0]
+    for row, col in ((7, 8), (7, 11), (4, 8), (10, 12), (3, 5)):
+        r = math.hypot(row - 7, col - 8) / 5
+        assert force[row, col] == pytest.approx(10 * math.sqrt(1 - r * r), abs=1e-9)
+    assert force[2, 4] == force[11, 12] == 0
+    # the load of a half ellipsoid is 2/3 of the peak over its footprint
+    fine = "[array]\nrows = 200\ncols = 100\n" + indenter("spherical", "width = 90\nlength = 180\n")
+    assert forces(write_scene, fine).sum() / (10 * math.pi * 45 * 90) == pytest.approx(2 / 3, rel=1e-3)
+
+
+def test_round_presses_evenly_on_an_ellipse(write_scene: Write) -> None:
+    fine = "[array]\nrows = 200\ncols = 100\n" + indenter("round", "width = 90\nlength = 180\n")
+    force = forces(write_scene, fine)
+    assert set(np.unique(force)) == {0.0, 10.0}
+    assert force.sum() / (10 * math.pi * 45 * 90) == pytest.approx(1, rel=2e-3)
+
+
+@pytest.mark.parametrize("shape", ["flat", "triangular", "cylindrical", "spherical", "round"])
+def test_the_total_force_is_shared_by_the_taxels_touched(shape: str, write_scene: Write) -> None:
+    total = indenter(shape, "angle_deg = 20\n").replace("force_n = 10.0", "total_force_n = [10.0, 0, 25]")
+    force = forces(write_scene, total)
+    assert force.sum(axis=(1, 2)) == pytest.approx([10, 0, 25])
+    peak = forces(write_scene, indenter(shape, "angle_deg = 20\n"))[0]
+    assert force[0] / force[0].max() == pytest.approx(peak / peak.max())
+
+
+def test_a_total_force_on_nothing_is_refused(write_scene: Write) -> None:
+    text = indenter("flat", "center_row = 40\n").replace("force_n", "total_force_n")
+    assert complaint(write_scene, text).key == "stimulus.total_force_n"
+    assert not forces(write_scene, text.replace("10.0", "0")).any()
+
+
+def test_more_samples_feel_a_body_between_taxels(write_scene: Write) -> None:
+    thin = "width = 0.5\nlength = 4\ncenter_row = 7.5\ncenter_col = 7.5\n"
+    assert not forces(write_scene, indenter("flat", thin)).any()
+    felt = forces(write_scene, indenter("flat", thin + "samples = 8\n"))[0]
+    # half a pitch over the border of two taxels: a quarter of each
+    assert felt[6:10, 7:9] == pytest.approx(2.5)
+    assert felt.sum() == pytest.approx(20)
+    fine = forces(write_scene, indenter("cylindrical", thin + "samples = 16\n")).sum()
+    assert fine == pytest.approx(10 * 4 * 0.5 * math.pi / 4, rel=0.03)
+
+
+def slip(more: str, body: str = "flat", force: str = "force_n = 10.0") -> str:
+    return f'[stimulus]\nkind = "slip"\nshape = "{body}"\n{force}\nwidth = 2\nlength = 2\n{more}'
+
+
+def centre_of_pressure(force: NDArray[np.float64]) -> NDArray[np.float64]:
+    grid = np.indices(force.shape[1:])
+    return np.array([[(g * f).sum() / f.sum() for g in grid] for f in force])
+
+
+def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write) -> None:
+    more = "speed_pitch_per_s = 50\ndirection_deg = 30\nstart_s = 0.01\nduration_s = 0.05\nsamples = 16\n"
+    wide = slip(more, "spherical").replace("width = 2\nlength = 2", "width = 6\nlength = 6")
+    force = forces(write_scene, wide)
+    assert force.shape[0] == 25
+    place = centre_of_pressure(force)
+    way = 50 * np.maximum(np.arange(25) * T - 0.01, 0)
+    assert place[:, 1] == pytest.approx(7.5 + way * math.cos(math.radians(30)), abs=0.02)
+    assert place[:, 0] == pytest.approx(7.5 + way * math.sin(math.radians(30)), abs=0.02)
+    assert (force[:6] == force[0]).all()  # it rests until it starts
+
+
+def test_slip_by_whole_pitches_is_the_same_body_elsewhere(write_scene: Write) -> None:
+    force = forces(write_scene, slip("speed_pitch_per_s = 500\nframes = 9\n", "cylindrical"))
+    for n in range(7):
+        assert force[n, :, n:] == pytest.approx(force[0, :, : 16 - n], abs=1e-6)
+    assert not force[8, :, :14].any()
+
+
+def test_a_body_that_slips_off_the_sheet_leaves_nothing_behind(write_scene: Write) -> None:
+    text = slip("speed_pitch_per_s = 1000\nframes = 10\n", force="total_force_n = 8.0")
+    total = forces(write_scene, text).sum(axis=(1, 2))
+    assert total[:4] == pytest.approx([8.0] * 4)
+    assert total[6:].tolist() == [0] * 4
+
+
+def test_a_slip_may_have_a_force_for_every_frame(write_scene: Write) -> None:
+    force = forces(write_scene, slip("speed_pitch_per_s = 0\n", force="force_n = [1, 2, 4]"))
+    assert force.max(axis=(1, 2)).tolist() == [1, 2, 4]
+    wrong = complaint(write_scene, slip("speed_pitch_per_s = 0\nframes = 4\n", force="force_n = [1, 2, 4]"))
+    assert wrong.key == "stimulus.force_n"
+    assert "4 frames" in wrong.allowed
+
+
+def tapping(more: str) -> str:
+    return f'[stimulus]\nkind = "tapping"\nshape = "round"\nforce_n = 10.0\n{more}'
+
+
+def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -> None:
+    force = forces(write_scene, tapping("frequency_hz = 25\nduty = 0.4\nduration_s = 0.2\n")).max(axis=(1, 2))
+    assert force.size == 100
+    period = force.reshape(5, 20)
+    assert period == pytest.approx(np.tile(period[0], (5, 1)), abs=1e-6)
+    assert period[0, :9] == pytest.approx(10 * np.sin(np.pi * np.arange(9) / 8), abs=1e-9)
+    assert not period[:, 9:].any()
+    # the impulse of a half sine is 2/pi of peak times contact
+    fine = forces(
+        write_scene,
+        "[array]\nrows = 1\ncols = 1\n" + tapping("frequency_hz = 2\nduty = 0.5\nframes = 4000\n"),
+    )
+    assert fine.sum() * T / 16 == pytest.approx(10 * 0.25 * 2 / math.pi, rel=1e-3)
+
+
+def test_square_taps_of_several_heights_follow_each_other(write_scene: Write) -> None:
+    text = tapping('frequency_hz = 50\nduty = 0.5\nprofile = "square"\nframes = 40\n')
+    force = forces(write_scene, text.replace("force_n = 10.0", "force_n = [10.0, 4, 7]")).max(axis=(1, 2))
+    assert force.reshape(4, 10).tolist() == [[f] * 5 + [0] * 5 for f in (10.0, 4.0, 7.0, 10.0)]
+
+
+def ramp(more: str) -> str:
+    return f'[stimulus]\nkind = "ramp"\n{more}'
+
+
+def test_a_ramp_runs_straight_from_force_to_force(write_scene: Write) -> None:
+    two = forces(write_scene, ramp("force_n = [2, 12]\n"))
+    assert two[:, 3, 5].tolist() == [2, 12]
+    assert (two == two[:, :1, :1]).all()
+    assert forces(write_scene, ramp("force_n = [2, 12]\nframes = 5\n"))[:, 0, 0] == pytest.approx(
+        [2, 4.5, 7, 9.5, 12]
+    )
+    there_and_back = forces(write_scene, ramp("force_n = [0, 6, 6, 0]\nduration_s = 0.018\n"))[:, 0, 0]
+    assert there_and_back == pytest.approx([0, 2, 4, 6, 6, 6, 6, 4, 2, 0])
+    # a duration that is no whole number of frames still ends where it should
+    assert forces(write_scene, ramp("force_n = [0, 5]\nduration_s = 0.005\n"))[:, 0, 0] == pytest.approx(
+        [0, 2, 4, 5]
+    )
+
+
+def test_a_ramp_may_press_through_a_body(write_scene: Write) -> None:
+    force = forces(write_scene, ramp('total_force_n = [0, 9]\nshape = "flat"\nwidth = 3\nlength = 3\ncenter_row = 5\n'
+                                     "center_col = 5\n"))  # fmt: skip
+    assert force[1, 4:7, 4:7] == pytest.approx(1.0)
+    assert force[1].sum() == pytest.approx(9.0)
+
+
+SEVERAL = """
+[stimulus]
+kind = "several"
+[[stimulus.parts]]
+kind = "indenter"
+shape = "flat"
+force_n = 3.0
+width = 2
+length = 2
+[[stimulus.parts]]
+kind = "ramp"
+shape = "round"
+force_n = [0.0, 5.0]
+frames = 3
+center_row = 3
+"""
+
+
+def test_forces_of_several_bodies_add_and_the_shorter_holds(write_scene: Write) -> None:
+    force = forces(write_scene, SEVERAL)
+    alone = forces(write_scene, indenter("flat", "width = 2\nlength = 2\n"))[0] * 0.3
+    press = forces(write_scene, ramp('shape = "round"\nforce_n = [0.0, 5.0]\nframes = 3\ncenter_row = 3\n'))
+    assert force.shape[0] == 3
+    for n in range(3):
+        assert force[n] == pytest.approx(alone + press[n])
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "allowed"),
+    [
+        (indenter("flat", "total_force_n = 3\n"), "stimulus", "exactly one of force_n, total_force_n"),
+        (slip("speed_pitch_per_s = 1\n"), "stimulus", "exactly one of frames, duration_s"),
+        (slip("speed_pitch_per_s = 1\nframes = 3\nduration_s = 1\n"), "stimulus", "exactly one of frames"),
+        (slip("frames = 3\n"), "stimulus.speed_pitch_per_s", ">= 0"),
+        (slip("speed_pitch_per_s = 1\nframes = 9999999\n"), "stimulus.frames", "131072 frames"),
+        (slip("speed_pitch_per_s = 1\nduration_s = 1e9\n"), "stimulus.duration_s", "131072 frames"),
+        (slip("speed_pitch_per_s = 1\nframes = 3\nt_frame_s = 1\n"), "stimulus.t_frame_s", "unknown key"),
+        (tapping("frequency_hz = 0\nframes = 3\n"), "stimulus.frequency_hz", "> 0"),
+        (tapping("frequency_hz = 5\nframes = 3\nduty = 1.5\n"), "stimulus.duty", "at most 1"),
+        (tapping("frequency_hz = 5\n"), "stimulus", "exactly one of frames, duration_s"),
+        (ramp("force_n = 3\n"), "stimulus.force_n", "at least 2"),
+        (ramp("force_n = [3]\n"), "stimulus.force_n", "at least 2"),
+        (ramp("force_n = [3, 4]\nframes = 1\n"), "stimulus.frames", "2..2^25"),
+        (ramp("frames = 2\n"), "stimulus", "exactly one of force_n, total_force_n"),
+        ('[stimulus]\nkind = "several"\n', "stimulus.parts", "1 to 64 tables"),
+        ('[stimulus]\nkind = "several"\nparts = []\n', "stimulus.parts", "1 to 64 tables"),
+        (SEVERAL.replace("width = 2", "width = -2"), "stimulus.parts.0.width", "> 0"),
+        (SEVERAL.replace("width = 2", "widht = 2"), "stimulus.parts.0.widht", "width"),
+        (SEVERAL.replace('"ramp"', '"uniform"'), "stimulus.parts.1.kind", "indenter"),
+        (SEVERAL.replace("frames = 3", "frames = 3\nduration_s = 1"), "stimulus.parts.1", "exactly one of frames"),
+        (SEVERAL.replace("force_n = 3.0", "total_force_n = 3.0\ncenter_row = 99"), "stimulus.parts.0.total_force_n",
+         "touches no taxel"),
+        (SEVERAL.replace("force_n = 3.0", "force_n = 3.0\nt_frame_s = 1"), "stimulus.parts.1.t_frame_s", "the same"),
+    ],
+)  # fmt: skip
+def test_a_moving_body_that_is_none_is_one_line(
+    text: str, key: str, allowed: str, write_scene: Write
+) -> None:
+    error = complaint(write_scene, text)
+    assert error.key == key
+    assert allowed in error.allowed
+
+
+# --- a recording at its own rate
+
+
+def recorded(more: str) -> str:
+    return f'[stimulus]\nkind = "uniform"\nforce_n = [0, 4, 12]\n{more}'
+
+
+def test_frames_are_the_chips_own_unless_they_say_when(write_scene: Write) -> None:
+    plan = planning.load(write_scene(recorded("")))
+    assert plan.drive.t_frame_s == plan.timing.frame_s == T
+    assert f"t_frame_s = {T!r}" in plan.resolved_toml()
+    same = planning.load(write_scene(recorded("t_frame_s = 0.002\nresample = 'linear'\n")))
+    assert (same.resistance_ohm == plan.resistance_ohm).all()
+
+
+def test_a_slow_recording_is_read_once_a_frame(write_scene: Write) -> None:
+    plan = planning.load(write_scene(recorded("t_frame_s = 0.032\n")))
+    assert plan.frames == 3
+    assert plan.drive.t_frame_s == 0.032
+    assert plan.timing.frame_s == T
+
+
+def test_a_slow_recording_is_held_or_followed(write_scene: Write) -> None:
+    hold = planning.load(write_scene(recorded("t_frame_s = 0.008\nresample = 'hold'\n")))
+    assert hold.drive.t_frame_s == T
+    assert hold.force_n[:, 0, 0].tolist() == [0] * 4 + [4] * 4 + [12] * 4
+    line = planning.load(write_scene(recorded("t_frame_s = 0.008\nresample = 'linear'\n")))
+    assert line.force_n[:, 0, 0] == pytest.approx([0, 1, 2, 3, 4, 6, 8, 10, 12])
+    # conductance runs straight, under every law
+    text = recorded("t_frame_s = 0.008\nresample = 'linear'\n") + '[sensor]\nlaw = "power"\n'
+    g = 1 / planning.load(write_scene(text)).resistance_ohm[:, 0, 0]
+    assert np.diff(g[:5]) == pytest.approx([g[4] / 4] * 4, rel=1e-3)
+
+
+def test_a_fast_recording_must_say_how_it_is_read(write_scene: Write) -> None:
+    error = complaint(write_scene, recorded("t_frame_s = 0.001\n"))
+    assert error.key == "stimulus.t_frame_s"
+    assert "0.002 s" in error.allowed
+    hold = planning.load(write_scene(recorded("t_frame_s = 0.001\nresample = 'hold'\n")))
+    assert hold.force_n[:, 0, 0].tolist() == [0, 12]
+
+
+def test_shorts_and_opens_are_followed_too(write_scene: Write) -> None:
+    text = '[stimulus]\nkind = "uniform"\nr_ohm = [inf, 1000, inf, 0, 500]\nt_frame_s = 0.004\nresample = "linear"\n'
+    plan = planning.load(write_scene(text))
+    assert plan.resistance_ohm[:, 0, 0].tolist() == [np.inf, 2000, 1000, 2000, np.inf, 0, 0, 0, 500]
+
+
+def test_resampling_stops_at_the_same_size(write_scene: Write) -> None:
+    assert (
+        complaint(write_scene, recorded("t_frame_s = 1e8\nresample = 'hold'\n")).key == "stimulus.t_frame_s"
+    )
 
 
 @pytest.mark.parametrize("topology", ["direct", "conveyor_mirror", "conveyor_mirror_inverted"])
