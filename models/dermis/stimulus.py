@@ -70,7 +70,7 @@ Ohm = Annotated[float, Field(ge=0, allow_inf_nan=True)]
 Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
 Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
 Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
-Seconds = Annotated[float, Field(gt=0, le=1e9)]
+Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
 _FORCE = "a finite number >= 0, or a list of them, one a frame"
 _TAPS = "a finite number >= 0, or a list of them, one a tap"
 _POINTS = "a list of at least 2 finite numbers >= 0"
@@ -87,7 +87,7 @@ class _Timed(Strict):
     t_frame_s: Seconds | None = entry(
         None,
         "Time from one of its frames to the next, in s",
-        "a finite number > 0, at most 1e9",
+        "a finite number from 1e-9 to 1e9",
         default_from="the frame time of the chip, rows * timing.slot_s",
     )
     resample: Literal["none", "hold", "linear"] = entry(
@@ -150,7 +150,7 @@ class _Lasting(Strict):
     duration_s: Seconds | None = entry(
         None,
         "Or time to read for, in s, rounded up to whole frames",
-        "a finite number > 0, at most 1e9; or frames instead",
+        "a finite number from 1e-9 to 1e9; or frames instead",
     )
 
 
@@ -240,7 +240,7 @@ class RampTable(_Body, _Lasting):
     duration_s: Seconds | None = entry(
         None,
         "Or time from the first force to the last, in s",
-        "a finite number > 0, at most 1e9; or frames instead",
+        "a finite number from 1e-9 to 1e9; or frames instead",
     )
 
 
@@ -373,7 +373,8 @@ def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -
 
 def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
     angle = math.radians(table.angle_deg)
-    with np.errstate(over="ignore", invalid="ignore"):
+    # A width of next to nothing over 2 is 0.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         t = (right * math.cos(angle) + down * math.sin(angle)) / (table.width / 2)
         s = (down * math.cos(angle) - right * math.sin(angle)) / (table.length / 2)
         # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
@@ -460,7 +461,8 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         time = np.arange(_count(table, about, None)) * about.t_frame_s
         # A tap that begins on a frame begins there whatever way the product rounds.
         tap = np.floor(time * table.frequency_hz + 1e-9)
-        phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
+        with np.errstate(over="ignore"):
+            phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
         wave = np.sin(np.pi * np.minimum(phase, 1.0)) if table.profile == "half_sine" else phase < 1 - 1e-9
         forces = forces[(tap % forces.size).astype(int)] * np.where(phase < 1, wave, 0.0)
     elif isinstance(table, RampTable):
