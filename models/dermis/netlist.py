@@ -7,6 +7,7 @@ element behind. Every number is formatted from a float and every name is made he
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,8 +17,7 @@ from dermis.array import Network
 from dermis.design import ROOT
 from dermis.generate import spice_number
 from dermis.ngspice import Deck
-from dermis.plan import Plan
-from dermis.vfc import Converter
+from dermis.plan import Drive, Plan
 
 SPICE = ROOT / "spice"
 
@@ -28,7 +28,13 @@ HONOURS = frozenset(
         "r_column_ohm",
         "v_column_offset_v",
         "g_lateral_row_s",
-        "g_lateral_column_s",  # both ends on one column line: no element, no current
+        "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+        "i_leak_a",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
         "gain",
         "i_offset_a",
         "inv_gain_dc",
@@ -40,6 +46,11 @@ HONOURS = frozenset(
         "v_comp_offset_v",
         "v_hysteresis_v",
         "t_comp_delay_s",
+        "inv_i_range_a",
+        "q_mirror_c",
+        "t_gbw_s",
+        "ripple",
+        "motion",
     }
 )
 """Record fields a deck can express; a field not named here is refused, never ignored."""
@@ -81,6 +92,7 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
         "comp_t_delay_s": (converter.t_comp_delay_s, 0.0),
         "int_v_out_max_v": (converter.v_int_max_v, np.inf),
         "int_v_out_min_v": (converter.v_int_min_v, -np.inf),
+        "int_t_gbw_s": (converter.t_gbw_s, 0.0),
     }
     if direct:
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
@@ -88,6 +100,8 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
         values["k"] = float(converter.k[column])
         ideal["conv_r_x_ohm"] = (network.r_column_ohm, 0.0)
         ideal["conv_v_offset_v"] = (network.v_column_offset_v, 0.0)
+        ideal["out_inv_i_range_a"] = (converter.inv_i_range_a, 0.0)
+        ideal["out_q_lag_c"] = (converter.q_mirror_c, 0.0)
         if plan.topology == "multi_output_conveyor":
             ideal["conv_gain_error"] = (converter.gain - 1.0, 0.0)
         else:
@@ -132,7 +146,7 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         f'.include "{SPICE / "behavioural" / "blocks.inc"}"',
         f"vdd vdd 0 {spice_number(supply.vdd_v)}",
         f"vss vss 0 {spice_number(supply.vss_v)}",
-        f"vbias vbias 0 {spice_number(network.v_bias_v)}",
+        f"vbias vbias 0 {_bias(plan, frame)}",
         "vibias ibias 0 0",
     ]
     # A dc value beside `external` crashes libngspice 39.
@@ -142,12 +156,15 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         "r_ground_ohm": min(float(network.r_row_grounded_ohm), 1e18),  # inf: floating
         "v_bias_v": float(network.v_bias_v),
     }
+    if plan.drive.ripple:
+        driver["follow"] = 1
     lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
 
-    with np.errstate(divide="ignore"):
-        resistance = np.divide(1.0, network.g_taxel_s)
-        lateral = 1.0 / network.g_lateral_row_s if network.g_lateral_row_s else None
-    lines += generate.array_subckt(rows, cols, resistance, lateral, design=plan.scene.design).splitlines()
+    lines += _array(plan, frame, network)
+    if network.c_row_f:
+        lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
+    if network.c_column_f:
+        lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in range(cols)]
     pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in range(cols)]
     lines.append(f"xarray {' '.join(pins)} array")
 
@@ -156,6 +173,8 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         if direct and network.r_column_ohm[c]:
             node = f"vg{c}"
             lines.append(f"rcolumn{c} col{c} {node} {spice_number(float(network.r_column_ohm[c]))}")
+        if leak := float(network.i_leak_a[c]):
+            lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
         values = _assignments(_channel_parameters(plan, network, c))
         lines.append(
             f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}"
@@ -163,12 +182,60 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
-    lines.append(options(has_pole(plan.converter)))
+    lines.append(options(has_pole(plan)))
     probes = [f"comp{c}" for c in range(cols)]
     if record:
         probes += [integrator_node(c) for c in range(cols)]
     abrupt = (True,) * (rows + 1) + (False,) * cols
-    return Deck(tuple(lines), source_names(rows, cols), tuple(levels), abrupt, tuple(probes))
+    return Deck(
+        tuple(lines),
+        source_names(rows, cols),
+        tuple(levels),
+        abrupt,
+        tuple(probes),
+        longest_step_s(plan.drive),
+    )
+
+
+def _bias(plan: Plan, frame: int) -> str:
+    """The bias: a number, or a sine whose phase at the frame's first instant carries on from the frame before."""
+    drive, level = plan.drive, plan.v_bias_v
+    if not drive.ripple:
+        return spice_number(level)
+    if not drive.f_ripple_hz:  # ngspice would take one period a transient
+        return spice_number(level * (1.0 + drive.ripple * math.sin(drive.phase_ripple_rad)))
+    turns = drive.f_ripple_hz * (plan.first_frame + frame) * plan.timing.frame_s
+    phase = math.degrees(drive.phase_ripple_rad) + 360.0 * math.fmod(turns, 1.0)
+    numbers = (level, drive.ripple * level, drive.f_ripple_hz, 0.0, 0.0, phase)
+    return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
+
+
+def _array(plan: Plan, frame: int, network: Network) -> list[str]:
+    """The array of one frame; its taxels move to those of the next frame if the plan says so."""
+    slope = None
+    floor = plan.scene.design.array.r_floor_ohm
+    if plan.drive.motion:
+        now, then = (
+            np.minimum(g, 1.0 / floor)
+            for g in (network.g_taxel_s, plan.next_conductance_s(slice(frame, frame + 1))[0])
+        )
+        slope = (then - now) / plan.drive.t_frame_s
+    with np.errstate(divide="ignore"):
+        resistance = np.divide(1.0, network.g_taxel_s)
+        row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
+    text = generate.array_subckt(
+        network.rows,
+        network.cols,
+        resistance,
+        row,
+        design=plan.scene.design,
+        lateral_column_ohm=column,
+        trace_row_ohm=float(network.r_trace_row_ohm),
+        trace_column_ohm=float(network.r_trace_column_ohm),
+        taxel_f=float(network.c_taxel_f),
+        slope_s_per_s=slope,
+    )
+    return text.splitlines()
 
 
 def options(pole: bool) -> str:
@@ -181,7 +248,31 @@ def integrator_node(column: int) -> str:
     return f"xch{column}.xvfc.v_int"
 
 
-def has_pole(converter: Converter) -> bool:
-    """Whether anything in the deck has a time constant besides the integrators: comparator, range clamp."""
+# A leak this many clocks long bends a clock's straight line by 1 / (12 n^2) of what it takes: 3e-5 of a packet in all.
+_LEAK_CLOCKS = 50.0
+
+
+def has_pole(plan: Plan) -> bool:
+    """Whether anything in the deck has a time constant besides the integrators that the steps must follow.
+
+    Comparator, range clamp, bandwidth, slow mirror, capacitance, and an integrator that leaks within some clocks.
+    What only moves (ripple, taxels) is followed well enough by steps of a clock, or of `longest_step_s`.
+    """
+    converter = plan.converter
     clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
-    return bool(np.any(converter.t_comp_delay_s) or np.any(converter.v_hysteresis_v) or np.any(clamped))
+    fields = (converter.t_comp_delay_s, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
+    capacitances = {"c_row_f", "c_column_f", "c_taxel_f"} & plan.surrounding.keys()
+    if any(np.any(f) for f in fields) or np.any(clamped) or any(plan.surrounding[c] for c in capacitances):
+        return True
+    if not converter.inv_gain_dc.any():
+        return False
+    across = converter.g_in_s
+    if plan.topology == "direct":
+        across = across + plan.conductance_s().sum(axis=1).max(axis=0)
+    leak = across * converter.inv_gain_dc / (converter.c_int_f * converter.f_clk_hz)
+    return bool(np.any(leak * _LEAK_CLOCKS > 1.0))
+
+
+def longest_step_s(drive: Drive) -> float:
+    """A fortieth of a period of the ripple, whose area trapezoids then have to 0.2 %; inf without."""
+    return 1.0 / (40.0 * drive.f_ripple_hz) if drive.ripple and drive.f_ripple_hz else math.inf

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import math
 import os
 import shutil
 import subprocess
@@ -39,6 +40,7 @@ class Deck:
     levels : their values at time zero, in volt.
     abrupt : of each source, whether its edge switches a conductance (against: moves a current source).
     probes : names of the nodes to sample.
+    longest_step_s : no time step may be longer, whatever the caller allows.
     """
 
     lines: tuple[str, ...]
@@ -46,6 +48,7 @@ class Deck:
     levels: tuple[float, ...]
     abrupt: tuple[bool, ...]
     probes: tuple[str, ...]
+    longest_step_s: float = math.inf
 
 
 def library() -> Path:
@@ -160,7 +163,7 @@ class NgspiceHalf:
             len(deck.probes),
             _texts(deck.probes),
             t_edge_s,
-            t_max_step_s,
+            min(t_max_step_s, deck.longest_step_s),
             t_stop_s,
             int(record),
             int(use_ic),

@@ -133,6 +133,48 @@ def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Meas
     assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3, abs=0)
 
 
+@pytest.mark.parametrize("q_lag_c", [0.0, 5e-14])
+@pytest.mark.parametrize("t_pole_s", [0.0, 1e-9])
+@pytest.mark.parametrize("per_a", [0.0, 100.0])
+def test_switches_in_series_with_the_mirror_compress_its_current(
+    measure: Measure, design: Design, per_a: float, t_pole_s: float, q_lag_c: float
+) -> None:
+    """Settled, a pole and a lag must be gone whatever else is on."""
+    got = measure("mirror__dc", dut={"inv_i_range_a": per_a, "t_pole_s": t_pole_s, "q_lag_c": q_lag_c})
+    p = design.mirror
+    copied = 1e-3 / (1 + 1e-3 * per_a) * (1 + p.ratio_error)
+    for index, k in enumerate(design.interface.k_options):
+        assert got[f"i_out_{index}"] == pytest.approx(copied / k, rel=1e-4, abs=0)
+    assert got["i_out_fixed"] == pytest.approx(copied / design.interface.k, rel=1e-9, abs=0)
+    assert got["i_out_sink"] == pytest.approx(-copied / design.interface.k, rel=1e-9, abs=0)
+
+
+def logistic(settled: float, start: float, charge: float, t_s: float) -> float:
+    """Current of a slow mirror t_s after its settled value became `settled`."""
+    if settled == 0:
+        return start / (1 + start * t_s / charge)
+    return settled / (1 + (settled / start - 1) * math.exp(-settled * t_s / charge))
+
+
+@pytest.mark.parametrize("q_lag_c", [5e-14, 2e-13])
+def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, q_lag_c: float) -> None:
+    got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})
+    low, high = 1e-7, 1e-5
+    top = logistic(high, low, q_lag_c, 9.9e-6)
+    assert got["i_start"] == pytest.approx(low, rel=1e-6, abs=0)
+    assert got["i_up"] == pytest.approx(logistic(high, low, q_lag_c, 20e-9), rel=1e-3, abs=0)
+    assert got["i_top"] == pytest.approx(top, rel=1e-6, abs=0)
+    assert got["i_down"] == pytest.approx(logistic(low, top, q_lag_c, 100e-9), rel=1e-3, abs=0)
+    assert got["i_low_again"] == pytest.approx(logistic(low, top, q_lag_c, 9.9e-6), rel=1e-3, abs=0)
+    low_again = logistic(low, top, q_lag_c, 10e-6)
+    floor = 1e-6 * 25e-6
+    assert got["i_open"] == pytest.approx(logistic(floor, low_again, q_lag_c, 10e-6), rel=1e-3, abs=0)
+    assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
+    # what the gate took to rise: q ln(top / low)
+    given = low * 0.1e-6 + high * 9.9e-6 - q_lag_c * math.log(top / low)
+    assert got["charge_c"] == pytest.approx(given, rel=1e-5, abs=0)
+
+
 @pytest.mark.parametrize("ground", [None, 4.0])
 def test_row_driver_has_its_level_and_both_resistances(
     measure: Measure, design: Design, ground: float | None

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python beside ngspice.
+
+A deck costs milliseconds to start this way instead of the two seconds of an HDL simulator, so that every effect can
+have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the real one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import netlist
+from dermis.engines import cosim
+from dermis.ngspice import Deck, NgspiceHalf
+from dermis.plan import Plan, Timing
+
+
+def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray[np.int64], dict[str, int]]:
+    """Codes [rows, cols] of one frame's deck, and what ngspice says of its steps."""
+    solver = cosim.Solver()
+    half = NgspiceHalf(
+        deck,
+        t_edge_s=solver.t_edge_s,
+        t_max_step_s=solver.t_max_step_s,
+        t_stop_s=timing.frame_s,
+        log=log,
+    )
+    rows, t_clk = timing.rows, 1.0 / timing.f_clk_hz
+    counts = np.zeros((rows, cols), dtype=np.int64)
+    sample, charge = (
+        np.zeros(cols, dtype=bool),
+        np.zeros(cols, dtype=bool),
+    )  # the two flip-flops of each column
+    edges: list[tuple[float, int, float]] = []
+    half.advance(0.0, [])
+    for clock in range(1, rows * timing.slot_clocks + 1):
+        now = clock * t_clk
+        comparator = half.advance(now, edges)[:cols] > 0.0
+        row, at = divmod(clock - 1, timing.slot_clocks)
+        counting = at >= timing.settle_clocks  # the preset has been let go before this edge
+        before, charge = charge, sample
+        sample = comparator & ~sample if counting else np.zeros(cols, dtype=bool)
+        counts[row] += sample
+        edges = [(now, rows + 1 + int(c), float(charge[c])) for c in np.flatnonzero(charge != before)]
+        if at + 1 == timing.settle_clocks:
+            edges.append((now, rows, 0.0))
+        if at + 1 == timing.slot_clocks and row + 1 < rows:
+            edges += [(now, rows, 1.0), (now, row, 0.0), (now, row + 1, 1.0)]
+    statistics = half.statistics
+    half.close()
+    return np.minimum(counts, timing.code_max), statistics
+
+
+def read_plan(plan: Plan, work: str) -> tuple[NDArray[np.int64], dict[str, int]]:
+    """Codes [frames, rows, cols] of a plan; runs in a process that has had no circuit that failed."""
+    levels = [1.0] + [0.0] * (plan.rows - 1) + [1.0] + [0.0] * plan.cols
+    codes, total = [], {}
+    for frame in range(plan.frames):
+        deck = netlist.frame_deck(plan, frame, levels)
+        read, statistics = read_deck(deck, plan.timing, plan.cols, Path(work) / "ngspice.log")
+        codes.append(read)
+        total = {name: total.get(name, 0) + value for name, value in statistics.items()}
+    return np.array(codes), total
+
+
+class DeckReader:
+    """One process that reads plan after plan; ngspice keeps its circuit in global variables."""
+
+    def __init__(self, work: Path) -> None:
+        self._work = work
+        self._pool: ProcessPoolExecutor | None = None
+
+    def codes(self, plan: Plan) -> NDArray[np.int64]:
+        """Codes [frames, rows, cols]; whatever ngspice raises comes through, and the next plan has a new process."""
+        return self.measured(plan)[0]
+
+    def measured(self, plan: Plan) -> tuple[NDArray[np.int64], dict[str, int]]:
+        """The codes with ngspice's count of accepted and rejected steps and iterations."""
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        try:
+            return self._pool.submit(read_plan, plan, str(self._work)).result()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
