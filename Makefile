@@ -3,7 +3,7 @@
 
 # Optional values, each passed on only when given:
 #   FRAMES=path                        for sim: also read this frame file (csv or npy)
-#   SCENE=name-or-path ENGINE=e OUT=d  for run
+#   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for ablate
 #   ARGS="..."                         anything more for the command behind a target
 #   TESTS=paths JOBS=n                 for test: what to run, and on how many cores
 TESTS ?= tb
@@ -19,7 +19,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run sweep lint test bench waves generate gen-check calc clean
+.PHONY: help setup sim run ablate sweep lint test bench waves generate gen-check calc clean
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -28,9 +28,13 @@ help: ## print this list
 sim: setup ## the full-array regression, a verdict table [FRAMES=file.csv|npy]
 	@$(dermis) sim $(if $(FRAMES),--frames '$(FRAMES)') $(ARGS)
 
-run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|cosim] [OUT=dir]
+run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT=dir]
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
+
+ablate: setup ## what each effect of a scene costs, one off at a time: SCENE=name-or-path [ENGINE=e]
+	@$(if $(SCENE),,echo 'ablate: SCENE is missing: make ablate SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
+	@$(dermis) ablate '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
 	@$(dermis) sweep $(ARGS)

@@ -20,6 +20,10 @@ SCENES = ROOT / "models" / "scenes"
 
 # Commands that live with what they do; loaded only when called, so that each starts quickly.
 ELSEWHERE = {
+    "ablate": (
+        "dermis.ablate",
+        "What each effect of a scene costs, in codes and in time: one off at a time.",
+    ),
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
@@ -69,39 +73,71 @@ def scene_path(name: str) -> Path:
     return SCENES / f"{name}.toml"
 
 
+# A run is judged against a neighbouring engine, often a slower one: so many taxels of it, in whole frames.
+JUDGED = 1 << 16
+
+
 @cli.command()
 @click.argument("scene")
-@click.option("--engine", help="closed, event or cosim; default: the scene's own.")
+@click.option("--engine", help="One of closed, event, rtl, cosim; default: the scene's own.")
 @click.option("--out", type=click.Path(path_type=Path), help="Where results go; default build/run/SCENE.")
-@click.option("--simulator", type=click.Choice(["icarus", "verilator"]), default="icarus", help="For cosim.")
+@click.option(
+    "--processes", type=click.IntRange(1, 1024), default=1, help="Spread the frames over so many processes."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Spread them over a Dask cluster: tcp://host:8786.")
+@click.option("--simulator", type=click.Choice(["icarus", "verilator"]), help="For rtl and cosim.")
 @click.option("--waves", is_flag=True, help="For cosim: also write waves.vcd and waves.gtkw.")
-def run(scene: str, engine: str | None, out: Path | None, simulator: str, waves: bool) -> int:
+def run(
+    scene: str,
+    engine: str | None,
+    out: Path | None,
+    processes: int,
+    scheduler: str | None,
+    simulator: str | None,
+    waves: bool,
+) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import engines, output, plan, progress, regression, report, verdict
+    from dermis import batch, engines, output, plan, progress, regression, report, verdict
 
     path = scene_path(scene)
     made = plan.load(path, engine)
     engines.check(made)
     out = out or ROOT / "build" / "run" / path.stem
-    output.prepare(out)
     options: dict[str, Any] = {}
-    if made.engine == "cosim":
-        options = {"simulator": simulator, "record": waves}
-    elif waves:
-        raise InputError("command line", "--waves", made.engine, "engine cosim, the only one with waveforms")
-    start = time.perf_counter()
-    with progress.slots(path.stem, made.frames * made.rows) as on_slots:
-        result = engines.run(made, on_slots, **options)
-    result.info["seconds"] = time.perf_counter() - start
-    rows = regression.compare(made, result, path.stem)
-    full = int((result.codes >= made.timing.code_max).sum())
-    rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
-    report.frame_figure(made, result.codes, regression.fit_residual(made, result.codes), out / "frame.png")
+    if simulator is not None:
+        if made.engine not in ("rtl", "cosim"):
+            raise InputError("command line", "--simulator", simulator, "engine rtl or cosim")
+        options["simulator"] = simulator
     if waves:
-        from dermis import waves as wave_files
+        if made.engine != "cosim":
+            raise InputError(
+                "command line", "--waves", made.engine, "engine cosim, the only one with waveforms"
+            )
+        options["record"] = True
+    if scheduler is not None and (processes > 1 or waves):
+        other = "--processes" if processes > 1 else "--waves"
+        raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
+    with output.place(out):
+        start = time.perf_counter()
+        with progress.slots(path.stem, made.frames * made.rows) as on_slots:
+            result = batch.run(made, on_slots, processes=processes, scheduler=scheduler, **options)
+        result.info["seconds"] = time.perf_counter() - start
+        first = made.part(0, min(made.frames, max(1, JUDGED // (made.rows * made.cols))))
+        rows = regression.compare(first, engines.Result(result.codes[: first.frames]), path.stem)
+        if first.frames < made.frames:
+            rows = [{**row, "note": f"{row['note']}; the first {first.frames} frames"} for row in rows]
+        full = int((result.codes >= made.timing.code_max).sum())
+        rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
 
-        wave_files.write(out, made, result)
-    output.write(out, made, result, rows)
+        def draw(directory: Path) -> None:
+            fit = regression.fit_residual(made, result.codes)
+            report.frame_figure(made, result.codes, fit, directory / "frame.png")
+            if waves:
+                from dermis import waves as wave_files
+
+                wave_files.write(directory, made, result)
+
+        output.write(out, made, result, rows, draw)
     verdict.write_rows("run", rows)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
     click.echo(f"codes, figure, summary and the resolved scene are in {out}")

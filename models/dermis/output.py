@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what a run leaves in OUT: codes.npy, codes.csv, summary.json and resolved.toml, all of them or none."""
+"""Writes what a run leaves in OUT: codes, bounds on them, summary, resolved scene and figure, all of them or none."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import io
 import json
+import math
 import os
 import platform
+import resource
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,9 @@ from dermis.plan import Plan
 from dermis.verdict import Row
 
 TOOL_LIMIT_S = 10
+
+# Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
+SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "waves.vcd", "waves.gtkw")
 
 
 def prepare(out: Path) -> None:
@@ -43,6 +49,20 @@ def prepare(out: Path) -> None:
         raise InputError(
             "command line", "out", str(out), f"a directory that can be written ({error.strerror})"
         ) from None
+
+
+@contextmanager
+def place(out: Path) -> Iterator[None]:
+    """Make `out` for a run; a run that fails leaves nothing behind, and what was there before as it was."""
+    new = not out.exists()
+    prepare(out)
+    try:
+        yield
+    except BaseException:
+        if new:
+            with suppress(OSError):  # not empty: someone else writes there
+                out.rmdir()
+        raise
 
 
 def codes_csv(codes: NDArray[np.uint8]) -> str:
@@ -92,7 +112,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "rows": plan.rows,
         "cols": plan.cols,
         "frame_time_s": plan.timing.frame_s,
-        "effects": [{"name": e.name, "on": e.on, "reason": e.reason} for e in plan.effects],
+        "effects": [{k: _json(v) for k, v in e._asdict().items()} for e in plan.effects],
         "seed": plan.seed,
         "decoded": {
             "total_force_n": decoded.force_n.sum(axis=(1, 2)).tolist(),
@@ -100,27 +120,60 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
         "info": scalars,
+        "memory_mb": {
+            "this_process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "largest_child": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+        },
         "verdicts": list(rows),
         "versions": versions(),
     }
 
 
-def write(out: Path, plan: Plan, result: Result, rows: Sequence[Row]) -> None:
-    """Write the files of a run into `out`; what is there of an earlier run is replaced only once all are written."""
+def _json(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _npy(array: NDArray[Any]) -> bytes:
     buffer = io.BytesIO()
-    np.save(buffer, result.codes)
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def write(
+    out: Path,
+    plan: Plan,
+    result: Result,
+    rows: Sequence[Row],
+    draw: Callable[[Path], None] | None = None,
+) -> None:
+    """Write the files of a run into `out`; what is there of an earlier run is replaced only once all are written.
+
+    Parameters
+    ----------
+    out : directory
+    plan, result, rows : what was run, what came of it, and its verdicts
+    draw : called with a directory, to write further files of the run there
+    """
     files: dict[str, bytes] = {
-        "codes.npy": buffer.getvalue(),
+        "codes.npy": _npy(result.codes),
         "codes.csv": codes_csv(result.codes).encode(),
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
+    for side in ("low", "high"):
+        if (bound := getattr(result, side, None)) is not None:
+            files[f"codes_{side}.npy"] = _npy(bound)
     out.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=out, prefix=".partial_"))
     try:
         for name, data in files.items():
             (scratch / name).write_bytes(data)
-        for name in files:
+        if draw is not None:
+            draw(scratch)
+        written = sorted(path.name for path in scratch.iterdir())
+        for name in written:
             os.replace(scratch / name, out / name)
+        for name in set(SOMETIMES) - set(written):
+            (out / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

@@ -88,6 +88,19 @@ def test_a_wrong_scene_ends_in_one_line_and_exit_2(tmp_path: Path, kind: str) ->
         ["run", "single_touch", "--engine", "magic"],
         ["run", "single_touch", "--out", "/dev/null"],
         ["run", "single_touch", "--waves"],
+        ["run", "single_touch", "--simulator", "verilator"],
+        ["run", "single_touch", "--processes", "0"],
+        ["run", "single_touch", "--processes", "many"],
+        ["run", "uniform_staircase", "--processes", "2", "--engine", "cosim"],
+        ["run", "single_touch", "--processes", "2", "--scheduler", "tcp://127.0.0.1:1"],
+        ["run", "single_touch", "--scheduler", "nonsense"],
+        ["ablate"],
+        ["ablate", "no_such_scene"],
+        ["ablate", "flat_indenter"],
+        ["ablate", "nonideal_channel", "--engine", "closed"],
+        ["ablate", "nonideal_channel", "--engine", "magic"],
+        ["ablate", "nonideal_channel", "--pairs", "0"],
+        ["ablate", "nonideal_channel", "--frames", "none"],
         ["sim", "--frames", "no_such_file.csv"],
         ["sim", "--frames", "README.md"],
         ["sim", "--only", "no_such_case"],
@@ -98,6 +111,60 @@ def test_a_wrong_command_ends_in_one_line_and_exit_2(arguments: list[str]) -> No
     done = dermis(*arguments)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+FAILS_IN_THE_ENGINE = UNIFORM + "[effects]\npreset_error = { v_v = 0.7 }\n"
+
+
+@pytest.mark.parametrize("processes", ["1", "2"])
+def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes: str) -> None:
+    text = FAILS_IN_THE_ENGINE.replace("force_n = 3.0", "force_n = [3.0, 4.0]")
+    scene = scene_with(tmp_path, text)
+    out = tmp_path / "out"
+    arguments = ["run", scene, "--out", str(out), "--processes", processes]
+    done = dermis(*arguments)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "effects.preset_error" in done.stderr
+    assert not out.exists()
+    # What an earlier run left stays whole.
+    assert dermis(*arguments, "--engine", "event").returncode == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert {"codes.npy", "codes.csv", "summary.json", "resolved.toml", "frame.png"} <= set(before)
+    assert dermis(*arguments).returncode == 2
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_files_of_another_kind_of_run_do_not_stay(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("codes_low.npy", "waves.vcd", "notes.txt"):
+        (out / name).write_text("of an earlier run")
+    assert dermis("run", "single_touch", "--out", str(out)).returncode == 0
+    assert not (out / "codes_low.npy").exists()
+    assert not (out / "waves.vcd").exists()
+    assert (out / "notes.txt").exists()
+
+
+def test_processes_give_the_same_codes(tmp_path: Path) -> None:
+    codes = []
+    for processes in ("1", "2"):
+        out = tmp_path / processes
+        done = dermis("run", "uniform_staircase", "--processes", processes, "--out", str(out))
+        assert done.returncode == 0, done.stderr
+        codes.append(np.load(out / "codes.npy"))
+    assert np.array_equal(*codes)
+
+
+def test_an_ablation_prints_what_it_writes(tmp_path: Path) -> None:
+    done = dermis("ablate", "nonideal_channel", "--pairs", "1", "--frames", "1")
+    assert done.returncode == 0, done.stderr
+    rows = {row["name"]: row for row in json.loads((ROOT / "build" / "ablate.json").read_text())}
+    written = tomllib.loads((ROOT / "models/scenes/nonideal_channel.toml").read_text())["effects"]
+    assert {name.split(".")[1] for name in rows} == {"all_effects", *written}
+    for name in written:
+        line = next(line.split() for line in done.stdout.splitlines() if line.split()[:1] == [name])
+        assert int(line[1]) == rows[f"ablate.{name}.code_max_lsb"]["value"]
 
 
 BAD_FRAMES = {
@@ -157,12 +224,16 @@ def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> No
     assert "rlat_r3c4" in "\n".join(frame_deck(full, 0, levels).lines)
 
 
-@pytest.mark.parametrize("name", sorted(HONOURS - {"g_lateral_column_s"}))
+@pytest.mark.parametrize(
+    "name", sorted(HONOURS - {"g_lateral_column_s", "motion"})
+)  # motion: one frame holds
 def test_every_field_a_deck_honours_changes_the_deck(tmp_path: Path, name: str) -> None:
     made = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
     bare = frame_deck(made, 0, [0.0] * 33).lines
     if hasattr(made.converter, name):
         changed = replace(made, converter=replace(made.converter, **{name: 1e-3}))
+    elif hasattr(made.drive, name):
+        changed = replace(made, drive=replace(made.drive, **{name: 1e-3}))
     else:
         changed = replace(made, surrounding={name: 1e-3})
     assert frame_deck(changed, 0, [0.0] * 33).lines != bare

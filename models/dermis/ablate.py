@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each effect of a scene costs: all of them on, then one off at a time, in codes and in processor time."""
+
+from __future__ import annotations
+
+import resource
+import statistics
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dermis import engines, plan, report, scene, verdict
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.plan import Plan
+from dermis.scene import Scene
+from dermis.schema import Strict
+from dermis.verdict import Row
+
+FRAMES = 64
+"""Frames looked at unless told otherwise; 1 with cosim, which takes seconds for one."""
+
+PAIRS = 3
+
+# Shorter runs are repeated: processor time of a process is not known better than to some 10 us.
+_AT_LEAST_S = 0.02
+
+EVERYTHING = "all_effects"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one effect changes.
+
+    Attributes
+    ----------
+    name : str
+        The effect; EVERYTHING for all of them together.
+    code_max_lsb : int
+        Largest |code with - code without| of any taxel.
+    moved : float
+        Share of the taxels whose code moves, 0..1.
+    mean_shift_lsb : float
+        Mean of code with - code without over all taxels.
+    time_ratio : float
+        Processor time with over without, median of pairs of runs.
+    engine : str
+        The cheapest engine that can do the scene without it.
+    """
+
+    name: str
+    code_max_lsb: int
+    moved: float
+    mean_shift_lsb: float
+    time_ratio: float
+    engine: str
+
+
+def candidates(world: Scene) -> Mapping[str, Strict]:
+    """Every effect to take off: those that are on, or with `auto` all that it may choose from."""
+    return world.effects
+
+
+def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
+    """The plan of a scene with exactly these effects."""
+    return plan.make(replace(world, effects=dict(on)), engine)
+
+
+def cheapest(made: Plan) -> str | None:
+    """The first engine, in the order of what they cost, that refuses nothing of a plan."""
+    return next((name for name in plan.ENGINES if not engines.refused(made, name)), None)
+
+
+def busiest(made: Plan, frames: int) -> Plan:
+    """At most so many frames of a plan, one after the other, around the one with the most conductance."""
+    if frames >= made.frames:
+        return made
+    load = np.minimum(made.conductance_s(), 1.0).sum(axis=(1, 2))  # a short counts as much as any
+    first = min(max(0, int(np.argmax(load)) - frames // 2), made.frames - frames)
+    return made.part(first, first + frames)
+
+
+def cpu_seconds(work: Callable[[], object]) -> float:
+    """Processor time of one call, in this process and its children, from as many calls as it takes to see it."""
+    calls = 0
+    begin = _cpu_s()
+    while calls == 0 or _cpu_s() - begin < _AT_LEAST_S:
+        work()
+        calls += 1
+    return (_cpu_s() - begin) / calls
+
+
+def _cpu_s() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def measure(
+    world: Scene,
+    engine: str | None = None,
+    frames: int | None = None,
+    pairs: int = PAIRS,
+    said: Callable[[str], None] = lambda _: None,
+) -> tuple[Plan, list[Cost]]:
+    """Ablate a scene.
+
+    Parameters
+    ----------
+    world : Scene
+    engine : str, optional
+        Runs everything; default the cheapest that can do all effects at once, so that times compare.
+    frames : int, optional
+        At most so many, around the busiest; default FRAMES, 1 with cosim.
+    pairs : int
+        Runs with and without an effect behind a ratio of times.
+    said : callable
+        Told what is done next.
+
+    Returns
+    -------
+    Plan, list of Cost
+        The plan with everything on, and the costs: everything first, then the largest first.
+
+    Raises
+    ------
+    InputError
+        No effect is on, or the engine cannot do them all.
+    """
+    on = dict(candidates(world))
+    if not on:
+        raise InputError(world.path, "effects", "none on", "at least one effect, or auto")
+    full = with_effects(world, on, engine)
+    if engine is None:
+        full = replace(full, engine=cheapest(full) or full.engine)
+    engines.check(full)
+    full = busiest(full, frames or (1 if full.engine == "cosim" else FRAMES))
+    said(f"everything on, engine {full.engine}")
+    codes = engines.run(full).codes.astype(int)
+    costs = []
+    for name in (EVERYTHING, *on):
+        said(f"{name} off, {len(costs) + 1} of {len(on) + 1}")
+        rest = {} if name == EVERYTHING else {other: p for other, p in on.items() if other != name}
+        made = with_effects(world, rest, full.engine)
+        costs.append(
+            _cost(name, full, codes, made.part(full.first_frame, full.first_frame + full.frames), pairs)
+        )
+    return full, costs[:1] + sorted(costs[1:], key=_size, reverse=True)
+
+
+def _cost(name: str, full: Plan, codes: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
+    shift = codes - engines.run(without).codes
+    ratios = [
+        cpu_seconds(lambda: engines.run(full)) / cpu_seconds(lambda: engines.run(without))
+        for _ in range(pairs)
+    ]
+    return Cost(
+        name,
+        int(np.abs(shift).max()),
+        float((shift != 0).mean()),
+        float(shift.mean()),
+        statistics.median(ratios),
+        cheapest(without) or full.engine,
+    )
+
+
+def _size(cost: Cost) -> tuple[float, ...]:
+    return cost.code_max_lsb, cost.moved, abs(cost.mean_shift_lsb), cost.time_ratio
+
+
+def rows_of(costs: list[Cost], full: Plan) -> list[Row]:
+    """Four rows an effect."""
+    rows = []
+    for cost in costs:
+        what = "every effect" if cost.name == EVERYTHING else cost.name
+        note = f"{full.engine}, {full.frames} frames, everything on against {what} off"
+        for key, unit, more in (
+            ("code_max_lsb", "lsb", ""),
+            ("moved", "1", "; share of the taxels"),
+            ("mean_shift_lsb", "lsb", "; with minus without"),
+            ("time_ratio", "1", f"; processor time; without it engine {cost.engine} would do"),
+        ):
+            rows.append(verdict.report(f"ablate.{cost.name}.{key}", getattr(cost, key), unit, note + more))
+    return rows
+
+
+def print_costs(costs: list[Cost], title: str) -> None:
+    """Print one line an effect."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for heading in (
+        "off",
+        "max |d| / LSB",
+        "taxels that move",
+        "mean shift / LSB",
+        "time ratio",
+        "then cheapest",
+    ):
+        table.add_column(heading, justify="left" if heading in ("off", "then cheapest") else "right")
+    for cost in costs:
+        table.add_row(
+            cost.name,
+            str(cost.code_max_lsb),
+            f"{100 * cost.moved:.2f} %",
+            f"{cost.mean_shift_lsb:+.4f}",
+            f"{cost.time_ratio:.2f}",
+            cost.engine,
+        )
+    console.print(table)
+
+
+def figure(costs: list[Cost], title: str, path: Path) -> None:
+    """Draw the costs as bars: codes on the left, time on the right."""
+    order = costs[::-1]
+    names = [c.name for c in order]
+    canvas = Figure(figsize=(11, 1.6 + 0.32 * len(order)), layout="constrained")
+    codes, time = canvas.subplots(1, 2, sharey=True, width_ratios=[2, 1])
+    y = np.arange(len(order))
+    codes.barh(y + 0.2, [c.code_max_lsb for c in order], 0.4, color=report.BLUE, label="largest |shift|")
+    codes.barh(
+        y - 0.2, [abs(c.mean_shift_lsb) for c in order], 0.4, color=report.ORANGE, label="|mean shift|"
+    )
+    codes.set_xscale("symlog", linthresh=1.0)
+    largest = max(c.code_max_lsb for c in order)
+    codes.set_xlim(0, 3 * max(largest, 1))  # room for what is written behind the longest bar
+    codes.set_xticks([0, *(t for t in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if t <= max(largest, 1))])
+    codes.xaxis.set_major_formatter("{x:g}")
+    codes.xaxis.set_minor_locator(NullLocator())
+    codes.set_xlabel("shift of the code when the effect goes / LSB, and share of the taxels that move")
+    codes.set_yticks(y, names)
+    codes.legend(frameon=False, fontsize=8, loc="lower right")
+    for at, cost in zip(y, order, strict=True):
+        codes.annotate(
+            f" {100 * cost.moved:.3g} %",
+            (max(cost.code_max_lsb, 0.02), at + 0.2),
+            fontsize=7,
+            va="center",
+        )
+    time.barh(y, [c.time_ratio for c in order], 0.5, color=report.GREEN)
+    time.axvline(1.0, color=report.GREY, lw=0.8)
+    time.set_xlabel("processor time with / without")
+    canvas.suptitle(title, fontsize=10)
+    report.save(canvas, path)
+
+
+@click.command("ablate")
+@click.argument("scene_name", metavar="SCENE")
+@click.option("--engine", help="Runs everything; default: the cheapest that can do all effects at once.")
+@click.option(
+    "--frames", type=click.IntRange(min=1), help=f"At most so many, the busiest; default {FRAMES}, cosim 1."
+)
+@click.option(
+    "--pairs",
+    type=click.IntRange(min=1),
+    default=PAIRS,
+    show_default=True,
+    help="Runs behind a ratio of times.",
+)
+def ablate_command(scene_name: str, engine: str | None, frames: int | None, pairs: int) -> int:
+    """What each effect of a scene costs: all on, then one off at a time.
+
+    The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
+    is on that it may choose from.
+    """
+    from dermis.cli import scene_path
+
+    world = scene.load(scene_path(scene_name))
+    full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))
+    last = full.first_frame + full.frames - 1
+    which = f"frame {last}" if full.frames == 1 else f"frames {full.first_frame} to {last}"
+    title = f"{world.path.stem}: {len(costs) - 1} effects, engine {full.engine}, {which}"
+    rows = rows_of(costs, full)
+    picture = ROOT / "build" / "ablate.png"
+    figure(costs, title, picture)
+    verdict.write_rows("ablate", rows)
+    print_costs(costs, title)
+    click.echo(f"figure: {picture}")
+    return verdict.exit_code(rows)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each effect costs: shifts that can be told beforehand, the engine behind them, and the rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dermis import ablate, engines, plan, scene, vfc
+from dermis.errors import InputError
+from dermis.scene import Scene
+
+CODES = list(range(3, 250, 8))
+
+
+def _world(tmp_path: Path, codes: list[int] = CODES, **effects: object) -> Scene:
+    data = {
+        "array": {"rows": 2, "cols": 2},
+        "stimulus": {"kind": "uniform", "code": codes},
+        "effects": effects,
+    }
+    return scene.from_data(data, tmp_path / "ablate.toml")
+
+
+def _by_name(costs: list[ablate.Cost]) -> dict[str, ablate.Cost]:
+    return {cost.name: cost for cost in costs}
+
+
+def test_costs_are_those_of_the_formula(tmp_path: Path) -> None:
+    world = _world(tmp_path, charge_packet={"packet_error": -0.0213}, comparator_offset={"v_v": 1e-6})
+    full, costs = ablate.measure(world, pairs=1)
+    assert full.engine == "closed"
+    found = _by_name(costs)
+    assert set(found) == {ablate.EVERYTHING, "charge_packet", "comparator_offset"}
+    x = np.array(CODES) / 510
+    shift = vfc.code(x, packet=1 - 0.0213) - vfc.code(x)
+    packet = found["charge_packet"]
+    assert packet.code_max_lsb == shift.max() > 3
+    assert packet.mean_shift_lsb == pytest.approx(shift.mean())
+    assert packet.moved == pytest.approx((shift != 0).mean())
+    assert (found["comparator_offset"].code_max_lsb, found["comparator_offset"].moved) == (0, 0.0)
+    assert [cost.name for cost in costs] == [ablate.EVERYTHING, "charge_packet", "comparator_offset"]
+    assert found[ablate.EVERYTHING].code_max_lsb == packet.code_max_lsb
+    assert all(cost.time_ratio > 0 for cost in costs)
+
+
+def test_everything_runs_through_the_cheapest_engine_that_can_do_it_all(tmp_path: Path) -> None:
+    world = _world(tmp_path, CODES[:3], row_driver=True, comparator_delay=True)
+    full, costs = ablate.measure(world, pairs=1)
+    assert full.engine == "event"
+    found = _by_name(costs)
+    assert (found["comparator_delay"].engine, found["row_driver"].engine) == ("closed", "event")
+    with pytest.raises(InputError, match="not possible with engine closed"):
+        ablate.measure(world, "closed", pairs=1)
+
+
+def test_an_effect_that_is_off_from_the_start_is_not_listed(tmp_path: Path) -> None:
+    world = _world(tmp_path, CODES[:2], row_driver=True, lateral=False)
+    _, costs = ablate.measure(world, pairs=1)
+    assert {cost.name for cost in costs} == {ablate.EVERYTHING, "row_driver"}
+
+
+def test_a_scene_without_effects_has_nothing_to_take_off(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="at least one effect"):
+        ablate.measure(_world(tmp_path))
+
+
+def test_long_scenes_are_ablated_where_most_happens(tmp_path: Path) -> None:
+    codes = [1] * 40 + [200, 210] + [1] * 40
+    made = plan.make(_world(tmp_path, codes))
+    part = ablate.busiest(made, 6)
+    assert (part.frames, part.first_frame <= 40, part.first_frame + 6 > 41) == (6, True, True)
+    assert ablate.busiest(made, 100) is made
+    full, costs = ablate.measure(
+        _world(tmp_path, codes, charge_packet={"packet_error": -0.02}), frames=2, pairs=1
+    )
+    assert full.frames == 2
+    assert _by_name(costs)["charge_packet"].code_max_lsb == 4  # 205 where 201 was
+
+
+def test_rows_and_figure_hold_every_cost(tmp_path: Path) -> None:
+    full, costs = ablate.measure(_world(tmp_path, CODES[:2], row_driver=True, mirror_ratio=True), pairs=1)
+    rows = {row["name"]: row for row in ablate.rows_of(costs, full)}
+    assert len(rows) == 4 * 3
+    assert rows["ablate.mirror_ratio.code_max_lsb"]["value"] == _by_name(costs)["mirror_ratio"].code_max_lsb
+    assert {row["status"] for row in rows.values()} == {"PASS"}
+    ablate.figure(costs, "a title", tmp_path / "ablate.png")
+    assert (tmp_path / "ablate.png").stat().st_size > 5000
+
+
+def test_the_plans_differ_by_one_effect(tmp_path: Path) -> None:
+    world = _world(tmp_path, row_driver=True, comparator_delay=True)
+    without = ablate.with_effects(world, {"row_driver": world.effects["row_driver"]})
+    assert {e.name for e in without.effects if e.on} == {"row_driver"}
+    assert not engines.refused(without, "closed")
