@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of a row slot's RC transient is left when the gate opens: extra column charge in every clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis.array import Network
+
+if TYPE_CHECKING:
+    from dermis.plan import Timing
+
+Floats = NDArray[np.float64]
+
+# A taxel below 0.1 milliohm counts as that: the matrices here are dense and lose the digits that stand behind a
+# short, and no driver or input is so low that its transient would tell.
+_G_MAX_S = 1e4
+
+
+class Unsupported(ValueError):
+    """A transient that lasts into the gate and that only a circuit simulator can follow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transients:
+    """Exponentials that are left in the gate.
+
+    During clock n of the gate (n = 0 ends with the first decision) the column input receives
+    `(charge_c * decay[:, :, None] ** n).sum(-1)` coulomb more than its settled current brings.
+
+    Attributes
+    ----------
+    charge_c : ndarray
+        [frames, rows, cols, modes].
+    decay : ndarray
+        [frames, rows, modes], the factor from one clock to the next.
+    """
+
+    charge_c: Floats
+    decay: Floats
+
+    def per_clock(self, clocks: int) -> Floats:
+        """Extra charge in every clock, [frames, rows, cols, clocks], in coulomb."""
+        factor = self.decay[..., np.newaxis] ** np.arange(clocks)
+        return np.matmul(self.charge_c, factor)
+
+
+def _frames(network: Network, g_frames_s: ArrayLike | None) -> Floats:
+    g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
+    return np.minimum(g, _G_MAX_S)
+
+
+def _paths(network: Network, g: Floats, row_users: int, column_users: int) -> tuple[Floats, Floats]:
+    """Resistance from the far end of every row and column line to a source, if as many share each line."""
+    to_column = column_users * (network.r_column_ohm + network.rows * network.r_trace_column_ohm)
+    to_row = np.full(network.rows, row_users * max(network.r_row_driven_ohm, network.r_row_grounded_ohm))
+    if not np.isfinite(network.r_row_grounded_ohm):
+        with np.errstate(divide="ignore"):
+            path = (row_users / g + to_column).min(axis=2)
+        path = np.where(np.isfinite(path), path, to_column.max()).max(axis=0)
+        to_row = np.maximum(row_users * network.r_row_driven_ohm, path)
+    return to_row + row_users * network.cols * network.r_trace_row_ohm, to_column
+
+
+def _tau_by_sum(network: Network, to_row: Floats, to_column: Floats) -> float:
+    """Sum of all time constants, bounded: each capacitance with its own path to a source."""
+    tau = network.c_row_f * to_row.sum() + network.c_column_f * network.r_column_ohm.sum()
+    return float(tau + network.c_taxel_f * (to_row[:, np.newaxis] + to_column).sum())
+
+
+def _tau_by_share(network: Network, g: Floats) -> float:
+    """The largest ratio of y C y to y G y, bounded: the paths of all nodes split the conductances they share.
+
+    Across a taxel (u - v)^2 <= 2 u^2 + 2 v^2, so its capacitance counts twice at either end.
+    """
+    rows, cols = network.rows, network.cols
+    row_line, column_line = network.r_trace_row_ohm > 0, network.r_trace_column_ohm > 0
+    row_users = cols + 1 if row_line else 1
+    column_users = rows + 1 if column_line else 1
+    if not np.isfinite(network.r_row_grounded_ohm):
+        column_users *= rows * row_users + 1
+    to_row, to_column = _paths(network, g, row_users, column_users)
+    at_row = network.c_row_f + 2 * network.c_taxel_f * (1 if row_line else cols)
+    at_column = network.c_column_f + 2 * network.c_taxel_f * (1 if column_line else rows)
+    return float(max(at_row * to_row.max(), at_column * to_column.max()))
+
+
+def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> Floats:
+    """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf where it says nothing.
+
+    Notes
+    -----
+    With y the distance of all node voltages from their settled values x, C y' = -G y. The eigenvalues tau of
+    C phi = tau G phi are the time constants. None is above their sum, trace(G^-1 C), which is the sum over
+    all capacitors of capacitance times the resistance seen there, and that is at most the one of any path to
+    a source (Rayleigh); nor above the largest ratio of y C y to y G y. The norm |y|, |y|^2 = y C y, falls at
+    least as exp(-t / tau). Where a slot begins, the charges of the nodes that hang on resistances stay, so
+    |y| becomes at most |y_end + x_old - x_new|; all settled voltages lie within the sources, +-A, so
+    |x_old - x_new| <= 2 A sqrt(sum C), with the difference, thus twice as much, across taxels. Over any
+    number of slots of length T
+
+        |y| <= 2 A sqrt(sum C) / (1 - exp(-T / tau)) = sqrt(E)   when a slot begins
+
+    and the power in all resistors, y G y, is at most E / tau exp(-2 t / tau) as long as tau <= 2 t. The
+    current in a conductance g is at most sqrt(g power). Into a column that has no input resistance all its
+    conductances bring current, and its taxel capacitances what their rows still move. A floating row without
+    a taxel that conducts keeps its charge and follows the columns through capacitances: it lies within 3 A.
+    """
+    if not (network.c_row_f or network.c_column_f or network.c_taxel_f):
+        return np.zeros(network.cols)
+    g = _frames(network, g_frames_s)
+    rows, cols = network.rows, network.cols
+    t_start, t_slot = (n / timing.f_clk_hz for n in (timing.settle_clocks, timing.slot_clocks))
+    amplitude = abs(network.v_bias_v) + np.abs(network.v_column_offset_v).max()
+    amplitude += (np.abs(network.i_leak_a) * network.r_column_ohm).sum()
+    if not np.isfinite(network.r_row_grounded_ohm) and (g.sum(axis=2) == 0).any():
+        amplitude *= 2
+    to_row, to_column = _paths(network, g, 1, 1)
+    tau = min(_tau_by_sum(network, to_row, to_column), _tau_by_share(network, g))
+    if tau == 0.0:
+        return np.zeros(cols)
+    if tau > 2 * t_start:
+        return np.full(cols, np.inf)
+    capacitance = rows * network.c_row_f + cols * network.c_column_f + 4 * rows * cols * network.c_taxel_f
+    norm = 2 * amplitude * np.sqrt(capacitance) / -np.expm1(-t_slot / tau)
+    root_power = norm / np.sqrt(tau) * np.exp(-t_start / tau)  # when the gate opens
+    through = np.where(network.r_column_ohm > 0, network.r_column_ohm, network.r_trace_column_ohm)
+    around = g.sum(axis=1).max(axis=0) + 2 * rows * network.g_lateral_row_s
+    with np.errstate(divide="ignore"):
+        conductance = np.where(through > 0, 1.0 / through, around)
+    moved = network.c_taxel_f * 2 * np.sqrt(to_row).sum()
+    return root_power * (tau * np.sqrt(conductance) + np.where(through > 0, 0.0, moved))
+
+
+def transients(
+    network: Network, g_frames_s: ArrayLike | None, timing: Timing, negligible_c: float
+) -> Transients | None:
+    """Find the exponentials that are left when the gate opens.
+
+    Parameters
+    ----------
+    network : Network
+    g_frames_s : array_like
+        Taxel conductances [frames, rows, cols].
+    timing : Timing
+        Of the slot. The first row of each frame starts settled; each other one from where the one before
+        ended.
+    negligible_c : float
+        Extra charge in a whole gate that counts as nothing, in coulomb.
+
+    Returns
+    -------
+    Transients or None
+        None: there is nothing above `negligible_c`, and where a bound shows it nothing was solved.
+
+    Raises
+    ------
+    Unsupported
+        The bound does not exclude a transient, and trace resistance is on (every node of every line would
+        be a state) or a floating row hangs on capacitances alone.
+    """
+    if not (bound_c(network, g_frames_s, timing) > negligible_c).any():
+        return None
+    if network.r_trace_row_ohm or network.r_trace_column_ohm:
+        raise Unsupported(
+            "line_capacitance settles into the gate while trace is on; one without the other, or engine cosim"
+        )
+    if timing.settle_clocks < 1:
+        raise ValueError("a slot without settle clocks has no end of its switching")
+    g = _frames(network, g_frames_s)
+    if not np.isfinite(network.r_row_grounded_ohm) and network.c_taxel_f and (g.sum(axis=2) == 0).any():
+        raise Unsupported(
+            "line_capacitance couples into a floating row without a taxel that conducts; "
+            "ground the rows, or engine cosim"
+        )
+    return _Slots(network, g, timing).transients(negligible_c)
+
+
+class _Slots:
+    """One frame's slots, all frames at once. Nodes: rows behind their drivers, then columns."""
+
+    def __init__(self, network: Network, g: Floats, timing: Timing) -> None:
+        self.network, self.g, self.timing = network, g, timing
+        rows, cols = network.rows, network.cols
+        self.capacitance = np.zeros((rows + cols, rows + cols))
+        self.capacitance[:rows, rows:] = self.capacitance[rows:, :rows] = -network.c_taxel_f
+        diagonal = np.concatenate(
+            [
+                np.full(rows, network.c_row_f + cols * network.c_taxel_f),
+                np.full(cols, network.c_column_f + rows * network.c_taxel_f),
+            ]
+        )
+        np.fill_diagonal(self.capacitance, diagonal)
+
+    def _system(self, driven: int) -> tuple[Floats, Floats, Floats]:
+        """Conductance to a source [nodes] (inf: the source itself) and its voltage, and all conductances."""
+        network, rows, cols = self.network, self.network.rows, self.network.cols
+        series = np.full(rows + cols, network.r_row_grounded_ohm, dtype=float)
+        series[driven] = network.r_row_driven_ohm
+        series[rows:] = network.r_column_ohm
+        with np.errstate(divide="ignore"):
+            to_source = 1.0 / series
+        voltage = np.zeros(rows + cols)
+        voltage[driven] = network.v_bias_v
+        # A leak into a column behind its resistance shifts what it rests at; in front of none it shifts nothing.
+        voltage[rows:] = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
+        matrix = np.zeros((self.g.shape[0], rows + cols, rows + cols))
+        matrix[:, :rows, rows:] = -self.g
+        matrix[:, rows:, :rows] = -self.g.transpose(0, 2, 1)
+        side = np.arange(rows, rows + cols - 1)
+        matrix[:, side, side + 1] = matrix[:, side + 1, side] = -rows * network.g_lateral_row_s
+        total = -matrix.sum(axis=2) + np.where(np.isfinite(to_source), to_source, 0.0)
+        # A floating row on which nothing hangs rests anywhere; 1 S keeps its equation from being 0 = 0.
+        nodes = np.arange(rows + cols)
+        matrix[:, nodes, nodes] = np.where(total > 0, total, 1.0)
+        return to_source, voltage, matrix
+
+    def transients(self, negligible_c: float) -> Transients | None:
+        network, timing = self.network, self.timing
+        rows, cols, frames = network.rows, network.cols, self.g.shape[0]
+        t_clk = 1.0 / timing.f_clk_hz
+        t_start, t_slot = timing.settle_clocks * t_clk, timing.slot_clocks * t_clk
+        same = network.r_row_driven_ohm == network.r_row_grounded_ohm
+        tau_all, charge_all, size = [], [], 0
+        voltage_now: Floats | None = None
+        for row in range(rows):
+            to_source, source, matrix = self._system(row)
+            free = np.flatnonzero(np.isfinite(to_source))
+            fixed = np.flatnonzero(np.isinf(to_source))
+            if row == 0 or not same:
+                modes = _Modes(matrix[:, free[:, np.newaxis], free], self.capacitance[np.ix_(free, free)])
+            push = to_source[free] * source[free] - matrix[:, free[:, np.newaxis], fixed] @ source[fixed]
+            rest = np.broadcast_to(source, (frames, rows + cols)).copy()
+            rest[:, free] = np.linalg.solve(matrix[:, free[:, np.newaxis], free], push[..., np.newaxis])[
+                ..., 0
+            ]
+            if voltage_now is None:
+                voltage_now = rest
+            # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
+            moved = np.matmul(voltage_now - rest, self.capacitance)[:, free]
+            tau, strength = (
+                modes.tau,
+                np.matmul(modes.shape.transpose(0, 2, 1), moved[..., np.newaxis])[..., 0],
+            )
+            lasting = tau > t_clk / _FASTEST
+            with np.errstate(divide="ignore", invalid="ignore"):
+                start = np.where(lasting, strength / tau, 0.0)
+                at_gate = np.where(lasting, start * np.exp(-t_start / tau), 0.0)
+                at_end = np.where(lasting, start * np.exp(-t_slot / tau), 0.0)
+                decay = np.where(lasting, np.exp(-t_clk / tau), 0.0)
+                lost = np.where(lasting, -tau * np.expm1(-t_clk / tau), 0.0)
+            # Current into each column's input for one volt of each mode; what taxel capacitances bring to a
+            # column that is held is the change of their charge.
+            out = np.zeros((frames, cols, tau.shape[1]))
+            held = np.isinf(to_source[rows:])
+            position = {int(node): i for i, node in enumerate(free)}
+            for c in range(cols):
+                if not held[c]:
+                    out[:, c] = modes.shape[:, position[rows + c]] * to_source[rows + c]
+            live = np.array([i for i, node in enumerate(free) if node < rows], dtype=int)
+            if held.any():
+                shape = modes.shape[:, live]
+                through = np.matmul(self.g[:, free[live]].transpose(0, 2, 1), shape)
+                with np.errstate(divide="ignore"):
+                    lag = np.where(lasting, network.c_taxel_f / tau, 0.0)
+                through -= (lag * shape.sum(axis=1))[:, np.newaxis]
+                beside = matrix[:, rows:, rows:][:, held][:, :, ~held]
+                free_columns = np.array([position[rows + c] for c in np.flatnonzero(~held)], dtype=int)
+                out[:, held] = through[:, held] - np.matmul(beside, modes.shape[:, free_columns])
+            charge_all.append(out * (at_gate * lost)[:, np.newaxis])
+            tau_all.append(decay)
+            voltage_now = rest.copy()
+            voltage_now[:, free] += np.matmul(modes.shape, at_end[..., np.newaxis])[..., 0]
+            size = max(size, tau.shape[1])
+        charge, decay = np.zeros((frames, rows, cols, size)), np.zeros((frames, rows, size))
+        for row in range(rows):
+            n = tau_all[row].shape[1]
+            charge[:, row, :, :n], decay[:, row, :n] = charge_all[row], tau_all[row]
+        # The whole gate's share of each mode; those that share less than all may lose are left out.
+        whole = (
+            np.abs(charge) * ((1 - decay**timing.gate_clocks) / np.maximum(1 - decay, _EPS))[:, :, np.newaxis]
+        )
+        kept = (whole > negligible_c / size).any(axis=(0, 1, 2))
+        return Transients(charge[..., kept], decay[..., kept]) if kept.any() else None
+
+
+# Modes faster than this part of a clock are over before the first settle clock is: exp(-1000) is 0.
+_FASTEST = 1000.0
+_EPS = np.finfo(float).eps
+
+
+class _Modes:
+    """Time constants and shapes of C y' = -G y: C shape = tau G shape, shape' G shape = 1."""
+
+    def __init__(self, matrix: Floats, capacitance: Floats) -> None:
+        frames, n = matrix.shape[:2]
+        self.tau, self.shape = np.zeros((frames, n)), np.zeros((frames, n, n))
+        if n == 0:
+            return
+        root = np.linalg.cholesky(matrix)
+        half = np.linalg.solve(root, np.broadcast_to(capacitance, matrix.shape))
+        whole = np.linalg.solve(root, half.transpose(0, 2, 1))
+        tau, vectors = np.linalg.eigh((whole + whole.transpose(0, 2, 1)) / 2)
+        # The slowest first, so that what is left out is at the end.
+        self.tau = np.maximum(tau[:, ::-1], 0.0)
+        self.shape = np.linalg.solve(root.transpose(0, 2, 1), vectors[:, :, ::-1])

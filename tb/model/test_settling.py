@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is left of a slot's transient in the gate, against the nodal equations integrated in many digits."""
+
+from __future__ import annotations
+
+import itertools
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dermis import settling
+from dermis.array import Network, column_currents
+from dermis.plan import Timing
+from dermis.settling import Unsupported, bound_c, transients
+
+TIMING = Timing(f_clk_hz=5e6, slot_clocks=40, settle_clocks=8, gate_clocks=32, code_max=255, rows=3)
+
+
+def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
+    """Extra charge of every clock, [rows, cols, clocks], from the matrix exponential in 80 digits.
+
+    Nothing is reduced or diagonalised: a source without resistance is taken as 1e-9 ohm and a node without
+    capacitance as 1e-24 F, which moves charges by the same small part.
+    """
+    rows, cols = network.rows, network.cols
+    n = rows + cols
+    out = np.zeros((rows, cols, timing.gate_clocks))
+    with mpmath.workdps(80):
+        exact = mpmath.mpf
+        c = mpmath.zeros(n, n)
+        for k in range(n):
+            c[k, k] += exact(network.c_row_f if k < rows else network.c_column_f) + exact("1e-24")
+        for r, k in itertools.product(range(rows), range(cols)):
+            stamp(c, r, rows + k, exact(network.c_taxel_f))
+        now = None
+        for driven in range(rows):
+            g, push = mpmath.zeros(n, n), mpmath.zeros(n, 1)
+            for k in range(n):
+                if k >= rows:
+                    ohm, volt = network.r_column_ohm[k - rows], network.v_column_offset_v[k - rows]
+                    push[k] += exact(float(network.i_leak_a[k - rows]))
+                elif k == driven:
+                    ohm, volt = network.r_row_driven_ohm, network.v_bias_v
+                else:
+                    ohm, volt = network.r_row_grounded_ohm, 0.0
+                if ohm != np.inf:
+                    conductance = 1 / exact(max(float(ohm), 1e-9))
+                    g[k, k] += conductance
+                    push[k] += conductance * exact(float(volt))
+            for r, k in itertools.product(range(rows), range(cols)):
+                stamp(g, r, rows + k, exact(float(network.g_taxel_s[r, k])))
+            for k in range(cols - 1):
+                stamp(g, rows + k, rows + k + 1, exact(rows * network.g_lateral_row_s))
+            rest = mpmath.lu_solve(g, push)
+            distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
+            rate = -mpmath.inverse(c) * g
+            # Current through the input resistance of column k is (v - offset) / r.
+            clock = exact(1) / exact(timing.f_clk_hz)
+            per_clock = mpmath.expm(rate * clock, method="taylor")
+            for _ in range(timing.settle_clocks):
+                distance = per_clock * distance
+            for tick in range(timing.gate_clocks):
+                later = per_clock * distance
+                integral = mpmath.lu_solve(rate, later - distance)
+                for k in range(cols):
+                    ohm = exact(max(float(network.r_column_ohm[k]), 1e-9))
+                    out[driven, k, tick] = float(integral[rows + k] / ohm)
+                distance = later
+            now = rest + distance
+    return out
+
+
+def stamp(matrix: mpmath.matrix, a: int, b: int, value: mpmath.mpf) -> None:
+    matrix[a, a] += value
+    matrix[b, b] += value
+    matrix[a, b] -= value
+    matrix[b, a] -= value
+
+
+def random_network(rng: np.random.Generator) -> Network:
+    """Draw a small array with every kind of driver, input and capacitance there or not."""
+    rows, cols = rng.integers(1, 4, 2)
+    g = 1 / np.exp(rng.uniform(np.log(100), np.log(1e6), (rows, cols)))
+    g[rng.random((rows, cols)) < 0.2] = 0.0
+    ohm = [0.0, 50.0, 1e3, 5e3]
+    capacitance = [0.0, 1e-12, 1e-10, 1e-9]
+    grounded = rng.choice([*ohm, np.inf])
+    c_taxel = rng.choice([0.0, 1e-12, 1e-10])
+    if grounded == np.inf and c_taxel:
+        g[g == 0] = 1e-7  # the isolated row has its own test
+    return Network(
+        g,
+        0.5,
+        r_row_driven_ohm=rng.choice(ohm),
+        r_row_grounded_ohm=grounded,
+        r_column_ohm=rng.choice(ohm, cols),
+        v_column_offset_v=rng.choice([0.0, 1e-3], cols),
+        g_lateral_row_s=rng.choice([0.0, 1e-4]),
+        i_leak_a=rng.choice([0.0, 1e-6], cols),
+        c_row_f=rng.choice(capacitance),
+        c_column_f=rng.choice(capacitance),
+        c_taxel_f=c_taxel,
+    )
+
+
+def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
+    rng = np.random.default_rng(6)
+    solved = bounded = 0
+    for _ in range(60):
+        network = random_network(rng)
+        reference = charge_reference(network, TIMING)
+        found = transients(network, network.g_taxel_s[np.newaxis], TIMING, 1e-30)
+        extra = np.zeros_like(reference) if found is None else found.per_clock(TIMING.gate_clocks)[0]
+        # 1e-25 C is one packet in 5e13; the modes' own rounding is a part of the largest charge that flows.
+        assert np.abs(extra - reference).max() <= 1e-10 * np.abs(reference).max() + 1e-25
+        bound = bound_c(network, network.g_taxel_s[np.newaxis], TIMING)
+        assert (np.abs(reference).sum(axis=2).max(axis=0) <= bound * (1 + 1e-9) + 1e-25).all()
+        solved += np.abs(reference).max() > 1e-20
+        bounded += bool(np.isfinite(bound).all() and np.abs(reference).max() > 1e-25)
+    assert solved > 15  # transients that matter did occur,
+    assert bounded > 3  # and bounds that say something beside something to bound
+
+
+def test_one_column_behind_a_resistance_settles_as_a_textbook_rc() -> None:
+    r, c = 4e3, 3e-9
+    g = np.array([[1e-3], [2e-3]])
+    network = Network(g, 0.5, r_column_ohm=r, c_column_f=c)
+    found = transients(network, g[np.newaxis], TIMING, 1e-25)
+    total = g.sum() + 1 / r  # both rows are sources
+    tau = c / total
+    jump = 0.5 * (g[0, 0] - g[1, 0]) / total  # where row 0 left the column, less where it goes
+    t = (TIMING.settle_clocks + np.arange(TIMING.gate_clocks + 1)) / TIMING.f_clk_hz
+    # the first row starts settled
+    expected = np.stack([np.zeros(32), -np.diff(np.exp(-t / tau)) * jump * tau / r])
+    assert found is not None
+    assert found.per_clock(TIMING.gate_clocks)[0, :, 0] == pytest.approx(expected, rel=1e-9, abs=1e-27)
+
+
+def test_frames_do_not_see_each_other() -> None:
+    g = 1 / np.random.default_rng(2).uniform(500, 5000, (3, 2, 4))
+    network = Network(g[0], 0.5, 1e3, 2e3, 500.0, c_row_f=1e-10, c_column_f=3e-9)
+    together = transients(network, g, TIMING, 1e-25)
+    assert together is not None
+    for frame in range(3):
+        alone = transients(network, g[frame : frame + 1], TIMING, 1e-25)
+        assert alone is not None
+        assert together.per_clock(32)[frame] == pytest.approx(alone.per_clock(32)[0], rel=1e-9, abs=1e-25)
+
+
+def test_the_chip_as_it_is_settles_without_a_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settling, "_Slots", lambda *_: pytest.fail("there was a solve"))
+    timing = Timing(5e6, 625, 115, 510, 255, 16)
+    g = np.full((1, 16, 16), 1 / 500)
+    lines = {"c_row_f": 1e-10, "c_column_f": 1e-10, "c_taxel_f": 1e-11}
+    traces = {"r_trace_row_ohm": 0.1, "r_trace_column_ohm": 0.1}
+    for kind in (lines, lines | traces, lines | {"r_row_grounded_ohm": np.inf}, {}):
+        network = Network(g[0], 0.5, **({"r_row_driven_ohm": 5.0, "r_row_grounded_ohm": 5.0} | kind))
+        assert transients(network, g, timing, 1e-18 * 80 * 5e-12) is None
+
+
+def test_what_cannot_be_followed_is_refused_by_name() -> None:
+    g = np.full((1, 3, 2), 1e-3)
+    slow = {"r_row_driven_ohm": 1e4, "r_column_ohm": 1e4, "c_column_f": 1e-9}
+    with pytest.raises(Unsupported, match=r"line_capacitance .* trace"):
+        transients(Network(g[0], 0.5, **slow, r_trace_row_ohm=1.0), g, TIMING, 1e-25)
+    g[0, 1] = 0.0
+    alone = Network(g[0], 0.5, **slow, r_row_grounded_ohm=np.inf, c_taxel_f=1e-12)
+    with pytest.raises(Unsupported, match=r"line_capacitance .* floating row"):
+        transients(alone, g, TIMING, 1e-25)
+
+
+def test_capacitances_move_no_direct_current() -> None:
+    g = 1 / np.random.default_rng(2).uniform(500, 5000, (2, 3))
+    kind = {"r_row_driven_ohm": 1.0, "r_column_ohm": 2.0}
+    loaded = Network(g, 0.5, **kind, c_row_f=1e-9, c_column_f=1e-9, c_taxel_f=1e-9)
+    assert (column_currents(loaded) == column_currents(Network(g, 0.5, **kind))).all()
+    assert loaded.active_fields() >= {"c_row_f", "c_column_f", "c_taxel_f"}
