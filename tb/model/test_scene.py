@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dermis import effects, scene
+from dermis import effects, engines, scene
 from dermis import plan as planning
-from dermis.design import ROOT
+from dermis.design import ROOT, TOPOLOGIES
 from dermis.errors import InputError
 from dermis.schema import SCENE_BYTES_MAX
 
@@ -70,6 +70,44 @@ def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -
     again = planning.load(resolved)
     assert_same_plan(plan, again)
     assert again.resolved_toml(resolved.parent) == plan.resolved_toml(resolved.parent)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
+def test_each_scene_runs_in_the_closed_engine_or_is_told_which_one_can(path: Path) -> None:
+    plan = planning.load(path, "closed")
+    able = [name for name in planning.ENGINES if not engines.refused(plan, name)]
+    assert able, "a scene that nothing can run"
+    if "closed" not in able:
+        with pytest.raises(InputError) as caught:
+            engines.run(plan)
+        assert caught.value.key.startswith("effects.")
+        assert all(name in caught.value.allowed for name in able)
+    assert planning.load(path).engine in able, "the scene's own engine cannot run it"
+    for name in {"closed", "event"} & set(able):
+        result = engines.run(planning.load(path, name))
+        assert result.codes.shape == plan.resistance_ohm.shape
+        assert result.codes.dtype == np.uint8
+        assert result.codes.any()
+
+
+def test_every_stimulus_law_and_interface_has_a_scene() -> None:
+    tables = [scene.load(path).table for path in SCENES]
+    kinds = {part.kind for t in tables for part in [t.stimulus, *getattr(t.stimulus, "parts", [])]}
+    shapes = {
+        getattr(part, "shape", None)
+        for t in tables
+        for part in [t.stimulus, *getattr(t.stimulus, "parts", [])]
+    }
+    assert kinds == {
+        key.split("= ")[1].split(".")[0] for key, *_ in scene.schema_rows() if key.startswith("stimulus kind")
+    }
+    assert shapes - {None} == {"flat", "triangular", "cylindrical", "spherical", "round"}
+    assert {t.sensor.law for t in tables} == {"inverse", "power"}
+    assert {t.interface.topology for t in tables} == set(TOPOLOGIES)
+    assert {t.interface.k for t in tables} >= {20, 80, 160}
+    named = {name for path in SCENES for name in scene.load(path).effects}
+    assert named >= {name for name in effects.EFFECTS if name.startswith("sensor_")}
+    assert all(t.title for t in tables)
 
 
 def test_there_are_the_scenes_of_the_paper() -> None:
@@ -308,7 +346,8 @@ def test_a_mutated_scene_loads_or_is_one_line(data: st.DataObject, tmp_path: Pat
         text = text[:at] + data.draw(st.sampled_from([*WORDS, "", ""])) + text[at + length :]
     path = tmp_path / "scene.toml"
     path.write_text(text, encoding="utf-8")
-    (tmp_path / "extremes.csv").write_bytes((ROOT / "models" / "scenes" / "extremes.csv").read_bytes())
+    for name in ("extremes.csv", "recorded_touch.csv"):
+        (tmp_path / name).write_bytes((ROOT / "models" / "scenes" / name).read_bytes())
     assert "\n" not in outcome(lambda: planning.load(path))
 
 
@@ -321,7 +360,8 @@ leaves = st.one_of(
     st.lists(st.floats(), max_size=3),
 )
 names = st.sampled_from(
-    "title array rows cols sensor law stimulus kind shape force_n code r_ohm interface topology k effects "
+    "title array rows cols sensor law stimulus kind shape force_n total_force_n code r_ohm interface topology k "
+    "frames duration_s t_frame_s resample parts frequency_hz speed_pitch_per_s effects sensor_creep motion "
     "lateral row_driver column_input mirror_ratio spread run engine seed views".split()
 )
 
@@ -329,7 +369,9 @@ names = st.sampled_from(
 @settings(max_examples=250, deadline=None)
 @given(
     table=st.dictionaries(names, st.one_of(leaves, st.dictionaries(names, leaves, max_size=4)), max_size=6),
-    kind=st.sampled_from(["uniform", "indenter", "frames", "resistance", "flat", 3]),
+    kind=st.sampled_from(
+        ["uniform", "indenter", "slip", "tapping", "ramp", "several", "frames", "resistance", "flat", 3]
+    ),
 )
 def test_any_table_makes_a_scene_or_an_input_error(table: dict[str, object], kind: object) -> None:
     stimulus = table.get("stimulus")
