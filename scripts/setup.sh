@@ -50,7 +50,7 @@ tools=(iverilog vvp ngspice yosys g++ make perl)
 ready_key() { # changes whenever set-up has something to do: a file, a tool, the place of the tree, the Python
     local tool
     {
-        sha256sum requirements.txt pyproject.toml scripts/setup.sh
+        sha256sum requirements.txt requirements_peers.txt pyproject.toml scripts/setup.sh
         for tool in "${tools[@]}"; do command -v "$tool" >/dev/null || echo "no $tool"; done
         ngspice_header
         ngspice_library
@@ -253,6 +253,8 @@ fi
 touch "$building"
 step "installing $(grep -c == requirements.txt) pinned Python packages into .venv" \
     "$venv/bin/python" -m pip install --only-binary :all: -r requirements.txt
+step "installing $(grep -c == requirements_peers.txt) more that tests compare with" \
+    "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_peers.txt
 step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
 
