@@ -29,10 +29,9 @@ from typing import Any
 import click
 import numpy as np
 
-from dermis import array, bench_peers, bench_vfc, effects, engines, plan, scene, verdict
+from dermis import bench_engines, bench_peers, bench_vfc, engines, plan, verdict
 from dermis.bench_vfc import Circuit, Job, Run
 from dermis.design import ROOT
-from dermis.design import load as load_design
 from dermis.engines import cosim
 from dermis.errors import DermisError, InputError, SimulatorError
 from dermis.files import write_atomic
@@ -105,18 +104,6 @@ def _miscount(circuit: Circuit, run: Run) -> int:
 
 def _rate(run: Run, circuit: Circuit) -> float:
     return float(np.median(run.rates(circuit)))
-
-
-def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
-    """The row of the median of several measurements; the spread is in the note."""
-    spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
-    text = f"{spread}; {note}" if note else spread
-    value = statistics.median(values)
-    try:
-        verdict.limit(name)
-    except KeyError:
-        return verdict.report(name, value, unit, text)
-    return verdict.judge(name, value, text)
 
 
 # ---- sections ---------------------------------------------------------------------------------------------------
@@ -212,15 +199,15 @@ def _speed(m: Measurements) -> Iterator[Row]:
         rates["xspice"].append(peer.rate)
     for simulator in ("icarus", "verilator"):
         note = f"{statistics.median(cpu[simulator]):.0f} a second of processor time"
-        yield median(f"cosim.clocks_per_s.{simulator}", rates[simulator], "1/s", note)
-    yield median(
+        yield verdict.median(f"cosim.clocks_per_s.{simulator}", rates[simulator], "1/s", note)
+    yield verdict.median(
         "peer.xspice.clocks_per_s",
         rates["xspice"],
         "1/s",
         "the transient alone, without start and waveform file",
     )
     pairs = [ours / theirs for ours, theirs in zip(rates["icarus"], rates["xspice"], strict=True)]
-    yield median("cosim.speed_ratio.xspice", pairs, "1", "Icarus over XSPICE in pairs, step 1 us")
+    yield verdict.median("cosim.speed_ratio.xspice", pairs, "1", "Icarus over XSPICE in pairs, step 1 us")
 
 
 def _shares(m: Measurements) -> Iterator[Row]:
@@ -240,14 +227,16 @@ def _shares(m: Measurements) -> Iterator[Row]:
                 us(m.measure(Job(m.held, m.speed_frames, simulator=name, replay=True), recorded))
             )
             whole[name].append(us(m.measure(Job(m.held, m.speed_frames, simulator=name))))
-    yield median(
+    yield verdict.median(
         "cosim.clock_us.ngspice", alone, "us", "processor time a clock: ngspice and the call into it, no HDL"
     )
     for name in names:
         note = "processor time a clock: HDL simulator, cocotb and bridge, the analog half replayed at no cost"
-        yield median(f"cosim.clock_us.{name}", hdl[name], "us", note)
+        yield verdict.median(f"cosim.clock_us.{name}", hdl[name], "us", note)
         shares = [1.0 - part / total for part, total in zip(hdl[name], whole[name], strict=True)]
-        yield median(f"cosim.ngspice_share.{name}", shares, "1", "what the clock costs less without ngspice")
+        yield verdict.median(
+            f"cosim.ngspice_share.{name}", shares, "1", "what the clock costs less without ngspice"
+        )
 
 
 def _guest(peer: str, m: Measurements) -> Iterator[Row]:
@@ -272,7 +261,7 @@ def _guest(peer: str, m: Measurements) -> Iterator[Row]:
     rates = [
         bench_peers.rate(peer, m.circuit, STEPS["step_1u"], m.place, RUN_LIMIT_S) for _ in range(m.repeat)
     ]
-    yield median(f"peer.{peer}.clocks_per_s", rates, "1/s", "step 1 us, Icarus")
+    yield verdict.median(f"peer.{peer}.clocks_per_s", rates, "1/s", "step 1 us, Icarus")
 
 
 def _guest_names(peer: str) -> tuple[str, ...]:
@@ -280,20 +269,8 @@ def _guest_names(peer: str) -> tuple[str, ...]:
     return tuple(f"peer.{peer}.{rest}" for rest in (*kinds, "clocks_per_s"))
 
 
-def _random_plan(m: Measurements, frames: int, engine: str, **effects_on: Any) -> plan.Plan:
-    """Frames of resistances spread evenly in log R over the sensor's range, always the same ones."""
-    design = load_design()
-    low, high = math.log(design.sensor.r_min_ohm), math.log(design.sensor.r_max_ohm)
-    shape = (frames, design.array.rows, design.array.cols)
-    m.work.mkdir(parents=True, exist_ok=True)
-    file = m.work / f"resistance_{frames}.npy"
-    np.save(file, np.exp(np.random.default_rng(2026).uniform(low, high, shape)))
-    data = {"stimulus": {"kind": "resistance", "file": file.name}, "effects": effects_on}
-    return plan.make(scene.from_data(data, m.work / "random.toml"), engine)
-
-
 def _frame(m: Measurements) -> Iterator[Row]:
-    one, two = _random_plan(m, 1, "cosim"), _random_plan(m, 2, "cosim")
+    one, two = (bench_engines.random_plan(m.work, frames, "cosim") for frames in (1, 2))
     expected = {
         1: engines.run(replace(one, engine="closed")).codes,
         2: engines.run(replace(two, engine="closed")).codes,
@@ -320,68 +297,21 @@ def _frame(m: Measurements) -> Iterator[Row]:
         exact.append(seconds(one, analog="exact"))
     rows, cols = one.rows, one.cols
     note = f"{rows}x{cols} resistances over the range, start of the processes included"
-    yield median("cosim.frame_s", icarus, "s", f"Icarus, one core; {note}")
-    yield median("cosim.frame_s.verilator", verilator, "s", "the same, Verilator")
-    yield median("cosim.frame_s.two_cores", both, "s", "a frame, of two at once in Icarus")
-    yield median("cosim.frame_s.exact_half", exact, "s", "Icarus, the exact converter instead of ngspice")
+    yield verdict.median("cosim.frame_s", icarus, "s", f"Icarus, one core; {note}")
+    yield verdict.median("cosim.frame_s.verilator", verilator, "s", "the same, Verilator")
+    yield verdict.median("cosim.frame_s.two_cores", both, "s", "a frame, of two at once in Icarus")
+    yield verdict.median(
+        "cosim.frame_s.exact_half", exact, "s", "Icarus, the exact converter instead of ngspice"
+    )
     yield verdict.judge(
         "cosim.frame_code_error_lsb", worst, f"{repeat * 4} runs against engine closed, all taxels"
     )
 
 
-def _frames_per_s(which: plan.Plan, repeat: int) -> list[float]:
-    engines.run(which)  # whatever is compiled or cached is so now
-    found = []
-    for _ in range(repeat):
-        count, begin = 0, time.perf_counter()
-        while (taken := time.perf_counter() - begin) < 0.25:
-            engines.run(which)
-            count += which.frames
-        found.append(count / taken)
-    return found
-
-
-def _engines(m: Measurements) -> Iterator[Row]:
-    note = "frames of 16x16 resistances over the range"
-    yield median("closed.frames_per_s", _frames_per_s(_random_plan(m, 512, "closed"), m.repeat), "1/s", note)
-    yield median(
-        "event.frames_per_s.ideal", _frames_per_s(_random_plan(m, 64, "event"), m.repeat), "1/s", note
-    )
-    every = dict.fromkeys(effects.EFFECTS, True)
-    refused = engines.refused(_random_plan(m, 1, "closed", **every), "event")
-    probe = _random_plan(m, 1, "event", **every)
-    lost = {name for field in refused for name in probe.effects_of_field(field)}
-    on = {name: True for name in every if name not in lost}
-    rates = _frames_per_s(_random_plan(m, 16, "event", **on), m.repeat)
-    note = f"{len(on)} effects with their physical defaults"
-    if lost:
-        note += f"; without {', '.join(sorted(lost))}, which engine event refuses"
-    yield median("event.frames_per_s.all_effects", rates, "1/s", note)
-    yield verdict.report(
-        "array.exponent", _array_exponent(m.repeat), "1", "t ~ taxels^e, a frame of 64x64 to 256x256"
-    )
-    if "rtl" in plan.ENGINES:
-        yield median("rtl.frames_per_s.verilator", _frames_per_s(_random_plan(m, 4, "rtl"), m.repeat), "1/s")
-    else:
-        yield verdict.skip("rtl.frames_per_s.verilator", "there is no engine rtl yet", "1/s")
-
-
-def _array_exponent(repeat: int) -> float:
-    """Exponent of the time of one array solve over the number of taxels, every coupling on."""
-    sizes, times = (64, 128, 256), []
-    for size in sizes:
-        g = 1.0 / np.exp(np.random.default_rng(size).uniform(math.log(500), math.log(6e4), (size, size)))
-        network = array.Network(
-            g, 0.5, r_row_driven_ohm=1.0, r_row_grounded_ohm=1.0, r_column_ohm=0.5, g_lateral_row_s=1e-3
-        )
-        array.column_currents(network)
-        taken = []
-        for _ in range(repeat):
-            begin = time.perf_counter()
-            array.column_currents(network)
-            taken.append(time.perf_counter() - begin)
-        times.append(statistics.median(taken))
-    return float(np.polyfit(np.log([n * n for n in sizes]), np.log(times), 1)[0])
+def _engines(make: Callable[[Path, int, bool], Iterator[Row]], m: Measurements) -> Iterator[Row]:
+    where = m.place()
+    where.mkdir(parents=True)
+    return make(where, m.repeat, m.quick)
 
 
 def _setup(m: Measurements) -> Iterator[Row]:
@@ -395,7 +325,7 @@ def _setup(m: Measurements) -> Iterator[Row]:
         taken.append(time.perf_counter() - begin)
         if status:
             raise SimulatorError(f"make setup ended with {status}", where)
-    yield median("setup.second_call_s", taken[1:], "s")
+    yield verdict.median("setup.second_call_s", taken[1:], "s")
 
 
 @dataclass(frozen=True)
@@ -464,16 +394,9 @@ SECTIONS = (
         _frame,
         600,
     ),
-    Section(
-        (
-            "closed.frames_per_s",
-            "event.frames_per_s.ideal",
-            "event.frames_per_s.all_effects",
-            "array.exponent",
-            "rtl.frames_per_s.verilator",
-        ),
-        _engines,
-        180,
+    *(
+        Section(names, functools.partial(_engines, make), limit_s)
+        for names, make, limit_s in bench_engines.SECTIONS
     ),
     Section(("setup.second_call_s",), _setup, 1800),
 )

@@ -44,7 +44,7 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in ELSEWHERE:
             return super().get_command(ctx, name)
-        return getattr(importlib.import_module(ELSEWHERE[name][0]), f"{name}_command")
+        return getattr(importlib.import_module(ELSEWHERE[name][0]), f"{name.replace('-', '_')}_command")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands elsewhere without importing them."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import statistics
 from collections.abc import Sequence
 from typing import Any
 
@@ -92,6 +93,21 @@ def report(name: str, value: Any, unit: str, note: str = "") -> Row:
     if number is None and not note:
         note = "not measured"
     return _row(name, number, unit, None, None, "ERROR" if number is None else "PASS", note)
+
+
+def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
+    """Judge a value where there is a limit for it, report it where there is none."""
+    try:
+        limit(name)
+    except KeyError:
+        return report(name, value, unit, note)
+    return judge(name, value, note)
+
+
+def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
+    """The row of the median of several measurements; the spread is in the note."""
+    spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
+    return measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
 
 
 def skip(name: str, reason: str, unit: str = "") -> Row:

@@ -184,8 +184,8 @@ def test_quick_figures_never_reach_the_docs() -> None:
 
 
 def test_a_row_survives_json() -> None:
-    row = bench.median("cosim.clocks_per_s.icarus", [6000.0, 7000.0, 9000.0], "1/s")
+    row = verdict.median("cosim.clocks_per_s.icarus", [6000.0, 7000.0, 9000.0], "1/s")
     assert json.loads(json.dumps(row, allow_nan=False))["value"] == 7000.0
     assert "6000 .. 9000" in row["note"]
     assert row["status"] == "PASS"
-    assert bench.median("cosim.clocks_per_s.icarus", [10.0], "1/s")["status"] == "SKIP"
+    assert verdict.median("cosim.clocks_per_s.icarus", [10.0], "1/s")["status"] == "SKIP"
