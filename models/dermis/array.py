@@ -479,7 +479,10 @@ def column_currents_reference(network: Network, digits: int = 60) -> Floats:
         return out
 
 
-def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
+def _reference_elements(
+    network: Network, driven: int
+) -> tuple[list[tuple[Node, Node, mpmath.mpf]], dict[Node, mpmath.mpf], dict[Node, mpmath.mpf]]:
+    """Every element as (node, node, conductance), the nodes whose voltage is known, the injected currents."""
     rows, cols = network.rows, network.cols
     exact = mpmath.mpf
     zero = exact(0)
@@ -491,7 +494,6 @@ def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
     def on_column(r: int, c: int) -> Node:
         return ("on_column", r, c) if network.r_trace_column_ohm else ("column", c)
 
-    # Every element as (node a, node b, conductance).
     elements: list[tuple[Node, Node, mpmath.mpf]] = []
     known: dict[Node, mpmath.mpf] = {}
     injected = {("column", c): exact(float(network.i_leak_a[c])) for c in range(cols)}
@@ -527,7 +529,12 @@ def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
                 elements.append((on_column(r, c), on_column(r, c + 1), exact(network.g_lateral_row_s)))
             if r + 1 < rows and network.g_lateral_column_s and network.r_trace_column_ohm:
                 elements.append((on_column(r, c), on_column(r + 1, c), exact(network.g_lateral_column_s)))
+    return elements, known, injected
 
+
+def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
+    exact = mpmath.mpf
+    elements, known, injected = _reference_elements(network, driven)
     voltage = dict(known)
     # Nodes that hang on nothing are at no voltage and carry nothing: only what is tied to a source counts.
     near: dict[Node, list[Node]] = {}
@@ -559,7 +566,7 @@ def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
         voltage |= {n: solution[place[n]] for n in free}
 
     currents = []
-    for c in range(cols):
+    for c in range(network.cols):
         node: Node = ("column", c)
         if network.r_column_ohm[c] == 0:  # all that flows in from the array
             total = injected[node]

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The array solve with resistance along the lines and leaks, and on arrays too large for many digits."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from dermis import array as array_module
+from dermis.array import Network, column_currents, column_currents_reference
+from dermis.errors import SimulatorError
+
+EVERYTHING: dict[str, Any] = {
+    "r_row_driven_ohm": 1.0,
+    "r_row_grounded_ohm": 3.0,
+    "r_column_ohm": 0.5,
+    "g_lateral_row_s": 1e-3,
+    "g_lateral_column_s": 2e-3,
+    "r_trace_row_ohm": 0.3,
+    "r_trace_column_ohm": 0.2,
+}
+
+series_ohm = st.sampled_from([0.0, 0.0, 0.05, 1.0, 50.0, 1e4])
+trace_ohm = st.sampled_from([0.0, 1e-6, 0.1, 1.0, 100.0, 1e4])
+
+
+@st.composite
+def networks(draw: st.DrawFn, sources: bool) -> Network:
+    """Random networks of up to 4x4 with opens and shorts; `sources`: also offsets and leaks."""
+    rows, cols = draw(st.integers(1, 4)), draw(st.integers(1, 4))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    g = 1 / np.exp(rng.uniform(np.log(100), np.log(1e7), (rows, cols)))
+    g[rng.random((rows, cols)) < draw(st.sampled_from([0, 0.3]))] = 0.0
+    driven, grounded = draw(series_ohm), draw(st.one_of(series_ohm, st.just(np.inf)))
+    r_column = np.array([draw(series_ohm) for _ in range(cols)])
+    trace_row, trace_column = draw(trace_ohm), draw(trace_ohm)
+    # a short between two fixed voltages has no answer
+    if (min(driven, grounded) + trace_row > 0) and (r_column + trace_column > 0).all():
+        g[rng.random((rows, cols)) < draw(st.sampled_from([0, 0.2]))] = np.inf
+    return Network(
+        g,
+        0.5,
+        driven,
+        grounded,
+        r_column,
+        rng.choice([0.0, 1e-3, -2e-3], cols) if sources else 0.0,
+        draw(st.sampled_from([0.0, 1e-3, 1.0])),
+        draw(st.sampled_from([0.0, 1e-3, 1.0])),
+        trace_row,
+        trace_column,
+        rng.choice([0.0, 1e-9, -1e-6], cols) if sources else 0.0,
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(network=networks(sources=False))
+def test_every_current_is_that_of_the_full_nodal_matrix_to_1e_12(network: Network) -> None:
+    reference = column_currents_reference(network)
+    # 1e-25 A: what a held row lets through where 1e30 S stand for no resistance
+    assert (np.abs(column_currents(network) - reference) <= 1e-12 * np.abs(reference) + 1e-25).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(network=networks(sources=True))
+def test_offsets_and_leaks_are_right_to_the_size_of_what_cancels(network: Network) -> None:
+    reference = column_currents_reference(network)
+    # Offsets drive currents round through two columns, which cancel where they meet.
+    with np.errstate(divide="ignore"):
+        g_end = 1 / (network.r_column_ohm + network.r_trace_column_ohm)
+    g_loop = np.where(np.isfinite(g_end), g_end, 0.0).max() + network.rows * network.g_lateral_row_s
+    g_loop += np.minimum(network.g_taxel_s, 1e3).sum()
+    size = np.abs(reference).max() + np.abs(network.v_column_offset_v).max() * g_loop
+    assert (np.abs(column_currents(network) - reference) <= 1e-12 * size + 1e-25).all()
+
+
+@pytest.mark.parametrize("left_out", ["", "r_trace_row_ohm", "r_trace_column_ohm"])
+def test_one_slot_of_6x6_with_everything_on_is_the_full_nodal_matrix(left_out: str) -> None:
+    g = 1 / np.random.default_rng(3).uniform(500, 64250, (6, 6))
+    network = Network(g, 0.5, **{k: v for k, v in EVERYTHING.items() if k != left_out})
+    with array_module.mpmath.workdps(25):
+        reference = np.array([float(i) for i in array_module._reference_row(network, 5)])
+    assert column_currents(network)[5] == pytest.approx(reference, rel=1e-13)
+
+
+def sparse_currents(network: Network, driven: int) -> NDArray[np.float64]:
+    """One slot from the nodal matrix of the reference, in double precision; column inputs must be real."""
+    elements, known, injected = array_module._reference_elements(network, driven)
+    nodes = sorted({n for a, b, _ in elements for n in (a, b) if n not in known}, key=str)
+    place = {n: i for i, n in enumerate(nodes)}
+    right = np.zeros(len(nodes))
+    for n, current in injected.items():
+        right[place[n]] += float(current)
+    row, column, value = [], [], []
+    for a, b, exact in elements:
+        g = float(exact)
+        for here, there in ((a, b), (b, a)):
+            if here in place:
+                row.append(place[here]), column.append(place[here]), value.append(g)
+                if there in place:
+                    row.append(place[here]), column.append(place[there]), value.append(-g)
+                else:
+                    right[place[here]] += g * float(known[there])
+    matrix = sparse.csc_matrix((value, (row, column)), shape=(len(nodes), len(nodes)))
+    solver = splu(matrix)
+    voltage = solver.solve(right)
+    voltage += solver.solve(right - matrix @ voltage)
+    at_input = np.array([voltage[place["column", c]] for c in range(network.cols)])
+    return (at_input - network.v_column_offset_v) / network.r_column_ohm
+
+
+@pytest.mark.parametrize("lines", [True, False])
+def test_arrays_wider_than_a_panel_are_the_sparse_nodal_matrix(lines: bool) -> None:
+    rng = np.random.default_rng(4)
+    kind = EVERYTHING | {"v_column_offset_v": 1e-4 * rng.standard_normal(70), "i_leak_a": 1e-8}
+    if not lines:
+        kind |= {"r_trace_row_ohm": 0.0, "r_trace_column_ohm": 0.0}
+    network = Network(1 / rng.uniform(500, 64250, (40, 70)), 0.5, **kind)
+    assert network.cols > 2 * array_module._PANEL
+    currents = column_currents(network)
+    for driven in (0, 17, 39):
+        assert np.abs(currents[driven] - sparse_currents(network, driven)).max() < 1e-14
+
+
+def test_lines_of_little_resistance_are_nodes() -> None:
+    g = 1 / np.random.default_rng(5).uniform(500, 64250, (6, 5))
+    nodes = EVERYTHING | {"r_trace_row_ohm": 0.0, "r_trace_column_ohm": 0.0}
+    ideal = column_currents(Network(g, 0.5, **nodes))
+    for row, column in ((1e-12, 0.0), (0.0, 1e-12), (1e-12, 1e-12)):
+        lines = nodes | {"r_trace_row_ohm": row, "r_trace_column_ohm": column}
+        assert column_currents(Network(g, 0.5, **lines)) == pytest.approx(ideal, rel=1e-11)
+
+
+def test_steep_and_mild_row_lines_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = 1 / np.random.default_rng(5).uniform(500, 64250, (2, 6, 9))
+    network = Network(g[0], 0.5, **EVERYTHING)
+    mild = column_currents(network, g)
+    monkeypatch.setattr(array_module, "_PRODUCT_MIN", np.inf)
+    monkeypatch.setattr(array_module._RowLines, "_between_steep", spy := Spy(array_module._RowLines))
+    assert column_currents(network, g) == pytest.approx(mild, rel=1e-14)
+    assert spy.calls
+
+
+class Spy:
+    """Counts the calls of the stepwise method and lets them through."""
+
+    def __init__(self, owner: type) -> None:
+        self.method, self.calls = owner._between_steep, 0  # type: ignore[attr-defined]
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        self.calls += 1
+        return self.method.__get__(instance, owner)
+
+
+def test_a_row_of_shorts_does_not_underflow() -> None:
+    g = np.full((3, 24), np.inf)
+    g[1] = 1e-3
+    currents = column_currents(Network(g, 0.5, **EVERYTHING))
+    assert np.isfinite(currents).all()
+    assert currents[0].sum() == pytest.approx(currents[2].sum(), rel=0.2)
+    assert currents[0, 0] > 1e3 * currents[0, 23] > 0  # the first column takes it
+
+
+def test_frames_together_are_frames_one_by_one_with_lines() -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (5, 4, 6))
+    network = Network(g[0], 0.5, **EVERYTHING, v_column_offset_v=1e-3)
+    together = column_currents(network, g)
+    for frame in range(5):
+        alone = column_currents(dataclasses.replace(network, g_taxel_s=g[frame]))
+        assert together[frame] == pytest.approx(alone, rel=1e-12)
+
+
+def test_a_leak_into_an_ideal_column_only_adds() -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (3, 4))
+    leak = np.array([1e-9, 0.0, -1e-6, 3e-9])
+    assert column_currents(Network(g, 0.5, i_leak_a=leak)) == pytest.approx(0.5 * g + leak, rel=1e-15)
+
+
+def test_traces_cost_the_far_taxel_more() -> None:
+    g = np.full((16, 16), 1 / 500)
+    currents = column_currents(Network(g, 0.5, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1))
+    # the shortest way is from the last row (next to the inputs) through the first column (next to the drivers)
+    assert currents[15, 0] == currents.max()
+    assert currents[0, 15] == currents.min()
+    one = column_currents(Network(np.array([[1e-3]]), 0.5, r_trace_row_ohm=100.0, r_trace_column_ohm=200.0))
+    assert one[0, 0] == pytest.approx(0.5 / 1300, rel=1e-15)
+
+
+@pytest.mark.parametrize("kind", [EVERYTHING, EVERYTHING | {"r_trace_column_ohm": 0.0}])
+@pytest.mark.parametrize("fault", ["one node", "one drive"])
+def test_a_wrong_elimination_is_caught(
+    monkeypatch: pytest.MonkeyPatch, kind: dict[str, Any], fault: str
+) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
+    check = array_module._check_kirchhoff
+
+    def broken(link: Any, leak: Any, drive: Any, v: Any) -> None:
+        if fault == "one node":
+            v[0, 2] *= 1 + 1e-7
+        else:
+            v[1, :, 3] *= 1 + 1e-7
+        check(link, leak, drive, v)
+
+    monkeypatch.setattr(array_module, "_check_kirchhoff", broken)
+    with pytest.raises(SimulatorError, match="Kirchhoff"):
+        column_currents(Network(g[0], 0.5, **kind), g)
+
+
+def test_a_wrong_step_from_row_to_row_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (1, 6, 5))
+    eliminate, calls = array_module._eliminate, []
+
+    def broken(link: Any, leak: Any, drive: Any) -> Any:
+        calls.append(1)
+        return eliminate(link, leak, drive) * (1 + 1e-7 * (len(calls) == 3))
+
+    monkeypatch.setattr(array_module, "_eliminate", broken)
+    with pytest.raises(SimulatorError, match="Kirchhoff"):
+        column_currents(Network(g[0], 0.5, **EVERYTHING), g)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"r_trace_row_ohm": -1.0},
+        {"r_trace_column_ohm": np.inf},
+        {"i_leak_a": np.nan},
+        {"v_column_offset_v": np.inf},
+        {"c_taxel_f": -1e-12},
+        {"c_row_f": np.inf},
+    ],
+)
+def test_impossible_lines_are_refused(kind: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        Network(np.ones((2, 2)), 0.5, **kind)
