@@ -27,10 +27,13 @@ import numpy as np
 from dermis import hdl, netlist
 from dermis.design import ROOT
 from dermis.engines import Result
-from dermis.errors import SimulatorError
+from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
 
 HONOURS = netlist.HONOURS
+
+HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
+"""What the exact half does: ideal converters; between ideal lines laterals carry no current."""
 
 FRAMES_A_PROCESS = 4
 """A process costs about a second to start and a frame about four: short enough to share out, long enough to pay."""
@@ -98,9 +101,19 @@ def run(
 
     Raises
     ------
+    InputError
+        An effect that the exact half would have to ignore.
     SimulatorError
         Either simulator failed, stopped answering or left no result.
     """
+    if analog == "exact" and (lost := plan.active_fields() - HONOURS_EXACT):
+        names = sorted({name for field in lost for name in plan.effects_of_field(field)})
+        raise InputError(
+            plan.scene.path,
+            f"effects.{names[0]}" if names else min(lost),
+            "not possible with the exact analog half",
+            "ideal converters, or analog ngspice",
+        )
     jobs = max(min(os.cpu_count() or 1, plan.frames), math.ceil(plan.frames / FRAMES_A_PROCESS))
     parameters = {
         "ROWS": plan.rows,
