@@ -9,10 +9,12 @@ import hashlib
 import json
 import os
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from dermis.design import ROOT
@@ -83,24 +85,8 @@ def build(
     sources = list(rtl_sources() if sources is None else sources)
     includes = rtl_include_dirs()
     tool = prepare(simulator)
-    key = hashlib.sha256()
-    for path in [*sources, *sorted(h for d in includes for h in d.glob("*.vh"))]:
-        key.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
-    key.update(
-        json.dumps(
-            [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise], sort_keys=True
-        ).encode()
-    )
-    target = ROOT / "build" / where / simulator / f"{toplevel}_{key.hexdigest()[:16]}"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    log = target.with_suffix(".log")
-    with target.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if (target / "built").exists():
-            return target
-        # Only behind the lock: another process may be asking for the same build.
-        shutil.rmtree(target, ignore_errors=True)
-        target.mkdir()
+
+    def make(target: Path, log: Path) -> None:
         arguments = ["-Wall", "-g2005"]
         runtime = target.parent / f"runtime_{hashlib.sha256(f'{tool} {optimise}'.encode()).hexdigest()[:16]}"
         if simulator == "verilator":
@@ -123,6 +109,149 @@ def build(
             raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
         if simulator == "verilator":
             _keep_runtime(runtime, target)
+
+    return _cached(
+        ROOT / "build" / where / simulator / toplevel,
+        [*sources, *_headers(includes)],
+        [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
+        make,
+    )
+
+
+PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-store-merging")
+"""For g++ 12, which else packs the bytes of flip-flops into words and back; see docs/rtl_engine.md."""
+
+VERILATOR_ARGUMENTS = (
+    "--x-assign fast --x-initial fast --no-assert --no-timing --threads 1 --converge-limit 10000000 -Wno-fatal -O3"
+).split()
+BUILD_LIMIT_S = 600.0
+
+
+def program(
+    simulator: str,
+    toplevel: str,
+    parameters: Mapping[str, int],
+    sources: Sequence[Path],
+    includes: Sequence[Path],
+    main: Path,
+    *,
+    where: str = "models",
+) -> list[str]:
+    """Return the command of a simulation that runs by itself, without cocotb; built only if it is not there yet.
+
+    Parameters
+    ----------
+    simulator : "icarus" or "verilator"
+    toplevel : Verilog module; Icarus takes the module named like `main` instead
+    parameters : its parameters away from default
+    sources, includes : SystemVerilog files and the directories of what they include
+    main : what drives the top level: C++ for Verilator, a module for Icarus
+    where : folder below build/
+
+    Raises
+    ------
+    SimulatorError
+        The build failed; the message names its log.
+    """
+    tool = prepare(simulator)
+    include_arguments = [f"-I{d}" for d in includes]
+
+    def make(target: Path, log: Path) -> None:
+        files = [str(path) for path in [*sources, main]]
+        if simulator == "icarus":
+            command = [
+                "iverilog",
+                "-g2012",
+                "-o",
+                str(target / "sim.vvp"),
+                "-s",
+                main.stem,
+                *include_arguments,
+            ]
+            command += [f"-P{main.stem}.{key}={value}" for key, value in parameters.items()]
+            run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Icarus")
+            return
+        runtime = target.parent / f"runtime_{hashlib.sha256(tool.encode()).hexdigest()[:16]}"
+        _reuse_runtime(runtime, target)
+        command = [str(verilator_root() / "bin" / "verilator_bin"), "--cc", "--exe", "--top-module", toplevel]
+        command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
+        command += [f"-G{key}={value}" for key, value in parameters.items()]
+        run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
+        flags = [f"OPT_FAST={' '.join(PROGRAM_FLAGS)}", "OPT_SLOW=-O1", "OPT_GLOBAL=-O2"]
+        command = [
+            "make",
+            "-s",
+            "-C",
+            str(target),
+            "-f",
+            f"V{toplevel}.mk",
+            *flags,
+            f"PYTHON3={sys.executable}",
+        ]
+        run_logged(command, target, log, BUILD_LIMIT_S, "g++")
+        _keep_runtime(runtime, target)
+
+    flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
+    target = _cached(
+        ROOT / "build" / where / simulator / toplevel,
+        [*sources, main, *_headers(includes)],
+        [simulator, toplevel, dict(parameters), tool, *flags],
+        make,
+    )
+    return ["vvp", "-n", str(target / "sim.vvp")] if simulator == "icarus" else [str(target / f"V{toplevel}")]
+
+
+def run_logged(command: Sequence[str], directory: Path, log: Path, limit_s: float, what: str) -> None:
+    """Run a command in a session of its own; its output is added to a log.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, or ran longer than its limit and was ended with all that it started.
+    """
+    with log.open("ab") as out:
+        child = subprocess.Popen(
+            command,
+            cwd=directory,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    try:
+        code = child.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        raise SimulatorError(f"{what} took more than {limit_s:g} s", log) from None
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+    if code != 0:
+        raise SimulatorError(f"{what} failed with exit code {code}", log)
+
+
+def _headers(includes: Sequence[Path]) -> list[Path]:
+    return sorted(header for directory in includes for header in directory.glob("*.vh"))
+
+
+def _cached(stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None]) -> Path:
+    """Directory named by the content of files and a key; `make(directory, log)` fills it, once."""
+    digest = hashlib.sha256()
+    for path in content:
+        digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
+    digest.update(json.dumps(key, sort_keys=True).encode())
+    target = stem.with_name(f"{stem.name}_{digest.hexdigest()[:16]}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with target.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if (target / "built").exists():
+            return target
+        # Only behind the lock: another process may be asking for the same build.
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir()
+        log = target.with_suffix(".log")
+        log.unlink(missing_ok=True)
+        make(target, log)
         (target / "built").touch()
     return target
 

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Conveyor and asymmetrical mirror (Fig. 5a): the conveyor holds the column, the mirror sources 1/k of its current into the integrator.
+`include "values.vh"
+`default_nettype none
+
+module channel_conveyor_mirror #(
+  parameter EFFECTS    = 0,
+  parameter SYNC_LATCH = 0
+) (
+  input  wire                         clk_i,
+  input  real                         t_clocks,
+  input  real                         col,
+  input  wire                         d_charge,
+  input  wire                         d_preset,
+  input  wire [64*`DERMIS_VALUES-1:0] values_i,
+  output wire                         comp
+);
+
+  real i_z;
+  real i_sum;
+
+  conveyor u_conveyor (.x(col), .z(i_z));
+  mirror #(.EFFECTS(EFFECTS)) u_mirror (.in(i_z), .values_i(values_i), .out(i_sum));
+
+  vfc #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_vfc (
+    .clk_i    (clk_i),
+    .t_clocks (t_clocks),
+    .iin      (i_sum),
+    .d_charge (d_charge),
+    .d_preset (d_preset),
+    .values_i (values_i),
+    .comp     (comp)
+  );
+
+endmodule
+
+`default_nettype wire

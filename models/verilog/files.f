@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// The real-number models, in front of them what rtl/files.f lists; paths from the project root.
++incdir+models/verilog
+models/verilog/array.sv
+models/verilog/conveyor.sv
+models/verilog/conveyor_multi.sv
+models/verilog/mirror.sv
+models/verilog/charge_source.sv
+models/verilog/integrator_piece.sv
+models/verilog/integrator.sv
+models/verilog/comparator.sv
+models/verilog/vfc.sv
+models/verilog/channel_direct.sv
+models/verilog/channel_conveyor_mirror.sv
+models/verilog/channel_conveyor_mirror_inverted.sv
+models/verilog/channel_multi_output_conveyor.sv
+models/verilog/skin.sv

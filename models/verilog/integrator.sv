@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// Integrator with preset: iin fills it, icharge empties it, d_preset holds it at half a packet below the comparator's level.
+// Interface: out_c is the charge at the coming clock edge; out_a and out_b are at the ends of pieces a and b of the clock that leads to it,
+// where the build has them. icharge_a, _b, _c is what the charge source draws in each piece; t_clocks counts the clocks since the preset let go.
+// Timing: everything before an edge of clk_i is settled well before it; the state moves at the edge. Exact between edges: no time step.
+// Why iin and icharge are apart (one pin in SPICE): without leak or range the charge is t iin minus what was drawn, each rounded once and never
+// summed up, so a taxel on the boundary of two codes is decided as the formula decides it.
+// Effects: W_PRESET; W_LOW (range: charge beyond it is lost) and LEAK (finite gain), which make the state a recursion.
+`include "values.vh"
+`default_nettype none
+
+module integrator #(
+  parameter EFFECTS    = 0,
+  parameter SYNC_LATCH = 0
+) (
+  input  wire                         clk_i,
+  input  real                         t_clocks,
+  input  real                         iin,
+  input  real                         icharge_a,
+  input  real                         icharge_b,
+  input  real                         icharge_c,
+  input  wire                         d_preset,
+  input  wire [64*`DERMIS_VALUES-1:0] values_i,
+  output real                         out_preset,
+  output real                         out_a,
+  output real                         out_b,
+  output real                         out_c
+);
+
+  // Piece a ends where the comparator is looked at, or half way where the latch opens; piece b exists where both happen.
+  localparam DELAY = EFFECTS[`DERMIS_DELAY];
+  localparam BENT  = EFFECTS[`DERMIS_W_LOW] || EFFECTS[`DERMIS_LEAK];
+  localparam PIECE_A = DELAY || (SYNC_LATCH != 0);
+  localparam PIECE_B = DELAY && (SYNC_LATCH != 0);
+
+  generate
+    if (EFFECTS[`DERMIS_W_PRESET]) begin : gen_preset
+      assign out_preset = $bitstoreal(values_i[64*`DERMIS_W_PRESET +: 64]);
+    end else begin : gen_preset_ideal
+      assign out_preset = -0.5;
+    end
+
+    real t_a;
+    real t_b;
+    if (DELAY) begin : gen_delay
+      assign t_a = $bitstoreal(values_i[64*`DERMIS_DELAY +: 64]);
+    end else begin : gen_half
+      assign t_a = 0.5;
+    end
+    if (PIECE_B) begin : gen_t_b
+      assign t_b = $bitstoreal(values_i[64*`DERMIS_T_B +: 64]);
+    end else begin : gen_no_t_b
+      assign t_b = t_a;
+    end
+
+    if (BENT) begin : gen_bent
+      real w_q;
+      if (PIECE_A) begin : gen_a
+        integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_LEAK), .FILL(`DERMIS_FILL_A)) u_piece
+          (.from(w_q), .length(t_a), .current(iin - icharge_a), .values_i(values_i), .to(out_a));
+      end else begin : gen_no_a
+        assign out_a = w_q;
+      end
+      if (PIECE_B) begin : gen_b
+        integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_B), .FILL(`DERMIS_FILL_B)) u_piece
+          (.from(out_a), .length(t_b - t_a), .current(iin - icharge_b), .values_i(values_i), .to(out_b));
+      end else begin : gen_no_b
+        assign out_b = out_a;
+      end
+      real rest;
+      if (PIECE_A) begin : gen_rest
+        assign rest = 1.0 - t_b;
+      end else begin : gen_whole
+        assign rest = 1.0;
+      end
+      integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_C), .FILL(`DERMIS_FILL_C)) u_piece_c
+        (.from(out_b), .length(rest), .current(iin - icharge_c), .values_i(values_i), .to(out_c));
+      always @(posedge clk_i) w_q <= d_preset ? out_preset : out_c;
+    end else begin : gen_straight
+      // what the charge source has drawn, the preset included
+      real drawn_q;
+      real drawn_a;
+      real drawn_b;
+      real drawn_c;
+      if (PIECE_A) begin : gen_a
+        assign drawn_a = drawn_q + icharge_a * t_a;
+        assign out_a   = (t_clocks - (1.0 - t_a)) * iin - drawn_a;
+        assign drawn_c = drawn_b + icharge_c * (1.0 - t_b);
+      end else begin : gen_no_a
+        assign drawn_a = drawn_q;
+        assign out_a   = 0.0;
+        assign drawn_c = drawn_b + icharge_c;
+      end
+      if (PIECE_B) begin : gen_b
+        assign drawn_b = drawn_a + icharge_b * (t_b - t_a);
+        assign out_b   = (t_clocks - (1.0 - t_b)) * iin - drawn_b;
+      end else begin : gen_no_b
+        assign drawn_b = drawn_a;
+        assign out_b   = 0.0;
+      end
+      assign out_c = t_clocks * iin - drawn_c;
+      always @(posedge clk_i) drawn_q <= d_preset ? -out_preset : drawn_c;
+    end
+  endgenerate
+
+endmodule
+
+`default_nettype wire

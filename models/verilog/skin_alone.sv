@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// The reader for a simulator that runs by itself (Icarus): one burst of clocks after the other, until the reader ends the run.
+`include "dermis_design.vh"
+`default_nettype none
+
+module skin_alone #(
+  parameter ROWS          = `DERMIS_ROWS,
+  parameter COLS          = `DERMIS_COLS,
+  parameter CODE_BITS     = `DERMIS_CODE_BITS,
+  parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,
+  parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
+  parameter SYNC_LATCH    = 0,
+  parameter TOPOLOGY      = 1,
+  parameter EFFECTS       = 0
+);
+
+  reg go;
+  initial go = 1'b0;
+  always #1 go = ~go;
+
+  skin #(
+    .ROWS          (ROWS),
+    .COLS          (COLS),
+    .CODE_BITS     (CODE_BITS),
+    .GATE_CLOCKS   (GATE_CLOCKS),
+    .SETTLE_CLOCKS (SETTLE_CLOCKS),
+    .SYNC_LATCH    (SYNC_LATCH),
+    .TOPOLOGY      (TOPOLOGY),
+    .EFFECTS       (EFFECTS)
+  ) u_skin (
+    .go_i (go)
+  );
+
+endmodule
+
+`default_nettype wire

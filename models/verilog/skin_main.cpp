@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// The program around the Verilator model: one burst of clocks after the other, until the reader ends the run.
+#include "Vskin.h"
+#include "verilated.h"
+
+int main(int argc, char** argv) {
+    VerilatedContext context;
+    context.commandArgs(argc, argv);
+    Vskin skin{&context};
+    while (!context.gotFinish()) {
+        skin.go_i = !skin.go_i;
+        skin.eval();
+    }
+    skin.final();
+    return 0;
+}
