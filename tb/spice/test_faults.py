@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -14,6 +15,7 @@ Measure = Callable[..., dict[str, float]]
 Edits = dict[str, Sequence[tuple[str, str]]]
 
 CHANNEL = "behavioural/channel_conveyor_mirror.sp"
+LAG = "behavioural/mirror_lag.sp"
 
 
 def check_transfer(measure: Measure, design: Design, edits: Edits) -> None:
@@ -53,6 +55,38 @@ def check_ratios(measure: Measure, design: Design, edits: Edits) -> None:
         )
 
 
+def check_lag(measure: Measure, design: Design, edits: Edits) -> None:
+    """From 0.1 uA towards 10 uA, half way back, and to nothing: dy/dt = y (x - y) / q at every look."""
+    got = measure("mirror_lag__tran", edits=edits)
+    q, low, high = design.mirror.q_lag_c, 1e-7, 1e-5
+    up = high / (1 + (high / low - 1) * math.exp(-high * 20e-9 / q))
+    down = low / (1 + (low / high - 1) * math.exp(-low * 100e-9 / q))
+    last = low / (1 + (low / high - 1) * math.exp(-low * 10e-6 / q))
+    assert got["i_up"] == pytest.approx(up, rel=5e-3, abs=0)
+    assert got["i_down"] == pytest.approx(down, rel=5e-3, abs=0)
+    assert got["i_open"] == pytest.approx(last / (1 + last * 10e-6 / q), rel=5e-3, abs=0)
+    assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
+    taken = got["charge_c"] - low * 0.1e-6 - high * 9.9e-6
+    assert taken == pytest.approx(-q * math.log(high / low), rel=1e-3, abs=0)
+
+
+def check_late_channel(measure: Measure, design: Design, edits: Edits) -> None:
+    """The mirror of a channel with the lag that a deck asks for."""
+    got = measure("mirror__tran", dut={"q_lag_c": 1e-13}, edits=edits)
+    # 2 ns after a step from nothing it still gives nothing
+    assert got["i_end_fixed"] == pytest.approx(
+        1e-3 * (1 + design.mirror.ratio_error) / design.interface.k, rel=1e-3, abs=0
+    )
+    assert abs(got["i_fixed"]) < 1e-3 * got["i_end_fixed"]
+
+
+def check_compression(measure: Measure, design: Design, edits: Edits) -> None:
+    got = measure("mirror__dc", dut={"inv_i_range_a": 100.0}, edits=edits)
+    copied = 1e-3 / (1 + 1e-3 * 100) * (1 + design.mirror.ratio_error)
+    assert got["i_out_fixed"] == pytest.approx(copied / design.interface.k, rel=1e-9, abs=0)
+    assert got["i_out_sink"] == pytest.approx(-copied / design.interface.k, rel=1e-9, abs=0)
+
+
 def check_row(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("row_driver__dc", edits=edits)
     assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9, abs=0)
@@ -72,6 +106,9 @@ CHECKS = (
     check_ratios,
     check_row,
     check_comparator,
+    check_lag,
+    check_late_channel,
+    check_compression,
 )
 
 FAULTS = {
@@ -140,6 +177,34 @@ FAULTS = {
         "behavioural/comparator.sp",
         "? {0.5*v_hysteresis_v} : {-0.5*v_hysteresis_v}",
         "? {0.25*v_hysteresis_v} : {-0.25*v_hysteresis_v}",
+    ),
+    "lag_with_a_fixed_time_constant": (
+        check_lag,
+        LAG,
+        "{i_ref_a}*exp(v(v_gate))",
+        "{i_ref_a}*(6 + v(v_gate))",
+    ),
+    "lag_of_half_the_charge": (check_lag, LAG, "cgate v_gate 0 {q_lag_c}", "cgate v_gate 0 {0.5*q_lag_c}"),
+    "lag_gate_driven_backwards": (check_lag, LAG, "bgate 0 v_gate", "bgate v_gate 0"),
+    "lag_output_drawn": (check_lag, LAG, "fout 0 out vcopy", "fout out 0 vcopy"),
+    "lag_floor_too_high": (check_lag, LAG, "{1e-6*i_ref_a}", "{1e-3*i_ref_a}"),
+    "lag_ends_swapped_in_the_mirror": (
+        check_late_channel,
+        "behavioural/mirror.sp",
+        "xlag v_late out 0 mirror_lag",
+        "xlag v_late 0 out mirror_lag",
+    ),
+    "lag_of_the_mirror_left_out": (
+        check_late_channel,
+        "behavioural/mirror.sp",
+        "xlag v_late out 0 mirror_lag",
+        "vlag v_late out 0 ;",
+    ),
+    "compression_of_the_divided_current": (
+        check_compression,
+        "behavioural/mirror.sp",
+        "{inv_i_range_a}*abs(i(vin))",
+        "{inv_i_range_a/80}*abs(i(vin))",
     ),
 }
 
