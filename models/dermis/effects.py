@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, create_model
 
+from dermis import bounds
 from dermis.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K, TOPOLOGIES, Design
 from dermis.design import load as load_design
 from dermis.errors import InputError
@@ -79,6 +80,8 @@ class Effect:
         Where it exists.
     random : bool
         Whether it draws numbers while frames are converted; its bound is then one at a stated confidence.
+    bound : callable
+        (parameters, bounds.Extent) -> bounds.Bound: how far it can move a decision in this scene, in packets.
     """
 
     name: str
@@ -88,6 +91,7 @@ class Effect:
     contribute: Callable[[Any, Setting], Contribution]
     topologies: tuple[str, ...] = TOPOLOGIES
     random: bool = False
+    bound: bounds.Bounding = bounds.unknown
 
 
 class _Lateral(Strict):
@@ -448,6 +452,7 @@ EFFECTS: dict[str, Effect] = {
             _Lateral,
             lambda d, t: {"r_ohm": d.array.r_lateral_ohm},
             _lateral,
+            bound=bounds.lateral,
         ),
         Effect(
             "row_driver",
@@ -455,6 +460,7 @@ EFFECTS: dict[str, Effect] = {
             _RowDriver,
             _row_driver_defaults,
             _row_driver,
+            bound=bounds.row_driver,
         ),
         Effect(
             "column_input",
@@ -462,6 +468,7 @@ EFFECTS: dict[str, Effect] = {
             _ColumnInput,
             lambda d, t: {} if t == "direct" else {"r_ohm": d.conveyor.r_x_ohm},
             lambda p, s: Contribution({"r_column_ohm": p.r_ohm}),
+            bound=bounds.column_input,
         ),
         Effect(
             "column_offset",
@@ -469,6 +476,7 @@ EFFECTS: dict[str, Effect] = {
             _ColumnOffset,
             lambda d, t: {"v_v": d.integrator.v_offset_v if t == "direct" else d.conveyor.v_offset_v},
             lambda p, s: Contribution({"v_column_offset_v": p.v_v}),
+            bound=bounds.column_offset,
         ),
         Effect(
             "mirror_ratio",
@@ -477,6 +485,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"ratio_error": d.mirror.ratio_error},
             _mirror_ratio,
             _MIRRORED,
+            bound=bounds.mirror_ratio,
         ),
         Effect(
             "offset_current",
@@ -484,6 +493,7 @@ EFFECTS: dict[str, Effect] = {
             _OffsetCurrent,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"i_offset_a": p.i_a}),
+            bound=bounds.offset_current,
         ),
         Effect(
             "integrator_gain",
@@ -491,6 +501,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorGain,
             lambda d, t: {"gain_dc": d.integrator.gain_dc, "r_in_ohm": d.integrator.r_in_ohm},
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
+            bound=bounds.integrator_gain,
         ),
         Effect(
             "integrator_range",
@@ -498,6 +509,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorRange,
             lambda d, t: {"v_max_v": d.integrator.v_out_max_v, "v_min_v": d.integrator.v_out_min_v},
             lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
+            bound=bounds.integrator_range,
         ),
         Effect(
             "comparator_offset",
@@ -505,6 +517,7 @@ EFFECTS: dict[str, Effect] = {
             _ComparatorOffset,
             lambda d, t: {"v_v": d.comparator.v_offset_v},
             lambda p, s: Contribution(converter={"v_comp_offset_v": p.v_v}),
+            bound=bounds.comparator_offset,
         ),
         Effect(
             "comparator_hysteresis",
@@ -512,6 +525,7 @@ EFFECTS: dict[str, Effect] = {
             _ComparatorHysteresis,
             lambda d, t: {"v_v": d.comparator.v_hysteresis_v},
             lambda p, s: Contribution(converter={"v_hysteresis_v": p.v_v}),
+            bound=bounds.comparator_hysteresis,
         ),
         Effect(
             "comparator_delay",
@@ -519,6 +533,7 @@ EFFECTS: dict[str, Effect] = {
             _ComparatorDelay,
             lambda d, t: {"t_s": d.comparator.t_delay_s},
             lambda p, s: Contribution(converter={"t_comp_delay_s": p.t_s}),
+            bound=bounds.comparator_delay,
         ),
         Effect(
             "charge_packet",
@@ -526,6 +541,7 @@ EFFECTS: dict[str, Effect] = {
             _ChargePacket,
             lambda d, t: {"packet_error": d.charge.packet_error},
             lambda p, s: Contribution(converter={"packet_error": p.packet_error}),
+            bound=bounds.charge_packet,
         ),
         Effect(
             "preset_error",
@@ -533,6 +549,7 @@ EFFECTS: dict[str, Effect] = {
             _PresetError,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"preset_error_v": p.v_v}),
+            bound=bounds.preset_error,
         ),
         Effect(
             "trace",
@@ -540,6 +557,7 @@ EFFECTS: dict[str, Effect] = {
             _Trace,
             lambda d, t: {"r_row_ohm": d.array.r_trace_row_ohm, "r_column_ohm": d.array.r_trace_column_ohm},
             lambda p, s: Contribution({"r_trace_row_ohm": p.r_row_ohm, "r_trace_column_ohm": p.r_column_ohm}),
+            bound=bounds.trace,
         ),
         Effect(
             "line_capacitance",
@@ -553,6 +571,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(
                 {"c_row_f": p.c_row_f, "c_column_f": p.c_column_f, "c_taxel_f": p.c_taxel_f}
             ),
+            bound=bounds.line_capacitance,
         ),
         Effect(
             "mux_leakage",
@@ -560,6 +579,7 @@ EFFECTS: dict[str, Effect] = {
             _MuxLeakage,
             lambda d, t: {"i_a": d.row_driver.i_leak_a},
             lambda p, s: Contribution({"i_leak_a": p.i_a}),
+            bound=bounds.mux_leakage,
         ),
         Effect(
             "mirror_output",
@@ -568,6 +588,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_out_ohm": d.mirror.r_out_ohm},
             lambda p, s: Contribution(converter={"g_in_s": 1.0 / p.r_out_ohm}),
             _MIRRORED,
+            bound=bounds.mirror_output,
         ),
         Effect(
             "mirror_lag",
@@ -576,6 +597,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"q_c": d.mirror.q_lag_c},
             lambda p, s: Contribution(converter={"q_mirror_c": p.q_c}),
             _MIRRORED,
+            bound=bounds.mirror_lag,
         ),
         Effect(
             "range_switch",
@@ -584,6 +606,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_ohm": d.mirror.r_switch_ohm, "v_overdrive_v": d.mirror.v_overdrive_v},
             lambda p, s: Contribution(converter={"inv_i_range_a": p.r_ohm / p.v_overdrive_v}),
             _MIRRORED,
+            bound=bounds.range_switch,
         ),
         Effect(
             "integrator_bandwidth",
@@ -591,6 +614,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorBandwidth,
             lambda d, t: {"gbw_hz": d.integrator.gbw_hz},
             lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
+            bound=bounds.integrator_bandwidth,
         ),
         Effect(
             "comparator_noise",
@@ -599,6 +623,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"v_v": d.comparator.v_noise_v},
             lambda p, s: Contribution(converter={"v_comp_noise_v": p.v_v}),
             random=True,
+            bound=bounds.comparator_noise,
         ),
         Effect(
             "metastability",
@@ -607,6 +632,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"t_aperture_s": d.comparator.t_aperture_s},
             lambda p, s: Contribution(converter={"t_meta_s": p.t_aperture_s}),
             random=True,
+            bound=bounds.metastability,
         ),
         Effect(
             "reference_drift",
@@ -614,6 +640,7 @@ EFFECTS: dict[str, Effect] = {
             _ReferenceDrift,
             lambda d, t: {"tc_per_k": d.charge.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(converter={"packet_error": p.tc_per_k * p.delta_k}),
+            bound=bounds.reference_drift,
         ),
         Effect(
             "clock_jitter",
@@ -622,6 +649,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"t_s": d.converter.t_jitter_s},
             lambda p, s: Contribution(converter={"t_jitter_s": p.t_s}),
             random=True,
+            bound=bounds.clock_jitter,
         ),
         Effect(
             "thermal_noise",
@@ -630,6 +658,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"temperature_c": d.ambient.temperature_c, "factor": d.ambient.noise_factor},
             lambda p, s: Contribution(converter={"kt_noise_j": _kt_j(p.temperature_c) * p.factor}),
             random=True,
+            bound=bounds.thermal_noise,
         ),
         Effect(
             "shot_noise",
@@ -638,6 +667,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {},
             lambda p, s: Contribution(converter={"q_shot_c": ELECTRON_C * p.factor}),
             random=True,
+            bound=bounds.shot_noise,
         ),
         Effect(
             "ktc_noise",
@@ -648,6 +678,7 @@ EFFECTS: dict[str, Effect] = {
                 converter={"v_preset_noise_v": math.sqrt(_kt_j(p.temperature_c) / s.c_int_f)}
             ),
             random=True,
+            bound=bounds.ktc_noise,
         ),
         Effect(
             "flicker_noise",
@@ -656,6 +687,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"relative": d.charge.flicker},
             lambda p, s: Contribution(converter={"packet_flicker": p.relative}),
             random=True,
+            bound=bounds.flicker_noise,
         ),
         Effect(
             "supply_ripple",
@@ -669,6 +701,7 @@ EFFECTS: dict[str, Effect] = {
                     "phase_ripple_rad": math.radians(p.phase_deg),
                 }
             ),
+            bound=bounds.supply_ripple,
         ),
         Effect(
             "motion",
@@ -676,6 +709,7 @@ EFFECTS: dict[str, Effect] = {
             _Motion,
             lambda d, t: {},
             lambda p, s: Contribution(drive={"motion": True}),
+            bound=bounds.motion,
         ),
         Effect(
             "sensor_hysteresis",
@@ -683,6 +717,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorHysteresis,
             lambda d, t: {"relative": d.sensor.hysteresis},
             lambda p, s: Contribution(sensor={"hysteresis": p.relative}),
+            bound=bounds.sensor_hysteresis,
         ),
         Effect(
             "sensor_creep",
@@ -690,6 +725,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorCreep,
             lambda d, t: {"per_decade": d.sensor.creep_per_decade},
             lambda p, s: Contribution(sensor={"creep_per_decade": p.per_decade}),
+            bound=bounds.sensor_creep,
         ),
         Effect(
             "sensor_temperature",
@@ -697,6 +733,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorTemperature,
             lambda d, t: {"tc_per_k": d.sensor.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(sensor={"temperature_error": p.tc_per_k * p.delta_k}),
+            bound=bounds.sensor_temperature,
         ),
         Effect(
             "sensor_spread",
@@ -704,16 +741,43 @@ EFFECTS: dict[str, Effect] = {
             _SensorSpread,
             lambda d, t: {"relative": d.sensor.spread},
             lambda p, s: Contribution(sensor={"spread": p.relative}),
+            bound=bounds.sensor_spread,
         ),
     )
 }
 
+
+class AutoTable(Strict):
+    """[effects] auto: the plan leaves out what together cannot matter."""
+
+    budget_lsb: float = entry(
+        0.25, "What all that is left out may move any decision by, in LSB", "a finite number >= 0", ge=0
+    )
+    sigma: float = entry(
+        6.0, "Confidence of random effects, in standard deviations", "a finite number > 0", gt=0
+    )
+
+
+# Under auto these are considered only when named: they change what the scene is, not how well it is read.
+_ONLY_NAMED = frozenset(
+    {"motion", "sensor_hysteresis", "sensor_creep", "sensor_temperature", "sensor_spread"}
+)
+
 # [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is leaving
-# it out.
+# it out; auto considers what is left out too.
 EffectsTable: type[Strict] = create_model(
     "EffectsTable",
     __base__=Strict,
     __doc__="What departs from the ideal; what is not named is off.",
+    auto=(
+        AutoTable | None,
+        entry(
+            None,
+            "Every effect with defaults is considered, named or not; what together stays within the budget is "
+            "left out (docs/auto.md)",
+            "a table",
+        ),
+    ),
     **{
         e.name: (
             e.table | bool | None,
@@ -724,8 +788,18 @@ EffectsTable: type[Strict] = create_model(
 )
 
 
+def considered(effect: Effect, setting: Setting) -> bool:
+    """Whether auto considers an effect that a scene does not name: the topology has it, its defaults are whole."""
+    if effect.name in _ONLY_NAMED or setting.topology not in effect.topologies:
+        return False
+    filled = effect.table().model_dump() | effect.defaults(setting.design, setting.topology)
+    return None not in filled.values()
+
+
 def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict]:
     """Return the parameters of every effect that is on, with every default filled in.
+
+    With `auto` that is every effect it considers; the plan then leaves some of them out.
 
     Raises InputError for an effect the topology does not have, a value without default, lists of a wrong
     length and values outside what the physics allows.
@@ -733,6 +807,8 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
     on: dict[str, Strict] = {}
     for effect in EFFECTS.values():
         given = getattr(table, effect.name)
+        if given is None and table.auto is not None and considered(effect, setting):
+            given = True
         if given is None or given is False:
             continue
         key = f"effects.{effect.name}"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,15 +23,17 @@ from dermis.vfc import Converter
 
 Floats = NDArray[np.float64]
 
-ENGINES = ("closed", "event", "cosim")
+ENGINES = ("closed", "event", "rtl", "cosim")
 
 
 class EffectState(NamedTuple):
-    """Whether an effect is simulated, and why."""
+    """Whether an effect is simulated, and why; what it could do at most (LSB) and costs (ns a conversion)."""
 
     name: str
     on: bool
     reason: str
+    bound_lsb: float | None = None
+    cost_ns: float | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,8 @@ class Plan:
     effects : tuple of EffectState
         Every effect there is, on or off, with the reason.
     engine, seed, views : str, int, str
+    margin_lsb : ndarray or float
+        [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
     surrounding : dict
         Fields of Network other than the taxels and the bias.
     first_frame : int
@@ -123,6 +127,7 @@ class Plan:
     surrounding: dict[str, Any]
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
+    margin_lsb: Floats | float = 0.0
 
     @property
     def frames(self) -> int:
@@ -203,8 +208,8 @@ class Plan:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
         return tuple(
             name
-            for name, parameters in self.scene.effects.items()
-            for part in [effects.EFFECTS[name].contribute(parameters, self._setting())]
+            for name, parameters in self.on.items()
+            for part in [effects.EFFECTS[name].contribute(parameters, self.setting())]
             if field in part.network or field in part.converter or field in part.drive
         )
 
@@ -214,7 +219,13 @@ class Plan:
         table = self.scene.table.model_copy(update={"run": run})
         return Scene(self.scene.path, table, self.scene.effects, self.scene.design).to_toml(directory)
 
-    def _setting(self) -> effects.Setting:
+    @property
+    def on(self) -> dict[str, Any]:
+        """Parameters of every effect that is simulated."""
+        return {e.name: self.scene.effects[e.name] for e in self.effects if e.on}
+
+    def setting(self) -> effects.Setting:
+        """What effects may look at in this scene."""
         return _setting(self.scene)
 
 
@@ -239,13 +250,59 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
 
 
 def make(world: Scene, engine: str | None = None) -> Plan:
-    """Plan a resolved scene."""
+    """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers."""
+    from dermis import auto as chooser
+
+    auto = world.table.effects.auto
+    engine = world.table.run.engine if engine is None else engine
+    whole = _whole(world, engine)
+    if auto is None:
+        return replace(whole, margin_lsb=chooser.random_margin(whole))
+    choice = chooser.choose(whole, auto, engine)
+    kept = effects.gather({name: world.effects[name] for name in choice.on}, _setting(world))
+    states = []
+    for state in whole.effects:
+        cost, bound = chooser.COST_NS.get(state.name, 0.0), choice.bound_lsb.get(state.name)
+        if bound is None:
+            given = getattr(world.table.effects, state.name)
+            only = "switched off" if given is False else "not named, and not considered unless it is"
+            there = whole.topology in effects.EFFECTS[state.name].topologies
+            states.append(state._replace(reason=only if there else f"topology {whole.topology} has none"))
+        else:
+            states.append(
+                EffectState(state.name, state.name in choice.on, choice.why[state.name], bound, cost)
+            )
+    return replace(
+        whole,
+        converter=_converter(world, kept.converter),
+        drive=Drive(t_frame_s=whole.drive.t_frame_s, **kept.drive),
+        surrounding=dict(kept.network),
+        effects=tuple(states),
+        engine=choice.engine,
+        margin_lsb=choice.margin_lsb,
+    )
+
+
+def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
+    interface, cols = world.table.interface, world.table.array.cols
+    direct = interface.topology == "direct"
+    return Converter(
+        k=np.full(cols, 1.0 if direct else float(interface.k)),
+        i0_a=np.full(cols, interface.i0_a * (interface.k if direct else 1)),
+        c_int_f=np.full(cols, interface.c_int_f * (interface.k if direct else 1)),
+        f_clk_hz=world.design.converter.f_clk_hz,
+        v_sign=1.0 if interface.topology == "conveyor_mirror_inverted" else -1.0,
+        **fields,
+    )
+
+
+def _whole(world: Scene, engine: str | None) -> Plan:
+    """Plan a scene with every effect it has; engine closed where none is named."""
     table, design = world.table, world.design
-    engine = table.run.engine if engine is None else engine
+    engine = "closed" if engine is None else engine
     if engine not in ENGINES:
         raise InputError("command line", "engine", engine, "one of " + ", ".join(ENGINES))
     rows, cols, interface = table.array.rows, table.array.cols, table.interface
-    direct = interface.topology == "direct"
     timing = Timing(
         f_clk_hz=design.converter.f_clk_hz,
         slot_clocks=design.timing.slot_clocks,
@@ -255,14 +312,6 @@ def make(world: Scene, engine: str | None = None) -> Plan:
         rows=rows,
     )
     contribution = effects.gather(world.effects, _setting(world))
-    converter = Converter(
-        k=np.full(cols, 1.0 if direct else float(interface.k)),
-        i0_a=np.full(cols, interface.i0_a * (interface.k if direct else 1)),
-        c_int_f=np.full(cols, interface.c_int_f * (interface.k if direct else 1)),
-        f_clk_hz=design.converter.f_clk_hz,
-        v_sign=1.0 if interface.topology == "conveyor_mirror_inverted" else -1.0,
-        **contribution.converter,
-    )
     sensor = make_sensor(table.sensor)
     unit_ohm = interface.v_bias_v / (interface.k * interface.i0_a)
 
@@ -291,7 +340,7 @@ def make(world: Scene, engine: str | None = None) -> Plan:
         resistance_ohm=resistance_ohm,
         force_n=made.force_n,
         sensor=sensor,
-        converter=converter,
+        converter=_converter(world, contribution.converter),
         drive=Drive(t_frame_s=made.t_frame_s, **contribution.drive),
         effects=tuple(
             EffectState(

@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from dermis.design import Design
+from dermis.design import ROOT, Design
 from dermis.design import load as load_design
-from dermis.effects import EffectsTable, Setting, check_together, resolve_effects
+from dermis.effects import EFFECTS, EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
 from dermis.schema import Strict, entry, read_toml, validate, write_toml
 from dermis.sensor import SensorTable
@@ -88,10 +88,12 @@ class InterfaceTable(Strict):
 class RunTable(Strict):
     """[run]: how to compute it."""
 
-    engine: Literal["closed", "event", "cosim"] = entry(
-        "closed",
-        "closed: array solve and count formula; event: clock by clock; cosim: the real Verilog with ngspice",
-        'one of "closed", "event", "cosim"',
+    engine: Literal["closed", "event", "rtl", "cosim"] | None = entry(
+        None,
+        "closed: array solve and count formula; event: clock by clock; rtl: the real Verilog with real-number models; "
+        "cosim: the real Verilog with ngspice",
+        'one of "closed", "event", "rtl", "cosim"',
+        default_from="closed; with effects.auto the cheapest that can do what is kept",
     )
     seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
     views: Literal["behavioural"] = entry(
@@ -152,6 +154,9 @@ class Scene:
         """
         data = self.table.model_dump()
         data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
+        if (auto := self.table.effects.auto) is not None:
+            off = {name: False for name in EFFECTS if getattr(self.table.effects, name) is False}
+            data["effects"] = {"auto": auto.model_dump()} | data["effects"] | off
         data["stimulus"] = {"kind": data["stimulus"].pop("kind")} | data["stimulus"]
         if "file" in data["stimulus"]:
             file = (self.path.parent / data["stimulus"]["file"]).resolve()
@@ -235,6 +240,18 @@ def schema_table() -> str:
         cells = (f"`{name}`", default, allowed, meaning)
         lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
     return "\n".join(lines).strip("\n") + "\n"
+
+
+def scenes_table(directory: Path = ROOT / "models" / "scenes") -> str:
+    """The scenes that come along as a Markdown table; docs/scenes.md holds it."""
+    lines = ["| scene | what it is | stimulus | effects that are on |", "|---|---|---|---|"]
+    for path in sorted(directory.glob("*.toml")):
+        made = load(path)
+        stimulus = made.table.stimulus
+        kinds = [part.kind for part in getattr(stimulus, "parts", [])] or [stimulus.kind]
+        on = ", ".join(f"`{name}`" for name in made.effects)
+        lines.append(f"| `{path.stem}` | {made.title} | {', '.join(dict.fromkeys(kinds))} | {on} |")
+    return "\n".join(lines) + "\n"
 
 
 def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:

@@ -19,19 +19,30 @@ if TYPE_CHECKING:
 
 @dataclass
 class Result:
-    """Codes uint8 [frames, rows, cols] and what else an engine found out."""
+    """Codes uint8 [frames, rows, cols] and what else an engine found out.
+
+    `low` and `high` have the same shape: the codes between which those of the chip lie, with every effect the
+    plan left out and with other random numbers (docs/auto.md). `run` fills them in.
+    """
 
     codes: NDArray[np.uint8]
     info: dict[str, Any] = field(default_factory=dict)
+    low: NDArray[np.uint8] | None = None
+    high: NDArray[np.uint8] | None = None
 
 
 def _module(name: str) -> Any:
     return importlib.import_module(f"dermis.engines.{name}")
 
 
+def honours(engine: str) -> frozenset[str]:
+    """Record fields an engine can do."""
+    return _module(engine).HONOURS
+
+
 def refused(plan: Plan, engine: str) -> frozenset[str]:
     """Record fields of a plan that are away from the ideal and that an engine cannot honour."""
-    return plan.active_fields() - _module(engine).HONOURS
+    return plan.active_fields() - honours(engine)
 
 
 def check(plan: Plan) -> None:
@@ -57,4 +68,9 @@ def check(plan: Plan) -> None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
     """Run a plan through its engine, after `check`; options go to the engine."""
     check(plan)
-    return _module(plan.engine).run(plan, progress, **options)
+    result: Result = _module(plan.engine).run(plan, progress, **options)
+    if result.low is None or result.high is None:
+        from dermis.auto import certify
+
+        result.low, result.high = certify(plan, result)
+    return result

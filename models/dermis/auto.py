@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""[effects] auto: which effects a scene needs, which engine is the cheapest that can do them, and what is certain.
+
+models/dermis/bounds.py says how far each effect can move a decision; docs/auto.md why that bounds the codes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import bounds, effects, engines
+from dermis.bounds import Extent, Total
+from dermis.effects import EFFECTS, AutoTable
+from dermis.schema import Strict
+
+if TYPE_CHECKING:
+    from dermis.engines import Result
+    from dermis.plan import Plan
+    from dermis.scene import Scene
+
+Floats = NDArray[np.float64]
+
+# Engines a plan may choose for itself, and nanoseconds a conversion of each without effects; then what an effect
+# adds. `dermis plan --costs` measures the table; only the order of magnitude enters the choice.
+ENGINE_COST_NS = {"closed": 30.0, "event": 500.0}
+COST_NS = {
+    "row_driver": 170.0,
+    "column_input": 170.0,
+    "column_offset": 170.0,
+    "mux_leakage": 170.0,
+    "trace": 800.0,
+    "line_capacitance": 3000.0,
+    "mirror_lag": 1500.0,
+    "supply_ripple": 1500.0,
+    "motion": 1500.0,
+    "integrator_gain": 1500.0,
+    "mirror_output": 1500.0,
+    "integrator_range": 1500.0,
+    "integrator_bandwidth": 2000.0,
+    "comparator_hysteresis": 500.0,
+    "comparator_delay": 500.0,
+    "comparator_noise": 500.0,
+    "metastability": 500.0,
+    "clock_jitter": 1000.0,
+    "thermal_noise": 1000.0,
+    "shot_noise": 1000.0,
+    "ktc_noise": 50.0,
+    "flicker_noise": 50.0,
+}
+# One solve serves all of these, so leaving one out saves nothing while another is in.
+_SOLVE = frozenset({"row_driver", "column_input", "column_offset", "mux_leakage", "trace"})
+
+# Rounding and approximation: 1e-9 of a current (array), 5e-5 packets in the course of a current over a frame with
+# motion (event), some 1e-12 of the states.
+ROUNDING_LSB = 1e-4
+
+_RANDOM_FIELDS = (
+    "v_comp_noise_v",
+    "t_meta_s",
+    "t_jitter_s",
+    "kt_noise_j",
+    "q_shot_c",
+    "v_preset_noise_v",
+    "packet_flicker",
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a plan simulates.
+
+    `on` names of effects; `engine`; `margin_lsb` [cols] for the certified codes: what is left out, what is
+    random, and what kept effects add; `left_out_lsb` the largest sum of what is left out; `bound_lsb` and `why`
+    for every effect that was considered.
+    """
+
+    on: tuple[str, ...]
+    engine: str
+    margin_lsb: Floats
+    left_out_lsb: float
+    bound_lsb: dict[str, float]
+    why: dict[str, str]
+
+
+def candidates(world: Scene) -> dict[str, Strict]:
+    """What auto would consider in a scene: what it names, and every further effect with physical defaults."""
+    table = world.table.effects.model_copy(update={"auto": AutoTable()})
+    return effects.resolve_effects(table, effects.Setting.of(world.table, world.design, _no_rng), world.path)
+
+
+def _no_rng(name: str) -> Any:
+    raise AssertionError(f"{name}: no random number is drawn here")
+
+
+class _Weighing:
+    """Bounds of all effects of a plan, and sums over what is left out."""
+
+    def __init__(self, plan: Plan, auto: AutoTable) -> None:
+        self.on = plan.scene.effects
+        self.extent = Extent(plan, auto.sigma, auto.budget_lsb)
+        functions = {name: EFFECTS[name].bound for name in self.on}
+        with np.errstate(invalid="ignore", over="ignore"):
+            self.total = Total(self.extent, bounds.of_effects(self.on, functions, self.extent))
+            self.bound = {name: float(self.total.of(name).max()) for name in self.on}
+        self.fields = {name: _fields(plan, name) for name in self.on}
+
+    def margin(self, out: Iterable[str], random: Iterable[str] = ()) -> Floats:
+        """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""
+        out, random = frozenset(out), frozenset(random)
+        total, e = self.total, self.extent
+        inputs, levels = total.sums(out | random)
+        with np.errstate(invalid="ignore"):
+            if out | random:
+                for name in self.on.keys() - out:
+                    levels = levels + bounds.kept(name, e)
+            cells = total.cells(inputs, levels)
+            if "mirror_lag" in self.on and "mirror_lag" not in out and np.any(inputs):
+                moved = np.broadcast_to(np.minimum(inputs, total.cap), cells.shape)
+                cells = cells + np.where(total.felt, bounds.lag_slack(moved, e), 0.0)
+        return np.nan_to_num(cells.max(axis=(0, 1)), nan=np.inf)
+
+
+def _fields(plan: Plan, name: str) -> frozenset[str]:
+    part = EFFECTS[name].contribute(plan.scene.effects[name], plan.setting())
+    return frozenset(part.network) | frozenset(part.converter) | frozenset(part.drive)
+
+
+def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
+    """Decide for a plan with every candidate on; `engine` if one was asked for."""
+    weighing = _Weighing(plan, auto)
+    names = list(weighing.on)
+    sheet = {n for n in names if not weighing.fields[n]}  # they changed the frames themselves already
+    best: tuple[float, str, set[str]] | None = None
+    for name in [engine] if engine else ENGINE_COST_NS:
+        honours = engines.honours(name)
+        cannot = {n for n in names if weighing.fields[n] - honours}
+        if name == "closed" and not _formula_holds(plan):
+            continue
+        for network in (set(), {"trace"}, _SOLVE):
+            out = cannot | (network & set(names))
+            if out and weighing.margin(out).max() > auto.budget_lsb:
+                continue
+            cost = _cost(name, set(names) - out)
+            if best is None or cost < best[0]:
+                best = (cost, name, out)
+    if best is None:  # the engine asked for cannot; engines.check says so
+        best = (0.0, engine or "event", set())
+    _, chosen, out = best
+    rest = [n for n in names if n not in out and n not in sheet]
+    for name in sorted(rest, key=lambda n: weighing.bound[n] / (1.0 + COST_NS.get(n, 0.0))):
+        if weighing.margin(out | {name}).max() <= auto.budget_lsb:
+            out.add(name)
+    left = float(weighing.margin(out).max()) if out else 0.0
+    why = {}
+    for n in names:
+        if n in out:
+            why[n] = f"all left out: {left:.3g} of {auto.budget_lsb:g} LSB"
+        elif n in sheet:
+            why[n] = "changes the frames themselves"
+        elif weighing.bound[n] > auto.budget_lsb:
+            why[n] = "above the budget"
+        else:
+            why[n] = "what is left of the budget is less"
+    on = tuple(n for n in names if n not in out)
+    return Choice(on, chosen, _certain(weighing, out), left, weighing.bound, why)
+
+
+def _certain(weighing: _Weighing, out: set[str]) -> Floats:
+    random = [n for n in weighing.on if EFFECTS[n].random and n not in out]
+    margin = weighing.margin(out, random) if out or random else np.zeros(weighing.extent.cols)
+    return np.where(margin > 0, margin + ROUNDING_LSB, 0.0)
+
+
+def random_margin(plan: Plan) -> Floats:
+    """Margin [cols] of a plan in which nothing is left out: what is random in it."""
+    if not any(EFFECTS[n].random for n in plan.scene.effects):
+        return np.zeros(plan.cols)
+    return _certain(_Weighing(plan, AutoTable()), set())
+
+
+def _cost(engine: str, on: set[str]) -> float:
+    solve = max((COST_NS[n] for n in on & _SOLVE), default=0.0)
+    return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(COST_NS.get(n, 0.0) for n in on - _SOLVE)
+
+
+def _formula_holds(plan: Plan) -> bool:
+    start, packet, threshold = _start(plan)
+    distance = threshold - start
+    return bool(((distance > 0) & (distance <= packet)).all())
+
+
+def _start(plan: Plan) -> tuple[Floats, Floats, Floats]:
+    c = plan.converter
+    from dermis.vfc import W_PRESET
+
+    return (
+        W_PRESET + c.preset_error_v / c.packet_v(),
+        1.0 + c.packet_error,
+        c.v_comp_offset_v / c.packet_v(),
+    )
+
+
+# --- certified codes ---------------------------------------------------------------------------------------------
+
+
+def certify(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
+    margin = np.broadcast_to(plan.margin_lsb, (plan.cols,))
+    if not margin.any():
+        return result.codes, result.codes
+    margin = np.minimum(margin, 2.0 * plan.timing.code_max)
+    silent = dataclasses.replace(plan.converter, **dict.fromkeys(_RANDOM_FIELDS, 0.0))
+    x = result.info.get("x") if plan.engine == "closed" else None
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = silent.v_comp_offset_v + sign * margin * silent.packet_v()
+        end = dataclasses.replace(
+            plan, converter=dataclasses.replace(silent, v_comp_offset_v=moved), margin_lsb=0.0, engine="event"
+        )
+        if not engines.refused(end, "closed") and _formula_holds(end):
+            end = dataclasses.replace(end, engine="closed")
+        if end.engine == "closed" and x is not None:
+            ends.append(_codes_of(end, x))
+            continue
+        run = engines.run(end)
+        x = run.info.get("x") if end.engine == "closed" else x
+        ends.append(run.codes)
+    low, high = ends
+    return low, high
+
+
+def _codes_of(plan: Plan, x: Floats) -> NDArray[np.uint8]:
+    from dermis.vfc import code
+
+    start, packet, threshold = _start(plan)
+    t = plan.timing
+    return code(x, t.gate_clocks, t.code_max, w0=start, packet=packet, threshold=threshold).astype(np.uint8)

@@ -1,0 +1,651 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far each effect can move what a converter decides on, in packets (= LSB): docs/auto.md derives every line.
+
+A bound holds for every subset of the other effects of the plan, so the bounds of any effects that are left out
+add up. Deterministic effects have true bounds; random ones have `sigma` times their rms at the end of the gate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis.vfc import W_PRESET
+
+if TYPE_CHECKING:
+    from dermis.plan import Plan
+
+Floats = NDArray[np.float64]
+
+# Frames are bounded in at most this many blocks, each by the envelope of its frames: the cost of planning does
+# not grow with the frames, only the pass that makes the envelopes does.
+BLOCKS_MAX = 16
+
+# Stands for a short: beyond it nothing changes in any bound, and products of it stay finite.
+_G_MAX_S = 1e16
+# Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
+_X_CLIP = 0.75
+# The mirror's output never falls below this (Converter.q_mirror_c).
+Y_FLOOR = 1e-6
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Packets by which an effect may move a decision, broadcastable to [blocks, rows, cols].
+
+    `level` says that it moves levels and packets; otherwise it moves the current, and what it does to a cell
+    that reads full scale anyway ends where full scale begins. `gauss` says that `lsb` is `sigma` standard
+    deviations of a normal number, independent of those of other effects: such bounds add as squares.
+    """
+
+    lsb: ArrayLike
+    level: bool = False
+    gauss: bool = False
+
+
+class Extent:
+    """What bounds are made of: envelopes of the conductances and records with every candidate on.
+
+    Axes are B blocks of frames, R rows, C columns; a row index means "while this row is driven".
+
+    Attributes
+    ----------
+    g, g_low : ndarray
+        [B, R, C] largest and smallest conductance of a block, in siemens.
+    s, a : ndarray
+        [B, R] and [B, C] sums of `g` over a row and over a column.
+    reach : ndarray
+        [B, C] conductance through which the rows that are not driven pass a column's voltage on to the others:
+        sum over rows of G min(1, R_row S).
+    side : float
+        2 rows g: the laterals of a column.
+    p : ndarray
+        [B, R, 1] highest voltage of any column line, relative to the bias.
+    d : float
+        Range of voltages that offsets and leaks alone can make, in V.
+    t : ndarray
+        [B, R, C] current of a column for 1 V on the driven row, in siemens, at most.
+    i_up, x_up, x : ndarray
+        [B, R, C] largest current in A, duty, and duty clipped where every cell is saturated.
+    per_a : ndarray
+        [C] packets of a gate for 1 A of column current.
+    """
+
+    def __init__(self, plan: Plan, sigma: float, budget: float) -> None:
+        self.plan, self.sigma, self.budget = plan, sigma, budget
+        self.n = plan.timing.gate_clocks
+        self.settle = plan.timing.settle_clocks
+        self.converter, self.drive = plan.converter, plan.drive
+        net = plan.network(0)
+        self.net = net
+        self.rows, self.cols = plan.rows, plan.cols
+        self.v = plan.v_bias_v * (1.0 + plan.drive.ripple)
+        self.g, self.g_low, self.change = _envelopes(plan)
+        self.s, self.a = self.g.sum(axis=2), self.g.sum(axis=1)
+        c = plan.converter
+        self.packet_v = c.packet_v()
+        self.amplitude = 1.0 / (1.0 + c.inv_gain_dc)
+
+        # Resistance of a whole line to its driver or to its virtual ground.
+        self.r_row = max(net.r_row_driven_ohm, net.r_row_grounded_ohm) + self.cols * net.r_trace_row_ohm
+        self.r_col = net.r_column_ohm + self.rows * net.r_trace_column_ohm
+        self.side = 2.0 * self.rows * net.g_lateral_row_s if self.cols > 1 else 0.0
+        self.reach = _reach(self.g, np.minimum(1.0, _times(self.r_row, self.s)))
+        loop = (self.r_col * (self.reach + self.side)).max(axis=1)[:, None, None]
+        self.damp = np.where(loop < 1.0, 1.0 - np.minimum(loop, 1.0), 0.0)
+        rise = (self.r_col * self.g).max(axis=2, keepdims=True)
+        self.p = np.minimum(1.0, _ratio(rise, self.damp))
+        if net.r_trace_column_ohm == 0:
+            self.p = np.minimum(self.p, rise / (1.0 + rise))
+
+        offset = net.v_column_offset_v
+        self.d_offset = float(max(offset.max(), 0.0) - min(offset.min(), 0.0))
+        self.d = self.d_offset + float((net.r_column_ohm * np.abs(net.i_leak_a)).max())
+        leak = np.abs(net.i_leak_a) * np.minimum(1.0, net.r_column_ohm * (self.a + self.side))
+        self.leak = np.abs(net.i_leak_a) + leak.sum(axis=1, keepdims=True) - leak  # [B, C]
+        self.t = self.g + self.p * (self.reach + self.side)[:, None]
+        self.i_up = self.v * self.t + (self.d * (self.a + self.side) + self.leak)[:, None]
+
+        gain = np.maximum(1.0, np.abs(c.gain))
+        self.per_a = self.n * gain / (c.k * c.i0_a)
+        self.x_up = self.i_up * self.per_a / self.n + np.abs(c.i_offset_a) / c.i0_a
+        full = plan.timing.code_max
+        self.clips = self.n >= 2 * full
+        self.x_clip = _X_CLIP if self.clips else 1.0
+        self.x = np.minimum(self.x_up, self.x_clip)
+        self.x_sure: ArrayLike = self.x_clip
+        self.packet_low = np.maximum(1.0 + c.packet_error, 1e-3)
+        # Packets gone: the charge that came in, and at most every second clock.
+        self.ones = np.minimum((self.n * self.x + 1.0) / self.packet_low, (self.n + 1) / 2)
+        # How far a trajectory may leave -packet .. 2 x for levels, starts and samples off their place.
+        self.slack = (
+            (np.abs(c.v_comp_offset_v) + c.v_hysteresis_v / 2 + np.abs(c.preset_error_v)) / self.packet_v
+            + c.t_comp_delay_s * c.f_clk_hz
+            + np.minimum(1.0, c.t_gbw_s * c.f_clk_hz)
+            + np.maximum(c.packet_error, 0.0)
+            + sigma * (c.v_comp_noise_v + c.v_preset_noise_v) / self.packet_v
+        )
+
+        # What a moving input of the converter finds on it (direct: the column, and through the rows the others).
+        self.g_input: ArrayLike = 0.0
+        if plan.topology == "direct":
+            self.g_input = (self.a + self.reach + 2.0 * self.side)[:, None]
+
+    def amperes(self, i: ArrayLike) -> Bound:
+        """The bound of an effect that changes column currents by at most i, [B, R, C] or [B, 1, C], in A."""
+        return Bound(np.asarray(i) * self.per_a)
+
+    def spread(self, direct: Floats) -> Floats:
+        """Currents of all columns when `direct` [B, R, C] A is pushed into each, from the rows' side."""
+        lift = _ratio((self.r_col * direct).max(axis=2, keepdims=True), self.damp)
+        return direct + np.minimum(lift, self.v + self.d) * (self.reach + self.side)[:, None]
+
+
+def _envelopes(plan: Plan) -> tuple[Floats, Floats, Floats | None]:
+    r = plan.resistance_ohm
+    starts = np.unique(np.linspace(0, plan.frames, min(plan.frames, BLOCKS_MAX) + 1).astype(int)[:-1])
+    low, high = np.minimum.reduceat(r, starts, axis=0), np.maximum.reduceat(r, starts, axis=0)
+    change = None
+    if plan.drive.motion:
+        here, behind = np.minimum(plan.conductance_s(), _G_MAX_S), plan.next_conductance_s()
+        behind = np.minimum(behind, _G_MAX_S)
+        change = np.maximum.reduceat(np.abs(behind - here), starts, axis=0)
+        g_high = np.maximum.reduceat(np.maximum(here, behind), starts, axis=0)
+        return g_high, np.minimum.reduceat(np.minimum(here, behind), starts, axis=0), change
+    with np.errstate(divide="ignore", over="ignore"):
+        g_high, g_low = np.divide(1.0, low), np.divide(1.0, high)
+    return np.minimum(g_high, _G_MAX_S), np.minimum(g_low, _G_MAX_S), change
+
+
+def _times(r: ArrayLike, g: Floats) -> Floats:
+    """r g, where an open line (inf) without a live taxel is at no voltage."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where(g > 0, np.multiply(r, g), 0.0)
+
+
+def _ratio(a: ArrayLike, b: ArrayLike) -> Floats:
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
+    return np.divide(a, b, out=np.where(a > 0, np.inf, 0.0), where=b > 0)
+
+
+def _reach(g: Floats, share: Floats) -> Floats:
+    return np.einsum("brc,br->bc", g, share)
+
+
+# --- the network -------------------------------------------------------------------------------------------------
+
+
+def lateral(_: Any, e: Extent) -> Bound:
+    """Laterals carry at most rows g times the voltage between two columns, out of one and into the other."""
+    volts = e.p * e.v + e.d
+    through = e.side * volts
+    lift = np.minimum(_ratio(e.r_col.max() * through, e.damp), volts)
+    i = through + lift * e.reach[:, None]
+    if e.net.r_trace_column_ohm:
+        shunt = e.net.g_lateral_column_s * e.net.r_trace_column_ohm
+        i = i + shunt * _trace_columns(e)
+    return e.amperes(i)
+
+
+def row_driver(_: Any, e: Extent) -> Bound:
+    """The driven row droops by r I; the others lift by what the columns push into them."""
+    q = _times(e.net.r_row_driven_ohm, e.s)
+    droop = e.v * (q / (1.0 + q)) + e.d * np.minimum(1.0, q)
+    lift = _reach(e.g, np.minimum(1.0, _times(e.net.r_row_grounded_ohm, e.s)))
+    return e.amperes(droop[:, :, None] * e.t + e.spread((e.p * e.v + e.d) * lift[:, None]))
+
+
+def column_input(_: Any, e: Extent) -> Bound:
+    """Every column rises by r I: its own taxels see less, its neighbours pass it on."""
+    rise = np.minimum(e.net.r_column_ohm * e.i_up, e.p * e.v + e.d)
+    highest = rise.max(axis=2, keepdims=True)
+    own = rise if e.net.r_trace_column_ohm == 0 and not e.side else highest
+    return e.amperes(np.maximum(own * (e.a + e.side)[:, None], highest * (e.reach + e.side)[:, None]))
+
+
+def column_offset(_: Any, e: Extent) -> Bound:
+    """Every element of the column sees at most the range of the offsets."""
+    own = np.abs(e.net.v_column_offset_v) * (e.a + e.side) + e.d_offset * (e.reach + e.side)
+    return e.amperes(np.minimum(own, e.d_offset * (e.a + e.side))[:, None])
+
+
+def mux_leakage(_: Any, e: Extent) -> Bound:
+    """What leaks into a column comes out of it; little goes on to the others."""
+    return e.amperes(e.leak[:, None])
+
+
+def _trace_columns(e: Extent) -> Floats:
+    """Current by which the traces of the columns change column currents, at most, [B, R, C]."""
+    r = e.net.r_trace_column_ohm
+    back = (e.p * e.v + e.d) * (e.a + e.side)[:, None]  # in segments that do not lead from the driven row
+    most = e.i_up + back
+    below = e.rows - np.maximum.outer(np.arange(e.rows), np.arange(e.rows))  # [driven, other]
+    i = r * (most * np.matmul(below.astype(float), e.g) + e.rows * back * e.a[:, None])
+    highest = np.minimum(e.rows * r * (most + back).max(axis=2, keepdims=True), e.v + 2.0 * e.d)
+    return i + highest * (e.reach + 2.0 * e.side)[:, None]
+
+
+def trace(_: Any, e: Extent) -> Bound:
+    """A line drops r times the current of all that lies behind each segment."""
+    r = e.net.r_trace_row_ohm
+    tail = np.cumsum(e.g[:, :, ::-1], axis=2)[:, :, ::-1]
+    drop = r * np.cumsum(tail, axis=2)  # [B, R, C] relative to the voltage across the taxels
+    farthest = drop[:, :, -1:]
+    driven = np.maximum(drop, np.minimum(1.0, _times(e.net.r_row_driven_ohm, e.s))[:, :, None] * farthest)
+    driven = np.minimum(driven, 1.0) * (e.v + e.d)
+    ground = np.minimum(1.0, _times(e.net.r_row_grounded_ohm, e.s))[:, :, None]
+    other = np.minimum(1.0, np.maximum(drop, ground * farthest))
+    across = (e.g * other).sum(axis=1)[:, None]  # [B, 1, C]
+    i = e.spread(e.g * driven) + e.spread((e.p * e.v + e.d) * across)
+    if e.net.r_trace_column_ohm:
+        i = i + _trace_columns(e)
+    return e.amperes(i)
+
+
+def line_capacitance(_: Any, e: Extent) -> Bound:
+    """What a row slot starts away from rest has decayed when the gate opens, at the slowest rate there can be."""
+    net, c = e.net, e.converter
+    live = bool((e.g > 0).any())
+    rows_tau = net.r_row_driven_ohm * (net.c_row_f + 2 * e.cols * net.c_taxel_f)
+    if net.c_row_f or (net.c_taxel_f and live):
+        rows_tau = max(rows_tau, net.r_row_grounded_ohm * (net.c_row_f + 2 * e.cols * net.c_taxel_f))
+    rows_tau += net.r_trace_row_ohm * net.c_taxel_f * e.cols * (e.cols + 1)
+    cols_tau = float(net.r_column_ohm.max()) * (net.c_column_f + 2 * e.rows * net.c_taxel_f)
+    cols_tau += net.r_trace_column_ohm * net.c_taxel_f * e.rows * (e.rows + 1)
+    tau = max(rows_tau, cols_tau)
+    if tau == 0 and not e.drive.active_fields():
+        return Bound(0.0)
+    rest = math.exp(-e.settle / c.f_clk_hz / tau) if tau else 0.0
+    if not rest < 0.25:
+        return Bound(np.inf)
+    volts = 4.0 * (e.v + e.d)
+    farads = e.rows * net.c_row_f + e.cols * net.c_column_f + 4 * e.rows * e.cols * net.c_taxel_f
+    stored = math.sqrt(farads) * volts  # norm of the state, sqrt(J)
+    gate_s = e.n / c.f_clk_hz
+    with np.errstate(divide="ignore"):
+        onto = np.minimum(np.divide(1.0, net.r_column_ohm), e.a + e.side)  # [B, C]
+    charge = (np.sqrt(gate_s * onto / 2.0) + 2.0 * math.sqrt(e.rows * net.c_taxel_f)) * stored * rest
+    # Behind what goes on moving, every node is late by at most tau times the slope.
+    slope = 2.0 * math.pi * e.drive.f_ripple_hz * e.drive.ripple * e.v
+    if e.change is not None:
+        pushed = e.r_row * e.change.sum(axis=2).max() + (e.r_col * e.change.sum(axis=1)).max()
+        slope += float(_ratio(pushed * (e.v + e.d), e.drive.t_frame_s * e.damp.min()))
+    if slope:
+        smallest = min(net.c_row_f, net.c_column_f)
+        norm = math.sqrt(farads / smallest) if smallest else math.inf
+        late = tau * slope * norm if tau else 0.0
+        charge = (
+            charge
+            + gate_s * (e.a + e.side) * late
+            + 2.0 * e.rows * net.c_taxel_f * (late + volts * e.drive.ripple)
+        )
+    return Bound((charge * c.f_clk_hz * e.per_a / e.n)[:, None])
+
+
+# --- the current into the converter ------------------------------------------------------------------------------
+
+
+def mirror_ratio(_: Any, e: Extent) -> Bound:
+    """x |gain - 1|."""
+    gain = e.converter.gain
+    duty = np.minimum(e.x_up, e.x_clip / np.minimum(1.0, np.maximum(gain, 1e-3)))
+    return Bound(e.n * duty * np.abs(gain - 1.0))
+
+
+def offset_current(_: Any, e: Extent) -> Bound:
+    """i / i0 packets a clock."""
+    return Bound(e.n * np.abs(e.converter.i_offset_a) / e.converter.i0_a)
+
+
+def range_switch(_: Any, e: Extent) -> Bound:
+    """i - i / (1 + a i), largest where the cell just saturates."""
+    c = e.converter
+    i = e.x * c.k * c.i0_a
+    part = i * c.inv_i_range_a
+    return Bound(e.n * e.x * part / (1.0 + part))
+
+
+def mirror_lag(_: Any, e: Extent) -> Bound:
+    """kappa ln(y at the end of the gate / y at its start), from the identity of the logistic equation."""
+    c = e.converter
+    kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
+    wake = kappa / (math.e * max(e.settle, 1) * Y_FLOOR)
+    late = kappa * np.log1p(wake)
+    early = kappa * math.log1p(e.n / max(e.settle, 1))
+    if e.drive.ripple:
+        a = min(e.drive.ripple, 0.999)
+        late = late + kappa * math.log((1.0 + a) / (1.0 - a))
+        early = early + kappa * math.log((1.0 + a) / (1.0 - a))
+    if e.drive.motion:
+        late = kappa * np.log(np.maximum(e.x, Y_FLOOR) / Y_FLOOR)
+        highest = e.x.max(axis=1, keepdims=True)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            early = kappa * np.log1p(
+                np.where(kappa > 0, highest * e.n / np.where(kappa > 0, kappa, 1.0), 0.0)
+            )
+    # It gives no negative current. That lifts dark cells to nothing, which no code shows unless something else
+    # lifts them further.
+    below = ((e.d * (e.a + e.side) + e.leak) * e.per_a)[:, None]
+    lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e)) + e.budget
+    seen = (lifted >= -W_PRESET) | e.drive.motion
+    nothing = np.where(seen, below, 0.0) + np.where(kappa > 0, e.n * Y_FLOOR, 0.0)
+    return Bound(np.maximum(np.minimum(late, e.n * e.x), early) + nothing)
+
+
+def supply_ripple(_: Any, e: Extent) -> Bound:
+    """A sine of amplitude a x adds at most a x f_clk / (pi f) packets up to any clock."""
+    d = e.drive
+    clocks = min(e.n, e.converter.f_clk_hz / (math.pi * d.f_ripple_hz)) if d.ripple else 0.0
+    return Bound(d.ripple * clocks * e.x)
+
+
+def motion(_: Any, e: Extent) -> Bound:
+    """What the conductances change by until the gate closes."""
+    if e.change is None:
+        return Bound(0.0)
+    d = e.drive
+    slot = e.plan.timing.slot_s
+    share = np.minimum(1.0, (np.arange(e.rows) + 1.0) * slot / d.t_frame_s)[None, :, None]
+    volts = e.p * e.v + e.d
+    into = share * (e.v + e.d) * e.change
+    row = np.minimum(_times(e.r_row, into.sum(axis=2)), e.v + e.d)[:, :, None]
+    return e.amperes(e.spread(into + row * e.t + volts * share * e.change.sum(axis=1)[:, None]))
+
+
+# --- levels, packets and the integrator --------------------------------------------------------------------------
+
+
+def _leak(e: Extent, g_s: ArrayLike) -> Floats:
+    """Packets lost in a gate through g across the input: |w| stays within one packet and the slack."""
+    c = e.converter
+    lost = g_s * c.inv_gain_dc * e.amplitude / c.c_int_f / c.f_clk_hz
+    return e.n * lost * (np.maximum(1.0, 2.0 * e.x) + e.slack)
+
+
+def integrator_gain(p: Any, e: Extent) -> Bound:
+    """The charge leaks while the input gives way, and levels count from a smaller output."""
+    c = e.converter
+    level = (np.abs(c.v_comp_offset_v) + c.v_hysteresis_v / 2) / e.packet_v * c.inv_gain_dc
+    late = c.t_gbw_s * c.f_clk_hz * c.inv_gain_dc * 2.0
+    return Bound(_leak(e, c.g_in_s + e.g_input) + level + late, level=True)
+
+
+def mirror_output(p: Any, e: Extent) -> Bound:
+    """As integrator_gain, through its own resistance; behind a slow integrator also what the lag drops."""
+    c = e.converter
+    late = 2.0 * (1.0 + e.slack) * c.t_gbw_s / p.r_out_ohm / c.c_int_f
+    return Bound(_leak(e, 1.0 / p.r_out_ohm) + late, level=True)
+
+
+def integrator_range(_: Any, e: Extent) -> Bound:
+    """Nothing where no trajectory can reach the limits; else there is no bound worth having."""
+    c = e.converter
+    limits = np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0)
+    limits = limits / (e.packet_v * e.amplitude)
+    x = np.minimum(e.x, e.x_sure)
+    moving = 2.0 * (np.asarray(supply_ripple(_, e).lsb) + np.asarray(mirror_lag(_, e).lsb))
+    if e.drive.motion:
+        below = e.d * (e.a + e.side) + e.leak
+        moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
+    moving = moving + e.sigma * np.sqrt(_walk(e)) + e.slack
+    inside = (limits[0] <= -1.0 - moving) & (limits[1] >= 2.0 * x + moving)
+    return Bound(np.where(inside, 0.0, np.inf), level=True)
+
+
+def comparator_offset(_: Any, e: Extent) -> Bound:
+    """Its voltage in packets."""
+    return Bound(np.abs(e.converter.v_comp_offset_v) / (e.packet_v * e.amplitude), level=True)
+
+
+def comparator_hysteresis(_: Any, e: Extent) -> Bound:
+    """Half the window, either way."""
+    return Bound(e.converter.v_hysteresis_v / 2 / (e.packet_v * e.amplitude), level=True)
+
+
+def preset_error(_: Any, e: Extent) -> Bound:
+    """Its voltage in packets."""
+    return Bound(np.abs(e.converter.preset_error_v) / e.packet_v, level=True)
+
+
+def _packet(e: Extent) -> Floats:
+    return 1.0 + np.abs(e.converter.packet_error)
+
+
+def _unfinished(e: Extent, after: float) -> Floats:
+    """Where a decision `after` clocks behind a one may be open while that one's packet still is: 1, else 0."""
+    return (3.0 * e.x + e.slack >= e.packet_low - after).astype(float)
+
+
+def _delay_tail(e: Extent) -> Floats:
+    d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
+    return _unfinished(e, d) * d * _packet(e) if np.any(d) else np.zeros(e.x.shape)
+
+
+def comparator_delay(_: Any, e: Extent) -> Bound:
+    """A sample d clocks early misses d x; where ones come every second clock, the packet's end as well."""
+    d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
+    return Bound(np.maximum(d * e.x, _delay_tail(e)), level=True)
+
+
+def charge_packet(p: Any, e: Extent) -> Bound:
+    """Its relative error times the packets gone."""
+    return Bound(np.abs(np.asarray(p.packet_error)) * e.ones, level=True)
+
+
+def reference_drift(p: Any, e: Extent) -> Bound:
+    """As charge_packet."""
+    return Bound(abs(p.tc_per_k * p.delta_k) * e.ones, level=True)
+
+
+def _bandwidth_tail(e: Extent) -> Floats:
+    """What is left of the lag behind a packet where the next decision may be open."""
+    tau = e.converter.t_gbw_s * e.converter.f_clk_hz
+    if not np.any(tau):
+        return np.zeros(e.x.shape)
+    tail = np.zeros(e.x.shape)
+    with np.errstate(divide="ignore", under="ignore"):
+        for after in range(1, 60):
+            rest = np.minimum(1.0, tau) * _packet(e) * np.exp(-(after - 1) / np.where(tau > 0, tau, 1e-3))
+            open_ = (after + 2) * e.x + e.slack + rest >= e.packet_low
+            tail = np.maximum(tail, np.where(open_, rest, 0.0))
+            if rest.max() < 1e-12:
+                break
+        else:
+            tail = np.maximum(tail, rest)
+    return tail
+
+
+def integrator_bandwidth(_: Any, e: Extent) -> Bound:
+    """The output is late by tau x, by what is left of the last packet, and by what the moving input drops."""
+    c = e.converter
+    tau = c.t_gbw_s * c.f_clk_hz
+    drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.slack)
+    return Bound(np.maximum(tau * e.x, _bandwidth_tail(e)) + drops, level=True)
+
+
+# --- random effects: sigma times the rms -------------------------------------------------------------------------
+
+
+def comparator_noise(_: Any, e: Extent) -> Bound:
+    """Every decision has a level of its own."""
+    return Bound(e.sigma * e.converter.v_comp_noise_v / (e.packet_v * e.amplitude), level=True, gauss=True)
+
+
+def metastability(_: Any, e: Extent) -> Bound:
+    """Half the aperture times the slope; a bound, not a confidence."""
+    return Bound(e.x * e.converter.t_meta_s * e.converter.f_clk_hz / 2, level=True)
+
+
+def _jitter(e: Extent) -> Floats:
+    return e.converter.t_jitter_s * e.converter.f_clk_hz
+
+
+def clock_jitter(_: Any, e: Extent) -> Bound:
+    """Two edges a packet, and the edge that samples."""
+    return Bound(
+        e.sigma * _jitter(e) * np.sqrt(2.0 * (e.n * e.x + 1.0) * _packet(e) ** 2 + e.x**2), level=True
+    )
+
+
+def _thermal(e: Extent) -> Floats:
+    c = e.converter
+    charge = c.i0_a / c.f_clk_hz
+    return (e.n * 2.0 * c.kt_noise_j * e.a / (c.k**2 * c.f_clk_hz) / charge**2)[:, None]
+
+
+def _shot(e: Extent) -> Floats:
+    c = e.converter
+    return (2.0 * e.n * e.x + 1.0) * c.q_shot_c * c.f_clk_hz / c.i0_a
+
+
+def _walk(e: Extent) -> Floats:
+    """Variance in packets^2 that has come together at the end of the gate."""
+    return _thermal(e) + _shot(e) + 2.0 * (e.n * e.x + 1.0) * (_jitter(e) * _packet(e)) ** 2
+
+
+def thermal_noise(_: Any, e: Extent) -> Bound:
+    """White current of every conductance on the column."""
+    return Bound(e.sigma * np.sqrt(_thermal(e)), level=True, gauss=True)
+
+
+def shot_noise(_: Any, e: Extent) -> Bound:
+    """One electron's charge squared for each that comes, of the input and of the packets."""
+    return Bound(e.sigma * np.sqrt(_shot(e)), level=True, gauss=True)
+
+
+def ktc_noise(_: Any, e: Extent) -> Bound:
+    """One draw at the start."""
+    return Bound(e.sigma * e.converter.v_preset_noise_v / e.packet_v, level=True, gauss=True)
+
+
+def flicker_noise(_: Any, e: Extent) -> Bound:
+    """One draw for all packets of a slot."""
+    return Bound(e.sigma * e.converter.packet_flicker * e.ones, level=True, gauss=True)
+
+
+# --- the sensor: conductances before any engine sees them --------------------------------------------------------
+
+
+def sensor_hysteresis(p: Any, e: Extent) -> Bound:
+    """Relative change of conductance; what it does to crosstalk is in the network's effects."""
+    return Bound(e.n * e.x * p.relative / (1.0 - p.relative))
+
+
+def sensor_creep(p: Any, e: Extent) -> Bound:
+    """A decade of time for each factor of ten between the whole recording and where creep starts."""
+    start_s = e.plan.scene.design.sensor.creep_start_s
+    decades = math.log10(max(1.0, 1.0 + e.plan.frames * e.drive.t_frame_s / start_s))
+    return Bound(e.n * e.x * p.per_decade * decades)
+
+
+def sensor_temperature(p: Any, e: Extent) -> Bound:
+    """Relative change of conductance."""
+    change = abs(p.tc_per_k * p.delta_k)
+    return Bound(e.n * e.x * change / max(1.0 - change, 1e-3))
+
+
+def sensor_spread(p: Any, e: Extent) -> Bound:
+    """Sigma times the standard deviation of conductance."""
+    return Bound(e.n * e.x * e.sigma * p.relative)
+
+
+# --- effects that are kept, where they break the order the lemma rests on ----------------------------------------
+
+
+def kept(name: str, e: Extent) -> ArrayLike:
+    """Packets that a kept effect adds to the margin once anything is left out, [B, R, C] or a number.
+
+    Hysteresis and aperture: either run may stand on the other side of them. Delay and bandwidth: the run whose
+    one came later has not yet lost all of that packet.
+    """
+    if name == "comparator_hysteresis":
+        return 2.0 * np.asarray(comparator_hysteresis(None, e).lsb)
+    if name == "metastability":
+        return 2.0 * np.asarray(metastability(None, e).lsb)
+    if name == "comparator_delay":
+        return _delay_tail(e)
+    if name == "integrator_bandwidth":
+        return _bandwidth_tail(e)
+    return 0.0
+
+
+def lag_slack(moved: Floats, e: Extent) -> Floats:
+    """What a kept slow mirror adds when its input is off by `moved` [B, R, C] packets a gate.
+
+    ln(y'/y) stays below ln(1 + dx/y_min): beyond that the faster of two mirrors no longer gains.
+    """
+    c = e.converter
+    kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
+    return kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_FLOOR)
+
+
+Bounding = Callable[[Any, Extent], Bound]
+
+
+def unknown(_: Any, e: Extent) -> Bound:
+    """No bound is known: the effect is never left out."""
+    return Bound(np.inf, level=True, gauss=True)
+
+
+def of_effects(on: Mapping[str, Any], functions: Mapping[str, Bounding], e: Extent) -> dict[str, Bound]:
+    """The bound of every effect that is on; the integrator's range last, for it asks where cells are saturated."""
+    found = {name: functions[name](p, e) for name, p in on.items() if name != "integrator_range"}
+    if "integrator_range" in on:
+        e.x_sure = np.minimum(Total(e, found).sure / e.n, e.x_clip)
+        found["integrator_range"] = functions["integrator_range"](on["integrator_range"], e)
+    return found
+
+
+class Total:
+    """Sums of bounds over effects that are left out, with what saturated and dark cells cannot feel taken off."""
+
+    def __init__(self, e: Extent, bounds: dict[str, Bound]) -> None:
+        self.e, self.bounds = e, bounds
+        shape = e.g.shape
+        self.lsb = {
+            name: np.broadcast_to(np.asarray(b.lsb, dtype=float), shape) for name, b in bounds.items()
+        }
+        zero = np.zeros(shape)
+        self.zero = zero
+        inputs, levels = self.sums(bounds)
+        c = e.converter
+        full = e.plan.timing.code_max
+        ideal = e.plan.v_bias_v * e.n / (c.k * c.i0_a)
+        with np.errstate(invalid="ignore"):
+            low = np.nan_to_num(ideal * e.g_low - inputs, nan=-np.inf)
+        high = ideal * e.g + inputs
+        most = levels.max(axis=(0, 1))
+        start = -W_PRESET
+        # A converter whose input is above this reads full scale with every effect on: N x, in packets.
+        sure = np.maximum(start + (full - 1) + most, e.n * (start + most) / 2)
+        self.sure = np.where(e.clips & (sure <= e.n * e.x_clip), sure, np.inf)
+        with np.errstate(invalid="ignore"):
+            self.cap = np.where(np.isinf(self.sure), np.inf, np.maximum(0.0, self.sure - low))
+        self.felt = (self.cap > 0) & ~(high + most < start)
+
+    def sums(self, names: Iterable[str]) -> tuple[Floats, Floats]:
+        """Bounds of some effects together: what moves currents, and what moves levels, [B, R, C] each."""
+        inputs = levels = squares = self.zero
+        for name in names:
+            bound, lsb = self.bounds[name], self.lsb[name]
+            if bound.gauss:
+                squares = squares + lsb * lsb
+            elif bound.level:
+                levels = levels + lsb
+            else:
+                inputs = inputs + lsb
+        return inputs, levels + np.sqrt(squares)
+
+    def cells(self, inputs: ArrayLike, levels: ArrayLike) -> Floats:
+        """Packets by which sums of either kind may move a decision, [B, R, C]."""
+        total = np.minimum(inputs, self.cap) + levels
+        return np.where(self.felt, total, 0.0)
+
+    def of(self, name: str) -> Floats:
+        """The bound of one effect, [B, R, C]."""
+        return self.cells(*self.sums([name]))
