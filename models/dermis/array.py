@@ -414,7 +414,7 @@ def _respond_chain(network: Network, lines: _RowLines) -> _Response:
 
 
 # Columns eliminated one by one before a product of matrices takes their effect to the rest: wide enough for that
-# product to be the bulk, narrow enough for the steps to stay few. 16 to 48 cost the same within a tenth.
+# product to be the bulk, narrow enough for the steps to stay few; 16 to 64 cost about the same.
 _PANEL = 32
 
 
