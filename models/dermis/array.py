@@ -334,7 +334,7 @@ def _sum_of_others(values: Floats) -> Floats:
 
 
 def _respond_chain(network: Network, lines: _RowLines) -> _Response:
-    """Every column line is a chain of one node a row; blocks of one row are eliminated from the far row up.
+    """Every column line is a chain of one node a row; blocks of one row are eliminated from the inputs up.
 
     With Z[r] the inverse of block r once the rows below it are folded into it, and G the conductance from row
     to row, the diagonal blocks of the whole inverse are S[r] = Z[r] + Z[r] G S[r-1] G Z[r]. Nothing in here
