@@ -17,7 +17,6 @@ from pydantic import Field, create_model
 
 from dermis import bounds
 from dermis.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K, TOPOLOGIES, Design
-from dermis.design import load as load_design
 from dermis.errors import InputError
 from dermis.schema import Strict, entry
 
@@ -928,32 +927,3 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = np.add(into[key], value) if key in into else value
     return total
-
-
-def effects_table() -> str:
-    """Every effect as a Markdown table: name, meaning, what it writes; docs/scenes.md holds it."""
-    design = load_design()
-    lines = ["| effect | what it is | record fields it writes |", "|---|---|---|"]
-    for effect in EFFECTS.values():
-        topology = effect.topologies[0] if "direct" not in effect.topologies else "conveyor_mirror"
-        setting = Setting(
-            design.array.cols, topology, design.interface.k, design.converter.c_int_f, design, _no_rng
-        )
-        on = resolve_effects(EffectsTable(**{effect.name: True}), setting, "defaults")
-        part = effect.contribute(on[effect.name], setting)
-        written = [
-            f"{record.name.capitalize()}.{key}"
-            for record in fields(part)
-            for key in getattr(part, record.name)
-        ]
-        only = "" if effect.topologies == TOPOLOGIES else f" (not for {', '.join(_missing(effect))})"
-        lines.append(f"| `{effect.name}` | {effect.meaning}{only} | {', '.join(f'`{w}`' for w in written)} |")
-    return "\n".join(lines) + "\n"
-
-
-def _missing(effect: Effect) -> list[str]:
-    return [t for t in TOPOLOGIES if t not in effect.topologies]
-
-
-def _no_rng(name: str) -> np.random.Generator:
-    raise AssertionError(f"{name}: the defaults draw no random number")

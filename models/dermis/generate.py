@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dermis import calculator, effects, scene, verdict
+from dermis import calculator, scene, verdict
 from dermis import design as design_module
 from dermis.design import ROOT, Design, exact
 from dermis.errors import InputError
@@ -315,6 +315,13 @@ def examples_table(design: Design, _root: Path) -> str:
     return "\n".join(lines)
 
 
+def effect_table(which: str, design: Design) -> str:
+    """One of the tables of dermis.effect_tables, which needs the decks, and they this module."""
+    from dermis import effect_tables
+
+    return getattr(effect_tables, which)(design)
+
+
 TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
     "docs/numbers.md": {
         "design": design_table,
@@ -322,9 +329,14 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
         "range": range_table,
         "examples": examples_table,
     },
+    "docs/effects.md": {
+        "meanings": lambda design, _root: effect_table("meanings", design),
+        "places": lambda design, _root: effect_table("places", design),
+        "bounds": lambda design, _root: effect_table("bounds", design),
+    },
     "docs/scenes.md": {
-        "effects": lambda _design, _root: effects.effects_table(),
         "keys": lambda _design, _root: scene.schema_table(),
+        "scenes": lambda _design, _root: scene.scenes_table(),
     },
 }
 

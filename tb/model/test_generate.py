@@ -25,6 +25,7 @@ GENERATED = (
     "spice/design.inc",
     "spice/array/array.sp",
     "docs/numbers.md",
+    "docs/effects.md",
     "docs/scenes.md",
 )
 
@@ -51,7 +52,8 @@ def test_the_tree_is_up_to_date() -> None:
         ("spice/array/array.sp", "rtaxel_r3c4 r3 c4", "rtaxel_r3c4 r4 c3"),
         ("docs/numbers.md", "| `timing.settle_clocks` | 115 |", "| `timing.settle_clocks` | 113 |"),
         ("docs/numbers.md", "| 500 | 15 | 0.5 | 2.5e+06 | 255 |", "| 500 | 15 | 0.5 | 2.5e+06 | 256 |"),
-        ("docs/scenes.md", "`Network.r_column_ohm`", "`Network.r_row_ohm`"),
+        ("docs/effects.md", "`Network.r_column_ohm`", "`Network.r_row_ohm`"),
+        ("docs/scenes.md", "In series with every grounded row", "In series with every other row"),
     ],
 )
 def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old: str, new: str) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -243,7 +245,7 @@ WRONG = [
         "effects.comparator_hysteresis.v_v",
         "one packet",
     ),
-    (UNIFORM + "[run]\nengine = 'rtl'\n", "run.engine", "closed"),
+    (UNIFORM + "[run]\nengine = 'spice'\n", "run.engine", "closed"),
     (UNIFORM + "[run]\nseed = -1\n", "run.seed", "whole number"),
     (UNIFORM + "[run]\nseed = true\n", "run.seed", "whole number"),
     (UNIFORM + "code = 18\n", "TOML", "valid TOML"),
@@ -316,7 +318,7 @@ def test_what_is_no_file_is_one_line(tmp_path: Path) -> None:
 
 
 def test_an_unknown_engine_from_outside_is_refused(write_scene: Write) -> None:
-    with pytest.raises(InputError, match="closed, event, cosim"):
+    with pytest.raises(InputError, match="closed, event, rtl, cosim"):
         planning.load(write_scene(UNIFORM), engine="spice\n.control")
 
 
@@ -391,7 +393,16 @@ def test_every_key_is_documented() -> None:
         assert word in text
 
 
+def test_every_scene_shown_on_the_page_runs(write_scene: Write) -> None:
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    shown = [block for block in re.findall(r"(?:^(?:    .*)?\n)+", page, re.M) if "[stimulus]" in block]
+    assert len(shown) >= 2
+    for block in shown:
+        plan = planning.load(write_scene(textwrap.dedent(block)), "closed")
+        assert engines.run(plan).codes.any()
+
+
 def test_the_page_on_scenes_holds_the_table_of_the_schema() -> None:
     page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
     assert scene.schema_table() in page
-    assert effects.effects_table() in page
+    assert scene.scenes_table() in page

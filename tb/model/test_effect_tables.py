@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/effects.md: every effect has its rows, and what the rows say is what engines and decks do."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from dermis import effect_tables, engines
+from dermis.design import ROOT
+from dermis.effects import EFFECTS
+from dermis.plan import ENGINES
+
+PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("table", [effect_tables.meanings, effect_tables.places, effect_tables.bounds])
+def test_every_effect_has_a_row_of_every_table(table) -> None:
+    lines = table().splitlines()
+    assert [line.split("`")[1] for line in lines[2:]] == list(EFFECTS)
+    assert len({line.count(" | ") for line in lines if "---" not in line}) == 1
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_leaves_a_mark_in_every_engine_that_takes_it(name: str) -> None:
+    assert effect_tables.fields(name)
+    sheet = all(record == "sensor" for record, _ in effect_tables.fields(name))
+    for engine, mark in (("rtl", effect_tables.verilog), ("cosim", effect_tables.deck)):
+        refused = engines.refused(effect_tables.sample(name, engine), engine)
+        if not sheet:
+            assert (mark(name) == effect_tables.NONE) == bool(refused)
+            assert mark(name) != ""
+    network = any(record == "network" for record, _ in effect_tables.fields(name))
+    handed_over = effect_tables.verilog(name) == "in the currents handed over"
+    assert not handed_over or network or sheet or "in time" in effect_tables.enters(name) or _duty(name)
+
+
+def _duty(name: str) -> bool:
+    return effect_tables.enters(name) == "duty"
+
+
+def test_marks_of_effects_that_are_known_by_hand() -> None:
+    assert effect_tables.deck("offset_current") == "`ioffset`"
+    assert effect_tables.verilog("offset_current") == "`I_OFFSET`"
+    assert effect_tables.deck("lateral") == "`rlat`"
+    assert effect_tables.deck("column_input") == "`xch`: `conv_r_x_ohm`"
+    assert effect_tables.deck("shot_noise") == effect_tables.NONE
+    assert effect_tables.deck("sensor_creep") == ""
+    assert effect_tables.enters("offset_current") == "duty"
+    assert effect_tables.enters("sensor_creep") == "resistances, before any engine"
+    assert effect_tables.parameters("row_driver") == "`r_ohm = 1`, `grounded_r_ohm = 1`"
+
+
+def test_files_and_tests_named_on_the_page_are_there() -> None:
+    named = set(re.findall(r"`((?:models|tb|spice|docs)/[\w./]+)`", PAGE))
+    named |= {f"models/dermis/{name}" for name in re.findall(r"`((?:engines/)?\w+\.py)`", PAGE)}
+    assert len(named) > 12
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
+def test_engines_that_can_do_an_effect_are_named_as_columns() -> None:
+    head = effect_tables.places().splitlines()[0]
+    assert all(re.search(rf"\b{engine}\b", head) for engine in ENGINES)
