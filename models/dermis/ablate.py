@@ -65,14 +65,10 @@ class Cost:
     engine: str
 
 
-def candidates(world: Scene) -> Mapping[str, Strict]:
-    """Every effect to take off: those that are on, or with `auto` all that it may choose from."""
-    return world.effects
-
-
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
-    """The plan of a scene with exactly these effects."""
-    return plan.make(replace(world, effects=dict(on)), engine)
+    """The plan of a scene with exactly these effects, whatever `auto` would make of them."""
+    table = world.table.model_copy(update={"effects": world.table.effects.model_copy(update={"auto": None})})
+    return plan.make(replace(world, table=table, effects=dict(on)), engine)
 
 
 def cheapest(made: Plan) -> str | None:
@@ -135,7 +131,7 @@ def measure(
     InputError
         No effect is on, or the engine cannot do them all.
     """
-    on = dict(candidates(world))
+    on = world.effects  # with `auto`: all that it may choose from
     if not on:
         raise InputError(world.path, "effects", "none on", "at least one effect, or auto")
     full = with_effects(world, on, engine)

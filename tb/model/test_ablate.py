@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import ablate, engines, plan, scene, vfc
+from dermis import ablate, auto, engines, plan, scene, vfc
 from dermis.errors import InputError
 from dermis.scene import Scene
 
@@ -95,3 +95,14 @@ def test_the_plans_differ_by_one_effect(tmp_path: Path) -> None:
     without = ablate.with_effects(world, {"row_driver": world.effects["row_driver"]})
     assert {e.name for e in without.effects if e.on} == {"row_driver"}
     assert not engines.refused(without, "closed")
+
+
+def test_auto_is_ablated_with_all_that_it_may_choose_from(tmp_path: Path) -> None:
+    world = _world(tmp_path, [120], auto={"budget_lsb": 0.25}, trace=False)
+    assert len(plan.make(world).active_fields()) < 10  # it leaves most of them out
+    full, costs = ablate.measure(world, pairs=1)
+    names = {cost.name for cost in costs} - {ablate.EVERYTHING}
+    assert names == set(auto.candidates(world))
+    assert "trace" not in names
+    assert {e.name for e in full.effects if e.on} == names
+    assert full.engine == "event"
