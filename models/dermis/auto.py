@@ -99,31 +99,70 @@ def _no_rng(name: str) -> Any:
 
 
 class _Weighing:
-    """Bounds of all effects of a plan, and sums over what is left out."""
+    """Bounds of all effects of a plan on the cells that can feel them, and sums over what is left out."""
 
     def __init__(self, plan: Plan, auto: AutoTable) -> None:
         self.on = plan.scene.effects
-        self.extent = Extent(plan, auto.sigma, auto.budget_lsb)
+        self.extent = e = Extent(plan, auto.sigma)
         functions = {name: EFFECTS[name].bound for name in self.on}
         with np.errstate(invalid="ignore", over="ignore"):
-            self.total = Total(self.extent, bounds.of_effects(self.on, functions, self.extent))
-            self.bound = {name: float(self.total.of(name).max()) for name in self.on}
+            self.total = Total(e, bounds.of_effects(self.on, functions, e))
+            felt = self.total.felt
+            self.where = np.nonzero(felt)
+            self.cap = self.total.cap[felt]
+            self.lsb = {name: np.ascontiguousarray(lsb[felt]) for name, lsb in self.total.lsb.items()}
+            self.kept = {
+                name: np.broadcast_to(bounds.kept(name, e), felt.shape)[felt]
+                for name in bounds.KEPT
+                if name in self.on
+            }
+        self.bound = {
+            name: self._largest(lsb if self.total.bounds[name].level else np.minimum(lsb, self.cap))
+            for name, lsb in self.lsb.items()
+        }
         self.fields = {name: _fields(plan, name) for name in self.on}
 
-    def margin(self, out: Iterable[str], random: Iterable[str] = ()) -> Floats:
+    def _cells(self, names: Iterable[str], kept: Iterable[str] = ()) -> Floats:
+        """Packets by which effects that are left out (or random) may move a decision, beside others that are kept."""
+        inputs = levels = squares = 0.0
+        for name in names:
+            bound, lsb = self.total.bounds[name], self.lsb[name]
+            if bound.gauss:
+                squares = squares + lsb * lsb
+            elif bound.level:
+                levels = levels + lsb
+            else:
+                inputs = inputs + lsb
+        for name in kept:
+            levels = levels + self.kept[name]
+        moved = np.minimum(inputs, self.cap)
+        if "mirror_lag" in self.on and "mirror_lag" not in names and np.any(moved > 0):
+            whole = np.zeros(self.total.felt.shape)
+            whole[self.where] = moved
+            moved = moved + bounds.lag_slack(whole, self.extent)[self.where[2]]
+        return moved + levels + np.sqrt(squares)
+
+    @staticmethod
+    def _largest(cells: Floats) -> float:
+        return float(np.nan_to_num(cells.max(initial=0.0), nan=np.inf))
+
+    def fits(self, out: set[str], budget: float) -> bool:
+        """Whether all of these may be left out together."""
+        if not out:
+            return True
+        if "mirror_lag" in out:
+            budget = min(budget, bounds.LAG_BUDGET_LSB)
+        if any(self.bound[name] > budget for name in out):
+            return False
+        return self._largest(self._cells(out, self.kept.keys() - out)) <= budget
+
+    def margin(self, out: set[str], random: Iterable[str] = ()) -> Floats:
         """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""
-        out, random = frozenset(out), frozenset(random)
-        total, e = self.total, self.extent
-        inputs, levels = total.sums(out | random)
-        with np.errstate(invalid="ignore"):
-            if out | random:
-                for name in self.on.keys() - out:
-                    levels = levels + bounds.kept(name, e)
-            cells = total.cells(inputs, levels)
-            if "mirror_lag" in self.on and "mirror_lag" not in out and np.any(inputs):
-                moved = np.broadcast_to(np.minimum(inputs, total.cap), cells.shape)
-                cells = cells + np.where(total.felt, bounds.lag_slack(moved, e), 0.0)
-        return np.nan_to_num(cells.max(axis=(0, 1)), nan=np.inf)
+        names = out | set(random)
+        whole = np.zeros(self.total.felt.shape)
+        if names:
+            whole[self.where] = self._cells(names, self.kept.keys() - out)
+        return np.nan_to_num(whole.max(axis=(0, 1)), nan=np.inf)
 
 
 def _fields(plan: Plan, name: str) -> frozenset[str]:
@@ -144,7 +183,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
             continue
         for network in (set(), {"trace"}, _SOLVE):
             out = cannot | (network & set(names))
-            if out and weighing.margin(out).max() > auto.budget_lsb:
+            if not weighing.fits(out, auto.budget_lsb):
                 continue
             cost = _cost(name, set(names) - out)
             if best is None or cost < best[0]:
@@ -154,7 +193,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
     _, chosen, out = best
     rest = [n for n in names if n not in out and n not in sheet]
     for name in sorted(rest, key=lambda n: weighing.bound[n] / (1.0 + COST_NS.get(n, 0.0))):
-        if weighing.margin(out | {name}).max() <= auto.budget_lsb:
+        if weighing.fits(out | {name}, auto.budget_lsb):
             out.add(name)
     left = float(weighing.margin(out).max()) if out else 0.0
     why = {}

@@ -24,12 +24,14 @@ Floats = NDArray[np.float64]
 
 # Frames are bounded in at most this many blocks, each by the envelope of its frames: the cost of planning does
 # not grow with the frames, only the pass that makes the envelopes does.
-BLOCKS_MAX = 16
+BLOCKS_MAX = 8
 
 # Stands for a short: beyond it nothing changes in any bound, and products of it stay finite.
-_G_MAX_S = 1e16
+_G_MAX_S = 1e30
 # Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
 _X_CLIP = 0.75
+# With a slow mirror left out everything else that is may not amount to more, or a dark cell might read 1 for it.
+LAG_BUDGET_LSB = 0.4
 # The mirror's output never falls below this (Converter.q_mirror_c).
 Y_FLOOR = 1e-6
 
@@ -76,8 +78,8 @@ class Extent:
         [C] packets of a gate for 1 A of column current.
     """
 
-    def __init__(self, plan: Plan, sigma: float, budget: float) -> None:
-        self.plan, self.sigma, self.budget = plan, sigma, budget
+    def __init__(self, plan: Plan, sigma: float) -> None:
+        self.plan, self.sigma = plan, sigma
         self.n = plan.timing.gate_clocks
         self.settle = plan.timing.settle_clocks
         self.converter, self.drive = plan.converter, plan.drive
@@ -105,7 +107,8 @@ class Extent:
 
         offset = net.v_column_offset_v
         self.d_offset = float(max(offset.max(), 0.0) - min(offset.min(), 0.0))
-        self.d = self.d_offset + float((net.r_column_ohm * np.abs(net.i_leak_a)).max())
+        lift = net.r_column_ohm * net.i_leak_a
+        self.d = self.d_offset + float(max(lift.max(), 0.0) - min(lift.min(), 0.0))
         leak = np.abs(net.i_leak_a) * np.minimum(1.0, net.r_column_ohm * (self.a + self.side))
         self.leak = np.abs(net.i_leak_a) + leak.sum(axis=1, keepdims=True) - leak  # [B, C]
         self.t = self.g + self.p * (self.reach + self.side)[:, None]
@@ -119,6 +122,8 @@ class Extent:
         self.x_clip = _X_CLIP if self.clips else 1.0
         self.x = np.minimum(self.x_up, self.x_clip)
         self.x_sure: ArrayLike = self.x_clip
+        self.lagging: ArrayLike = 0.0  # [B, R, C] packets by which a slow mirror may be early or late
+        self.x_floor: ArrayLike = 0.0  # [B, R, C] smallest duty, before the offset current
         self.packet_low = np.maximum(1.0 + c.packet_error, 1e-3)
         # Packets gone: the charge that came in, and at most every second clock.
         self.ones = np.minimum((self.n * self.x + 1.0) / self.packet_low, (self.n + 1) / 2)
@@ -205,7 +210,9 @@ def column_input(_: Any, e: Extent) -> Bound:
     rise = np.minimum(e.net.r_column_ohm * e.i_up, e.p * e.v + e.d)
     highest = rise.max(axis=2, keepdims=True)
     own = rise if e.net.r_trace_column_ohm == 0 and not e.side else highest
-    return e.amperes(np.maximum(own * (e.a + e.side)[:, None], highest * (e.reach + e.side)[:, None]))
+    loses, gains = own * (e.a + e.side)[:, None], highest * (e.reach + e.side)[:, None]
+    # Without offsets and leaks every column rises, so losing and gaining take from each other.
+    return e.amperes(loses + gains if e.d else np.maximum(loses, gains))
 
 
 def column_offset(_: Any, e: Extent) -> Bound:
@@ -270,20 +277,24 @@ def line_capacitance(_: Any, e: Extent) -> Bound:
     with np.errstate(divide="ignore"):
         onto = np.minimum(np.divide(1.0, net.r_column_ohm), e.a + e.side)  # [B, C]
     charge = (np.sqrt(gate_s * onto / 2.0) + 2.0 * math.sqrt(e.rows * net.c_taxel_f)) * stored * rest
-    # Behind what goes on moving, every node is late by at most tau times the slope.
-    slope = 2.0 * math.pi * e.drive.f_ripple_hz * e.drive.ripple * e.v
-    if e.change is not None:
-        pushed = e.r_row * e.change.sum(axis=2).max() + (e.r_col * e.change.sum(axis=1)).max()
-        slope += float(_ratio(pushed * (e.v + e.d), e.drive.t_frame_s * e.damp.min()))
-    if slope:
+    if e.drive.active_fields():
         smallest = min(net.c_row_f, net.c_column_f)
         norm = math.sqrt(farads / smallest) if smallest else math.inf
-        late = tau * slope * norm if tau else 0.0
-        charge = (
-            charge
-            + gate_s * (e.a + e.side) * late
-            + 2.0 * e.rows * net.c_taxel_f * (late + volts * e.drive.ripple)
-        )
+        slope = 2.0 * math.pi * e.drive.f_ripple_hz * e.drive.ripple * e.v
+        moves = 2.0 * e.drive.ripple * e.v
+        if e.change is None:
+            # Behind a ripple: what it lags by, summed up, is tau times what the voltages have changed by in all.
+            late = tau * norm * 3.0 * moves if tau else 0.0
+        else:
+            # Behind a changing array: late by at most tau times the slope, all through the gate.
+            pushed = e.r_row * e.change.sum(axis=2).max() + (e.r_col * e.change.sum(axis=1)).max()
+            slope += float(_ratio(pushed * (e.v + e.d), e.drive.t_frame_s * e.damp.min()))
+            moves = slope * gate_s
+            late = gate_s * tau * norm * slope if tau and slope else 0.0
+        # Through the taxels' own capacitance: what the voltages across them change by.
+        shifts = 2.0 * e.rows * net.c_taxel_f * moves
+        shifts += 2.0 * math.sqrt(e.rows * net.c_taxel_f * farads) * min(tau * slope, moves)
+        charge = charge + (e.a + e.side) * late + shifts
     return Bound((charge * c.f_clk_hz * e.per_a / e.n)[:, None])
 
 
@@ -314,9 +325,15 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
     """kappa ln(y at the end of the gate / y at its start), from the identity of the logistic equation."""
     c = e.converter
     kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
-    wake = kappa / (math.e * max(e.settle, 1) * Y_FLOOR)
-    late = kappa * np.log1p(wake)
-    early = kappa * math.log1p(e.n / max(e.settle, 1))
+    settle = max(e.settle, 1)
+    some = np.where(kappa > 0, kappa, 1.0)
+    slowest = np.maximum(e.x_floor, 0.0)
+    # Late: a mirror that wakes up is latest at x = kappa / settle; early: one that falls to nothing.
+    worst = np.clip(some / settle, slowest, np.maximum(e.x, slowest))
+    with np.errstate(under="ignore"):
+        late = kappa * np.log1p(worst / Y_FLOOR * np.exp(-settle * worst / some))
+        left = np.maximum(settle * slowest / some, 1e-9)
+        early = kappa * (np.log(-np.expm1(-left * (1.0 + e.n / settle))) - np.log(-np.expm1(-left)))
     if e.drive.ripple:
         a = min(e.drive.ripple, 0.999)
         late = late + kappa * math.log((1.0 + a) / (1.0 - a))
@@ -331,10 +348,11 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
     # It gives no negative current. That lifts dark cells to nothing, which no code shows unless something else
     # lifts them further.
     below = ((e.d * (e.a + e.side) + e.leak) * e.per_a)[:, None]
-    lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e)) + e.budget
-    seen = (lifted >= -W_PRESET) | e.drive.motion
+    lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e))
+    seen = (lifted + LAG_BUDGET_LSB >= -W_PRESET) | e.drive.motion
     nothing = np.where(seen, below, 0.0) + np.where(kappa > 0, e.n * Y_FLOOR, 0.0)
-    return Bound(np.maximum(np.minimum(late, e.n * e.x), early) + nothing)
+    e.lagging = np.maximum(np.minimum(late, e.n * e.x), early)
+    return Bound(e.lagging + nothing)
 
 
 def supply_ripple(_: Any, e: Extent) -> Bound:
@@ -388,7 +406,7 @@ def integrator_range(_: Any, e: Extent) -> Bound:
     limits = np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0)
     limits = limits / (e.packet_v * e.amplitude)
     x = np.minimum(e.x, e.x_sure)
-    moving = 2.0 * (np.asarray(supply_ripple(_, e).lsb) + np.asarray(mirror_lag(_, e).lsb))
+    moving = 2.0 * (np.asarray(supply_ripple(_, e).lsb) + e.lagging)
     if e.drive.motion:
         below = e.d * (e.a + e.side) + e.leak
         moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
@@ -427,9 +445,9 @@ def _delay_tail(e: Extent) -> Floats:
 
 
 def comparator_delay(_: Any, e: Extent) -> Bound:
-    """A sample d clocks early misses d x; where ones come every second clock, the packet's end as well."""
+    """A sample d clocks early misses d x; where ones come every second clock, the packet's end instead."""
     d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
-    return Bound(np.maximum(d * e.x, _delay_tail(e)), level=True)
+    return Bound(np.maximum(d * e.x, _delay_tail(e) - d * np.maximum(e.x_floor, 0.0)), level=True)
 
 
 def charge_packet(p: Any, e: Extent) -> Bound:
@@ -465,7 +483,9 @@ def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
     drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.slack)
-    return Bound(np.maximum(tau * e.x, _bandwidth_tail(e)) + drops, level=True)
+    return Bound(
+        np.maximum(tau * e.x, _bandwidth_tail(e) - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
+    )
 
 
 # --- random effects: sigma times the rms -------------------------------------------------------------------------
@@ -557,6 +577,9 @@ def sensor_spread(p: Any, e: Extent) -> Bound:
 # --- effects that are kept, where they break the order the lemma rests on ----------------------------------------
 
 
+KEPT = ("comparator_hysteresis", "metastability", "comparator_delay", "integrator_bandwidth")
+
+
 def kept(name: str, e: Extent) -> ArrayLike:
     """Packets that a kept effect adds to the margin once anything is left out, [B, R, C] or a number.
 
@@ -581,7 +604,7 @@ def lag_slack(moved: Floats, e: Extent) -> Floats:
     """
     c = e.converter
     kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
-    return kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_FLOOR)
+    return np.broadcast_to(kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_FLOOR), (e.cols,))
 
 
 Bounding = Callable[[Any, Extent], Bound]
@@ -592,13 +615,25 @@ def unknown(_: Any, e: Extent) -> Bound:
     return Bound(np.inf, level=True, gauss=True)
 
 
+# Bounds that ask how small a duty can be, and where cells are sure to be saturated: after all others.
+_LAST = ("mirror_lag", "comparator_delay", "integrator_bandwidth", "integrator_range")
+
+
 def of_effects(on: Mapping[str, Any], functions: Mapping[str, Bounding], e: Extent) -> dict[str, Bound]:
-    """The bound of every effect that is on; the integrator's range last, for it asks where cells are saturated."""
-    found = {name: functions[name](p, e) for name, p in on.items() if name != "integrator_range"}
-    if "integrator_range" in on:
-        e.x_sure = np.minimum(Total(e, found).sure / e.n, e.x_clip)
-        found["integrator_range"] = functions["integrator_range"](on["integrator_range"], e)
-    return found
+    """The bound of every effect that is on."""
+    found = {name: functions[name](p, e) for name, p in on.items() if name not in _LAST}
+    late = [name for name in _LAST if name in on]
+    if late:
+        moved = sum((b.lsb for b in found.values() if not b.level), np.zeros(e.g.shape))
+        c = e.converter
+        with np.errstate(invalid="ignore"):
+            floor = e.plan.v_bias_v * e.g_low / (c.k * c.i0_a) - np.asarray(moved) / e.n
+        e.x_floor = np.minimum(np.nan_to_num(floor, nan=-np.inf), e.x)
+    for name in late:
+        if name == "integrator_range":
+            e.x_sure = np.minimum(Total(e, found).sure / e.n, e.x_clip)
+        found[name] = functions[name](on[name], e)
+    return {name: found[name] for name in on}
 
 
 class Total:
@@ -640,12 +675,3 @@ class Total:
             else:
                 inputs = inputs + lsb
         return inputs, levels + np.sqrt(squares)
-
-    def cells(self, inputs: ArrayLike, levels: ArrayLike) -> Floats:
-        """Packets by which sums of either kind may move a decision, [B, R, C]."""
-        total = np.minimum(inputs, self.cap) + levels
-        return np.where(self.felt, total, 0.0)
-
-    def of(self, name: str) -> Floats:
-        """The bound of one effect, [B, R, C]."""
-        return self.cells(*self.sums([name]))

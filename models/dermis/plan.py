@@ -104,6 +104,8 @@ class Plan:
     engine, seed, views : str, int, str
     margin_lsb : ndarray or float
         [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
+    left_out_lsb : float
+        The part of it that is what the plan leaves out, largest of the columns.
     surrounding : dict
         Fields of Network other than the taxels and the bias.
     first_frame : int
@@ -128,6 +130,7 @@ class Plan:
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
     margin_lsb: Floats | float = 0.0
+    left_out_lsb: float = 0.0
 
     @property
     def frames(self) -> int:
@@ -255,31 +258,34 @@ def make(world: Scene, engine: str | None = None) -> Plan:
 
     auto = world.table.effects.auto
     engine = world.table.run.engine if engine is None else engine
-    whole = _whole(world, engine)
+    everything = whole(world, engine)
     if auto is None:
-        return replace(whole, margin_lsb=chooser.random_margin(whole))
-    choice = chooser.choose(whole, auto, engine)
+        return replace(everything, margin_lsb=chooser.random_margin(everything))
+    choice = chooser.choose(everything, auto, engine)
     kept = effects.gather({name: world.effects[name] for name in choice.on}, _setting(world))
     states = []
-    for state in whole.effects:
+    for state in everything.effects:
         cost, bound = chooser.COST_NS.get(state.name, 0.0), choice.bound_lsb.get(state.name)
         if bound is None:
             given = getattr(world.table.effects, state.name)
             only = "switched off" if given is False else "not named, and not considered unless it is"
-            there = whole.topology in effects.EFFECTS[state.name].topologies
-            states.append(state._replace(reason=only if there else f"topology {whole.topology} has none"))
+            there = everything.topology in effects.EFFECTS[state.name].topologies
+            states.append(
+                state._replace(reason=only if there else f"topology {everything.topology} has none")
+            )
         else:
             states.append(
                 EffectState(state.name, state.name in choice.on, choice.why[state.name], bound, cost)
             )
     return replace(
-        whole,
+        everything,
         converter=_converter(world, kept.converter),
-        drive=Drive(t_frame_s=whole.drive.t_frame_s, **kept.drive),
+        drive=Drive(t_frame_s=everything.drive.t_frame_s, **kept.drive),
         surrounding=dict(kept.network),
         effects=tuple(states),
         engine=choice.engine,
         margin_lsb=choice.margin_lsb,
+        left_out_lsb=choice.left_out_lsb,
     )
 
 
@@ -296,7 +302,7 @@ def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
     )
 
 
-def _whole(world: Scene, engine: str | None) -> Plan:
+def whole(world: Scene, engine: str | None) -> Plan:
     """Plan a scene with every effect it has; engine closed where none is named."""
     table, design = world.table, world.design
     engine = "closed" if engine is None else engine

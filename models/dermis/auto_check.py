@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random scenes through the plan's own choice and through engine event with everything on: do the bounds hold?"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from dermis import auto, effects, engines, scene, verdict
+from dermis import plan as planning
+from dermis.design import TOPOLOGIES
+from dermis.design import load as load_design
+from dermis.engines import event
+from dermis.progress import slots
+
+KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
+# Values of effects are drawn this many decades below and above their defaults.
+_DECADES = (-1.5, 0.3)
+_SIGNED = {"ratio_error", "packet_error", "v_v", "i_a", "delta_k", "tc_per_k"}
+_BELOW = {"t_aperture_s": 1e-7, "t_s": 1e-7, "relative": 0.5}
+# Two of these with topology direct couple its columns, which no fast engine does together with finite gain.
+_COUPLING = ("lateral", "row_driver", "column_input", "trace")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scene: who differs by how much, what is certified, how long it took (process time in s)."""
+
+    kind: str
+    topology: str
+    engine: str
+    conversions: int
+    differ: int
+    largest: int
+    allowed: int
+    outside: int
+    width: np.ndarray
+    left_out_lsb: float
+    seconds: float
+    seconds_all: float
+
+
+def random_scene(rng: np.random.Generator, directory: Path, frames: int = 24) -> dict[str, Any]:
+    """Data of a random scene with auto on; files it needs are written into `directory`."""
+    rows, cols = (16, 16) if rng.random() < 0.5 else (int(v) for v in rng.integers(3, 20, 2))
+    topology = str(rng.choice(TOPOLOGIES))
+    design = load_design()
+    on: dict[str, Any] = {"auto": {"budget_lsb": float(rng.choice([0.1, 0.25, 0.5])), "sigma": 6.0}}
+    motion = rng.random() < 0.15
+    for effect in effects.EFFECTS.values():
+        if topology not in effect.topologies:
+            continue
+        if effect.name.startswith("sensor_") and rng.random() < 0.8:
+            continue
+        if effect.name == "motion":
+            if motion:
+                on["motion"] = {}
+            continue
+        values = effect.table().model_dump() | effect.defaults(design, topology)
+        if None in values.values():
+            values = {name: 10.0 ** rng.uniform(-1, 1) if v is None else v for name, v in values.items()}
+        if rng.random() < 0.7:
+            signed = effect.name not in ("comparator_noise", "comparator_hysteresis")
+            on[effect.name] = {name: _drawn(rng, name, v, signed) for name, v in values.items()}
+    if topology == "direct":
+        couples = rng.random() < 0.5
+        on |= dict.fromkeys(("integrator_gain", "integrator_bandwidth") if couples else _COUPLING, False)
+    return {
+        "array": {"rows": rows, "cols": cols},
+        "sensor": {"law": str(rng.choice(["inverse", "inverse", "power"]))},
+        "stimulus": _stimulus(rng, str(rng.choice(KINDS)), rows, cols, frames, directory),
+        "interface": {
+            "topology": topology,
+            "k": int(rng.choice(design.interface.k_options)),
+            "v_bias_v": float(rng.uniform(0.25, 0.6)),
+        },
+        "effects": on,
+        "run": {"seed": int(rng.integers(1 << 31))},
+    }
+
+
+def _drawn(rng: np.random.Generator, name: str, default: Any, signed: bool) -> Any:
+    if name in ("v_max_v", "v_min_v", "v_overdrive_v", "temperature_c", "frequency_hz"):
+        return float(default) * float(rng.uniform(0.85, 1.1))
+    if name == "phase_deg":
+        return float(rng.uniform(-180, 180))
+    if name == "spread":
+        return 0.0 if rng.random() < 0.5 else float(10 ** rng.uniform(-4, -2))
+    if name in ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm"):  # the larger the better
+        return float(default) * float(10 ** -rng.uniform(*_DECADES))
+    value = float(default) * float(10 ** rng.uniform(*_DECADES))
+    value = min(value, _BELOW.get(name, np.inf))
+    return -value if signed and name in _SIGNED and rng.random() < 0.5 else value
+
+
+def _body(rng: np.random.Generator, rows: int, cols: int) -> dict[str, Any]:
+    return {
+        "shape": str(rng.choice(["flat", "triangular", "cylindrical", "spherical", "round"])),
+        "width": float(rng.uniform(1, cols)),
+        "length": float(rng.uniform(1, rows)),
+        "center_row": float(rng.uniform(0, rows - 1)),
+        "center_col": float(rng.uniform(0, cols - 1)),
+        "angle_deg": float(rng.uniform(-180, 180)),
+        "samples": int(rng.integers(1, 4)),
+    }
+
+
+def _stimulus(
+    rng: np.random.Generator, kind: str, rows: int, cols: int, frames: int, directory: Path
+) -> dict[str, Any]:
+    forces = [float(f) for f in rng.uniform(0, 18, frames)]
+    if kind == "uniform":
+        codes = [int(c) for c in rng.integers(0, 256, frames)]
+        ohms = [float(r) for r in 10.0 ** rng.uniform(2.4, 5, frames)]
+        choice = [{"code": codes}, {"force_n": forces}, {"r_ohm": ohms}][rng.integers(3)]
+        return {"kind": kind} | choice
+    if kind in ("frames", "resistance"):
+        shape = (frames, rows, cols)
+        if kind == "frames":
+            touched = rng.random(shape) < rng.uniform(0.05, 1.0)
+            values, more = np.where(touched, rng.integers(0, 256, shape), 0), {"unit": "codes"}
+        else:
+            values, more = 10.0 ** rng.uniform(2.6, 6, shape), {}
+            values[rng.random(shape) < 0.3] = np.inf
+            if rng.random() < 0.3:
+                values[0, 0, 0] = 0.0
+        np.save(directory / f"{kind}.npy", values)
+        return {"kind": kind, "file": f"{kind}.npy"} | more
+    body = _body(rng, rows, cols)
+    if kind == "indenter":
+        return {"kind": kind, "force_n": forces} | body
+    if kind == "slip":
+        speed, way = float(10 ** rng.uniform(0, 3)), float(rng.uniform(-180, 180))
+        moving = {"speed_pitch_per_s": speed, "direction_deg": way, "force_n": forces[0]}
+        return {"kind": kind, "frames": frames} | moving | body
+    if kind == "tapping":
+        return {
+            "kind": kind,
+            "frames": frames,
+            "frequency_hz": float(rng.uniform(5, 80)),
+            "force_n": forces[0],
+        } | body
+    if kind == "ramp":
+        return {"kind": kind, "frames": frames, "force_n": forces[:4]} | body
+    parts = [
+        {"kind": "ramp", "frames": frames, "force_n": forces[:3]} | _body(rng, rows, cols) for _ in range(2)
+    ]
+    return {"kind": "several", "parts": parts}
+
+
+def compare(data: dict[str, Any], path: Path, timed: bool = False) -> Outcome:
+    """Run a scene as auto plans it and with everything on, and compare."""
+    world = scene.from_data(data, path)
+    engines.run(planning.make(world)) if timed else None  # compiles what this plan needs
+    start = time.process_time()
+    chosen = planning.make(world)
+    result = engines.run(chosen)
+    seconds = time.process_time() - start
+
+    table = world.table.effects.model_copy(update={"auto": None} | world.effects)
+    whole = replace(world, table=world.table.model_copy(update={"effects": table}))
+    event.run(planning.whole(whole, "event")) if timed else None
+    start = time.process_time()
+    full = event.run(planning.whole(whole, "event"))
+    seconds_all = time.process_time() - start
+
+    codes, low, high = (a.astype(int) for a in (result.codes, result.low, result.high))
+    apart = np.abs(codes - full.codes)
+    settings = world.table.effects.auto
+    return Outcome(
+        kind=world.table.stimulus.kind,
+        topology=chosen.topology,
+        engine=chosen.engine,
+        conversions=codes.size,
+        differ=int((apart > 0).sum()),
+        largest=int(apart.max()),
+        allowed=int(np.floor(settings.budget_lsb + 1.0)),
+        outside=int(((full.codes < low) | (full.codes > high)).sum()),
+        width=np.bincount((high - low).ravel(), minlength=2),
+        left_out_lsb=float(chosen.left_out_lsb),
+        seconds=seconds,
+        seconds_all=seconds_all,
+    )
+
+
+def campaign(count: int, seed: int, frames: int = 24, timed: bool = False) -> list[Outcome]:
+    """Outcomes of `count` random scenes; the same for the same seed."""
+    outcomes = []
+    with tempfile.TemporaryDirectory() as directory, slots("scenes", count) as on_done:
+        for number in range(count):
+            rng = np.random.default_rng([seed, number])
+            data = random_scene(rng, Path(directory), frames)
+            outcomes.append(compare(data, Path(directory) / "scene.toml", timed))
+            on_done(number + 1)
+    return outcomes
+
+
+def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
+    """Verdict rows of a campaign."""
+    total = sum(o.conversions for o in outcomes)
+    length = max(o.width.size for o in outcomes)
+    widths = sum(np.pad(o.width, (0, length - o.width.size)) for o in outcomes)
+    cumulative = np.cumsum(widths)
+    median = int(np.searchsorted(cumulative, total / 2))
+    ratios = [o.seconds_all / o.seconds for o in outcomes]
+    by_engine = ", ".join(f"{sum(o.engine == e for o in outcomes)} {e}" for e in auto.ENGINE_COST_NS)
+    return [
+        verdict.judge("auto.scenes", len(outcomes), by_engine),
+        verdict.judge("auto.conversions", total),
+        verdict.judge(
+            "auto.over_budget",
+            sum(o.largest > o.allowed for o in outcomes),
+            f"largest difference {max(o.largest for o in outcomes)}, "
+            f"{sum(o.differ for o in outcomes) / total:.3%} of the codes differ",
+        ),
+        verdict.judge("auto.outside_certified", sum(o.outside for o in outcomes), f"of {total} conversions"),
+        verdict.judge("auto.median_width_lsb", median, f"mean {widths @ np.arange(length) / total:.3f}"),
+        verdict.judge(
+            "auto.speedup",
+            float(np.median(ratios)),
+            f"median of {len(ratios)}; quarters {np.quantile(ratios, 0.25):.3g} and {np.quantile(ratios, 0.75):.3g}",
+        ),
+    ]
+
+
+@click.command("auto-check")
+@click.option(
+    "--scenes", default=1000, show_default=True, type=click.IntRange(min=1), help="How many scenes."
+)
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Seed of the first.")
+@click.option(
+    "--frames", default=24, show_default=True, type=click.IntRange(min=2), help="Frames of a scene."
+)
+def auto_check_command(scenes: int, seed: int, frames: int) -> int:
+    """Random scenes as auto plans them against everything on: budget, certified codes, speed."""
+    outcomes = campaign(scenes, seed, frames, timed=True)
+    found = rows(outcomes)
+    verdict.write_rows("auto_check", found)
+    verdict.print_rows(found, f"{scenes} random scenes, auto against all effects in engine event")
+    return verdict.exit_code(found)
