@@ -18,6 +18,7 @@ from dermis.design import ROOT
 from dermis.generate import spice_number
 from dermis.ngspice import Deck
 from dermis.plan import Drive, Plan
+from dermis.vfc import Converter
 
 SPICE = ROOT / "spice"
 
@@ -63,6 +64,11 @@ _OPTIONS_EXACT = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "trtol": 1e12}
 # With a pole the step follows the truncation error. Ten times tighter changes no code of nonideal_channel and takes
 # 1.8 times the steps; trtol 7 is ngspice's own, said because XSPICE elements would turn it into 1.
 _OPTIONS_POLE = {"reltol": 1e-4, "abstol": 1e-12, "vntol": 1e-7, "chgtol": 1e-14, "trtol": 7.0}
+
+# A clamp inside the converter's own swing is met at every packet, and what it takes decides which clock the next one
+# falls on. At 1e-4 a code of a range of -0.25 .. 0.6 V is off by 3; at 1e-5 by 1; here by none.
+_OPTIONS_CLAMP = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
+_SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 
 def source_names(rows: int, cols: int) -> tuple[str, ...]:
@@ -182,7 +188,7 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
-    lines.append(options(has_pole(plan)))
+    lines.append(options(has_pole(plan), clamp_bites(plan.converter)))
     probes = [f"comp{c}" for c in range(cols)]
     if record:
         probes += [integrator_node(c) for c in range(cols)]
@@ -238,9 +244,9 @@ def _array(plan: Plan, frame: int, network: Network) -> list[str]:
     return text.splitlines()
 
 
-def options(pole: bool) -> str:
-    """The `.options` line of a deck that has a time constant besides its integrators, or none."""
-    return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
+def options(pole: bool, clamp: bool = False) -> str:
+    """The `.options` line of a deck with a time constant besides its integrators, without, or with a biting clamp."""
+    return ".options " + _assignments(_OPTIONS_CLAMP if clamp else _OPTIONS_POLE if pole else _OPTIONS_EXACT)
 
 
 def integrator_node(column: int) -> str:
@@ -271,6 +277,12 @@ def has_pole(plan: Plan) -> bool:
         across = across + plan.conductance_s().sum(axis=1).max(axis=0)
     leak = across * converter.inv_gain_dc / (converter.c_int_f * converter.f_clk_hz)
     return bool(np.any(leak * _LEAK_CLOCKS > 1.0))
+
+
+def clamp_bites(converter: Converter) -> bool:
+    """Whether the range of an integrator is so small that charge is lost in normal use."""
+    room = np.minimum(converter.v_int_max_v, -converter.v_int_min_v)
+    return bool(np.any(room < _SWING_PACKETS * converter.packet_v() * (1.0 - 1e-9)))
 
 
 def longest_step_s(drive: Drive) -> float:

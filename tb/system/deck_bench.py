@@ -8,8 +8,10 @@ have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,13 +58,13 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
     return np.minimum(counts, timing.code_max), statistics
 
 
-def read_plan(plan: Plan, work: str) -> tuple[NDArray[np.int64], dict[str, int]]:
+def read_plan(plan: Plan, log: Path) -> tuple[NDArray[np.int64], dict[str, int]]:
     """Codes [frames, rows, cols] of a plan; runs in a process that has had no circuit that failed."""
     levels = [1.0] + [0.0] * (plan.rows - 1) + [1.0] + [0.0] * plan.cols
     codes, total = [], {}
     for frame in range(plan.frames):
         deck = netlist.frame_deck(plan, frame, levels)
-        read, statistics = read_deck(deck, plan.timing, plan.cols, Path(work) / "ngspice.log")
+        read, statistics = read_deck(deck, plan.timing, plan.cols, log)
         codes.append(read)
         total = {name: total.get(name, 0) + value for name, value in statistics.items()}
     return np.array(codes), total
@@ -72,7 +74,7 @@ class DeckReader:
     """One process that reads plan after plan; ngspice keeps its circuit in global variables."""
 
     def __init__(self, work: Path) -> None:
-        self._work = work
+        self._log = work / "ngspice.log"
         self._pool: ProcessPoolExecutor | None = None
 
     def codes(self, plan: Plan) -> NDArray[np.int64]:
@@ -81,10 +83,17 @@ class DeckReader:
 
     def measured(self, plan: Plan) -> tuple[NDArray[np.int64], dict[str, int]]:
         """The codes with ngspice's count of accepted and rejected steps and iterations."""
+        return self._in_process(read_plan, plan, self._log)
+
+    def deck(self, deck: Deck, plan: Plan) -> NDArray[np.int64]:
+        """Codes [rows, cols] of a deck written otherwise than a plan's own."""
+        return self._in_process(read_deck, deck, plan.timing, plan.cols, self._log)[0]
+
+    def _in_process(self, function: Callable[..., Any], *arguments: Any) -> Any:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         try:
-            return self._pool.submit(read_plan, plan, str(self._work)).result()
+            return self._pool.submit(function, *arguments).result()
         except BaseException:
             self.close()
             raise
