@@ -2,75 +2,92 @@
 """The event engine: the charge balance of every taxel clock by clock, exact between clocks, no time step.
 
 Between two clocks the current into the integrator is constant on at most three pieces (the packet begins or
-ends, the comparator is sampled a delay before the clock), so the charge is a straight line or, with a leak,
-one exponential. Either is monotone on a piece: range limits and hysteresis need to be looked at only where
-pieces meet.
+ends, the comparator is sampled a delay before the clock). On a piece the charge is a straight line or, with a
+leak, an exponential; with finite bandwidth the output follows by a second one. What a clock does to a cell is
+so a handful of numbers that are worked out once a gate. Where an effect makes the input change inside a gate,
+its mean over each clock takes the place of the constant (event_input); noise is looked up only where it can
+change a decision (dermis.noise).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import mpmath
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import column_currents
-from dermis.engines import Result
+from dermis import noise
+from dermis.array import Network, column_currents
+from dermis.engines import Result, event_loops
+from dermis.engines.event_input import FIELDS as VARYING
+from dermis.engines.event_input import X_MAX, Slots
 from dermis.errors import InputError
-from dermis.plan import Plan
-from dermis.vfc import W_PRESET
+from dermis.plan import Drive, Plan
+from dermis.vfc import W_PRESET, Converter
 
+Floats = NDArray[np.float64]
+
+# Every field of the records: what one cell does, this engine does.
 HONOURS = frozenset(
+    {f.name for f in fields(Network)} - {"g_taxel_s", "v_bias_v"}
+    | {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
+    | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
+)
+
+_RANDOM = frozenset(
     {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "v_column_offset_v",
-        "g_lateral_row_s",
-        "g_lateral_column_s",
-        "gain",
-        "i_offset_a",
-        "inv_gain_dc",
-        "g_in_s",
-        "v_int_max_v",
-        "v_int_min_v",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-        "v_hysteresis_v",
-        "t_comp_delay_s",
+        "v_comp_noise_v",
+        "t_meta_s",
+        "t_jitter_s",
+        "kt_noise_j",
+        "q_shot_c",
+        "v_preset_noise_v",
+        "packet_flicker",
     }
 )
 
-# A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
-_X_MAX = 1e12
 _LEAK_MAX = 1e12
+# Duty beyond which a converter saturates whatever its noise is.
+_X_NOISE_MAX = 1.0
 
-_VALUES_AT_ONCE = 1 << 15
+# Cells in numpy's hands at once; their arrays stay in a 1 MB cache.
+_VALUES_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Converters in packets and clocks, every field [n]: what the loops below run over.
+    """Converters in packets and clocks, every field [n]: what the loops run over.
 
     `x` packets a clock; `leak` fraction of w lost a clock; `w0` start; `packet`; `rise` and `fall` the levels
     at which the comparator goes high and low; `low` and `high` the range of w; `delay` of the comparator in
-    clocks, 0..1.
+    clocks, 0..1; `lag` time constant in clocks by which the output follows w (0: at once); `across` fraction of
+    what the output has not followed yet that flows through the input a clock (the leak is the part of it that
+    remains).
     """
 
-    x: NDArray[np.float64]
-    leak: NDArray[np.float64]
-    w0: NDArray[np.float64]
-    packet: NDArray[np.float64]
-    rise: NDArray[np.float64]
-    fall: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    delay: NDArray[np.float64]
+    x: Floats
+    leak: Floats
+    w0: Floats
+    packet: Floats
+    rise: Floats
+    fall: Floats
+    low: Floats
+    high: Floats
+    delay: Floats
+    lag: Floats
+    across: Floats
+
+
+class Noise(NamedTuple):
+    """What is random in some cells: `rows` [4, n] (rows of event_loops.walk) and a key a cell [n]."""
+
+    rows: Floats
+    keys: NDArray[np.uint64]
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
@@ -85,8 +102,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them, info["w_end"] the charge at
-        the end of the gate in packets.
+        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them (mean over the gate), info["w_end"] the
+        charge at the end of the gate in packets.
 
     Raises
     ------
@@ -97,16 +114,26 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=np.uint8)
     x_all, w_end = np.empty(shape), np.empty(shape)
-    base = plan.network(0)
+    base, timing = plan.network(0), plan.timing
+    active = plan.active_fields()
+    varies, random = bool(active & VARYING), bool(active & _RANDOM)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
         g = plan.conductance_s(part)
-        x_all[part] = plan.converter.duty(column_currents(base, g))
-        counts, w_end[part] = count_cells(
-            cells_of(plan, x_all[part], g), plan.timing.gate_clocks, plan.timing.charge_delay_clocks
-        )
-        codes[part] = np.minimum(counts, plan.timing.code_max)
+        keys = noise.cell_keys(plan.seed, plan.first_frame + first, g.shape) if random else None
+        if varies:
+            slots = Slots(plan, part)
+            counts, w_end[part] = _count_slots(plan, slots, g, keys)
+            x_all[part] = slots.mean
+        else:
+            x = x_all[part] = plan.converter.duty(column_currents(base, g))
+            cells, draws = cells_of(plan, x, g), None
+            if keys is not None:
+                cells = _with_slot_noise(plan.converter, cells, keys)
+                draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
+            counts, w_end[part] = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
+        codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
@@ -125,21 +152,22 @@ def _refuse_coupled(plan: Plan) -> None:
         )
 
 
-def cells_of(plan: Plan, x: NDArray[np.float64], g_taxel_s: NDArray[np.float64]) -> Cells:
+def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
     converter = plan.converter
     packet_v = converter.packet_v()
     amplitude = 1.0 / (
         1.0 + converter.inv_gain_dc
     )  # output of the integrator over the voltage of its capacitor
-    leak = np.zeros(x.shape)
-    if converter.inv_gain_dc.any():
-        across = converter.g_in_s
+    leak = across = np.zeros(x.shape)
+    if converter.inv_gain_dc.any() or converter.t_gbw_s.any():
+        g_in = converter.g_in_s
         if plan.topology == "direct":
             # The whole column hangs on the virtual ground, whichever row is driven.
-            across = across + np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
-        per_clock = across * converter.inv_gain_dc * amplitude / converter.c_int_f / converter.f_clk_hz
-        leak = np.minimum(np.broadcast_to(per_clock, x.shape), _LEAK_MAX)
+            g_in = g_in + np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
+        per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
+        across = np.minimum(per_clock, _LEAK_MAX)
+        leak = across * (converter.inv_gain_dc * amplitude)
     limits = np.sort(
         [converter.v_sign * converter.v_int_min_v, converter.v_sign * converter.v_int_max_v], axis=0
     )
@@ -153,177 +181,398 @@ def cells_of(plan: Plan, x: NDArray[np.float64], g_taxel_s: NDArray[np.float64])
         "low": limits[0] / scale,
         "high": limits[1] / scale,
         "delay": converter.t_comp_delay_s * converter.f_clk_hz,
+        "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
     }
     everywhere = {name: np.broadcast_to(value, x.shape) for name, value in columns.items()}
-    return Cells(x=np.clip(x, -_X_MAX, _X_MAX), leak=leak, **everywhere)
+    return Cells(x=np.clip(x, -X_MAX, X_MAX), leak=leak, across=across, **everywhere)
 
 
-def count_cells(
-    cells: Cells, clocks: int, charge_delay: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as `cells.x`.
+def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
+    """Draw what is drawn once a slot: where the preset lets go, and the size of the packet."""
+    changed = {}
+    if converter.v_preset_noise_v.any():
+        spread = converter.v_preset_noise_v / converter.packet_v()
+        start = cells.w0 + spread * noise.normals(keys, noise.PRESET)
+        changed["w0"] = np.clip(start, cells.low, cells.high)
+    if converter.packet_flicker.any():
+        changed["packet"] = cells.packet * (
+            1.0 + converter.packet_flicker * noise.normals(keys, noise.FLICKER)
+        )
+    return dataclasses.replace(cells, **changed) if changed else cells
 
-    A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
-    0..1. A loop exists for each kind of cell: none of them tests for an effect that is off.
+
+def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
+    """Variance of charge a clock in packets^2 that does not hang on x: thermal noise, [frames, 1, cols]."""
+    converter = plan.converter
+    column_s = np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
+    q_packet = converter.i0_a / converter.f_clk_hz
+    return 2.0 * converter.kt_noise_j * column_s / (converter.k**2 * converter.f_clk_hz * q_packet**2)
+
+
+def _noise_rows(
+    converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
+) -> Floats:
+    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets."""
+    x = np.minimum(np.abs(x), _X_NOISE_MAX)
+    rate = np.minimum(x, 0.5)
+    shot = (converter.q_shot_c * converter.f_clk_hz / converter.i0_a)[column]
+    jitter = (converter.t_jitter_s * converter.f_clk_hz)[column]
+    output_v = (converter.packet_v() / (1.0 + converter.inv_gain_dc))[column]
+    rows = np.empty((4, *x.shape))
+    rows[event_loops.SIGMA] = np.sqrt(variance + shot * (x + rate) + 2.0 * jitter**2 * rate)
+    rows[event_loops.WHITE] = converter.v_comp_noise_v[column] / output_v
+    rows[event_loops.SLOPE] = x * jitter
+    rows[event_loops.APERTURE] = x * (0.5 * converter.t_meta_s[column] * converter.f_clk_hz)
+    return rows.reshape(4, -1)
+
+
+class Rows(NamedTuple):
+    """What event_loops.walk takes for n cells; None is off."""
+
+    slow: Floats
+    fast: Floats | None
+    latch: Floats | None
+    early: Floats | None
+    rise: Floats
+    window: Floats | None
+    limits: Floats | None
+    lag: Floats | None
+
+
+def rows_of(cells: Cells, charge_delay: float) -> Rows:
+    """Work out what a clock does to every cell, cells flattened.
+
+    The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v) - leak v
+    and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one near -leak carries
+    the charge, the one beyond -1 / lag what the output has not followed yet. The states here are the two parts
+    of v, v = a + b, and w = weight_a a + weight_b b.
     """
     if not 0 < charge_delay <= 1:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
-    flat = [np.ascontiguousarray(getattr(cells, f.name), dtype=float).ravel() for f in fields(Cells)]
-    x, leak, w0, packet, rise, fall, low, high, delay = flat
-    counts, w_end = np.empty(x.size, dtype=np.int64), np.empty(x.size)
-    if leak.any() or np.isfinite(low).any() or np.isfinite(high).any():
-        _count_bent(x, leak, w0, packet, rise, fall, low, high, delay, clocks, charge_delay, counts, w_end)
-    elif delay.any() or (rise != fall).any():
-        _count_straight(x, w0, packet, rise, fall, delay, clocks, charge_delay, counts, w_end)
-    else:
-        _count_plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end)
-    return counts.reshape(cells.x.shape), w_end.reshape(cells.x.shape)
-
-
-# The loops below are compiled: plain arrays in, results in counts and w_end.
-
-
-@numba.njit(cache=True)
-def _count_plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
-    # n * x is rounded once and never summed up, so that this is the closed formula to the last bit. Whenever
-    # a decision is open, every packet before it is complete, so the delay of the charge does not enter.
-    for i in range(x.size):
-        start = rise[i] - w0[i]
-        level = start
-        ones = 0
-        last = False
-        before = False
-        for n in range(1, clocks + 1):
-            before = last
-            last = not last and n * x[i] >= level
-            if last:
-                ones += 1
-                level = start + ones * packet[i]
-        counts[i] = ones
-        gone = ones - last - before * charge_delay
-        w_end[i] = w0[i] + (clocks * x[i] - gone * packet[i])
-
-
-@numba.njit(cache=True)
-def _count_straight(x, w0, packet, rise, fall, delay, clocks, charge_delay, counts, w_end):  # type: ignore
-    for i in range(x.size):
-        sample = 1.0 - delay[i]
-        first, second = min(sample, charge_delay), max(sample, charge_delay)
-        state = w0[i] >= rise[i]
-        old = 0  # ones before q[n-2]
-        before = False  # q[n-2]
-        last = False  # q[n-1]
-        for n in range(1, clocks + 1):
-            seen = state
-            for point in (first, second, 1.0):
-                gone = (
-                    old
-                    + before * min(point + 1.0 - charge_delay, 1.0)
-                    + last * max(point - charge_delay, 0.0)
-                )
-                w = w0[i] + ((n - 1 + point) * x[i] - gone * packet[i])
-                if w >= rise[i]:
-                    state = True
-                elif w < fall[i]:
-                    state = False
-                if point == sample:
-                    seen = state
-            one = seen and not last
-            old += before
-            before = last
-            last = one
-        counts[i] = old + before + last
-        w_end[i] = w0[i] + (clocks * x[i] - (old + before * (1.0 - charge_delay)) * packet[i])
-
-
-@numba.njit(cache=True)
-def _count_bent(  # type: ignore
-    x, leak, w0, packet, rise, fall, low, high, delay, clocks, charge_delay, counts, w_end
-):
-    for i in range(x.size):
-        sample = 1.0 - delay[i]
-        first, second = min(sample, charge_delay), max(sample, charge_delay)
-        # w after a piece of length h with current c: keep * w + gain * c, with keep = exp(-leak h).
-        length = (first, second - first, 1.0 - second)
-        keep = (
-            math.exp(-leak[i] * length[0]),
-            math.exp(-leak[i] * length[1]),
-            math.exp(-leak[i] * length[2]),
+    flat = {f.name: np.ascontiguousarray(getattr(cells, f.name), dtype=float).ravel() for f in fields(Cells)}
+    leak, lag, packet, w0 = flat["leak"], flat["lag"], flat["packet"], flat["w0"]
+    sample = 1.0 - flat["delay"]
+    slow = np.empty((8, w0.size))
+    fast = None
+    if lag.any():
+        if not lag.all():
+            raise ValueError("the output of some cells lags and of others does not")
+        loaded, leaks = flat["across"] * lag, leak * lag
+        root = np.sqrt((loaded - 1.0) ** 2 + 4.0 * (loaded - leaks))
+        total = 1.0 + loaded + root
+        _fill(slow, -2.0 * leak / total, 1.0 / root, 1.0 - 2.0 * leaks / total, packet, charge_delay)
+        fast = np.empty_like(slow)
+        # 1 + rate lag without the difference of two near equals
+        rest = 1.0 - loaded + root
+        weight = np.where(
+            loaded < 1.0,
+            -2.0 * (loaded - leaks) / np.where(loaded < 1.0, rest, 1.0),
+            (1.0 - loaded - root) / 2,
         )
-        if leak[i] > 0:
-            gain = (
-                -math.expm1(-leak[i] * length[0]) / leak[i],
-                -math.expm1(-leak[i] * length[1]) / leak[i],
-                -math.expm1(-leak[i] * length[2]) / leak[i],
+        _fill(fast, -total / (2.0 * lag), -1.0 / root, weight, packet, charge_delay)
+        fast[event_loops.START] = -w0 * 2.0 * leaks / (total * root)
+        slow[event_loops.START] = w0 - fast[event_loops.START]
+    else:
+        _fill(slow, -leak, np.ones_like(leak), np.ones_like(leak), packet, charge_delay)
+        slow[event_loops.START] = w0
+    latch = early = None
+    modes = [slow] if fast is None else [slow, fast]
+    if charge_delay < 1.0:
+        latch = np.stack(
+            [
+                packet * m[event_loops.DRIVE] * _grow(m[event_loops.RATE], 1.0 - charge_delay)
+                for m in (slow, modes[-1])
+            ]
+        )
+    if flat["delay"].any():
+        early = np.empty((6, w0.size))
+        late = np.maximum(sample - charge_delay, 0.0)
+        whole = sum(m[event_loops.DRIVE] * _grow(m[event_loops.RATE], sample) for m in modes)
+        last = sum(m[event_loops.DRIVE] * _grow(m[event_loops.RATE], late) for m in modes)
+        early[event_loops.KEEP_SLOW] = np.exp(slow[event_loops.RATE] * sample)
+        early[event_loops.KEEP_FAST] = np.exp(modes[-1][event_loops.RATE] * sample)
+        early[event_loops.GAIN_EARLY] = whole
+        early[event_loops.TAKE_EARLY] = packet * (whole - last)
+        early[event_loops.TAKE_EARLY_LAST] = packet * last
+        early[event_loops.POINT] = sample
+    bounded = np.isfinite(flat["low"]).any() or np.isfinite(flat["high"]).any()
+    return Rows(
+        slow=slow,
+        fast=fast,
+        latch=latch,
+        early=early,
+        rise=flat["rise"],
+        window=flat["fall"] if (flat["fall"] != flat["rise"]).any() else None,
+        limits=np.stack([flat["low"], flat["high"]]) if bounded else None,
+        lag=None if fast is None else lag,
+    )
+
+
+def _fill(rows: Floats, rate: Floats, drive: Floats, weight: Floats, packet: Floats, late: float) -> None:
+    whole, last = drive * _grow(rate, 1.0), drive * _grow(rate, 1.0 - late)
+    rows[event_loops.KEEP] = np.exp(rate)
+    rows[event_loops.GAIN] = whole
+    rows[event_loops.TAKE] = packet * (whole - last)
+    rows[event_loops.RATE], rows[event_loops.DRIVE] = rate, drive
+    rows[event_loops.WEIGHT], rows[event_loops.PACKET] = weight, packet
+
+
+def _grow(rate: Floats, length: float | Floats) -> Floats:
+    """Integral of exp(rate t) over 0..length."""
+    straight = rate == 0
+    return np.where(straight, length, np.expm1(rate * length) / np.where(straight, 1.0, rate))
+
+
+def count_cells(
+    cells: Cells, clocks: int, charge_delay: float, draws: Noise | None = None
+) -> tuple[NDArray[np.int64], Floats]:
+    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as `cells.x`.
+
+    A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
+    0..1. A loop is compiled for each kind of cell: none of them tests for an effect that is off.
+    """
+    shape = cells.x.shape
+    bent = (
+        cells.leak.any() or cells.lag.any() or np.isfinite(cells.low).any() or np.isfinite(cells.high).any()
+    )
+    ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
+    counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
+    x = np.ascontiguousarray(cells.x, dtype=float).ravel()
+    if ideal:
+        if not 0 < charge_delay <= 1:
+            raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
+        w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
+        event_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+    else:
+        _walk(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
+    return counts.reshape(shape), end.reshape(shape)
+
+
+def _walk(
+    clocks: int,
+    late: float,
+    x: Floats | None,
+    vary: Floats | None,
+    rows: Rows,
+    draws: Noise | None,
+    begin: int,
+    stop: int,
+    counts: NDArray[np.int64],
+    end: Floats,
+) -> None:
+    of, keys = (None, None) if draws is None else draws
+    step = None if of is None else _grid_step(of[event_loops.SIGMA], clocks)
+    event_loops.walk(
+        clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window, rows.limits,
+        rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
+    )  # fmt: skip
+
+
+def _grid_step(sigma: Floats, clocks: int) -> int:
+    """How far apart the Brownian paths are laid out: what costs least, for the numbers do not hang on it.
+
+    A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is within 8 sigma of
+    what the grid leaves open, sqrt(step) / 2.
+    """
+    span = noise.span_of(clocks)
+    typical = float(sigma.mean())
+    steps = [8 * 2**i for i in range(10)]
+    cost = [20 * span / s + 100 * clocks * min(1.0, 8 * typical * math.sqrt(s)) for s in steps]
+    return min(steps[int(np.argmin(cost))], span)
+
+
+def _count_slots(
+    plan: Plan, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
+) -> tuple[NDArray[np.int64], Floats]:
+    """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of cells."""
+    timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
+    cells = cells_of(plan, np.zeros(shape), g_taxel_s)
+    variance = None
+    if keys is not None:
+        cells = _with_slot_noise(converter, cells, keys)
+        keys = np.ascontiguousarray(keys.transpose(1, 0, 2))
+        variance = _noise_variance(plan, g_taxel_s)
+    by_row = {f.name: getattr(cells, f.name).transpose(1, 0, 2) for f in fields(Cells)}
+    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
+    counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
+    across = slots.frames * slots.cols
+    draws = None
+    if keys is not None:
+        draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
+    frame = np.arange(across) // slots.cols
+    for row, block, charge, mean in slots.blocks(event_loops.BLOCK):
+        begin = row * across + block.start
+        stop = begin + block.stop - block.start
+        if draws is not None:
+            column = np.arange(block.start, block.stop) % slots.cols
+            draws.rows[:, begin:stop] = _noise_rows(
+                converter, mean, variance[frame[block], 0, column], column
             )
-        else:
-            gain = length
-        w = w0[i]
-        state = w >= rise[i]
-        before = False  # q[n-2]
-        last = False  # q[n-1]
-        ones = 0
-        for _ in range(clocks):
-            seen = state
-            for piece in range(3):
-                point = first if piece == 0 else (second if piece == 1 else 1.0)
-                charging = before if point <= charge_delay else last
-                w = keep[piece] * w + gain[piece] * (x[i] - charging * packet[i])
-                w = min(max(w, low[i]), high[i])
-                if w >= rise[i]:
-                    state = True
-                elif w < fall[i]:
-                    state = False
-                if point == sample:
-                    seen = state
-            one = seen and not last
-            before = last
-            last = one
-            ones += one
-        counts[i] = ones
-        w_end[i] = w
+        _walk(
+            timing.gate_clocks,
+            timing.charge_delay_clocks,
+            None,
+            charge,
+            rows,
+            draws,
+            begin,
+            stop,
+            counts,
+            end,
+        )
+    back = (slots.rows, slots.frames, slots.cols)
+    return counts.reshape(back).transpose(1, 0, 2), end.reshape(back).transpose(1, 0, 2)
+
+
+class Draws(NamedTuple):
+    """The noise of one cell in full, for the reference: nothing is left out because it cannot matter."""
+
+    slow: list[float]  # sigma W(n), n = 1 ..
+    sample: list[float]  # what moves the level of sample n alone
+    coin: list[bool]
+    aperture: float
 
 
 def walk_reference(
-    cell: dict[str, float], clocks: int, charge_delay: float, digits: int = 50
+    cell: dict[str, float],
+    clocks: int,
+    charge_delay: float,
+    digits: int = 50,
+    vary: list[float] | None = None,
+    draws: Draws | None = None,
 ) -> tuple[list[bool], list[mpmath.mpf]]:
     """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow reference.
 
-    `cell` has the keys of `Cells`. The packets are kept as a list of intervals, and the walk stops at every
-    instant where anything can change; nothing is shared with the loops above.
+    `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are kept as a
+    list of intervals, and the walk stops at every instant where anything can change; nothing is shared with the
+    loops.
     """
     with mpmath.workdps(digits):
         one, zero = mpmath.mpf(1), mpmath.mpf(0)
         c = {name: mpmath.mpf(value) for name, value in cell.items()}
         late = mpmath.mpf(charge_delay)
-        now, w = zero, c["w0"]
-        is_high = w >= c["rise"]
+        now, w, v = zero, c["w0"], c["w0"]
+        is_high = v >= c["rise"]
         packets: list[tuple[mpmath.mpf, mpmath.mpf]] = []
         bits: list[bool] = []
         charge: list[mpmath.mpf] = []
         for n in range(1, clocks + 1):
+            x = c["x"] if vary is None else mpmath.mpf(vary[n - 1])
+            slow, alone = (zero, zero) if draws is None else (mpmath.mpf(d[n - 1]) for d in draws[:2])
+            rise, fall = c["rise"] - slow, c["fall"] - slow
             sample = n - c["delay"]
             edges = {t for begin, end in packets[-2:] for t in (begin, end) if now < t < n}
-            seen = is_high
+            seen, at_sample, active = is_high, v, fall if is_high else rise
             for until in sorted(edges | {sample, mpmath.mpf(n)}):
                 middle = (now + until) / 2
-                current = c["x"]
-                current -= sum((c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero)
-                if c["leak"] > 0:
-                    rest = current / c["leak"]
-                    w = rest + (w - rest) * mpmath.exp(-c["leak"] * (until - now))
-                else:
-                    w += current * (until - now)
-                w = min(max(w, c["low"]), c["high"])
-                if w >= c["rise"]:
-                    is_high = True
-                elif w < c["fall"]:
-                    is_high = False
+                current = x - sum((c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero)
+                way = _way(c, w, v, current)
+                for time in [*_turns(c, w, v, current, until - now), until - now]:
+                    w_then, v_then = way(time)
+                    if time == until - now and not c["low"] <= w_then <= c["high"]:
+                        limit = c["high"] if w_then > c["high"] else c["low"]
+                        w_then, v_then = _stopped(c, way, limit, w, v, until - now)
+                    if v_then >= rise:
+                        is_high = True
+                    elif v_then < fall:
+                        is_high = False
+                w, v = w_then, v_then
                 if until == sample:
+                    at_sample = v + alone
                     seen = is_high
+                    if alone != 0:
+                        seen = True if at_sample >= rise else (False if at_sample < fall else is_high)
                 now = until
+            if draws is not None and abs(at_sample - active) < draws.aperture:
+                seen = draws.coin[n - 1]
             bits.append(bool(seen and not (bits and bits[-1])))
             if bits[-1]:
                 packets.append((n + late, n + late + one))
             charge.append(w)
         return bits, charge
+
+
+_Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
+
+
+def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf) -> _Way:
+    """(w, v) as a function of time at a constant current, limits aside."""
+    if c["lag"] == 0:
+
+        def alone(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+            if c["leak"] == 0:
+                at = w + current * t
+            else:
+                at = current / c["leak"] + (w - current / c["leak"]) * mpmath.exp(-c["leak"] * t)
+            return at, at
+
+        return alone
+    # v'' + v' (1 / lag + across) + v leak / lag = current / lag
+    b, d = 1 / c["lag"] + c["across"], c["leak"] / c["lag"]
+    root = mpmath.sqrt(b * b - 4 * d)
+    slow, fast = (-b + root) / 2, (-b - root) / 2
+    slope = (w - v) / c["lag"]
+    if c["leak"] == 0:  # v = p + q t + r exp(fast t)
+        q = current / (c["lag"] * b)
+        r = (slope - q) / fast
+        p = v - r
+
+        def pair(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+            e = mpmath.exp(fast * t)
+            at = p + q * t + r * e
+            return at + c["lag"] * (q + r * fast * e), at
+
+        return pair
+    rest = current / c["leak"]
+    r = (slope - slow * (v - rest)) / (fast - slow)
+    p = v - rest - r
+
+    def both(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+        e, f = mpmath.exp(slow * t), mpmath.exp(fast * t)
+        at = rest + p * e + r * f
+        return at + c["lag"] * (p * slow * e + r * fast * f), at
+
+    return both
+
+
+def _turns(
+    c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf, length: mpmath.mpf
+) -> list[mpmath.mpf]:
+    """Where inside a piece the output turns: w = v there."""
+    if c["lag"] == 0:
+        return []
+    way = _way(c, w, v, current)
+
+    def apart(t: mpmath.mpf) -> mpmath.mpf:
+        at = way(t)
+        return at[0] - at[1]
+
+    if apart(mpmath.mpf(0)) * apart(length) >= 0 or not c["low"] <= way(length)[0] <= c["high"]:
+        return []
+    return [_bisect(apart, mpmath.mpf(0), length)]
+
+
+def _stopped(
+    c: dict[str, mpmath.mpf], way: _Way, limit: mpmath.mpf, w: mpmath.mpf, v: mpmath.mpf, length: mpmath.mpf
+) -> tuple[mpmath.mpf, mpmath.mpf]:
+    """The end of a piece whose charge stops at a limit: the output goes on towards it."""
+    if c["lag"] == 0:
+        return limit, limit
+    end = way(length)[0]
+    hit = mpmath.mpf(0)
+    if (w - limit) * (end - limit) < 0:
+        hit = _bisect(lambda t: way(t)[0] - limit, mpmath.mpf(0), length)
+        v = way(hit)[1]
+    return limit, limit + (v - limit) * mpmath.exp(-(length - hit) / c["lag"])
+
+
+def _bisect(f: Callable[[mpmath.mpf], mpmath.mpf], low: mpmath.mpf, high: mpmath.mpf) -> mpmath.mpf:
+    at_low = f(low)
+    for _ in range(110):  # 33 digits: far beyond a double
+        middle = (low + high) / 2
+        at = f(middle)
+        if at * at_low > 0:
+            low, at_low = middle, at
+        else:
+            high = middle
+    return (low + high) / 2

@@ -1,0 +1,401 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What flows into the converters clock by clock, where it changes inside a gate: ripple, motion, slow mirror,
+settling.
+
+Ripple and motion make a column current a sum of six functions of time with one coefficient each a cell; the
+mean of such a function over a clock is known in closed form, so nothing is sampled. A plan without any of these
+effects never comes here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import settling
+from dermis.array import Network, column_currents
+from dermis.errors import InputError
+from dermis.plan import Plan
+
+Floats = NDArray[np.float64]
+
+FIELDS = frozenset({"ripple", "motion", "q_mirror_c", "c_row_f", "c_column_f", "c_taxel_f"})
+
+# A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
+X_MAX = 1e12
+# Floor of the slow mirror's output, in packets a clock: leakage that lets it wake up.
+Y_MIN = 1e-6
+# Cells of a row that `charges` takes at once.
+WIDEST = 128
+# Relative change of the mirror's output in a clock up to which its logarithm is a short series.
+FAR = 0.05
+# Conductance that stands for a short on its way to another value; as in dermis.array.
+_G_SHORT_S = 1e16
+# Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
+_NEGLIGIBLE = 1e-18
+# Packets a clock by which the course of a current over a frame may differ from its polynomial: 5e-5 count in a
+# gate.
+_COURSE_ERROR = 1e-7
+
+
+def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
+    """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
+    total = column_currents(network, g)
+    if not {"v_column_offset_v", "i_leak_a"} & network.active_fields():
+        return total, np.zeros_like(total)
+    without = Network(network.g_taxel_s, 0.0, **{n: getattr(network, n) for n in network.active_fields()})
+    rest = column_currents(without, g)
+    with np.errstate(invalid="ignore"):
+        follows = total - rest
+    return np.where(np.isnan(follows), total, follows), rest
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Column currents of some frames: at the beginning and at the end of every gate, [frames, rows, cols] each."""
+
+    follows_begin: Floats
+    follows_end: Floats
+    rest_begin: Floats
+    rest_end: Floats
+
+
+def course(plan: Plan, part: slice) -> Course:
+    """Solve some frames of a plan; with motion at the beginning and the end of each row's gate."""
+    network, g = plan.network(0), plan.conductance_s(part)
+    if not plan.drive.motion:
+        follows, rest = currents(network, g)
+        return Course(follows, follows, rest, rest)
+    timing = plan.timing
+    slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
+    at = np.concatenate([slot, slot + timing.gate_clocks]) / (plan.drive.t_frame_s * timing.f_clk_hz)
+    now, then = np.minimum(g, _G_SHORT_S), np.minimum(plan.next_conductance_s(part), _G_SHORT_S)
+    if not network.active_fields():
+        share = at.reshape(2, 1, plan.rows, 1)
+        follows = plan.v_bias_v * (now + share * (then - now))
+        return Course(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
+    unit_a = float((plan.converter.k * plan.converter.i0_a).min())
+    return Course(*_through_frame(network, now, then, at, _COURSE_ERROR * unit_a))
+
+
+def _through_frame(
+    network: Network, now: Floats, then: Floats, at: Floats, error_a: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Currents of each row at its own two instants, by a polynomial in time through as few solved networks as
+    it takes.
+
+    Row r alone is read at its instant, so solving whole frames for each row would cost rows times as much. The
+    currents are smooth in time: a polynomial through 3, 5, 9 Chebyshev points is compared with the one before
+    at its new points. What does not meet the error is solved row by row.
+    """
+    rows = now.shape[1]
+    solved: dict[float, tuple[Floats, Floats]] = {}
+
+    def solve(share: float) -> tuple[Floats, Floats]:
+        if share not in solved:
+            solved[share] = currents(network, now + share * (then - now))
+        return solved[share]
+
+    def points(count: int) -> Floats:
+        return np.round(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)), 15)
+
+    def polynomial(count: int, where: Floats) -> Floats:
+        nodes = points(count)
+        weight = np.ones((where.size, count))
+        for k in range(count):
+            others = np.delete(nodes, k)
+            weight[:, k] = np.prod((where[:, None] - others) / (nodes[k] - others), axis=1)
+        return weight
+
+    for count in (3, 5, 9):
+        finer = points(2 * count - 1)[1::2]
+        guess = np.tensordot(polynomial(count, finer), [np.add(*solve(p)) for p in points(count)], axes=1)
+        miss = max(float(np.abs(guess[k] - np.add(*solve(p))).max()) for k, p in enumerate(finer))
+        if miss <= error_a:
+            weight = polynomial(2 * count - 1, at).reshape(2, rows, 2 * count - 1)
+            nodes = [solve(p) for p in points(2 * count - 1)]
+            follows, rest = (np.einsum("erk,kfrc->efrc", weight, [n[i] for n in nodes]) for i in range(2))
+            return follows[0], follows[1], rest[0], rest[1]
+    out = np.empty((2, 2, *now.shape))
+    for k, share in enumerate(at):
+        follows, rest = currents(network, now + share * (then - now))
+        out[0, k // rows, :, k % rows], out[1, k // rows, :, k % rows] = (
+            follows[:, k % rows],
+            rest[:, k % rows],
+        )
+    return out[0, 0], out[0, 1], out[1, 0], out[1, 1]
+
+
+class Slots:
+    """Charge a clock of every cell of some frames, row after row.
+
+    Parameters
+    ----------
+    plan : Plan
+    part : slice
+        Frames.
+
+    Attributes
+    ----------
+    mean : ndarray
+        Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
+    """
+
+    def __init__(self, plan: Plan, part: slice) -> None:
+        converter, timing, drive = plan.converter, plan.timing, plan.drive
+        found = course(plan, part)
+        self.frames, self.rows, self.cols = found.follows_begin.shape
+        cells = self.frames * self.cols
+        self._settle, self._gate = timing.settle_clocks, timing.gate_clocks
+
+        omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
+        self._basis, self._begin = _basis(self._settle, self._gate, omega, bool(drive.ripple), drive.motion)
+        frame = plan.first_frame + np.arange(part.start, part.stop)
+        began = frame[:, None] * drive.t_frame_s + np.arange(self.rows) * timing.slot_s
+        cycles = np.mod(began * drive.f_ripple_hz, 1.0)
+        phase = 2.0 * math.pi * cycles + drive.phase_ripple_rad if drive.ripple else np.zeros_like(began)
+        sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
+
+        unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
+        per_a = converter.gain / (converter.k * converter.i0_a)
+        limit_a = 1e2 * X_MAX * converter.k * converter.i0_a
+
+        def finite(current: Floats) -> Floats:
+            return np.clip(current, -limit_a, limit_a)
+
+        with np.errstate(over="ignore"):
+            follows, moves = finite(found.follows_begin), finite(found.follows_end)
+            terms = [follows + finite(found.rest_begin)]
+            if drive.ripple:
+                terms += [follows * sine, follows * cosine]
+            if drive.motion:
+                moves = moves - follows
+                terms += [moves + finite(found.rest_end) - finite(found.rest_begin)]
+                if drive.ripple:
+                    terms += [moves * sine, moves * cosine]
+        # [rows, terms, frames and cols]
+        self._terms = np.ascontiguousarray(
+            np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
+        )
+        self._offset = np.tile(converter.i_offset_a / converter.i0_a, self.frames)
+        self._squeeze = None
+        if converter.inv_i_range_a.any() and unit_a is not None:
+            self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
+        self._lag = self._slow = None
+        if converter.q_mirror_c.any():
+            q_packet = converter.i0_a / timing.f_clk_hz
+            self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
+            self._slow = np.zeros(cells)
+        self._extra = self._decay = None
+        self._settling(plan, part, per_a * timing.f_clk_hz)
+        self.mean = np.empty((self.frames, self.rows, self.cols))
+
+    def _settling(self, plan: Plan, part: slice, per_c: Floats) -> None:
+        network = plan.network(0)
+        if not network.active_fields() & FIELDS:
+            return
+        charge_c = float(_NEGLIGIBLE / np.abs(per_c).max())
+        try:
+            found = settling.transients(network, plan.conductance_s(part), plan.timing, charge_c)
+        except settling.Unsupported as error:
+            raise InputError(
+                plan.scene.path,
+                "effects.line_capacitance",
+                str(error),
+                "one without the other for engine event",
+            ) from None
+        if found is None:
+            return
+        modes = found.decay.shape[-1]
+        extra = found.charge_c * per_c[:, None]
+        self._extra = np.ascontiguousarray(extra.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
+        decay = np.repeat(found.decay[:, :, None, :], self.cols, axis=2)
+        self._decay = np.ascontiguousarray(decay.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
+
+    def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
+        """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
+        cells = self.frames * self.cols
+        scratch = np.empty((self._settle + self._gate, min(size, cells)))
+        mean = np.empty(cells)
+        for row in range(self.rows):
+            for first in range(0, cells, size):
+                block = slice(first, min(first + size, cells))
+                out = scratch[:, : block.stop - first]
+                if out.shape[1] != scratch.shape[1]:
+                    out = np.empty(out.shape)
+                charge = charges(
+                    row, block.start, self._basis, self._begin, self._settle, self._terms, self._extra, self._decay,
+                    self._squeeze, self._lag, self._slow, self._offset, out, mean,
+                )  # fmt: skip
+                yield row, block, charge, mean[block]
+            self.mean[:, row] = mean.reshape(self.frames, self.cols)
+
+
+def _basis(settle: int, gate: int, omega: float, ripple: bool, motion: bool) -> tuple[Floats, Floats]:
+    """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value at the start.
+
+    1, cos, sin, t, t cos, t sin, as far as they are on; omega in radian a clock, t runs from 0 to 1 over the gate.
+    """
+    middle = np.arange(settle + gate) + 0.5
+    ramp, ramp_begin = (middle - settle) / gate, -settle / gate
+    half = 0.5 * omega
+    mean = math.sin(half) / half if half else 1.0  # of a cosine over one clock, relative to its middle
+    # integral of u sin(omega u) over -1/2..1/2, small omega without the difference of two near equals
+    tilt = 2.0 * (math.sin(half) - half * math.cos(half)) / omega**2 if omega > 1e-3 else omega / 12.0
+    cosine, sine = np.cos(omega * middle), np.sin(omega * middle)
+    terms, begin = [np.ones_like(middle)], [1.0]
+    if ripple:
+        terms, begin = [*terms, cosine * mean, sine * mean], [*begin, 1.0, 0.0]
+    if motion:
+        terms, begin = [*terms, ramp], [*begin, ramp_begin]
+        if ripple:
+            terms += [ramp * cosine * mean - sine * tilt / gate, ramp * sine * mean + cosine * tilt / gate]
+            begin += [ramp_begin, 0.0]
+    return np.stack(terms, axis=1), np.array(begin)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _exp_of_minus(t):  # type: ignore
+    """exp(-t) for t >= 0 to some 1e-13 relative, 0 beyond 64: a polynomial and ten squarings make vector code."""
+    u = (t if t < 64.0 else 64.0) * (-1.0 / 1024.0)
+    p = 1.0 + u * (
+        1.0 + u * (1 / 2 + u * (1 / 6 + u * (1 / 24 + u * (1 / 120 + u * (1 / 720 + u * (1 / 5040))))))
+    )
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    return p
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _log_of(s):  # type: ignore
+    """ln((1 + s) / (1 - s)) where the ratio is within FAR of 1: the next term is below 1e-19."""
+    s2 = s * s
+    return 2.0 * s * (1 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9 + s2 * (1 / 11))))))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def charges(  # type: ignore
+    row_number, first, basis, begin, settle, terms, extra, decay, squeeze, lag, slow, offset, out, mean
+):
+    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
+    gate.
+
+    Parameters
+    ----------
+    basis : [clocks of the slot, terms], begin : [terms]
+        Functions of time, and their values at the start of the slot, where the first row is settled.
+    terms : [rows, terms, cells]
+        Their coefficients, packets a clock.
+    extra, decay : [rows, modes, cells] or None
+        Charge in the first clock of the gate that has not settled, and what is left of it a clock later.
+    squeeze : [cells] or None
+        Compression: x becomes x / (1 + |x| squeeze).
+    lag, slow : [cells] or None
+        Time constant times output of the mirror in packets, and 1 / its output, which is carried on.
+    offset : [cells]
+        Added behind the mirror.
+    out, mean : [clocks of the slot, cells], [cells]
+        Results.
+    """
+    clocks, count = basis.shape
+    cells = out.shape[1]
+    behind = first + cells
+    factors = np.empty((count, WIDEST))
+    for k in range(count):
+        for c in range(cells):
+            factors[k, c] = terms[row_number, k, first + c]
+    # One array for what the loops over cells touch, so that they become vector instructions (see event_loops.walk).
+    size = WIDEST
+    own = np.zeros(7 * size)
+    row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
+    for c in range(cells):
+        added[c] = offset[first + c]
+    if extra is not None:
+        late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
+    if squeeze is not None:
+        hard = own[3 * size : 4 * size]
+        for c in range(cells):
+            hard[c] = squeeze[first + c]
+    start = settle
+    if lag is not None:
+        start = 0
+        inverse, inert, old = own[4 * size : 5 * size], own[5 * size : 6 * size], own[6 * size : 7 * size]
+        for c in range(cells):
+            inert[c], inverse[c] = lag[first + c], slow[first + c]
+            if row_number == 0:
+                x = 0.0
+                for k in range(count):
+                    x += begin[k] * factors[k, c]
+                if squeeze is not None:
+                    x = x / (1.0 + abs(x) * hard[c])
+                inverse[c] = 1.0 / min(max(x, Y_MIN), X_MAX)
+    for n in range(start, clocks):
+        factor, of = basis[n, 0], factors[0]
+        for c in range(cells):
+            row[c] = factor * of[c]
+        for k in range(1, count):
+            factor, of = basis[n, k], factors[k]
+            for c in range(cells):
+                row[c] += factor * of[c]
+        if extra is not None:
+            if n >= settle:
+                for k in range(late.shape[0]):
+                    for c in range(cells):
+                        row[c] += late[k, c] * kept[k, c] ** (n - settle)
+        if squeeze is not None:
+            for c in range(cells):
+                row[c] = row[c] / (1.0 + abs(row[c]) * hard[c])
+        if lag is not None:
+            if n < settle:
+                for c in range(cells):
+                    x = row[c] if row[c] > Y_MIN else Y_MIN
+                    rest = 1.0 / x
+                    inverse[c] = rest + (inverse[c] - rest) * _exp_of_minus(x / inert[c])
+            else:
+                # The output y follows x by dy/dn = y (x - y) / lag. 1/y is then an exponential, and the charge
+                # is the integral of x less lag times the growth of ln y.
+                far = 0.0
+                for c in range(cells):
+                    x = row[c] if row[c] > Y_MIN else Y_MIN
+                    rest = 1.0 / x
+                    last = inverse[c]
+                    new = rest + (last - rest) * _exp_of_minus(x / inert[c])
+                    s = (new - last) / (new + last)
+                    inverse[c] = new
+                    old[c] = last
+                    row[c] = x + inert[c] * _log_of(s)
+                for c in range(cells):
+                    far = far if abs(inverse[c] - old[c]) < FAR * old[c] else 1.0
+                if far > 0.0:
+                    for c in range(cells):
+                        if abs(inverse[c] - old[c]) >= FAR * old[c]:
+                            s = (inverse[c] - old[c]) / (inverse[c] + old[c])
+                            row[c] += inert[c] * (math.log(inverse[c] / old[c]) - _log_of(s))
+        if n >= settle:
+            into = out[n]
+            for c in range(cells):
+                x = row[c] + added[c]
+                x = x if x < X_MAX else X_MAX
+                x = x if x > -X_MAX else -X_MAX
+                average[c] += x
+                row[c] = x
+            for c in range(cells):
+                into[c] = row[c]
+    for c in range(cells):
+        mean[first + c] = average[c] / (clocks - settle)
+        if lag is not None:
+            slow[first + c] = inverse[c]
+    return out[settle:]
