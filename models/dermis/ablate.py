@@ -88,14 +88,15 @@ def busiest(made: Plan, frames: int) -> Plan:
 def cpu_seconds(work: Callable[[], object]) -> float:
     """Processor time of one call, in this process and its children, from as many calls as it takes to see it."""
     calls = 0
-    begin = _cpu_s()
-    while calls == 0 or _cpu_s() - begin < _AT_LEAST_S:
+    begin = cpu_used_s()
+    while calls == 0 or cpu_used_s() - begin < _AT_LEAST_S:
         work()
         calls += 1
-    return (_cpu_s() - begin) / calls
+    return (cpu_used_s() - begin) / calls
 
 
-def _cpu_s() -> float:
+def cpu_used_s() -> float:
+    """Processor time that this process and its ended children have used so far, in seconds."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(u.ru_utime + u.ru_stime for u in used)
 

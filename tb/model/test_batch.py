@@ -120,6 +120,8 @@ def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int)
     expected = engines.run(made)
     assert np.array_equal(result.codes, expected.codes)
     assert np.array_equal(result.info["x"], expected.info["x"])
+    assert np.array_equal(result.low, expected.low)
+    assert np.array_equal(result.high, expected.high)
     assert seen == sorted(seen)
     assert seen[-1] == FRAMES * SIZE
     assert len(seen) >= min(processes, 2)
@@ -233,7 +235,7 @@ def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> No
         env={**os.environ, "DERMIS_TEST_BATCH": str(tmp_path)},
     )
     assert run.stdout is not None
-    assert run.stdout.readline() == "at work\n"
+    assert run.stdout.readline().startswith("at work")  # two of them may write into one line
     assert len(_sleepers(mark)) >= 3
     if how == signal.SIGINT:
         os.killpg(run.pid, how)  # as a terminal does it: to all of them
