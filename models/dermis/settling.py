@@ -265,7 +265,7 @@ class _Slots:
             if held.any():
                 shape = modes.shape[:, live]
                 through = np.matmul(self.g[:, free[live]].transpose(0, 2, 1), shape)
-                with np.errstate(divide="ignore"):
+                with np.errstate(divide="ignore", invalid="ignore"):
                     lag = np.where(lasting, network.c_taxel_f / tau, 0.0)
                 through -= (lag * shape.sum(axis=1))[:, np.newaxis]
                 beside = matrix[:, rows:, rows:][:, held][:, :, ~held]

@@ -53,6 +53,8 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
                 stamp(g, r, rows + k, exact(float(network.g_taxel_s[r, k])))
             for k in range(cols - 1):
                 stamp(g, rows + k, rows + k + 1, exact(rows * network.g_lateral_row_s))
+            for r in range(rows):
+                g[r, r] += exact("1e-40")  # a floating row on which nothing hangs must rest somewhere
             rest = mpmath.lu_solve(g, push)
             distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
             rate = -mpmath.inverse(c) * g
