@@ -433,6 +433,14 @@ class Draws(NamedTuple):
     aperture: float
 
 
+class Walk(NamedTuple):
+    """What the reference finds: bits, the charge at every clock, and how near the output came to a level."""
+
+    bits: list[bool]
+    charge: list[mpmath.mpf]
+    nearest: float
+
+
 def walk_reference(
     cell: dict[str, float],
     clocks: int,
@@ -440,7 +448,7 @@ def walk_reference(
     digits: int = 50,
     vary: list[float] | None = None,
     draws: Draws | None = None,
-) -> tuple[list[bool], list[mpmath.mpf]]:
+) -> Walk:
     """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow reference.
 
     `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are kept as a
@@ -456,6 +464,7 @@ def walk_reference(
         packets: list[tuple[mpmath.mpf, mpmath.mpf]] = []
         bits: list[bool] = []
         charge: list[mpmath.mpf] = []
+        nearest = mpmath.inf
         for n in range(1, clocks + 1):
             x = c["x"] if vary is None else mpmath.mpf(vary[n - 1])
             slow, alone = (zero, zero) if draws is None else (mpmath.mpf(d[n - 1]) for d in draws[:2])
@@ -472,6 +481,7 @@ def walk_reference(
                     if time == until - now and not c["low"] <= w_then <= c["high"]:
                         limit = c["high"] if w_then > c["high"] else c["low"]
                         w_then, v_then = _stopped(c, way, limit, w, v, until - now)
+                    nearest = min(nearest, abs(v_then - rise), abs(v_then - fall))
                     if v_then >= rise:
                         is_high = True
                     elif v_then < fall:
@@ -479,6 +489,7 @@ def walk_reference(
                 w, v = w_then, v_then
                 if until == sample:
                     at_sample = v + alone
+                    nearest = min(nearest, abs(at_sample - rise), abs(at_sample - fall))
                     seen = is_high
                     if alone != 0:
                         seen = True if at_sample >= rise else (False if at_sample < fall else is_high)
@@ -489,7 +500,7 @@ def walk_reference(
             if bits[-1]:
                 packets.append((n + late, n + late + one))
             charge.append(w)
-        return bits, charge
+        return Walk(bits, charge, float(nearest))
 
 
 _Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
