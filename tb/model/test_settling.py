@@ -110,7 +110,7 @@ def random_network(rng: np.random.Generator) -> Network:
 def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
     rng = np.random.default_rng(6)
     solved = bounded = 0
-    for _ in range(60):
+    for _ in range(40):
         network = random_network(rng)
         reference = charge_reference(network, TIMING)
         found = transients(network, network.g_taxel_s[np.newaxis], TIMING, 1e-30)
@@ -121,8 +121,8 @@ def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
         assert (np.abs(reference).sum(axis=2).max(axis=0) <= bound * (1 + 1e-9) + 1e-25).all()
         solved += np.abs(reference).max() > 1e-20
         bounded += bool(np.isfinite(bound).all() and np.abs(reference).max() > 1e-25)
-    assert solved > 15  # transients that matter did occur,
-    assert bounded > 3  # and bounds that say something beside something to bound
+    assert solved > 10  # transients that matter did occur,
+    assert bounded > 2  # and bounds that say something beside something to bound
 
 
 def test_one_column_behind_a_resistance_settles_as_a_textbook_rc() -> None:
