@@ -15,6 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dermis.array import Network, column_currents
+from dermis.plan import Timing
+from dermis.settling import transients
 
 with warnings.catch_warnings(record=True):
     # It complains, whatever the filters say, that it cannot draw.
@@ -106,11 +108,11 @@ def deck(network: Network) -> str:
     )
 
 
-def ngspice_currents(network: Network, folder: Path) -> NDArray[np.float64]:
-    """Column currents of all slots as ngspice's operating point prints them."""
+def ngspice_says(text: str, folder: Path) -> str:
+    """Run a deck in batch mode and return all that ngspice prints."""
     tool = shutil.which("ngspice")
     assert tool, "make setup installs ngspice"
-    (folder / "array.sp").write_text(deck(network))
+    (folder / "array.sp").write_text(text)
     done = subprocess.run(
         [tool, "-b", "array.sp"],
         cwd=folder,
@@ -119,11 +121,17 @@ def ngspice_currents(network: Network, folder: Path) -> NDArray[np.float64]:
         timeout=60,
         stdin=subprocess.DEVNULL,
     )
-    found = re.findall(r"^i\(vi(\d+)_(\d+)\) = ([-+]?\d\.\d+e[-+]\d+)\s*$", done.stdout, re.MULTILINE)
+    return done.stdout + done.stderr
+
+
+def ngspice_currents(network: Network, folder: Path) -> NDArray[np.float64]:
+    """Column currents of all slots as ngspice's operating point prints them."""
+    said = ngspice_says(deck(network), folder)
+    found = re.findall(r"^i\(vi(\d+)_(\d+)\) = ([-+]?\d\.\d+e[-+]\d+)\s*$", said, re.MULTILINE)
     currents = np.full((network.rows, network.cols), np.nan)
     for slot, column, value in found:
         currents[int(slot), int(column)] = float(value)
-    assert np.isfinite(currents).all(), done.stdout + done.stderr
+    assert np.isfinite(currents).all(), said
     return currents
 
 
@@ -150,3 +158,54 @@ def test_operating_points_of_ngspice_are_met_to_1e_9(tmp_path: Path) -> None:
         theirs = ngspice_currents(network, tmp_path)
         # 1e-18 A: an open taxel, where ngspice leaves its rounding.
         assert (np.abs(column_currents(network) - theirs) <= 1e-9 * np.abs(theirs) + 1e-18).all()
+
+
+def test_charges_of_a_settling_slot_are_those_of_a_transient_analysis(tmp_path: Path) -> None:
+    timing = Timing(f_clk_hz=5e6, slot_clocks=60, settle_clocks=10, gate_clocks=48, code_max=255, rows=3)
+    g = 1 / np.random.default_rng(5).uniform(500, 5000, (3, 2))
+    series = {
+        "r_row_driven_ohm": 2e3,
+        "r_row_grounded_ohm": 2e3,
+        "r_column_ohm": 1e3,
+        "g_lateral_row_s": 1e-4,
+    }
+    network = Network(g, 0.5, **series, c_row_f=3e-9, c_column_f=4e-9, c_taxel_f=5e-10)
+    clock, slot = 1 / timing.f_clk_hz, timing.slot_clocks / timing.f_clk_hz
+    edge = 1e-12
+    lines = ["array"]
+    for r in range(3):
+        # Each row is at the bias for its slot; the first one from the operating point on.
+        points = [(0.0, 0.5 if r == 0 else 0.0)]
+        if r:
+            points += [(r * slot, 0.0), (r * slot + edge, 0.5)]
+        points += [((r + 1) * slot, 0.5), ((r + 1) * slot + edge, 0.0)]
+        lines.append(f"vrow{r} e{r} 0 pwl({' '.join(f'{t!r} {v!r}' for t, v in points)})")
+        lines += [f"rrow{r} e{r} u{r} {network.r_row_driven_ohm!r}", f"crow{r} u{r} 0 {network.c_row_f!r}"]
+        for c in range(2):
+            lines += [
+                f"rt{r}{c} u{r} v{c} {float(1 / g[r, c])!r}",
+                f"ct{r}{c} u{r} v{c} {network.c_taxel_f!r}",
+            ]
+    for c in range(2):
+        lines += [f"ccol{c} v{c} 0 {network.c_column_f!r}", f"rcol{c} v{c} i{c} 1000.0", f"vin{c} i{c} 0 0"]
+    lines += [f"rlat v0 v1 {1 / (3 * network.g_lateral_row_s)!r}", f".tran 1e-9 {3 * slot!r} 0 2e-9"]
+    names, parts = [], list(range(0, 49, 12))
+    for r in range(3):
+        for c in range(2):
+            for k in range(4):
+                begin, end = (r * slot + (10 + n) * clock for n in (parts[k], parts[k + 1]))
+                names.append(f"q{r}{c}{k}")
+                lines.append(f".meas tran {names[-1]} integ i(vin{c}) from={begin!r} to={end!r}")
+    lines += [".options reltol=1e-7 abstol=1e-16 vntol=1e-11 chgtol=1e-20", ".end", ""]
+    said = ngspice_says("\n".join(lines), tmp_path)
+    measured = dict(re.findall(r"^(q\d{3})\s+=\s+([-+]?\d\.\d+e[-+]\d+)\s+from=", said, re.MULTILINE))
+    assert sorted(measured) == names, said
+    theirs = np.array([float(measured[name]) for name in names]).reshape(3, 2, 4)
+
+    found = transients(network, g[np.newaxis], timing, 1e-25)
+    assert found is not None
+    extra = np.add.reduceat(found.per_clock(48)[0], parts[:-1], axis=2)
+    settled = 12 * clock * column_currents(network)[:, :, np.newaxis]
+    assert np.abs(extra).max() > 0.05 * settled.max()  # there is something to compare
+    # ngspice prints 7 digits; its integration leaves 1e-6 of a charge.
+    assert np.abs(settled + extra - theirs).max() < 5e-6 * np.abs(theirs).max()
