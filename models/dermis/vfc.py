@@ -184,36 +184,59 @@ def count(
     clocks : int
         Decisions in the gate, N.
     w0, packet, threshold : array_like
-        As in `count_exact`. The formula needs -packet <= w0 - threshold < 0; outside that the first pulses
-        are not one a packet, and `ValueError` is raised.
+        As in `count_exact`; packet > 0.
 
     Notes
     -----
-    For packets of 1 this is floor(w0 + N x) + 1 and every second clock once x > 1/2. N x is
-    rounded once, so the float version may differ from `count_exact` only where N x + (w0 - threshold) lies
-    within ulp(N x) / 2 of an integer, i.e. the force within 1.2e-16 relative of a decision threshold. With w0
-    = -1/2, x = c / N is half a count away from any. Up to x = packet/2 the rounded sum is compared without a
-    second rounding.
+    Let s = threshold - w0 be what must be gathered before the first one, p the packet. Decision n sees n x against
+    s + m p after m ones.
+
+    - 0 <= x <= p/2: F = floor((N x - s) / p) + 1 ones are paid for by clock N. Levels s + m p are then met at least
+      two clocks apart, so the gating by the last one acts only on a start above the threshold: ones at clocks
+      1, 3, 5 ... until the first odd clock where the charge does not suffice; from there on F is met again. In
+      both stretches the count is min(F, ceil(N / 2)), or 0 where F is negative.
+    - x > p/2: two clocks bring more than a one takes, so after the first, at the lowest n with n x >= s, every
+      second clock has a one.
+    - x < 0: the charge only falls. Ones come at clocks 1, 3 ... 2 k + 1 as long as (2 k + 1) x >= s + k p, that is
+      for k <= (x - s) / (p - 2 x), and never again.
+
+    N x is rounded once, so the float version may differ from `count_exact` only where N x - s lies within
+    ulp(N x) / 2 of a multiple of p, i.e. the force within 1.2e-16 relative of a decision threshold. With w0 = -1/2,
+    x = c / N is half a count away from any.
     """
     x, w0, packet, threshold = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (x, w0, packet, threshold))
     )
     if np.isnan(x).any():
         raise ValueError("x is not a number")
-    start = threshold - w0  # what must be gathered before the first one, in (0, packet]
-    if not ((start > 0) & (start <= packet)).all():
-        raise ValueError("the closed formula needs a start within one packet below the threshold")
-    with np.errstate(over="ignore", invalid="ignore"):
+    start = threshold - w0
+    every_second = (clocks + 1) // 2
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # N x >= start + m * packet  <=>  at least m + 1 ones.
-        ones = np.floor(np.divide(clocks * x - start, packet))
-        ones = np.where(np.isfinite(ones), ones, 0.0)
+        ones = _settled(np.floor(np.divide(clocks * x - start, packet)), clocks)
         ones += clocks * x >= start + (ones + 1) * packet  # division and difference may round either way
         ones -= clocks * x < start + ones * packet
-        balanced = np.clip(ones + 1, 0, None)
-        fast = 2 * x > packet
-        # 2 x > packet >= start: the first one comes at clock 1 or 2
-        gated = (clocks - np.where(x >= start, 1, 2)) // 2 + 1
-    return np.where(fast, gated, balanced).astype(np.int64)
+        found = np.clip(ones + 1, 0, every_second)
+    fast = 2 * x > packet
+    if fast.any():
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            first = np.clip(_settled(np.ceil(np.divide(start, x)), clocks + 1), 1, clocks + 1)
+            first += (first * x < start) & (first <= clocks)
+            first -= (first > 1) & ((first - 1) * x >= start)
+        found = np.where(fast, np.where(first > clocks, 0, (clocks - first) // 2 + 1), found)
+    falling = x < 0
+    if falling.any():
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            last = _settled(np.floor(np.divide(x - start, packet - 2 * x)), every_second)
+            last += (2 * last + 3) * x >= start + (last + 1) * packet
+            last -= (2 * last + 1) * x < start + last * packet
+        found = np.where(falling, np.where(x >= start, np.clip(last + 1, 0, every_second), 0), found)
+    return found.astype(np.int64)
+
+
+def _settled(value: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """Whole numbers beyond -1..most are all the same here, infinite ones too."""
+    return np.clip(np.where(np.isnan(value), -1.0, value), -1.0, most)
 
 
 def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:

@@ -393,11 +393,13 @@ def test_direct_gain_with_coupled_columns_is_refused_with_the_name_of_an_engine_
         event.run(made(data))
 
 
-def test_closed_refuses_a_start_where_its_formula_does_not_hold() -> None:
-    data = {"stimulus": {"kind": "uniform", "code": 5}, "effects": {"preset_error": {"v_v": 0.7}}}
-    with pytest.raises(InputError, match="engine event"):
-        closed.run(made(data))
-    assert event.run(made(data)).codes.max() <= 7
+def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> None:
+    for volt in (-2.3, -0.7, 0.5, 0.7, 3.1):
+        effects = {"preset_error": {"v_v": volt}, "comparator_offset": {"v_v": 0.3 * volt}}
+        data = {"stimulus": {"kind": "uniform", "code": list(range(256))}, "effects": effects}
+        expected = event.run(made(data)).codes
+        assert (closed.run(made(data)).codes == expected).all()
+        assert abs(int(expected[100].max()) - 100 - round(0.7 * volt)) <= 1
 
 
 def test_an_effect_that_is_off_leaves_the_records_and_the_loop_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,10 +86,27 @@ def test_formula_with_packet_and_threshold_is_the_walk(
     assert got == exact or got in nudged
 
 
-def test_a_start_more_than_a_packet_away_is_refused() -> None:
-    for w0 in (0.0, 0.3, -1.01):
-        with pytest.raises(ValueError, match="within one packet"):
-            count(0.3, w0=w0)
+sixteenths = st.integers(-80, 80).map(lambda n: Fraction(n, 16))
+
+
+@settings(max_examples=600, deadline=None)
+@given(
+    x=st.integers(-60, 130).map(lambda n: Fraction(n, 64)),
+    clocks=st.integers(1, 40),
+    w0=sixteenths,
+    packet=st.integers(1, 40).map(lambda n: Fraction(n, 16)),
+    threshold=sixteenths,
+)
+def test_formula_is_the_walk_from_packets_above_and_below_the_threshold(
+    x: Fraction, clocks: int, w0: Fraction, packet: Fraction, threshold: Fraction
+) -> None:
+    # All exact in doubles, ties included: any x, negative and far above half a packet.
+    got = count(*(float(v) if v is not clocks else v for v in (x, clocks, w0, packet, threshold)))
+    assert int(got) == count_exact(x, clocks, w0, packet, threshold)
+
+
+def test_shorts_and_negative_infinity_have_a_count_from_any_start() -> None:
+    assert (count([np.inf, -np.inf, 0.0, -1e300, 0.0], w0=[-9, 9, 9, 9, -0.5]) == [255, 0, 10, 0, 0]).all()
 
 
 @settings(max_examples=100, deadline=None)

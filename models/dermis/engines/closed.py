@@ -9,7 +9,6 @@ import numpy as np
 
 from dermis.array import column_currents
 from dermis.engines import Result
-from dermis.errors import InputError
 from dermis.plan import Plan
 from dermis.vfc import W_PRESET, code
 
@@ -50,25 +49,11 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     -------
     Result
         codes uint8 [frames, rows, cols]; info["x"] is the duty behind them.
-
-    Raises
-    ------
-    InputError
-        The start of the count is more than a packet from the threshold, where the formula does not hold.
     """
     converter = plan.converter
     packet = 1.0 + converter.packet_error
     start = W_PRESET + converter.preset_error_v / converter.packet_v()
     threshold = converter.v_comp_offset_v / converter.packet_v()
-    distance = threshold - start
-    if not ((distance > 0) & (distance <= packet)).all():
-        column = int(np.argmax(~((distance > 0) & (distance <= packet))))
-        raise InputError(
-            plan.scene.path,
-            "effects.preset_error and effects.comparator_offset",
-            f"a start {distance[column]:.3g} packets below the threshold",
-            "above 0 and at most one packet for engine closed; engine event takes any",
-        )
     base = plan.network(0)
     codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8)
     x = np.empty(plan.resistance_ohm.shape)

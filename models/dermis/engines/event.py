@@ -39,7 +39,7 @@ HONOURS = frozenset(
     | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
 )
 
-_RANDOM = frozenset(
+RANDOM = frozenset(
     {
         "v_comp_noise_v",
         "t_meta_s",
@@ -110,13 +110,13 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     InputError
         The direct interface with finite gain together with impedances that couple its columns.
     """
-    _refuse_coupled(plan)
+    refuse_coupled(plan)
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=np.uint8)
     x_all, w_end = np.empty(shape), np.empty(shape)
     base, timing = plan.network(0), plan.timing
     active = plan.active_fields()
-    varies, random = bool(active & VARYING), bool(active & _RANDOM)
+    varies, random = bool(active & VARYING), bool(active & RANDOM)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
@@ -139,7 +139,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     return Result(codes, {"x": x_all, "w_end": w_end})
 
 
-def _refuse_coupled(plan: Plan) -> None:
+def refuse_coupled(plan: Plan) -> None:
     coupled = {"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "g_lateral_row_s"}
     both = coupled & plan.active_fields()
     if plan.topology == "direct" and "inv_gain_dc" in plan.active_fields() and both:

@@ -142,6 +142,14 @@ class Slots:
 
     Attributes
     ----------
+    basis, begin : ndarray
+        Functions of time: mean over every clock of a slot [clocks, terms], value at its start [terms].
+    terms : ndarray
+        Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
+        and offset current.
+    extra, decay : ndarray or None
+        What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
+        modes, frames * cols].
     mean : ndarray
         Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
     """
@@ -154,7 +162,7 @@ class Slots:
         self._settle, self._gate = timing.settle_clocks, timing.gate_clocks
 
         omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
-        self._basis, self._begin = _basis(self._settle, self._gate, omega, bool(drive.ripple), drive.motion)
+        self.basis, self.begin = _basis(self._settle, self._gate, omega, bool(drive.ripple), drive.motion)
         frame = plan.first_frame + np.arange(part.start, part.stop)
         began = frame[:, None] * drive.t_frame_s + np.arange(self.rows) * timing.slot_s
         cycles = np.mod(began * drive.f_ripple_hz, 1.0)
@@ -179,7 +187,7 @@ class Slots:
                 if drive.ripple:
                     terms += [moves * sine, moves * cosine]
         # [rows, terms, frames and cols]
-        self._terms = np.ascontiguousarray(
+        self.terms = np.ascontiguousarray(
             np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
         )
         self._offset = np.tile(converter.i_offset_a / converter.i0_a, self.frames)
@@ -191,7 +199,7 @@ class Slots:
             q_packet = converter.i0_a / timing.f_clk_hz
             self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
             self._slow = np.zeros(cells)
-        self._extra = self._decay = None
+        self.extra = self.decay = None
         self._settling(plan, part, per_a * timing.f_clk_hz)
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
@@ -213,9 +221,9 @@ class Slots:
             return
         modes = found.decay.shape[-1]
         extra = found.charge_c * per_c[:, None]
-        self._extra = np.ascontiguousarray(extra.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
+        self.extra = np.ascontiguousarray(extra.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
         decay = np.repeat(found.decay[:, :, None, :], self.cols, axis=2)
-        self._decay = np.ascontiguousarray(decay.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
+        self.decay = np.ascontiguousarray(decay.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
 
     def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
         """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
@@ -229,7 +237,7 @@ class Slots:
                 if out.shape[1] != scratch.shape[1]:
                     out = np.empty(out.shape)
                 charge = charges(
-                    row, block.start, self._basis, self._begin, self._settle, self._terms, self._extra, self._decay,
+                    row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra, self.decay,
                     self._squeeze, self._lag, self._slow, self._offset, out, mean,
                 )  # fmt: skip
                 yield row, block, charge, mean[block]
