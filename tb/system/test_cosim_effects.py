@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every deterministic effect through ngspice against the event engine: alone, all together, and through the Verilog."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from deck_bench import DeckReader
+from system_bench import MakePlan
+from test_decks import ADDS, effects_of, scene_of
+
+from dermis import effects
+from dermis.design import TOPOLOGIES
+from dermis.engines import cosim, event
+from dermis.errors import InputError, SimulatorError
+from dermis.ngspice import Deck
+
+OHM = 510 * 60 ** np.random.default_rng(5).random((2, 3, 4))
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
+    made = DeckReader(tmp_path_factory.mktemp("decks"))
+    yield made
+    made.close()
+
+
+# By effect: parameters that move a code by at least so many LSB, and what must be on for it to act at all.
+ALONE: dict[str, tuple[int, str, str]] = {
+    "lateral": (5, "{ r_ohm = 300.0 }", "column_input = { r_ohm = 5.0 }"),
+    "row_driver": (5, "{ r_ohm = 20.0, grounded_r_ohm = 30.0 }", ""),
+    "column_input": (5, "{ r_ohm = 20.0 }", ""),
+    "column_offset": (5, "{ v_v = 8e-3 }", ""),
+    "mirror_ratio": (5, "{ ratio_error = 0.05 }", ""),
+    "offset_current": (5, "{ i_a = 5e-7 }", ""),  # direct: 80 times as much, see there
+    "integrator_gain": (2, "{ gain_dc = 50, r_in_ohm = 5e4 }", ""),
+    "integrator_range": (5, "{ v_max_v = 0.6, v_min_v = -0.25 }", ""),
+    "comparator_offset": (3, "{ v_v = 3.3 }", ""),
+    "comparator_hysteresis": (1, "{ v_v = 0.9 }", ""),  # below one packet, so below one count
+    "comparator_delay": (1, "{ t_s = 1.9e-7 }", ""),  # below one clock
+    "charge_packet": (5, "{ packet_error = 0.05 }", ""),
+    "preset_error": (3, "{ v_v = 3.3 }", ""),
+    "trace": (5, "{ r_row_ohm = 5.0, r_column_ohm = 7.0 }", ""),
+    "line_capacitance": (
+        5,
+        "{ c_row_f = 1e-6, c_column_f = 1e-6, c_taxel_f = 1e-8 }",
+        "row_driver = { r_ohm = 50.0, grounded_r_ohm = 50.0 }\ncolumn_input = { r_ohm = 50.0 }",
+    ),
+    "mux_leakage": (5, "{ i_a = 4e-5 }", ""),
+    "mirror_output": (2, "{ r_out_ohm = 5e4 }", "integrator_gain = { gain_dc = 50, r_in_ohm = 1e9 }"),
+    "mirror_lag": (5, "{ q_c = 1e-10 }", ""),
+    "range_switch": (5, "{ r_ohm = 20.0, v_overdrive_v = 0.2 }", ""),
+    "integrator_bandwidth": (1, "{ gbw_hz = 5e4 }", ""),  # an eighth of the settle time
+    "reference_drift": (5, "{ tc_per_k = 1e-3, delta_k = 50.0 }", ""),
+    "supply_ripple": (5, "{ relative = 0.2, frequency_hz = 3e3, phase_deg = 30.0 }", ""),
+    "motion": (5, "true", ""),
+}
+
+
+DIRECT = {"offset_current": "{ i_a = 4e-5 }"}  # the packet is k times larger
+INVERTED = {"integrator_range": "{ v_max_v = 0.25, v_min_v = -0.6 }"}  # and the output turned round
+
+
+def test_every_effect_of_a_deck_is_tied_here() -> None:
+    assert ALONE.keys() == ADDS.keys()
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("name", ALONE)
+def test_an_effect_alone_reads_as_in_the_event_engine(
+    resistance_plan: MakePlan, reader: DeckReader, name: str, topology: str
+) -> None:
+    if topology not in effects.EFFECTS[name].topologies:
+        with pytest.raises(InputError, match="topology"):
+            resistance_plan(OHM, topology, f"{name} = true")
+        return
+    least, value, company = ALONE[name]
+    value = {"direct": DIRECT, "conveyor_mirror_inverted": INVERTED}.get(topology, {}).get(name, value)
+    ohm = OHM if name in ("motion", "supply_ripple") else OHM[:1]
+    made = resistance_plan(ohm, topology, f"{name} = {value}\n{company}")
+    got = reader.codes(made)
+    assert np.abs(got - event.run(made).codes).max() <= 1
+    without = event.run(resistance_plan(ohm, topology, company)).codes.astype(int)
+    assert np.abs(got - without).max() >= least, "the effect must be large enough to be seen"
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_all_effects_together_at_their_defaults_read_as_in_the_event_engine(
+    resistance_plan: MakePlan, reader: DeckReader, topology: str
+) -> None:
+    on = dict.fromkeys(effects_of(topology), "true")
+    if topology == "direct":
+        on["column_input"] = "{ r_ohm = 0.5 }"
+        del on["integrator_gain"]  # event refuses it together with what couples the columns
+    made = resistance_plan(OHM, topology, scene_of(on))
+    assert np.abs(reader.codes(made) - event.run(made).codes).max() <= 1
+
+
+def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:
+    """Ties the chip of deck_bench, which all of the above is read with, to the real one; motion over two frames."""
+    on = effects_of("conveyor_mirror") | {"mirror_lag": "{ q_c = 1e-11 }", "trace": ALONE["trace"][1]}
+    made = resistance_plan(OHM, effects=scene_of(on))
+    assert np.array_equal(cosim.run(made).codes, reader.codes(made))
+
+
+def test_the_exact_half_refuses_what_it_would_ignore(resistance_plan: MakePlan) -> None:
+    for name, (_, value, _company) in ALONE.items():
+        made = resistance_plan(OHM, effects=f"{name} = {value}")
+        if name in ("lateral", "mirror_output"):  # alone they change nothing
+            continue
+        with pytest.raises(InputError, match=rf"effects\.{name} = .*exact analog half"):
+            cosim.run(made, analog="exact")
+
+
+def test_a_deck_that_ngspice_gives_up_spoils_no_other(resistance_plan: MakePlan, reader: DeckReader) -> None:
+    made = resistance_plan(OHM[:1])
+    before = reader.codes(made)
+    broken = Deck(("no such block", "x1 a b nothing"), (), (), (), ("a",))
+    with pytest.raises(SimulatorError):
+        reader.deck(broken, made)
+    assert np.array_equal(reader.codes(made), before)
