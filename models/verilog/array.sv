@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The array as the converters see it: the column currents of the driven row, solved beforehand (dermis.array), one frame after the other.
-// Interface: row_select_i and preset_i from the chip; i_column[c] is the current into column c in k i0, value[N c + n] run-time value n of column
-// c (values.vh), both as the bits of a double and read from outside by name: Icarus 11 has no ports that are arrays.
+// Interface: row_select_i and preset_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 what course.sv makes
+// a current of), value[N c + n] run-time value n of column c (values.vh), all as the bits of a double and read from outside by name: Icarus 11 has
+// no ports that are arrays.
 // Timing: i_column changes where a slot begins (preset and a driven row), and a frame is read from currents.bin where row 0 is driven.
 // Why the edge of a slot and not the clock: whatever hangs on these currents alone is then worked out once a slot, not once a clock.
 `include "values.vh"
@@ -10,6 +11,7 @@
 module array #(
   parameter ROWS    = 16,
   parameter COLS    = 16,
+  parameter CELL    = 1,
   parameter EFFECTS = 0
 ) (
   input  wire [ROWS-1:0] row_select_i,
@@ -22,8 +24,8 @@ module array #(
   integer    got;
   integer    n;
   reg [63:0] word;
-  reg [63:0] i_taxel  [0:ROWS*COLS-1];
-  reg [63:0] i_column [0:COLS-1];
+  reg [63:0] i_taxel  [0:ROWS*COLS*CELL-1];
+  reg [63:0] i_column [0:COLS*CELL-1];
   reg [63:0] value    [0:COLS*`DERMIS_VALUES-1];
 
   task read_word;
@@ -42,7 +44,7 @@ module array #(
 
   initial begin
     frame    = 0;
-    for (n = 0; n < COLS; n = n + 1) i_column[n] = 64'd0;
+    for (n = 0; n < COLS*CELL; n = n + 1) i_column[n] = 64'd0;
     file     = $fopen("currents.bin", "rb");
     read_word;
     frames_o = word[31:0];
@@ -56,13 +58,13 @@ module array #(
     if (row_select_i[0] && frame < frames_o) begin
       frame = frame + 1;
       if (EFFECTS[`DERMIS_EACH_FRAME]) read_values;
-      for (n = 0; n < ROWS*COLS; n = n + 1) begin
+      for (n = 0; n < ROWS*COLS*CELL; n = n + 1) begin
         read_word;
         i_taxel[n] = word;
       end
     end
-    for (n = 0; n < ROWS*COLS; n = n + 1)
-      if (row_select_i[n/COLS]) i_column[n%COLS] = i_taxel[n];
+    for (n = 0; n < ROWS*COLS*CELL; n = n + 1)
+      if (row_select_i[n/(COLS*CELL)]) i_column[n%(COLS*CELL)] = i_taxel[n];
   end
 
 endmodule

@@ -6,11 +6,14 @@
 
 module channel_conveyor_mirror_inverted #(
   parameter EFFECTS    = 0,
+  parameter VARIES     = 0,
   parameter SYNC_LATCH = 0
 ) (
   input  wire                         clk_i,
   input  real                         t_clocks,
+  input  wire                         frame_start_i,
   input  real                         col,
+  input  real                         col_begin,
   input  wire                         d_charge,
   input  wire                         d_preset,
   input  wire [64*`DERMIS_VALUES-1:0] values_i,
@@ -18,12 +21,21 @@ module channel_conveyor_mirror_inverted #(
 );
 
   real i_z;
+  real i_z_begin;
   real i_sum;
 
-  conveyor u_conveyor (.x(col), .z(i_z));
-  mirror #(.EFFECTS(EFFECTS)) u_mirror (.in(i_z), .values_i(values_i), .out(i_sum));
+  conveyor u_conveyor (.x(col), .x_begin(col_begin), .z(i_z), .z_begin(i_z_begin));
 
-  vfc #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_vfc (
+  mirror #(.EFFECTS(EFFECTS)) u_mirror (
+    .clk_i         (clk_i),
+    .frame_start_i (frame_start_i),
+    .in            (i_z),
+    .in_begin      (i_z_begin),
+    .values_i      (values_i),
+    .out           (i_sum)
+  );
+
+  vfc #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_vfc (
     .clk_i    (clk_i),
     .t_clocks (t_clocks),
     .iin      (i_sum),

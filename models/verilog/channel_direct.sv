@@ -5,18 +5,21 @@
 
 module channel_direct #(
   parameter EFFECTS    = 0,
+  parameter VARIES     = 0,
   parameter SYNC_LATCH = 0
 ) (
   input  wire                         clk_i,
   input  real                         t_clocks,
+  input  wire                         frame_start_i,
   input  real                         col,
+  input  real                         col_begin,
   input  wire                         d_charge,
   input  wire                         d_preset,
   input  wire [64*`DERMIS_VALUES-1:0] values_i,
   output wire                         comp
 );
 
-  vfc #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_vfc (
+  vfc #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_vfc (
     .clk_i    (clk_i),
     .t_clocks (t_clocks),
     .iin      (col),

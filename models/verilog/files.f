@@ -2,9 +2,11 @@
 // The real-number models, in front of them what rtl/files.f lists; paths from the project root.
 +incdir+models/verilog
 models/verilog/array.sv
+models/verilog/drive.sv
+models/verilog/course.sv
+models/verilog/mirror.sv
 models/verilog/conveyor.sv
 models/verilog/conveyor_multi.sv
-models/verilog/mirror.sv
 models/verilog/charge_source.sv
 models/verilog/integrator_piece.sv
 models/verilog/integrator.sv

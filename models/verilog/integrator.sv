@@ -5,12 +5,14 @@
 // Timing: everything before an edge of clk_i is settled well before it; the state moves at the edge. Exact between edges: no time step.
 // Why iin and icharge are apart (one pin in SPICE): without leak or range the charge is t iin minus what was drawn, each rounded once and never
 // summed up, so a taxel on the boundary of two codes is decided as the formula decides it.
-// Effects: W_PRESET; W_LOW (range: charge beyond it is lost) and LEAK (finite gain), which make the state a recursion.
+// Effects: W_PRESET; W_LOW (range: charge beyond it is lost), LEAK (finite gain) and GBW (bandwidth), which make the state a recursion, as VARIES
+// does: iin is then the mean over the clock that leads to the coming edge.
 `include "values.vh"
 `default_nettype none
 
 module integrator #(
   parameter EFFECTS    = 0,
+  parameter VARIES     = 0,
   parameter SYNC_LATCH = 0
 ) (
   input  wire                         clk_i,
@@ -28,8 +30,8 @@ module integrator #(
 );
 
   // Piece a ends where the comparator is looked at, or half way where the latch opens; piece b exists where both happen.
-  localparam DELAY = EFFECTS[`DERMIS_DELAY];
-  localparam BENT  = EFFECTS[`DERMIS_W_LOW] || EFFECTS[`DERMIS_LEAK];
+  localparam DELAY   = EFFECTS[`DERMIS_DELAY];
+  localparam BENT    = EFFECTS[`DERMIS_W_LOW] || EFFECTS[`DERMIS_LEAK] || EFFECTS[`DERMIS_GBW] || (VARIES != 0);
   localparam PIECE_A = DELAY || (SYNC_LATCH != 0);
   localparam PIECE_B = DELAY && (SYNC_LATCH != 0);
 
@@ -54,28 +56,62 @@ module integrator #(
     end
 
     if (BENT) begin : gen_bent
-      real w_q;
+      real slow_q;
+      real slow_a;
+      real slow_b;
+      real slow_c;
+      real fast_q;
+      real fast_a;
+      real fast_b;
+      real fast_c;
+      real length_c;
       if (PIECE_A) begin : gen_a
-        integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_LEAK), .FILL(`DERMIS_FILL_A)) u_piece
-          (.from(w_q), .length(t_a), .current(iin - icharge_a), .values_i(values_i), .to(out_a));
+        integrator_piece #(
+          .EFFECTS(EFFECTS), .KEEP(`DERMIS_LEAK), .FILL(`DERMIS_FILL_A), .FAST_KEEP(`DERMIS_GBW), .FAST_FILL(`DERMIS_FAST_FILL_A)
+        ) u_piece (
+          .slow_from(slow_q), .fast_from(fast_q), .length(t_a), .current(iin - icharge_a), .values_i(values_i),
+          .slow_to(slow_a), .fast_to(fast_a)
+        );
+        assign length_c = 1.0 - t_b;
       end else begin : gen_no_a
-        assign out_a = w_q;
+        assign slow_a   = slow_q;
+        assign fast_a   = fast_q;
+        assign length_c = 1.0;
       end
       if (PIECE_B) begin : gen_b
-        integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_B), .FILL(`DERMIS_FILL_B)) u_piece
-          (.from(out_a), .length(t_b - t_a), .current(iin - icharge_b), .values_i(values_i), .to(out_b));
+        integrator_piece #(
+          .EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_B), .FILL(`DERMIS_FILL_B), .FAST_KEEP(`DERMIS_FAST_KEEP_B), .FAST_FILL(`DERMIS_FAST_FILL_B)
+        ) u_piece (
+          .slow_from(slow_a), .fast_from(fast_a), .length(t_b - t_a), .current(iin - icharge_b), .values_i(values_i),
+          .slow_to(slow_b), .fast_to(fast_b)
+        );
       end else begin : gen_no_b
-        assign out_b = out_a;
+        assign slow_b = slow_a;
+        assign fast_b = fast_a;
       end
-      real rest;
-      if (PIECE_A) begin : gen_rest
-        assign rest = 1.0 - t_b;
-      end else begin : gen_whole
-        assign rest = 1.0;
+      integrator_piece #(
+        .EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_C), .FILL(`DERMIS_FILL_C), .FAST_KEEP(`DERMIS_FAST_KEEP_C), .FAST_FILL(`DERMIS_FAST_FILL_C)
+      ) u_piece_c (
+        .slow_from(slow_b), .fast_from(fast_b), .length(length_c), .current(iin - icharge_c), .values_i(values_i),
+        .slow_to(slow_c), .fast_to(fast_c)
+      );
+      if (EFFECTS[`DERMIS_GBW]) begin : gen_bandwidth
+        real fast_start;
+        assign fast_start = $bitstoreal(values_i[64*`DERMIS_FAST_START +: 64]);
+        always @(posedge clk_i) begin
+          slow_q <= d_preset ? out_preset - fast_start : slow_c;
+          fast_q <= d_preset ? fast_start : fast_c;
+        end
+        assign out_a = slow_a + fast_a;
+        assign out_b = slow_b + fast_b;
+        assign out_c = slow_c + fast_c;
+      end else begin : gen_at_once
+        assign fast_q = 0.0;
+        always @(posedge clk_i) slow_q <= d_preset ? out_preset : slow_c;
+        assign out_a = slow_a;
+        assign out_b = slow_b;
+        assign out_c = slow_c;
       end
-      integrator_piece #(.EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_C), .FILL(`DERMIS_FILL_C)) u_piece_c
-        (.from(out_b), .length(rest), .current(iin - icharge_c), .values_i(values_i), .to(out_c));
-      always @(posedge clk_i) w_q <= d_preset ? out_preset : out_c;
     end else begin : gen_straight
       // what the charge source has drawn, the preset included
       real drawn_q;

@@ -3,7 +3,7 @@
 // Interface: every change of go_i runs BURST clocks, all at one instant of simulated time; nothing else goes in or out but the two files.
 // Why the clock is made here: leaving and entering a Verilator model costs as much as a clock of it. Why with nonblocking assignments: each
 // level of the clock has settled before the next, in any simulator.
-// TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
+// TERMS, MODES: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
 `include "dermis_design.vh"
 `include "values.vh"
 `default_nettype none
@@ -17,11 +17,15 @@ module skin #(
   parameter SYNC_LATCH    = 0,
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
+  parameter TERMS         = 1,
+  parameter MODES         = 0,
   parameter BURST         = `DERMIS_SLOT_CLOCKS
 ) (
   input wire go_i
 );
 
+  localparam CELL     = TERMS + 2*MODES;
+  localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
   localparam ROW_BITS = (ROWS > 1) ? $clog2(ROWS) : 1;
 
   reg       clk;
@@ -84,7 +88,7 @@ module skin #(
     .frame_done_o  (frame_done)
   );
 
-  array #(.ROWS(ROWS), .COLS(COLS), .EFFECTS(EFFECTS)) u_array (
+  array #(.ROWS(ROWS), .COLS(COLS), .CELL(CELL), .EFFECTS(EFFECTS)) u_array (
     .row_select_i (row_select),
     .preset_i     (preset),
     .frames_o     (frames)
@@ -93,38 +97,70 @@ module skin #(
   real t_clocks;
   always @(posedge clk) t_clocks <= preset ? 1.0 : t_clocks + 1.0;
 
+  wire [64*TERMS-1:0] basis;
+  wire [64*TERMS-1:0] basis_begin;
+  wire                frame_start;
+  generate
+    if (VARIES) begin : gen_drive
+      drive #(.TERMS(TERMS), .SLOT_CLOCKS(SETTLE_CLOCKS + GATE_CLOCKS)) u_drive (
+        .clk_i         (clk),
+        .preset_i      (preset),
+        .driven_i      (|row_select),
+        .first_row_i   (row_select[0]),
+        .basis_o       (basis),
+        .basis_begin_o (basis_begin),
+        .frame_start_o (frame_start)
+      );
+    end else begin : gen_still
+      assign basis       = {(64*TERMS){1'b0}};
+      assign basis_begin = {(64*TERMS){1'b0}};
+      assign frame_start = 1'b0;
+    end
+  endgenerate
+
   genvar c;
   genvar v;
   generate
     for (c = 0; c < COLS; c = c + 1) begin : gen_column
-      wire [63:0]                  i_bits;
-      real                         i_in;
+      wire [64*CELL-1:0]           i_bits;
       wire [64*`DERMIS_VALUES-1:0] values_c;
+      real                         i_in;
+      real                         i_begin;
       // Not at once: Icarus 11 writes a program that it cannot read where $bitstoreal takes a word of an array.
-      assign i_bits = u_array.i_column[c];
-      assign i_in   = $bitstoreal(i_bits);
+      for (v = 0; v < CELL; v = v + 1) begin : gen_cell
+        assign i_bits[64*v +: 64] = u_array.i_column[CELL*c + v];
+      end
+      course #(.TERMS(TERMS), .MODES(MODES)) u_course (
+        .clk_i         (clk),
+        .preset_i      (preset),
+        .cell_i        (i_bits),
+        .basis_i       (basis),
+        .basis_begin_i (basis_begin),
+        .i_mean        (i_in),
+        .i_begin       (i_begin)
+      );
       for (v = 0; v < `DERMIS_VALUES; v = v + 1) begin : gen_value
         assign values_c[64*v +: 64] = u_array.value[`DERMIS_VALUES*c + v];
       end
       if (TOPOLOGY == 0) begin : gen_direct
-        channel_direct #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_channel (
-          .clk_i(clk), .t_clocks(t_clocks), .col(i_in), .d_charge(charge[c]), .d_preset(preset),
-          .values_i(values_c), .comp(comp[c])
+        channel_direct #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_channel (
+          .clk_i(clk), .t_clocks(t_clocks), .frame_start_i(frame_start), .col(i_in), .col_begin(i_begin),
+          .d_charge(charge[c]), .d_preset(preset), .values_i(values_c), .comp(comp[c])
         );
       end else if (TOPOLOGY == 1) begin : gen_conveyor_mirror
-        channel_conveyor_mirror #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_channel (
-          .clk_i(clk), .t_clocks(t_clocks), .col(i_in), .d_charge(charge[c]), .d_preset(preset),
-          .values_i(values_c), .comp(comp[c])
+        channel_conveyor_mirror #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_channel (
+          .clk_i(clk), .t_clocks(t_clocks), .frame_start_i(frame_start), .col(i_in), .col_begin(i_begin),
+          .d_charge(charge[c]), .d_preset(preset), .values_i(values_c), .comp(comp[c])
         );
       end else if (TOPOLOGY == 2) begin : gen_conveyor_mirror_inverted
-        channel_conveyor_mirror_inverted #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_channel (
-          .clk_i(clk), .t_clocks(t_clocks), .col(i_in), .d_charge(charge[c]), .d_preset(preset),
-          .values_i(values_c), .comp(comp[c])
+        channel_conveyor_mirror_inverted #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_channel (
+          .clk_i(clk), .t_clocks(t_clocks), .frame_start_i(frame_start), .col(i_in), .col_begin(i_begin),
+          .d_charge(charge[c]), .d_preset(preset), .values_i(values_c), .comp(comp[c])
         );
       end else begin : gen_multi_output_conveyor
-        channel_multi_output_conveyor #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_channel (
-          .clk_i(clk), .t_clocks(t_clocks), .col(i_in), .d_charge(charge[c]), .d_preset(preset),
-          .values_i(values_c), .comp(comp[c])
+        channel_multi_output_conveyor #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_channel (
+          .clk_i(clk), .t_clocks(t_clocks), .frame_start_i(frame_start), .col(i_in), .col_begin(i_begin),
+          .d_charge(charge[c]), .d_preset(preset), .values_i(values_c), .comp(comp[c])
         );
       end
     end
@@ -139,8 +175,8 @@ module skin #(
   always @(posedge codes_valid) begin
     $fwrite(file, "%h %h\n", codes_row, codes);
     if (frame_done) begin
-      done = done + 1;
-      if (done == frames) begin
+      done <= done + 1;
+      if (done + 1 == frames) begin
         $fclose(file);
         $finish;
       end

@@ -11,7 +11,9 @@ module skin_alone #(
   parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
   parameter SYNC_LATCH    = 0,
   parameter TOPOLOGY      = 1,
-  parameter EFFECTS       = 0
+  parameter EFFECTS       = 0,
+  parameter TERMS         = 1,
+  parameter MODES         = 0
 );
 
   reg go;
@@ -26,7 +28,9 @@ module skin_alone #(
     .SETTLE_CLOCKS (SETTLE_CLOCKS),
     .SYNC_LATCH    (SYNC_LATCH),
     .TOPOLOGY      (TOPOLOGY),
-    .EFFECTS       (EFFECTS)
+    .EFFECTS       (EFFECTS),
+    .TERMS         (TERMS),
+    .MODES         (MODES)
   ) u_skin (
     .go_i (go)
   );

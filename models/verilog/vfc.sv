@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The analog half of the synchronized converter: integrator, comparator and charge source; the flip-flops are in rtl/.
-// Interface: iin in i0; comp is what the synchronizer finds at the coming edge of clk_i; t_clocks counts from the end of the preset.
+// Interface: iin in i0, with VARIES the mean over the clock that leads to the coming edge; comp is what the synchronizer finds at the coming edge of clk_i; t_clocks counts from the end of the preset.
 // Effects: I_OFFSET, a constant current into the integrator.
 `include "values.vh"
 `default_nettype none
 
 module vfc #(
   parameter EFFECTS    = 0,
+  parameter VARIES     = 0,
   parameter SYNC_LATCH = 0
 ) (
   input  wire                         clk_i,
@@ -57,7 +58,7 @@ module vfc #(
   assign i_a = i_high;
   assign i_c = i_low;
 
-  integrator #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_integrator (
+  integrator #(.EFFECTS(EFFECTS), .VARIES(VARIES), .SYNC_LATCH(SYNC_LATCH)) u_integrator (
     .clk_i      (clk_i),
     .t_clocks   (t_clocks),
     .iin        (i_sum),

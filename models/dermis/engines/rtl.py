@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import dataclasses
 import os
 import re
 import shutil
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,44 +29,17 @@ from numpy.typing import NDArray
 from dermis import hdl
 from dermis.array import column_currents
 from dermis.design import ROOT, TOPOLOGIES
-from dermis.engines import Result
+from dermis.engines import Result, event, event_input, event_loops
 from dermis.errors import SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources
 from dermis.plan import Plan
-from dermis.vfc import W_PRESET
 
 Floats = NDArray[np.float64]
 
-HONOURS = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "v_column_offset_v",
-        "g_lateral_row_s",
-        "g_lateral_column_s",
-        "gain",
-        "i_offset_a",
-        "inv_gain_dc",
-        "g_in_s",
-        "v_int_max_v",
-        "v_int_min_v",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-        "v_hysteresis_v",
-        "t_comp_delay_s",
-    }
-)
+# Everything that is not random: what a real-number model would draw is drawn by engine event alone.
+HONOURS = event.HONOURS - event.RANDOM
 
 MODELS = ROOT / "models" / "verilog"
-
-# A short gives an infinite current; at this one any converter saturates, and sums of it stay finite.
-_X_MAX = 1e12
-_LEAK_MAX = 1e12
 
 _VALUES_AT_ONCE = 1 << 19
 """Currents in one file: 2048 frames of 16x16 in 4 MB."""
@@ -98,16 +73,14 @@ def run(
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them.
+        codes uint8 [frames, rows, cols].
 
     Raises
     ------
     SimulatorError
         The simulator failed, stopped answering or left no proper result.
     """
-    places = value_places(models)
-    effects = effect_bits(plan, places)
-    command = build(plan, effects, simulator, sync_latch, models)
+    event.refuse_coupled(plan)
     scratch = work is None
     if work is None:
         base = ROOT / "build" / "rtl_runs"
@@ -116,26 +89,23 @@ def run(
     else:
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
+    effects = effect_bits(plan, models)
     codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8 if plan.timing.code_max < 256 else np.uint16)
-    duty = np.empty(plan.resistance_ohm.shape)
-    base_network = plan.network(0)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
-        g = plan.conductance_s(part)
-        current = column_currents(base_network, g)
-        duty[part] = plan.converter.duty(current)
-        write_currents(plan, work / "currents.bin", current, g, effects, places, sync_latch)
-        rows = 0 if progress is None else first * plan.rows
+        currents = currents_of(plan, part)
+        command = build(plan, effects, currents, simulator, sync_latch, models)
+        write_inputs(plan, part, work, currents, effects, sync_latch, models)
 
-        def on_rows(done: int, before: int = rows) -> None:
+        def on_rows(done: int, before: int = first * plan.rows) -> None:
             if progress is not None:
                 progress(before + done)
 
         codes[part] = simulate(plan, command, work, part.stop - part.start, on_rows)
     if scratch:
         shutil.rmtree(work, ignore_errors=True)
-    return Result(codes, {"x": duty, "simulator": simulator})
+    return Result(codes, {"simulator": simulator})
 
 
 # ---- what is built ----------------------------------------------------------------------------------------------
@@ -147,33 +117,36 @@ def value_places(models: Path = MODELS) -> dict[str, int]:
     return {n: int(v) for n, v in re.findall(r"^`define DERMIS_(\w+)\s+(\d+)\b", text, re.MULTILINE)}
 
 
-def effect_bits(plan: Plan, places: dict[str, int]) -> int:
+# What a record field asks of the models; fields that are not here act on the column currents alone.
+BUILT_FOR = {
+    "gain": ("GAIN",),
+    "i_offset_a": ("I_OFFSET",),
+    "packet_error": ("PACKET",),
+    "preset_error_v": ("W_PRESET",),
+    "v_comp_offset_v": ("RISE",),
+    "v_hysteresis_v": ("RISE", "FALL"),
+    "t_comp_delay_s": ("DELAY",),
+    "v_int_max_v": ("W_LOW", "W_PRESET"),  # the range may be too small for the preset
+    "v_int_min_v": ("W_LOW", "W_PRESET"),
+    "inv_gain_dc": ("LEAK",),
+    "t_gbw_s": ("GBW", "LEAK"),
+    "inv_i_range_a": ("I_RANGE",),
+    "q_mirror_c": ("Q_MIRROR",),
+}
+
+
+def effect_bits(plan: Plan, models: Path = MODELS) -> int:
     """What a plan needs built: one bit an effect; 0 is the ideal reader."""
-    active = plan.active_fields()
-    names = set()
-    for field, name in (
-        ("gain", "GAIN"),
-        ("i_offset_a", "I_OFFSET"),
-        ("packet_error", "PACKET"),
-        ("preset_error_v", "W_PRESET"),
-        ("v_comp_offset_v", "RISE"),
-        ("v_hysteresis_v", "RISE"),
-        ("v_hysteresis_v", "FALL"),
-        ("t_comp_delay_s", "DELAY"),
-        ("v_int_max_v", "W_LOW"),
-        ("v_int_min_v", "W_LOW"),
-        ("inv_gain_dc", "LEAK"),
-    ):
-        if field in active:
-            names.add(name)
-    if "W_LOW" in names:
-        names.add("W_PRESET")  # the range may be too small for the preset
+    places = value_places(models)
+    names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
         names.add("EACH_FRAME")  # the whole column hangs on the virtual ground
     return sum(1 << places[name] for name in names)
 
 
-def build(plan: Plan, effects: int, simulator: str, sync_latch: bool, models: Path = MODELS) -> list[str]:
+def build(
+    plan: Plan, effects: int, currents: Currents, simulator: str, sync_latch: bool, models: Path = MODELS
+) -> list[str]:
     """Command that runs the reader of a plan, built only if it is not there yet."""
     parameters = {
         "ROWS": plan.rows,
@@ -184,6 +157,8 @@ def build(plan: Plan, effects: int, simulator: str, sync_latch: bool, models: Pa
         "SYNC_LATCH": int(sync_latch),
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
         "EFFECTS": effects,
+        "TERMS": currents.terms,
+        "MODES": currents.modes,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     sources = [*rtl_sources(), *model_sources(models)]
@@ -192,96 +167,136 @@ def build(plan: Plan, effects: int, simulator: str, sync_latch: bool, models: Pa
 
 def model_sources(models: Path = MODELS) -> list[Path]:
     """The models that models/verilog/files.f lists, in order."""
-    lines = (line.split("//", 1)[0].strip() for line in (MODELS / "files.f").read_text().splitlines())
+    lines = (line.split("//", 1)[0].strip() for line in (models / "files.f").read_text().splitlines())
     return [models / Path(line).name for line in lines if line and not line.startswith("+")]
 
 
 # ---- what goes in -----------------------------------------------------------------------------------------------
 
 
-def write_currents(
-    plan: Plan, path: Path, current: Floats, g: Floats, effects: int, places: dict[str, int], sync_latch: bool
+@dataclass(frozen=True, eq=False)
+class Currents:
+    """Column currents of some frames in units of k i0.
+
+    Attributes
+    ----------
+    cells : ndarray
+        [frames, rows, cols, terms + 2 modes]: what course.sv makes a current of.
+    basis : ndarray
+        [1 + clocks of a slot, terms]: the functions of time, at the start of a slot and as means over its clocks.
+    terms, modes : int
+        1 and 0 where a current is constant in its slot.
+    """
+
+    cells: Floats
+    basis: Floats
+    terms: int = 1
+    modes: int = 0
+
+
+def currents_of(plan: Plan, part: slice) -> Currents:
+    """Column currents of some frames; where they change in time, as engine event has them."""
+    converter = plan.converter
+    if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}):
+        current = column_currents(plan.network(0), plan.conductance_s(part))
+        with np.errstate(over="ignore"):
+            unit = np.clip(current / (converter.k * converter.i0_a), -event_input.X_MAX, event_input.X_MAX)
+        return Currents(unit[..., np.newaxis], np.ones((1, 1)))
+    slots = event_input.Slots(plan, part)
+    found = [slots.terms]
+    modes = 0
+    if slots.extra is not None:
+        # A power of two, so that few builds serve all scenes.
+        modes = 1 << (slots.extra.shape[1] - 1).bit_length()
+        pad = ((0, 0), (0, modes - slots.extra.shape[1]), (0, 0))
+        found += [np.pad(slots.extra, pad), np.pad(slots.decay, pad)]
+    terms = slots.terms.shape[1]
+    cells = np.concatenate(found, axis=1)
+    cells[:, : terms + modes] /= np.tile(converter.gain, slots.frames)
+    cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
+    return Currents(cells, np.concatenate([slots.begin[np.newaxis], slots.basis]), terms, modes)
+
+
+def write_inputs(
+    plan: Plan,
+    part: slice,
+    work: Path,
+    currents: Currents,
+    effects: int,
+    sync_latch: bool,
+    models: Path = MODELS,
 ) -> None:
-    """Write what array.sv reads, in big-endian words of 64 bits: number of frames, run-time values, then each frame."""
-    converter, frames = plan.converter, current.shape[0]
-    with np.errstate(over="ignore"):
-        i_column = np.clip(current / (converter.k * converter.i0_a), -_X_MAX, _X_MAX)
-    values = run_time_values(plan, g, places, sync_latch)  # [frames, cols, values]
-    blocks = [i_column.reshape(frames, -1)]
-    if effects >> places["EACH_FRAME"] & 1:
+    """Write what array.sv and drive.sv read: big-endian words of 64 bits."""
+    places = value_places(models)
+    each = bool(effects >> places["EACH_FRAME"] & 1)
+    values = run_time_values(plan, part if each else slice(part.start, part.start + 1), sync_latch, places)
+    frames = currents.cells.shape[0]
+    blocks = [currents.cells.reshape(frames, -1)]
+    if each:
         blocks.insert(0, values.reshape(frames, -1))
-    with path.open("wb") as file:
+    with (work / "currents.bin").open("wb") as file:
         file.write(np.array([frames], dtype=">i8").tobytes())
         file.write(values[0].astype(">f8").tobytes())
         file.write(np.concatenate(blocks, axis=1).astype(">f8").tobytes())
+    if currents.terms > 1:
+        (work / "basis.bin").write_bytes(currents.basis.astype(">f8").tobytes())
 
 
-def run_time_values(plan: Plan, g: Floats, places: dict[str, int], sync_latch: bool) -> Floats:
-    """Run-time values of values.vh, [frames, cols, VALUES] (one frame where they are the same in all)."""
-    converter = plan.converter
-    packet_v = converter.packet_v()
-    amplitude = 1.0 / (
-        1.0 + converter.inv_gain_dc
-    )  # output of the integrator over the voltage of its capacitor
-    scale = packet_v * amplitude
-    low, high = np.sort(
-        [converter.v_sign * converter.v_int_min_v, converter.v_sign * converter.v_int_max_v], axis=0
+def run_time_values(plan: Plan, part: slice, sync_latch: bool, places: dict[str, int]) -> Floats:
+    """Run-time values of values.vh for some frames, [frames, cols, VALUES]."""
+    g = plan.conductance_s(part)
+    converter, active = plan.converter, plan.active_fields()
+    cells = event.cells_of(plan, np.zeros(g.shape), g)
+    column = dataclasses.replace(
+        cells, **{f.name: getattr(cells, f.name)[:, 0] for f in dataclasses.fields(cells)}
     )
-    low, high = low / scale, high / scale
 
     # Pieces of a clock: a until the comparator is looked at or the latch opens, whichever is first; b until the
     # other; c the rest.
-    sample = 1.0 - converter.t_comp_delay_s * converter.f_clk_hz
-    opens = 0.5 if sync_latch else 1.0
+    sample, opens = 1.0 - column.delay, np.full_like(column.delay, 0.5 if sync_latch else 1.0)
     t_a, t_b = np.minimum(sample, opens), np.maximum(sample, opens)
-    if "t_comp_delay_s" not in plan.active_fields():
-        t_a, t_b = (t_a, t_a) if sync_latch else (0.0 * t_a, 0.0 * t_a)
+    if "t_comp_delay_s" not in active:
+        t_a = t_b = opens if sync_latch else np.zeros_like(opens)
     elif not sync_latch:
         t_b = t_a
-    length = np.array([t_a, t_b - t_a, 1.0 - t_b])
-    leak = leak_a_clock(plan, g)[..., np.newaxis, :]  # [frames, 1, cols]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fill = np.where(leak > 0, -np.expm1(-leak * length) / leak, length)
-    keep = np.exp(-leak * length)
-    columns = {
+    values = {
         "GAIN": converter.gain,
         "I_OFFSET": converter.i_offset_a / converter.i0_a,
-        "PACKET": 1.0 + converter.packet_error,
-        "W_PRESET": np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high),
-        "RISE": (converter.v_comp_offset_v + converter.v_hysteresis_v / 2) / scale,
-        "FALL": (converter.v_comp_offset_v - converter.v_hysteresis_v / 2) / scale,
+        "PACKET": column.packet,
+        "W_PRESET": column.w0,
+        "RISE": column.rise,
+        "FALL": column.fall,
         "DELAY": t_a,
         "T_B": t_b,
         "SEEN_B": np.where(sample > opens, 1.0, 0.0),
-        "W_LOW": low,
-        "W_HIGH": high,
-        "LEAK": keep[:, 0],
-        "KEEP_B": keep[:, 1],
-        "KEEP_C": keep[:, 2],
-        "FILL_A": fill[:, 0],
-        "FILL_B": fill[:, 1],
-        "FILL_C": fill[:, 2],
+        "W_LOW": column.low,
+        "W_HIGH": column.high,
+        "I_RANGE": converter.inv_i_range_a * converter.k * converter.i0_a,
+        "Q_MIRROR": np.maximum(converter.q_mirror_c * converter.f_clk_hz / converter.i0_a, 1e-15),
     }
-    out = np.zeros((leak.shape[0], plan.cols, places["VALUES"]))
-    for name, value in columns.items():
+    modes = event.rows_of(column, 1.0)
+    for name, rows in (("", modes.slow), ("FAST_", modes.fast)):
+        if rows is None:
+            continue
+        of = {
+            n: rows[getattr(event_loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")
+        }
+        keep_a = "FAST_KEEP_A" if name else "KEEP_A"
+        for piece, length in (("A", t_a), ("B", t_b - t_a), ("C", 1.0 - t_b)):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                grown = np.where(of["RATE"] == 0, length, np.expm1(of["RATE"] * length) / of["RATE"])
+            values[f"{name}KEEP_{piece}"] = np.exp(of["RATE"] * length)
+            values[f"{name}FILL_{piece}"] = of["DRIVE"] * grown
+        values["GBW" if name else "LEAK"] = values.pop(keep_a)
+        values["FAST_WEIGHT" if name else "SLOW_WEIGHT"] = of["WEIGHT"]
+        values["FAST_RATE" if name else "SLOW_RATE"] = of["RATE"]
+        values["FAST_DRIVE" if name else "SLOW_DRIVE"] = of["DRIVE"]
+        if name:
+            values["FAST_START"], values["LAG"] = of["START"], column.lag
+    out = np.zeros((g.shape[0], plan.cols, places["VALUES"]))
+    for name, value in values.items():
         out[:, :, places[name]] = value
     return out
-
-
-def leak_a_clock(plan: Plan, g: Floats) -> Floats:
-    """Fraction of the charge that is lost in a clock, [frames, cols] (one frame where it is the same in all)."""
-    converter = plan.converter
-    across = converter.g_in_s[np.newaxis]
-    if plan.topology == "direct" and converter.inv_gain_dc.any():
-        across = across + np.minimum(g, _LEAK_MAX).sum(axis=1)
-    leak = (
-        across
-        * converter.inv_gain_dc
-        / (1.0 + converter.inv_gain_dc)
-        / converter.c_int_f
-        / converter.f_clk_hz
-    )
-    return np.minimum(leak, _LEAK_MAX)
 
 
 # ---- what comes out ---------------------------------------------------------------------------------------------
