@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import time
 import traceback
@@ -158,6 +159,9 @@ def lint() -> int:
 
 def main() -> None:
     """Run the command line and end the process with the exit code of DESIGN's table."""
+    # Small matrices: a second thread of OpenBLAS only waits for the first one, and takes ten times the time with it.
+    # It is read when numpy is loaded, which is later. Cores are for processes.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         code = cli(standalone_mode=False)
     except DermisError as error:
