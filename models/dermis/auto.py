@@ -7,17 +7,25 @@ models/dermis/bounds.py says how far each effect can move a decision; docs/auto.
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
 from dermis import bounds, effects, engines
 from dermis.bounds import Extent, Total
 from dermis.effects import EFFECTS, AutoTable
+from dermis.errors import InputError
 from dermis.schema import Strict
+from dermis.vfc import W_PRESET, code
 
 if TYPE_CHECKING:
     from dermis.engines import Result
@@ -28,30 +36,30 @@ Floats = NDArray[np.float64]
 
 # Engines a plan may choose for itself, and nanoseconds a conversion of each without effects; then what an effect
 # adds. `dermis plan --costs` measures the table; only the order of magnitude enters the choice.
-ENGINE_COST_NS = {"closed": 30.0, "event": 500.0}
+ENGINE_COST_NS = {"closed": 40.0, "event": 350.0}
 COST_NS = {
-    "row_driver": 170.0,
-    "column_input": 170.0,
-    "column_offset": 170.0,
-    "mux_leakage": 170.0,
-    "trace": 800.0,
-    "line_capacitance": 3000.0,
-    "mirror_lag": 1500.0,
-    "supply_ripple": 1500.0,
-    "motion": 1500.0,
-    "integrator_gain": 1500.0,
-    "mirror_output": 1500.0,
-    "integrator_range": 1500.0,
-    "integrator_bandwidth": 2000.0,
-    "comparator_hysteresis": 500.0,
-    "comparator_delay": 500.0,
-    "comparator_noise": 500.0,
-    "metastability": 500.0,
-    "clock_jitter": 1000.0,
-    "thermal_noise": 1000.0,
-    "shot_noise": 1000.0,
-    "ktc_noise": 50.0,
-    "flicker_noise": 50.0,
+    "row_driver": 50.0,
+    "column_input": 50.0,
+    "column_offset": 50.0,
+    "mux_leakage": 50.0,
+    "trace": 1000.0,
+    "line_capacitance": 450.0,
+    "mirror_lag": 2400.0,
+    "supply_ripple": 600.0,
+    "motion": 450.0,
+    "integrator_gain": 50.0,
+    "mirror_output": 50.0,
+    "integrator_range": 300.0,
+    "integrator_bandwidth": 200.0,
+    "comparator_hysteresis": 25.0,
+    "comparator_delay": 50.0,
+    "comparator_noise": 450.0,
+    "metastability": 350.0,
+    "clock_jitter": 900.0,
+    "thermal_noise": 350.0,
+    "shot_noise": 700.0,
+    "ktc_noise": 500.0,
+    "flicker_noise": 400.0,
 }
 # One solve serves all of these, so leaving one out saves nothing while another is in.
 _SOLVE = frozenset({"row_driver", "column_input", "column_offset", "mux_leakage", "trace"})
@@ -92,6 +100,15 @@ def candidates(world: Scene) -> dict[str, Strict]:
     """What auto would consider in a scene: what it names, and every further effect with physical defaults."""
     table = world.table.effects.model_copy(update={"auto": AutoTable()})
     return effects.resolve_effects(table, effects.Setting.of(world.table, world.design, _no_rng), world.path)
+
+
+def with_auto(world: Scene, auto: AutoTable | None = None) -> Scene:
+    """The same scene as if it said [effects] auto."""
+    chosen = world.table.effects.model_copy(update={"auto": auto or AutoTable()})
+    table = world.table.model_copy(
+        update={"effects": chosen, "run": world.table.run.model_copy(update={"engine": None})}
+    )
+    return dataclasses.replace(world, table=table, effects=candidates(world))
 
 
 def _no_rng(name: str) -> Any:
@@ -151,7 +168,7 @@ class _Weighing:
         if not out:
             return True
         if "mirror_lag" in out:
-            budget = min(budget, bounds.LAG_BUDGET_LSB)
+            budget = min(budget, self.extent.lag_room)
         if any(self.bound[name] > budget for name in out):
             return False
         return self._largest(self._cells(out, self.kept.keys() - out)) <= budget
@@ -236,8 +253,6 @@ def _formula_holds(plan: Plan) -> bool:
 
 def _start(plan: Plan) -> tuple[Floats, Floats, Floats]:
     c = plan.converter
-    from dermis.vfc import W_PRESET
-
     return (
         W_PRESET + c.preset_error_v / c.packet_v(),
         1.0 + c.packet_error,
@@ -275,8 +290,104 @@ def certify(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.u
 
 
 def _codes_of(plan: Plan, x: Floats) -> NDArray[np.uint8]:
-    from dermis.vfc import code
-
     start, packet, threshold = _start(plan)
     t = plan.timing
     return code(x, t.gate_clocks, t.code_max, w0=start, packet=packet, threshold=threshold).astype(np.uint8)
+
+
+# --- the table, and what its costs are -----------------------------------------------------------------------------
+
+
+def print_plan(plan: Plan) -> None:
+    """Print what a plan simulates: effect, bound, in or out, why, cost."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=130)
+    table = Table(title=None, box=box.SIMPLE_HEAD)
+    for heading in ("effect", "bound in LSB", "", "why", "cost in ns"):
+        table.add_column(heading, justify="right" if " in " in heading else "left")
+    for e in plan.effects:
+        if e.bound_lsb is None and not e.on:
+            continue
+        bound = "" if e.bound_lsb is None else ("none" if e.bound_lsb > 1e300 else f"{e.bound_lsb:.3g}")
+        cost = "" if e.cost_ns is None else f"{e.cost_ns:.0f}"
+        table.add_row(e.name, bound, "in" if e.on else "out", e.reason, cost)
+    console.print(table)
+    aside = [e for e in plan.effects if e.bound_lsb is None and not e.on]
+    if aside:
+        console.print(
+            "not considered: " + ", ".join(f"{e.name} ({e.reason})" for e in aside), highlight=False
+        )
+    margin = float(np.max(plan.margin_lsb))
+    console.print(
+        f"engine {plan.engine}; left out: {plan.left_out_lsb:.3g} LSB together; certified codes allow for "
+        f"{margin:.3g} LSB either way",
+        highlight=False,
+    )
+
+
+def measure_costs(frames: int = 32, repeats: int = 5) -> dict[str, float]:
+    """Nanoseconds a conversion: of every engine bare, and what each effect alone adds to the cheapest that can."""
+    from dermis import plan as planning
+    from dermis import scene
+
+    def world(effect: str | None, topology: str) -> Scene:
+        stimulus = {"kind": "ramp", "force_n": [0.0, 12.0], "frames": frames}
+        data = {
+            "stimulus": stimulus,
+            "interface": {"topology": topology},
+            "effects": {effect: True} if effect else {},
+        }
+        return scene.from_data(data, Path("costs"))
+
+    def nanoseconds(scene_of: Scene, engine: str) -> float:
+        plan = planning.whole(scene_of, engine)
+        run = engines.runner(engine)
+        run(plan)
+        best = min(_timed(run, plan) for _ in range(repeats))
+        return 1e9 * best / plan.resistance_ohm.size
+
+    found = {name: nanoseconds(world(None, "conveyor_mirror"), name) for name in ENGINE_COST_NS}
+    for name, effect in EFFECTS.items():
+        scene_of = world(name, effect.topologies[-1])
+        fields = _fields(planning.whole(scene_of, None), name)
+        if not fields:
+            continue
+        engine = next((e for e in ENGINE_COST_NS if not fields - engines.honours(e)), "event")
+        found[name] = nanoseconds(scene_of, engine) - found[engine]
+    return found
+
+
+def _timed(run: Any, plan: Plan) -> float:
+    start = time.process_time()
+    run(plan)
+    return time.process_time() - start
+
+
+@click.command("plan")
+@click.argument("scene", required=False)
+@click.option(
+    "--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest that can."
+)
+@click.option("--auto", "chosen", is_flag=True, help="As if the scene said [effects] auto = {}.")
+@click.option("--costs", is_flag=True, help="Measure the costs instead and print them beside the table's.")
+def plan_command(scene: str | None, engine: str | None, chosen: bool, costs: bool) -> int:
+    """What a scene's plan simulates and leaves out, with bounds and costs; nothing is run."""
+    from dermis import plan as planning
+    from dermis import scene as scenes
+    from dermis.cli import scene_path
+
+    if costs:
+        table = ENGINE_COST_NS | COST_NS
+        for name, value in measure_costs().items():
+            click.echo(f"{name:24} {value:10.0f} ns measured {table.get(name, 0.0):10.0f} ns in the table")
+        return 0
+    if scene is None:
+        raise InputError("command line", "SCENE", "nothing", "a scene, or --costs")
+    world = scenes.load(scene_path(scene))
+    if chosen and world.table.effects.auto is None:
+        world = with_auto(world)
+    made = planning.make(world, engine)
+    engines.check(made)
+    print_plan(made)
+    return 0

@@ -21,7 +21,7 @@ from dermis.progress import slots
 
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
 # Values of effects are drawn this many decades below and above their defaults.
-_DECADES = (-1.5, 0.3)
+_DECADES = (-3.0, 0.3)
 _SIGNED = {"ratio_error", "packet_error", "v_v", "i_a", "delta_k", "tc_per_k"}
 _BELOW = {"t_aperture_s": 1e-7, "t_s": 1e-7, "relative": 0.5}
 # Two of these with topology direct couple its columns, which no fast engine does together with finite gain.
@@ -211,7 +211,7 @@ def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
     ratios = [o.seconds_all / o.seconds for o in outcomes]
     by_engine = ", ".join(f"{sum(o.engine == e for o in outcomes)} {e}" for e in auto.ENGINE_COST_NS)
     return [
-        verdict.judge("auto.scenes", len(outcomes), by_engine),
+        verdict.report("auto.scenes", len(outcomes), "scenes", by_engine),
         verdict.judge("auto.conversions", total),
         verdict.judge(
             "auto.over_budget",

@@ -30,8 +30,6 @@ BLOCKS_MAX = 8
 _G_MAX_S = 1e30
 # Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
 _X_CLIP = 0.75
-# With a slow mirror left out everything else that is may not amount to more, or a dark cell might read 1 for it.
-LAG_BUDGET_LSB = 0.4
 # The mirror's output never falls below this (Converter.q_mirror_c).
 Y_FLOOR = 1e-6
 
@@ -122,6 +120,7 @@ class Extent:
         self.x_clip = _X_CLIP if self.clips else 1.0
         self.x = np.minimum(self.x_up, self.x_clip)
         self.x_sure: ArrayLike = self.x_clip
+        self.lag_room = math.inf  # packets that may be left out in all where a slow mirror is
         self.lagging: ArrayLike = 0.0  # [B, R, C] packets by which a slow mirror may be early or late
         self.x_floor: ArrayLike = 0.0  # [B, R, C] smallest duty, before the offset current
         self.packet_low = np.maximum(1.0 + c.packet_error, 1e-3)
@@ -345,12 +344,17 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
             early = kappa * np.log1p(
                 np.where(kappa > 0, highest * e.n / np.where(kappa > 0, kappa, 1.0), 0.0)
             )
-    # It gives no negative current. That lifts dark cells to nothing, which no code shows unless something else
-    # lifts them further.
+    # It gives no negative current. That lifts dark cells to nothing, which no code shows as long as all else that
+    # may lift them stays below half a packet: kept effects, and what is left out (Extent.lag_room).
     below = ((e.d * (e.a + e.side) + e.leak) * e.per_a)[:, None]
     lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e))
-    seen = (lifted + LAG_BUDGET_LSB >= -W_PRESET) | e.drive.motion
-    nothing = np.where(seen, below, 0.0) + np.where(kappa > 0, e.n * Y_FLOOR, 0.0)
+    room = -W_PRESET - float(np.max(lifted))
+    if e.drive.motion or room < 0.05:
+        nothing = below
+    else:
+        nothing = np.where(kappa > 0, e.n * Y_FLOOR, 0.0)
+        if below.any():
+            e.lag_room = room
     e.lagging = np.maximum(np.minimum(late, e.n * e.x), early)
     return Bound(e.lagging + nothing)
 

@@ -40,6 +40,11 @@ def honours(engine: str) -> frozenset[str]:
     return _module(engine).HONOURS
 
 
+def runner(engine: str) -> Callable[..., Result]:
+    """The function that runs a plan in an engine, unchecked and without certified codes."""
+    return _module(engine).run
+
+
 def refused(plan: Plan, engine: str) -> frozenset[str]:
     """Record fields of a plan that are away from the ideal and that an engine cannot honour."""
     return plan.active_fields() - honours(engine)
