@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from deck_bench import DeckReader
+from effects_campaign import RANGES, difference, scene
 from system_bench import MakePlan
 from test_decks import ADDS, effects_of, scene_of
 
@@ -64,7 +66,7 @@ INVERTED = {"integrator_range": "{ v_max_v = 0.25, v_min_v = -0.6 }"}  # and the
 
 
 def test_every_effect_of_a_deck_is_tied_here() -> None:
-    assert ALONE.keys() == ADDS.keys()
+    assert ALONE.keys() == ADDS.keys() == RANGES.keys()
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
@@ -96,6 +98,13 @@ def test_all_effects_together_at_their_defaults_read_as_in_the_event_engine(
         del on["integrator_gain"]  # event refuses it together with what couples the columns
     made = resistance_plan(OHM, topology, scene_of(on))
     assert np.abs(reader.codes(made) - event.run(made).codes).max() <= 1
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 7, 11, 14])
+def test_random_scenes_read_as_in_the_event_engine(tmp_path: Path, reader: DeckReader, number: int) -> None:
+    """A few of `python tb/system/effects_campaign.py`."""
+    worst = difference(scene(number, tmp_path), reader)
+    assert worst is None or worst <= 1
 
 
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:

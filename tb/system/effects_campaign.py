@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random scenes with random effects through ngspice and the event engine; prints those more than 1 LSB apart.
+
+Run it as ``python tb/system/effects_campaign.py --scenes 300``; docs/cosimulation.md has the outcome, and
+test_cosim_effects.py runs a few. A scene depends on its number alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from deck_bench import DeckReader
+
+from dermis import effects, engines, plan
+from dermis.design import TOPOLOGIES
+from dermis.errors import InputError
+from dermis.plan import Plan
+
+# Powers of ten are drawn evenly between the two limits, from far below the physical default to far above. A comparator
+# that answers late has a pole in SPICE and a pure delay elsewhere: the same thing up to about a tenth of a clock.
+RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "lateral": {"r_ohm": (100, 1e4)},
+    "row_driver": {"r_ohm": (0.1, 30), "grounded_r_ohm": (0.1, 30)},
+    "column_input": {"r_ohm": (0.1, 30)},
+    "column_offset": {"v_v": (1e-5, 5e-3)},
+    "mirror_ratio": {"ratio_error": (1e-3, 5e-2)},
+    "offset_current": {"i_a": (1e-10, 3e-7)},
+    "integrator_gain": {"gain_dc": (100, 1e5), "r_in_ohm": (1e5, 1e9)},
+    "integrator_range": {},
+    "comparator_offset": {"v_v": (1e-3, 0.3)},
+    "comparator_hysteresis": {"v_v": (1e-4, 0.3)},
+    "comparator_delay": {"t_s": (1e-10, 2e-8)},
+    "charge_packet": {"packet_error": (1e-4, 5e-2)},
+    "preset_error": {"v_v": (1e-4, 0.3)},
+    "trace": {"r_row_ohm": (0.01, 5), "r_column_ohm": (0.01, 5)},
+    "line_capacitance": {"c_row_f": (1e-11, 1e-8), "c_column_f": (1e-11, 1e-8), "c_taxel_f": (1e-13, 1e-10)},
+    "mux_leakage": {"i_a": (1e-10, 1e-5)},
+    "mirror_output": {"r_out_ohm": (1e5, 1e8)},
+    "mirror_lag": {"q_c": (1e-15, 1e-11)},
+    "range_switch": {"r_ohm": (0.01, 10), "v_overdrive_v": (0.1, 0.4)},
+    "integrator_bandwidth": {"gbw_hz": (1e6, 1e8)},
+    "reference_drift": {"tc_per_k": (1e-5, 1e-3), "delta_k": (1, 60)},
+    "supply_ripple": {"relative": (1e-4, 5e-2), "frequency_hz": (1e3, 1e6), "phase_deg": (1, 360)},
+    "motion": {},
+}
+
+
+def scene(number: int, folder: Path) -> Plan:
+    """Scene `number`: one to three rows, columns and frames more or less, effects on by chance."""
+    rng = np.random.default_rng(number)
+    topology = TOPOLOGIES[rng.integers(len(TOPOLOGIES))]
+    rows, cols, frames = (int(n) for n in rng.integers(1, [5, 6, 3]))
+    ohm = 450 * 100 ** rng.random((frames, rows, cols))
+    often = rng.choice([0.15, 0.5, 0.9])
+    lines = []
+    for name, ranges in RANGES.items():
+        values = {key: low * (high / low) ** rng.random() for key, (low, high) in ranges.items()}
+        if rng.random() < often and topology in effects.EFFECTS[name].topologies:
+            inside = ", ".join(f"{key} = {value!r}" for key, value in values.items())
+            lines.append(f"{name} = " + (f"{{ {inside} }}" if values else "true"))
+    np.save(folder / f"taxels_{number}.npy", ohm)
+    path = folder / f"scene_{number}.toml"
+    path.write_text(
+        f'title = "{number}"\n[array]\nrows = {rows}\ncols = {cols}\n'
+        f'[stimulus]\nkind = "resistance"\nfile = "taxels_{number}.npy"\n'
+        f'[interface]\ntopology = "{topology}"\n[effects]\n' + "\n".join(lines) + "\n"
+    )
+    return plan.load(path, "event")
+
+
+def difference(made: Plan, reader: DeckReader) -> int | None:
+    """Largest difference of a code between ngspice and the event engine; None where the latter refuses the scene."""
+    try:
+        expected = engines.run(made).codes.astype(int)
+    except InputError:
+        return None
+    return int(np.abs(reader.codes(made) - expected).max())
+
+
+def main() -> None:
+    """Print how many scenes differ by how much."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    chosen = parser.parse_args()
+    found: Counter[int | None] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        reader = DeckReader(Path(folder))
+        for number in range(chosen.first, chosen.first + chosen.scenes):
+            made = scene(number, Path(folder))
+            worst = difference(made, reader)
+            found[worst] += 1
+            if worst is not None and worst > 1:
+                on = [state.name for state in made.effects if state.on]
+                print(f"scene {number}: {worst} LSB, {made.topology}, {', '.join(on)}", flush=True)
+        reader.close()
+    for worst, count in sorted(found.items(), key=lambda item: -1 if item[0] is None else item[0]):
+        print(f"{count} scenes: " + ("refused by event" if worst is None else f"at most {worst} LSB apart"))
+    sys.exit(any(worst is not None and worst > 1 for worst in found))
+
+
+if __name__ == "__main__":
+    main()
