@@ -3,7 +3,7 @@
 
 # Optional values, each passed on only when given:
 #   FRAMES=path                        for sim: also read this frame file (csv or npy)
-#   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for ablate
+#   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for plan and ablate
 #   ARGS="..."                         anything more for the command behind a target
 #   TESTS=paths JOBS=n                 for test: what to run, and on how many cores
 TESTS ?= tb
@@ -19,7 +19,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run ablate sweep lint test bench waves generate gen-check calc clean
+.PHONY: help setup sim run plan ablate auto-check sweep lint test bench waves generate gen-check calc clean
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -32,9 +32,16 @@ run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
 
+plan: setup ## what the plan of a scene keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
+	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
+	@$(dermis) plan '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
+
 ablate: setup ## what each effect of a scene costs, one off at a time: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'ablate: SCENE is missing: make ablate SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) ablate '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
+
+auto-check: setup ## 1000 random scenes as auto plans them, against everything on
+	@$(dermis) auto-check $(ARGS)
 
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
 	@$(dermis) sweep $(ARGS)

@@ -25,9 +25,14 @@ ELSEWHERE = {
         "dermis.ablate",
         "What each effect of a scene costs, in codes and in time: one off at a time.",
     ),
+    "auto-check": ("dermis.auto_check", "Random scenes as auto plans them against everything on."),
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
+    "plan": (
+        "dermis.auto",
+        "What a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
+    ),
     "sim": (
         "dermis.regression",
         "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
