@@ -383,14 +383,17 @@ def test_direct_interface_needs_a_gain_of_about_4000_on_a_full_column() -> None:
     assert worst(100) > 1
 
 
-def test_direct_gain_with_coupled_columns_is_refused_with_the_name_of_an_engine_that_can() -> None:
+def test_columns_of_the_direct_interface_that_move_each_other_by_counts_are_refused() -> None:
     data = {
-        "stimulus": {"kind": "uniform", "code": 5},
+        "stimulus": {"kind": "uniform", "r_ohm": 500.0},
         "interface": {"topology": "direct"},
-        "effects": {"integrator_gain": True, "row_driver": True},
+        "effects": {"integrator_gain": {"gain_dc": 100.0}, "lateral": {"r_ohm": 100.0}},
     }
-    with pytest.raises(InputError, match=r"row_driver.*cosim"):
+    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*cosim"):
         event.run(made(data))
+    data["effects"]["integrator_gain"] = True
+    data["effects"]["lateral"] = True
+    event.run(made(data))
 
 
 def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> None:

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from dermis import noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, event_loops
+from dermis.engines.event_input import COUPLING, X_MAX, Coupling, Slots, coupling
 from dermis.engines.event_input import FIELDS as VARYING
-from dermis.engines.event_input import X_MAX, Slots
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
 from dermis.vfc import W_PRESET, Converter
@@ -108,9 +108,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Raises
     ------
     InputError
-        The direct interface with finite gain together with impedances that couple its columns.
+        The direct interface with finite gain and impedances that couple its columns by more than a count.
     """
-    refuse_coupled(plan)
     shape = plan.resistance_ohm.shape
     codes = np.empty(shape, dtype=np.uint8)
     x_all, w_end = np.empty(shape), np.empty(shape)
@@ -127,8 +126,12 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
             counts, w_end[part] = _count_slots(plan, slots, g, keys)
             x_all[part] = slots.mean
         else:
-            x = x_all[part] = plan.converter.duty(column_currents(base, g))
-            cells, draws = cells_of(plan, x, g), None
+            x = plan.converter.duty(column_currents(base, g))
+            coupled = coupling(plan, g, np.clip(x, -X_MAX, X_MAX))
+            if coupled is not None:
+                x = x + coupled.x
+            x_all[part] = x
+            cells, draws = cells_of(plan, x, g, coupled), None
             if keys is not None:
                 cells = _with_slot_noise(plan.converter, cells, keys)
                 draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
@@ -140,19 +143,19 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
 
 
 def refuse_coupled(plan: Plan) -> None:
-    coupled = {"r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "g_lateral_row_s"}
-    both = coupled & plan.active_fields()
+    """Refuse the direct interface with finite gain and coupled columns, for an engine that takes a column by itself."""
+    both = COUPLING & plan.active_fields()
     if plan.topology == "direct" and "inv_gain_dc" in plan.active_fields() and both:
         names = {name for field in both for name in plan.effects_of_field(field)}
         raise InputError(
             plan.scene.path,
             "effects.integrator_gain",
             "on together with " + ", ".join(sorted(names)),
-            "one without the other for topology direct in engine event; engine cosim does both",
+            f"one without the other for topology direct in engine {plan.engine}; engines event and cosim do both",
         )
 
 
-def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats) -> Cells:
+def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
     converter = plan.converter
     packet_v = converter.packet_v()
@@ -162,7 +165,9 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats) -> Cells:
     leak = across = np.zeros(x.shape)
     if converter.inv_gain_dc.any() or converter.t_gbw_s.any():
         g_in = converter.g_in_s
-        if plan.topology == "direct":
+        if coupled is not None:
+            g_in = g_in + coupled.across_s
+        elif plan.topology == "direct":
             # The whole column hangs on the virtual ground, whichever row is driven.
             g_in = g_in + np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
         per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
@@ -386,7 +391,7 @@ def _count_slots(
 ) -> tuple[NDArray[np.int64], Floats]:
     """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of cells."""
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
-    cells = cells_of(plan, np.zeros(shape), g_taxel_s)
+    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
     variance = None
     if keys is not None:
         cells = _with_slot_noise(converter, cells, keys)

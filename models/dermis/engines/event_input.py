@@ -21,6 +21,7 @@ from dermis import settling
 from dermis.array import Network, column_currents
 from dermis.errors import InputError
 from dermis.plan import Plan
+from dermis.vfc import W_PRESET
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +37,8 @@ WIDEST = 128
 FAR = 0.05
 # Conductance that stands for a short on its way to another value; as in dermis.array.
 _G_SHORT_S = 1e16
+# Conductance of a short across a virtual ground: any integrator loses all its charge through it.
+_G_ACROSS_S = 1e12
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets a clock by which the course of a current over a frame may differ from its polynomial: 5e-5 count in a
@@ -53,6 +56,111 @@ def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     with np.errstate(invalid="ignore"):
         follows = total - rest
     return np.where(np.isnan(follows), total, follows), rest
+
+
+# Fields that make the virtual ground of one column see the others.
+COUPLING = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "g_lateral_row_s",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+    }
+)
+
+
+def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
+    """Conductance matrix between the virtual grounds of the columns, [frames, rows or 1, cols, cols].
+
+    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are driven one
+    after the other (one matrix for all where driven and grounded rows hang on the same resistance). Trace
+    resistance is counted as if each taxel were alone on its two lines.
+    """
+    rows, cols = network.rows, network.cols
+    g = _behind_lines(network, np.minimum(g_frames_s, _G_ACROSS_S))
+    resistance = np.full((1, rows), network.r_row_grounded_ohm)
+    if network.r_row_driven_ohm != network.r_row_grounded_ohm:
+        resistance = np.full((rows, rows), network.r_row_grounded_ohm)
+        np.fill_diagonal(resistance, network.r_row_driven_ohm)
+    # A row of one common node: what it gives back of the current it takes, 0 where it is held hard.
+    total = g.sum(axis=2)[:, None, :]
+    free = resistance * total
+    share = np.where(np.isinf(resistance), 1.0, free / (1.0 + np.where(np.isinf(resistance), 0.0, free)))
+    share = np.divide(
+        share, total, out=np.zeros(np.broadcast_shapes(share.shape, total.shape)), where=total > 0
+    )
+    matrix = -np.einsum("fdr,frb,frc->fdbc", share, g, g, optimize=True)
+    own = np.arange(cols)
+    matrix[..., own, own] += g.sum(axis=1)[:, None, :]
+    if network.g_lateral_row_s:
+        beside = network.rows * network.g_lateral_row_s * (np.eye(cols, k=1) + np.eye(cols, k=-1))
+        matrix += np.diag(beside.sum(axis=1)) - beside
+    if network.r_column_ohm.any():
+        matrix = np.linalg.solve(np.eye(cols) + matrix * network.r_column_ohm, matrix)
+    return matrix
+
+
+def _behind_lines(network: Network, g: Floats) -> Floats:
+    along = network.r_trace_row_ohm * np.arange(1, network.cols + 1)
+    down = network.r_trace_column_ohm * np.arange(network.rows, 0, -1)
+    return g / (1.0 + g * (along + down[:, None]))
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """What the columns of the direct interface do to each other through a virtual ground that gives way.
+
+    `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames, rows, cols]:
+    packets a clock from the others, each taken at the mean of its charge over the gate.
+    """
+
+    across_s: Floats
+    x: Floats
+
+
+def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
+    """The coupling of frames whose duties are x [frames, rows, cols]; None where there is none.
+
+    A charge that swings by a packet around its mean makes, by neighbours, a current that does the same and adds
+    up to less than a quarter of a packet times the conductance a clock; where that could reach a count the plan
+    is refused.
+
+    Raises
+    ------
+    InputError
+        See above.
+    """
+    converter, network, clocks = plan.converter, plan.network(0), plan.timing.gate_clocks
+    active = plan.active_fields()
+    if plan.topology != "direct" or not active & COUPLING or not active & {"inv_gain_dc", "t_gbw_s"}:
+        return None
+    matrix = seen_from_grounds(network, g)
+    own = np.arange(plan.cols)
+    per_clock = (
+        converter.inv_gain_dc / (1.0 + converter.inv_gain_dc) / (converter.c_int_f * converter.f_clk_hz)
+    )
+    across_s = matrix[..., own, own].copy()
+    matrix[..., own, own] = 0.0
+    # A quarter of a packet of swing; traces are reckoned one taxel at a time, at most as wrong as all they do.
+    doubt = clocks * (0.25 * np.abs(matrix).sum(axis=3) * per_clock).max()
+    if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
+        alone = np.minimum(g, _G_ACROSS_S)
+        lines_s = (alone - _behind_lines(network, alone)).sum(axis=1)
+        doubt += clocks * (0.25 * lines_s * per_clock).max()
+    if doubt > 1.0:
+        names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
+        raise InputError(
+            plan.scene.path,
+            "effects.integrator_gain",
+            f"on together with {', '.join(sorted(names))}: columns move each other by up to {doubt:.2g} counts",
+            "up to 1 count for topology direct in engine event; engine cosim takes any",
+        )
+    level = converter.v_comp_offset_v / converter.packet_v()
+    mean = level + W_PRESET + 1.5 * np.clip(x, 0.0, 0.5) + np.clip((x - 0.5) * clocks / 2, 0.0, 2.0)
+    matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
+    return Coupling(across_s, -np.einsum("frcd,frd->frc", matrix, mean * per_clock))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +258,10 @@ class Slots:
     extra, decay : ndarray or None
         What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
         modes, frames * cols].
+    offset : ndarray
+        Added behind compression and mirror, packets a clock, [rows, frames * cols].
+    coupling : Coupling or None
+        Of the columns of the direct interface.
     mean : ndarray
         Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
     """
@@ -158,6 +270,7 @@ class Slots:
         converter, timing, drive = plan.converter, plan.timing, plan.drive
         found = course(plan, part)
         self.frames, self.rows, self.cols = found.follows_begin.shape
+        self.coupling: Coupling | None = None
         cells = self.frames * self.cols
         self._settle, self._gate = timing.settle_clocks, timing.gate_clocks
 
@@ -190,7 +303,12 @@ class Slots:
         self.terms = np.ascontiguousarray(
             np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
         )
-        self._offset = np.tile(converter.i_offset_a / converter.i0_a, self.frames)
+        self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
+        if plan.topology == "direct":
+            begin = self.terms[:, 0].reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
+            self.coupling = coupling(plan, plan.conductance_s(part), np.clip(begin, -X_MAX, X_MAX))
+            if self.coupling is not None:
+                self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
         self._squeeze = None
         if converter.inv_i_range_a.any() and unit_a is not None:
             self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
@@ -238,7 +356,7 @@ class Slots:
                     out = np.empty(out.shape)
                 charge = charges(
                     row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra, self.decay,
-                    self._squeeze, self._lag, self._slow, self._offset, out, mean,
+                    self._squeeze, self._lag, self._slow, self.offset, out, mean,
                 )  # fmt: skip
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
@@ -313,7 +431,7 @@ def charges(  # type: ignore
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
         Time constant times output of the mirror in packets, and 1 / its output, which is carried on.
-    offset : [cells]
+    offset : [rows, cells]
         Added behind the mirror.
     out, mean : [clocks of the slot, cells], [cells]
         Results.
@@ -330,7 +448,7 @@ def charges(  # type: ignore
     own = np.zeros(7 * size)
     row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
     for c in range(cells):
-        added[c] = offset[first + c]
+        added[c] = offset[row_number, first + c]
     if extra is not None:
         late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
     if squeeze is not None:

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What changes inside a gate in the event engine, each against a slow reference that shares nothing with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.linalg import expm
+
+from dermis import plan as planning
+from dermis import scene
+from dermis.array import Network, column_currents
+from dermis.engines import event, event_input
+from dermis.engines.event_input import Slots, course, seen_from_grounds
+
+RIPPLE = {"relative": 0.05, "frequency_hz": 31e3, "phase_deg": 40.0}
+SERIES = {
+    "row_driver": {"r_ohm": 3.0, "grounded_r_ohm": 1.0},
+    "lateral": True,
+    "column_input": {"r_ohm": 2.0},
+}
+
+
+def made(
+    tmp_path: Path,
+    ohm: np.ndarray,
+    effects: dict[str, object],
+    topology: str = "conveyor_mirror",
+) -> planning.Plan:
+    np.save(tmp_path / "ohm.npy", ohm)
+    data = {
+        "array": {"rows": ohm.shape[1], "cols": ohm.shape[2]},
+        "stimulus": {"kind": "resistance", "file": str(tmp_path / "ohm.npy")},
+        "interface": {"topology": topology},
+        "effects": effects,
+    }
+    return planning.make(scene.from_data(data, tmp_path / "made.toml"))
+
+
+def ohms(seed: int, *shape: int) -> np.ndarray:
+    return 500.0 * 10 ** np.random.default_rng(seed).uniform(0, 2, shape)
+
+
+def charges(plan: planning.Plan) -> np.ndarray:
+    """Charge a clock, [frames, rows, cols, clocks]."""
+    slots = Slots(plan, slice(0, plan.frames))
+    out = np.empty((plan.frames, plan.rows, plan.cols, plan.timing.gate_clocks))
+    for row, block, charge, mean in slots.blocks(5):
+        for c in range(block.start, block.stop):
+            out[c // plan.cols, row, c % plan.cols] = charge[:, c - block.start]
+        assert mean == pytest.approx(charge.mean(axis=0), rel=1e-12)
+    assert slots.mean == pytest.approx(out.mean(axis=-1), rel=1e-12)
+    return out
+
+
+def current_at(plan: planning.Plan, frame: int, row: int, clock: float) -> np.ndarray:
+    """Column currents `clock` clocks after the slot of a row began, from the definition: networks at that instant."""
+    drive, timing = plan.drive, plan.timing
+    within = row * timing.slot_s + clock / timing.f_clk_hz
+    angle = 2 * math.pi * drive.f_ripple_hz * (frame * drive.t_frame_s + within) + drive.phase_ripple_rad
+    g, then = plan.conductance_s(frame), plan.next_conductance_s()[frame]
+    if drive.motion:
+        g = g + (then - g) * within / drive.t_frame_s
+    bias = plan.v_bias_v * (1 + drive.ripple * math.sin(angle))
+    return column_currents(Network(g, bias, **plan.surrounding))[row]
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"supply_ripple": RIPPLE},
+        {"supply_ripple": {"relative": 0.3, "frequency_hz": 0.02}},
+        {"motion": True},
+        {"motion": True, "supply_ripple": RIPPLE},
+        {"supply_ripple": RIPPLE, "column_offset": {"v_v": 5e-3}, "mux_leakage": {"i_a": 1e-5}, **SERIES},
+    ],
+)
+def test_charge_of_every_clock_is_the_integral_of_the_current(tmp_path: Path, effects: dict) -> None:
+    plan = made(tmp_path, ohms(1, 3, 2, 3), effects)
+    found = charges(plan)
+    unit = (plan.converter.k * plan.converter.i0_a)[0]
+    for frame, row, clock in ((0, 0, 0), (0, 1, 509), (1, 0, 77), (2, 1, 300)):
+        begin = plan.timing.settle_clocks + clock
+        for col in range(plan.cols):
+            mean, _ = quad(lambda t: current_at(plan, frame, row, t)[col], begin, begin + 1, epsrel=1e-13)  # noqa: B023
+            assert found[frame, row, col, clock] == pytest.approx(mean / unit, rel=1e-11)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 30.0])
+def test_motion_through_a_network_goes_straight_between_gate_ends(tmp_path: Path, ratio: float) -> None:
+    ohm = ohms(2, 3, 5, 4)
+    ohm[1] /= ratio
+    plan = made(tmp_path, ohm, {"motion": True, "supply_ripple": RIPPLE, "column_offset": True, **SERIES})
+    still = dataclasses.replace(plan, drive=dataclasses.replace(plan.drive, ripple=0.0))
+    found = course(plan, slice(0, 3))
+    timing, unit = plan.timing, (plan.converter.k * plan.converter.i0_a)[0]
+    for frame in range(3):
+        for row in range(plan.rows):
+            for edge, got in (
+                (0, found.follows_begin + found.rest_begin),
+                (timing.gate_clocks, found.follows_end + found.rest_end),
+            ):
+                expected = current_at(still, frame, row, timing.settle_clocks + edge)
+                assert np.abs(got[frame, row] - expected).max() / unit < 1e-7
+
+
+def test_motion_from_an_open_taxel_to_a_short_is_solved_row_by_row(tmp_path: Path) -> None:
+    ohm = np.full((2, 3, 2), 1e4)
+    ohm[0, 1, 1], ohm[1, 0, 0] = np.inf, 0.0
+    plan = made(tmp_path, ohm, {"motion": True, "row_driver": True})
+    codes = event.run(plan).codes
+    assert codes[0, 0, 0] == 255  # any part of the way to a short is a short
+    assert codes[0, 1, 1] < codes[1, 1, 1]
+
+
+def test_a_force_that_moves_past_is_counted_at_its_mean_over_the_gate(tmp_path: Path) -> None:
+    # 100 counts at the beginning of the frame, 200 at its end; a single row is read for 510 of 625 clocks
+    ohm = np.array([250 * 510 / 100, 250 * 510 / 200]).reshape(2, 1, 1)
+    plan = made(tmp_path, ohm, {"motion": True})
+    expected = 100 + 100 * (115 + 255) / 625
+    assert abs(int(event.run(plan).codes[0, 0, 0]) - expected) <= 0.5
+    assert event.run(plan).codes[1, 0, 0] == 200
+
+
+# --- slow mirror ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("extra", [{}, {"supply_ripple": RIPPLE}, {"offset_current": {"i_a": 1e-7}}])
+def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -> None:
+    ohm = np.array([[[5e3, 3e5]], [[8e5, 6e2]], [[2e5, np.inf]]]).reshape(1, 3, 2)
+    plan = made(tmp_path, ohm, {"mirror_lag": {"q_c": 2e-13}, **extra})
+    found = charges(plan)
+    kappa = 2e-13 / 5e-12
+    offset = (plan.converter.i_offset_a / plan.converter.i0_a)[0]
+    slots = Slots(plan, slice(0, 1))
+    for col in range(2):
+        inverse = None
+        for row in range(3):
+            # The input is the mean of each clock, as everywhere; the mirror's equation is solved by a library.
+            x = np.maximum(slots.basis @ slots.terms[row, :, col], event_input.Y_MIN)
+            if inverse is None:
+                inverse = 1 / max(slots.begin @ slots.terms[row, :, col], event_input.Y_MIN)
+            for n, x_n in enumerate(x):
+                way = solve_ivp(
+                    lambda t, z: [(1 - x_n * z[0]) / kappa, 1 / z[0]],  # noqa: B023
+                    (0, 1),
+                    [inverse, 0.0],
+                    rtol=1e-10,
+                    atol=1e-13,
+                    method="LSODA",
+                )
+                inverse = way.y[0, -1]
+                if n >= plan.timing.settle_clocks and n % 60 == 0:
+                    got = found[0, row, col, n - plan.timing.settle_clocks] - offset
+                    assert got == pytest.approx(way.y[1, -1], rel=1e-7, abs=1e-12)
+
+
+def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_path: Path) -> None:
+    rows = [[600.0], [np.inf], [1e5], [1e5]]
+    plan = made(tmp_path, np.array(rows).reshape(1, 4, 1), {"mirror_lag": {"q_c": 1e-12}})
+    codes = event.run(plan).codes[0, :, 0].astype(int)
+    ideal = [212, 0, 1, 1]
+    # Packets left over by the row before: kappa ln(1 + x t / kappa) of 0.2 packets grows for ever, but slowly.
+    assert abs(codes[0] - ideal[0]) <= 1
+    assert codes[1] - ideal[1] in (0, 1)
+    assert codes[2] <= ideal[2] + 1
+
+
+# --- settling --------------------------------------------------------------------------------------------------------
+
+
+def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_path: Path) -> None:
+    ohm = ohms(3, 2, 3, 3)
+    series = {"row_driver": {"r_ohm": 1.0}, "column_input": {"r_ohm": 0.5}}
+    plan = made(tmp_path, ohm, {"line_capacitance": True, **series})
+    assert Slots(plan, slice(0, 2)).extra is None
+    assert (event.run(plan).codes == event.run(made(tmp_path, ohm, series)).codes).all()
+    slow = made(tmp_path, ohm, {"line_capacitance": {"c_row_f": 2e-5}, **series})
+    slots = Slots(slow, slice(0, 2))
+    extra = slots.extra.sum(axis=1)
+    settled = charges(made(tmp_path, ohm, series))
+    found = charges(slow)
+    row, cell = 1, 4
+    expected = settled[1, row, 1, :] + (
+        slots.extra[row, :, cell, None] * slots.decay[row, :, cell, None] ** np.arange(510)
+    ).sum(axis=0)
+    assert np.abs(extra).max() > 1e-3
+    assert found[1, row, 1] == pytest.approx(expected, rel=1e-12)
+
+
+# --- columns that move each other --------------------------------------------------------------------------------
+
+
+def coupled(seed: int) -> dict[str, object]:
+    rng = np.random.default_rng(seed)
+    return {
+        "integrator_gain": {"gain_dc": float(10 ** rng.uniform(3.3, 5)), "r_in_ohm": 1e9},
+        "lateral": {"r_ohm": float(10 ** rng.uniform(3, 4))},
+        "row_driver": {"r_ohm": float(rng.uniform(0, 20)), "grounded_r_ohm": float(rng.uniform(0, 20))},
+        "column_input": {"r_ohm": float(rng.uniform(0, 10))},
+    }
+
+
+def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(tmp_path: Path) -> None:
+    for seed in range(5):
+        plan = made(tmp_path, ohms(seed, 1, 3, 4), coupled(seed), "direct")
+        network = plan.network(0)
+        found = seen_from_grounds(network, plan.conductance_s())[0]
+        for d in range(plan.cols):
+            offset = np.where(np.arange(plan.cols) == d, 1e-3, 0.0)
+            drawn = column_currents(
+                Network(network.g_taxel_s, 0.0, **(plan.surrounding | {"v_column_offset_v": offset}))
+            )
+            assert found[:, :, d] == pytest.approx(-drawn / 1e-3, rel=1e-9, abs=1e-15)
+
+
+def test_coupled_columns_count_as_their_common_equation_to_one_count(tmp_path: Path) -> None:
+    differ = []
+    for seed in range(12):
+        plan = made(tmp_path, ohms(seed, 1, 2, 4), coupled(seed), "direct")
+        converter, cols = plan.converter, plan.cols
+        given = float(converter.inv_gain_dc[0] / (1 + converter.inv_gain_dc[0]))
+        x = converter.duty(column_currents(plan.network(0)))
+        seen = seen_from_grounds(plan.network(0), plan.conductance_s())[0]
+        codes = event.run(plan).codes[0].astype(int)
+        for row in range(plan.rows):
+            own = seen[row] + np.diag(converter.g_in_s)
+            rate = own * given / (converter.c_int_f * converter.f_clk_hz)
+            clock = expm(np.block([[-rate, np.eye(cols)], [np.zeros((cols, 2 * cols))]]))
+            w, last, before, count = np.full(cols, -0.5), np.zeros(cols), np.zeros(cols), np.zeros(cols)
+            for _ in range(plan.timing.gate_clocks):
+                w = clock[:cols, :cols] @ w + clock[:cols, cols:] @ (x[row] - before)
+                before, last = last, ((w >= 0) & (last == 0)).astype(float)
+                count += last
+            differ.append(codes[row] - np.minimum(count, 255))
+    assert np.abs(differ).max() <= 1
+    assert np.mean(np.asarray(differ) != 0) < 0.05
