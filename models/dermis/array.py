@@ -133,19 +133,34 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
     SimulatorError
         The solution misses Kirchhoff's current law.
     """
+    driven, rest = column_currents_by_source(network, g_frames_s)
+    return driven if rest is None else driven + rest
+
+
+def column_currents_by_source(
+    network: Network, g_frames_s: ArrayLike | None = None
+) -> tuple[Floats, Floats | None]:
+    """Split the currents of `column_currents`: those that follow v_bias_v, and those of offsets and leaks.
+
+    The second part is None where there are neither.
+    """
     g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
     if g.ndim != 3 or g.shape[1:] != network.g_taxel_s.shape:
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
     if not network.active_fields() & _ACTS:
         with np.errstate(over="ignore"):
-            current = network.v_bias_v * g
+            driven, rest = network.v_bias_v * g, None
     else:
-        current = np.empty_like(g)
+        driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
-            current[part] = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S))
-    return current[0] if g_frames_s is None else current
+            driven[part], rest_part = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S))
+            if rest is not None:
+                rest[part] = rest_part
+    if g_frames_s is None:
+        return driven[0], None if rest is None else rest[0]
+    return driven, rest
 
 
 # Capacitances carry no direct current; laterals between ideal columns none at all.
@@ -251,7 +266,7 @@ class _Response:
     lifted: Floats | None = None
 
 
-def _solve(network: Network, g: Floats) -> Floats:
+def _solve(network: Network, g: Floats) -> tuple[Floats, Floats | None]:
     lines = _RowLines(network, g)
     respond = _respond_chain if network.r_trace_column_ohm > 0 else _respond_columns
     response = respond(network, lines)
@@ -261,11 +276,11 @@ def _solve(network: Network, g: Floats) -> Floats:
     )
     # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
     scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
-    source = np.full_like(scale, network.v_bias_v)
+    driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
     if response.held is None or response.lifted is None:
-        return (source / scale)[:, :, np.newaxis] * response.delivered
-    source -= (1.0 - g_ground * network.r_row_driven_ohm) * response.lifted
-    return (source / scale)[:, :, np.newaxis] * response.delivered + response.held[:, np.newaxis, :]
+        return driven, None
+    lift = (1.0 - g_ground * network.r_row_driven_ohm) * response.lifted / scale
+    return driven, response.held[:, np.newaxis, :] - lift[:, :, np.newaxis] * response.delivered
 
 
 def _held(network: Network) -> bool:
@@ -413,9 +428,9 @@ def _respond_chain(network: Network, lines: _RowLines) -> _Response:
     return response
 
 
-# Columns eliminated one by one before a product of matrices takes their effect to the rest: wide enough for that
-# product to be the bulk, narrow enough for the steps to stay few; 16 to 64 cost about the same.
-_PANEL = 32
+# Columns eliminated one by one before a product of matrices takes their effect to the rest. Up to 64 the steps
+# alone are faster.
+_PANEL = 64
 
 
 def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
@@ -423,30 +438,24 @@ def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
 
     Steps go in panels, so that the bulk is a product of matrices, still of sums only.
     """
+    # Loading the compiled steps takes a moment that a scene without a solve does not need to wait.
+    from dermis import star_mesh
+
     n = leak.shape[1]
-    # Links, ground and drives side by side: an elimination does the same to all of them. Diagonals collect
-    # meaningless loops; no step reads them.
+    # Links, ground and drives side by side: an elimination does the same to all of them.
     work = np.concatenate([link, leak[:, :, np.newaxis], drive], axis=2)
     v = work[:, :, n + 1 :]
     pivot = np.empty_like(leak)
-    for first in range(0, n, _PANEL):
-        last = min(first + _PANEL, n)
-        for k in range(first, last):
-            pivot[:, k] = work[:, k, k + 1 : n + 1].sum(axis=1)
-            if k + 1 < last:
-                weight = work[:, k, k + 1 : last] / pivot[:, k, np.newaxis]
-                work[:, k + 1 : last, k + 1 :] += weight[:, :, np.newaxis] * work[:, k, np.newaxis, k + 1 :]
+    panels = [(first, min(first + _PANEL, n)) for first in range(0, n, _PANEL)]
+    for first, last in panels:
+        star_mesh.down(work, pivot, first, last)
         if last < n:
             weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
             work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
-    for first in reversed(range(0, n, _PANEL)):
-        last = min(first + _PANEL, n)
+    for first, last in reversed(panels):
         if last < n:
             v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
-        for k in reversed(range(first, last)):
-            if k + 1 < last:
-                v[:, k] += np.matmul(work[:, k, np.newaxis, k + 1 : last], v[:, k + 1 : last])[:, 0]
-            v[:, k] /= pivot[:, k, np.newaxis]
+        star_mesh.up(work, pivot, first, last)
     _check_kirchhoff(link, leak, drive, v)
     return v
 

@@ -119,13 +119,13 @@ def sparse_currents(network: Network, driven: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize("lines", [True, False])
 def test_arrays_wider_than_a_panel_are_the_sparse_nodal_matrix(lines: bool) -> None:
     rng = np.random.default_rng(4)
-    kind = EVERYTHING | {"v_column_offset_v": 1e-4 * rng.standard_normal(70), "i_leak_a": 1e-8}
+    kind = EVERYTHING | {"v_column_offset_v": 1e-4 * rng.standard_normal(140), "i_leak_a": 1e-8}
     if not lines:
         kind |= {"r_trace_row_ohm": 0.0, "r_trace_column_ohm": 0.0}
-    network = Network(1 / rng.uniform(500, 64250, (40, 70)), 0.5, **kind)
+    network = Network(1 / rng.uniform(500, 64250, (20, 140)), 0.5, **kind)
     assert network.cols > 2 * array_module._PANEL
     currents = column_currents(network)
-    for driven in (0, 17, 39):
+    for driven in (0, 8, 19):
         assert np.abs(currents[driven] - sparse_currents(network, driven)).max() < 1e-14
 
 
@@ -181,6 +181,17 @@ def test_a_leak_into_an_ideal_column_only_adds() -> None:
     g = 1 / np.random.default_rng(1).uniform(500, 64250, (3, 4))
     leak = np.array([1e-9, 0.0, -1e-6, 3e-9])
     assert column_currents(Network(g, 0.5, i_leak_a=leak)) == pytest.approx(0.5 * g + leak, rel=1e-15)
+
+
+@pytest.mark.parametrize("left_out", ["", "r_trace_column_ohm"])
+def test_currents_by_source_are_those_without_bias_and_without_the_rest(left_out: str) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 3, 4))
+    kind = {k: v for k, v in EVERYTHING.items() if k != left_out}
+    sources = {"v_column_offset_v": np.array([1e-3, 0, -2e-3, 1e-4]), "i_leak_a": 1e-7}
+    driven, rest = array_module.column_currents_by_source(Network(g[0], 0.5, **kind, **sources), g)
+    assert driven == pytest.approx(column_currents(Network(g[0], 0.5, **kind), g), rel=1e-13)
+    assert rest == pytest.approx(column_currents(Network(g[0], 0.0, **kind, **sources), g), rel=1e-13)
+    assert array_module.column_currents_by_source(Network(g[0], 0.5, **kind), g)[1] is None
 
 
 def test_traces_cost_the_far_taxel_more() -> None:
