@@ -34,6 +34,11 @@ IDEAL = {"x": 0.0, "leak": 0.0, "w0": -0.5, "packet": 1.0, "rise": 0.0, "fall": 
 """The cell of an ideal converter."""
 
 
+def size(low: float, high: float) -> st.SearchStrategy[float]:
+    """Numbers as a scene takes them: 0 or of a size that means something."""
+    return st.floats(low, high).map(lambda v: v if abs(v) >= 1e-30 else 0.0)
+
+
 @st.composite
 def scenes(draw: st.DrawFn, effects: list[str]) -> dict[str, object]:
     """Random scenes of any topology and size, with any of these effects at random strength."""
@@ -42,30 +47,30 @@ def scenes(draw: st.DrawFn, effects: list[str]) -> dict[str, object]:
     stimulus = draw(
         st.sampled_from(
             [
-                {"kind": "uniform", "r_ohm": draw(st.lists(st.floats(0, 1e6), min_size=1, max_size=3))},
+                {"kind": "uniform", "r_ohm": draw(st.lists(size(0, 1e6), min_size=1, max_size=3))},
                 {"kind": "uniform", "r_ohm": [0.0, float("inf")]},
                 {"kind": "uniform", "code": draw(st.lists(st.integers(0, 255), min_size=1, max_size=4))},
-                {"kind": "uniform", "force_n": draw(st.floats(0, 20))},
+                {"kind": "uniform", "force_n": draw(size(0, 20))},
                 {
                     "kind": "indenter",
                     "shape": draw(st.sampled_from(["flat", "triangular", "cylindrical"])),
-                    "force_n": draw(st.floats(0, 40)),
+                    "force_n": draw(size(0, 40)),
                     "width": draw(st.floats(1, 9)),
-                    "angle_deg": draw(st.floats(-90, 90)),
+                    "angle_deg": draw(size(-90, 90)),
                 },
             ]
         )
     )
     strength: dict[str, dict[str, object]] = {
         "lateral": {"r_ohm": draw(st.floats(1, 1e5))},
-        "row_driver": {"r_ohm": draw(st.floats(0, 100)), "grounded_r_ohm": draw(st.floats(0, 100))},
-        "column_input": {"r_ohm": draw(st.floats(0, 50))},
-        "column_offset": {"v_v": [draw(st.floats(-5e-3, 5e-3)) for _ in range(cols)]},
-        "mirror_ratio": {"ratio_error": draw(st.floats(-0.1, 0.1)), "spread": draw(st.floats(0, 0.05))},
-        "offset_current": {"i_a": draw(st.floats(-1e-7, 1e-7))},
-        "charge_packet": {"packet_error": draw(st.floats(-0.1, 0.1))},
-        "preset_error": {"v_v": draw(st.floats(-0.1, 0.1))},
-        "comparator_offset": {"v_v": draw(st.floats(-0.1, 0.1))},
+        "row_driver": {"r_ohm": draw(size(0, 100)), "grounded_r_ohm": draw(size(0, 100))},
+        "column_input": {"r_ohm": draw(size(0, 50))},
+        "column_offset": {"v_v": [draw(size(-5e-3, 5e-3)) for _ in range(cols)]},
+        "mirror_ratio": {"ratio_error": draw(size(-0.1, 0.1)), "spread": draw(size(0, 0.05))},
+        "offset_current": {"i_a": draw(size(-1e-7, 1e-7))},
+        "charge_packet": {"packet_error": draw(size(-0.1, 0.1))},
+        "preset_error": {"v_v": draw(size(-0.1, 0.1))},
+        "comparator_offset": {"v_v": draw(size(-0.1, 0.1))},
     }
     on = {name: strength[name] for name in effects if draw(st.booleans())}
     if topology == "direct":
