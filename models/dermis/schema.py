@@ -9,10 +9,11 @@ import stat
 import tomllib
 import types
 import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from dermis.errors import InputError, quoted
 
@@ -20,10 +21,29 @@ from dermis.errors import InputError, quoted
 SCENE_BYTES_MAX = 1 << 20
 
 
+# No quantity of this field lies outside, and products and ratios of a few numbers inside stay doubles.
+SIZE_MIN, SIZE_MAX = 1e-30, 1e30
+_SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
+
+
 class Strict(BaseModel):
-    """A table of a scene: unknown keys, text for numbers, NaN and infinity are all refused."""
+    """A table of a scene: unknown keys, text for numbers, NaN, infinity and absurd sizes are all refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _of_a_size(cls, value: Any) -> Any:
+        if not all(_sized(v) for v in (value if isinstance(value, list) else (value,))):
+            raise ValueError(_SIZES)
+        return value
+
+
+def _sized(value: Any) -> bool:
+    """Whether a value is no number, 0, or of a sensible size; infinity and NaN are for the key to judge."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
+        return True
+    return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
 
 
 def entry(default: Any, meaning: str, allowed: str, *, default_from: str = "", **limits: Any) -> Any:
@@ -108,7 +128,10 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
     except RecursionError:
         raise InputError(file, prefix or "scene", "nested too deeply", "a few levels of tables") from None
     except OverflowError:
-        raise InputError(file, prefix or "scene", "an integer", "numbers that a double can hold") from None
+        place, value = next(
+            _too_large(data, (prefix,) if prefix else ()), ((prefix or "scene",), "an integer")
+        )
+        raise InputError(file, ".".join(place), value, _SIZES) from None
     # Among many, a key that is not known explains most: it is usually the misspelt twin of a missing one.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     # Of the alternatives for one value the one that got furthest into it is what was meant.
@@ -116,6 +139,15 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
     inside = [e for e in found if _place(data, e["loc"])[: len(place)] == place]
     first = max(inside, key=lambda e: len(_place(data, e["loc"])))
     raise _input_error(model, data, first, file, prefix)
+
+
+def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], int]]:
+    """Integers that no double can hold, which the checks of numbers trip over, and where they stand."""
+    if isinstance(data, int) and abs(data) >= 1 << 1023:
+        yield place, data
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _too_large(value, (*place, str(key)))
 
 
 def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -169,6 +201,8 @@ def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str
             file, f"{key}.{tag}", quoted(error["ctx"]["tag"]), f"one of {error['ctx']['expected_tags']}"
         )
     shown = "nothing" if missing else quoted(here)
+    if error["type"] == "value_error":
+        allowed = f"{allowed}; {_SIZES}"
     return InputError(file, key, shown, allowed or error["msg"])
 
 

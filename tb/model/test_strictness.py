@@ -34,6 +34,7 @@ BASES: dict[str, dict[str, Any]] = {
 
 VALUES: list[Any] = [
     "text", "", "inf", True, False, math.nan, math.inf, -math.inf, 0, 1, 2, -1, 3, 255, 256, 10**30, -(10**30),
+    10**31, 10**400, 1e30, 1.1e30, 1e-30, 1e-31,
     0.0, -0.0, 0.5, 2.5, -2.5, 5e-324, 1e-12, 1e308, -1e308, [], [1.0], [1.0, 2.0], [2.0, 1.0], [math.nan],
     [1.0, math.nan], [-1.0, 1.0], [1.0, "x"], [1, True], [[1.0, 2.0]], [{}], {}, {"no_such_key": 1},
     datetime.date(2024, 2, 29), datetime.datetime(2024, 2, 29, 1, 2),
@@ -55,7 +56,12 @@ def _number(text: str, value: Any) -> bool | None:
         return False
     if "whole" in text and not isinstance(value, int):
         return False
+    if isinstance(value, int) and abs(value) > 10**30:
+        return False
     if math.isnan(value) or (math.isinf(value) and "inf is legal" not in text):
+        return False
+    # every number of a scene: 0 or of a size from 1e-30 to 1e30
+    if value and math.isfinite(value) and not 1e-30 <= abs(value) <= 1e30:
         return False
     for pattern, holds in (
         (rf">= ({_NUMBER})", lambda a: value >= a),
