@@ -141,7 +141,7 @@ def measure(
     engines.check(full)
     full = busiest(full, frames or (1 if full.engine == "cosim" else FRAMES))
     said(f"everything on, engine {full.engine}")
-    codes = engines.run(full).codes.astype(int)
+    codes = engines.runner(full.engine)(full).codes.astype(int)
     costs = []
     for name in (EVERYTHING, *on):
         said(f"{name} off, {len(costs) + 1} of {len(on) + 1}")
@@ -154,11 +154,9 @@ def measure(
 
 
 def _cost(name: str, full: Plan, codes: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
-    shift = codes - engines.run(without).codes
-    ratios = [
-        cpu_seconds(lambda: engines.run(full)) / cpu_seconds(lambda: engines.run(without))
-        for _ in range(pairs)
-    ]
+    run = engines.runner(full.engine)
+    shift = codes - run(without).codes
+    ratios = [cpu_seconds(lambda: run(full)) / cpu_seconds(lambda: run(without)) for _ in range(pairs)]
     return Cost(
         name,
         int(np.abs(shift).max()),

@@ -6,6 +6,7 @@ Everything here runs on one core: the process is held on it, with whatever it st
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import ablate, array, batch, effects, engines, plan, scene, verdict
+from dermis import ablate, array, auto, batch, effects, engines, plan, scene, verdict
 from dermis.array import Network
 from dermis.design import load as load_design
 from dermis.errors import SimulatorError
@@ -75,17 +76,21 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-def frames_per_s(made: Plan, repeat: int, **options: Any) -> list[float]:
-    """Frames a second of a plan, `repeat` times."""
-    engines.run(made, **options)  # whatever is compiled or cached is so now
-    found = []
+def speed(name: str, made: Plan, repeat: int, note: str) -> Row:
+    """Frames a second of a plan through its engine, without certified codes."""
+    engines.check(made)
+    run = engines.runner(made.engine)
+    run(made)  # whatever is compiled or cached is so now
+    rates, cpu = [], []
     for _ in range(repeat):
-        count, begin = 0, time.perf_counter()
+        count, begin, cpu_begin = 0, time.perf_counter(), ablate.cpu_used_s()
         while (taken := time.perf_counter() - begin) < _SAMPLE_S:
-            engines.run(made, **options)
+            run(made)
             count += made.frames
-        found.append(count / taken)
-    return found
+        rates.append(count / taken)
+        cpu.append(count / (ablate.cpu_used_s() - cpu_begin))
+    note = f"{note}; {statistics.median(cpu):.0f} a second of processor time"
+    return verdict.median(name, rates, "1/s", note)
 
 
 def closed_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
@@ -98,9 +103,7 @@ def closed_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
                 " ".join(name for name, state in zip(kinds[kind][1], [1] * 9, strict=False) if state)
                 or "ideal"
             )
-            yield verdict.median(
-                f"closed.frames_per_s{kind}", frames_per_s(made, repeat), "1/s", f"{OVER_RANGE}; {what}"
-            )
+            yield speed(f"closed.frames_per_s{kind}", made, repeat, f"{OVER_RANGE}; {what}")
         yield from _badcrossbar(work, repeat, quick)
 
 
@@ -182,11 +185,15 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         told += f"; without {', '.join(lost)}, which engine event refuses"
     with one_core():
         made = random_plan(work, 128, "event")
-        yield verdict.median("event.frames_per_s.ideal", frames_per_s(made, repeat), "1/s", OVER_RANGE)
+        yield speed("event.frames_per_s.ideal", made, repeat, OVER_RANGE)
         made = random_plan(work, 64, "event", **on)
-        yield verdict.median(
-            "event.frames_per_s.all_effects", frames_per_s(made, repeat), "1/s", f"{OVER_RANGE}; {told}"
-        )
+        yield speed("event.frames_per_s.all_effects", made, repeat, f"{OVER_RANGE}; {told}")
+        run = functools.partial(engines.runner("event"), made)
+        result = run()
+        certify = functools.partial(auto.certify, made, result)
+        ratios = [1.0 + ablate.cpu_seconds(certify) / ablate.cpu_seconds(run) for _ in range(min(repeat, 3))]
+        note = "the same run with certified lower and upper codes over that without, processor time"
+        yield verdict.median("event.certificate_time_ratio", ratios, "1", note)
         # The converters alone: what the network solve costs at that size is array.exponent.
         alone = {name: True for name in on if not _of_network(name)}
         for kind, chosen in (("", {}), (".converter_effects", alone)):
@@ -207,12 +214,12 @@ def _of_network(name: str) -> bool:
 
 
 def _time_ratios(first: Plan, second: Plan, repeat: int) -> list[float]:
+    runs = []
     for made in (first, second):
-        engines.run(made)
-    return [
-        ablate.cpu_seconds(lambda: engines.run(first)) / ablate.cpu_seconds(lambda: engines.run(second))
-        for _ in range(repeat)
-    ]
+        engines.check(made)
+        runs.append(functools.partial(engines.runner(made.engine), made))
+        runs[-1]()
+    return [ablate.cpu_seconds(runs[0]) / ablate.cpu_seconds(runs[1]) for _ in range(repeat)]
 
 
 def off_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
@@ -356,6 +363,7 @@ SECTIONS: tuple[tuple[tuple[str, ...], Callable[[Path, int, bool], Iterator[Row]
         (
             "event.frames_per_s.ideal",
             "event.frames_per_s.all_effects",
+            "event.certificate_time_ratio",
             "event.cost_per_taxel_ratio",
             "event.cost_per_taxel_ratio.converter_effects",
         ),
