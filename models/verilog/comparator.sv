@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Comparator: out is high where in_c, the integrator at the coming clock edge, is at its level or above; see the integrator for in_a and in_b.
 // Effects: RISE, its level; FALL, the level at which a window lets go again; DELAY, out shows what was seen that long before the edge.
-// Why the window is looked at where pieces of a clock end, nowhere else: the charge is monotone on a piece.
+// Why the window is looked at where pieces of a clock end or the input turns, nowhere else: in between it is monotone.
 `include "values.vh"
 `default_nettype none
 
@@ -14,6 +14,12 @@ module comparator #(
   input  real                         in_a,
   input  real                         in_b,
   input  real                         in_c,
+  input  wire                         turns_a,
+  input  wire                         turns_b,
+  input  wire                         turns_c,
+  input  real                         turn_a,
+  input  real                         turn_b,
+  input  real                         turn_c,
   input  wire                         d_preset,
   input  wire [64*`DERMIS_VALUES-1:0] values_i,
   output wire                         out
@@ -39,9 +45,15 @@ module comparator #(
       real fall;
       reg  high_q;
       assign fall   = $bitstoreal(values_i[64*`DERMIS_FALL +: 64]);
-      assign high_a = PIECE_A ? (in_a >= rise) | (high_q & (in_a >= fall)) : high_q;
-      assign high_b = PIECE_B ? (in_b >= rise) | (high_a & (in_b >= fall)) : high_a;
-      assign high_c = (in_c >= rise) | (high_b & (in_c >= fall));
+      assign high_a = PIECE_A ? past(past(high_q, turns_a, turn_a), 1'b1, in_a) : high_q;
+      assign high_b = PIECE_B ? past(past(high_a, turns_b, turn_b), 1'b1, in_b) : high_a;
+      assign high_c = past(past(high_b, turns_c, turn_c), 1'b1, in_c);
+
+      // State of the window once the input has been at a value.
+      function automatic past(input was, input there, input real value);
+        past = there ? (value >= rise) | (was & (value >= fall)) : was;
+      endfunction
+
       always @(posedge clk_i) high_q <= d_preset ? in_preset >= rise : high_c;
     end else begin : gen_level
       assign high_a = in_a >= rise;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Integrator with preset: iin fills it, icharge empties it, d_preset holds it at half a packet below the comparator's level.
 // Interface: out_c is the charge at the coming clock edge; out_a and out_b are at the ends of pieces a and b of the clock that leads to it,
-// where the build has them. icharge_a, _b, _c is what the charge source draws in each piece; t_clocks counts the clocks since the preset let go.
+// where the build has them, and turns_* says that the output turned at turn_* inside a piece (GBW with FALL). icharge_a, _b, _c is what the charge source draws in each piece; t_clocks counts the clocks since the preset let go.
 // Timing: everything before an edge of clk_i is settled well before it; the state moves at the edge. Exact between edges: no time step.
 // Why iin and icharge are apart (one pin in SPICE): without leak or range the charge is t iin minus what was drawn, each rounded once and never
 // summed up, so a taxel on the boundary of two codes is decided as the formula decides it.
@@ -26,7 +26,13 @@ module integrator #(
   output real                         out_preset,
   output real                         out_a,
   output real                         out_b,
-  output real                         out_c
+  output real                         out_c,
+  output wire                         turns_a,
+  output wire                         turns_b,
+  output wire                         turns_c,
+  output real                         turn_a,
+  output real                         turn_b,
+  output real                         turn_c
 );
 
   // Piece a ends where the comparator is looked at, or half way where the latch opens; piece b exists where both happen.
@@ -70,12 +76,14 @@ module integrator #(
           .EFFECTS(EFFECTS), .KEEP(`DERMIS_LEAK), .FILL(`DERMIS_FILL_A), .FAST_KEEP(`DERMIS_GBW), .FAST_FILL(`DERMIS_FAST_FILL_A)
         ) u_piece (
           .slow_from(slow_q), .fast_from(fast_q), .length(t_a), .current(iin - icharge_a), .values_i(values_i),
-          .slow_to(slow_a), .fast_to(fast_a)
+          .slow_to(slow_a), .fast_to(fast_a), .turns(turns_a), .turn(turn_a)
         );
         assign length_c = 1.0 - t_b;
       end else begin : gen_no_a
         assign slow_a   = slow_q;
         assign fast_a   = fast_q;
+        assign turns_a  = 1'b0;
+        assign turn_a   = 0.0;
         assign length_c = 1.0;
       end
       if (PIECE_B) begin : gen_b
@@ -83,17 +91,19 @@ module integrator #(
           .EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_B), .FILL(`DERMIS_FILL_B), .FAST_KEEP(`DERMIS_FAST_KEEP_B), .FAST_FILL(`DERMIS_FAST_FILL_B)
         ) u_piece (
           .slow_from(slow_a), .fast_from(fast_a), .length(t_b - t_a), .current(iin - icharge_b), .values_i(values_i),
-          .slow_to(slow_b), .fast_to(fast_b)
+          .slow_to(slow_b), .fast_to(fast_b), .turns(turns_b), .turn(turn_b)
         );
       end else begin : gen_no_b
         assign slow_b = slow_a;
         assign fast_b = fast_a;
+        assign turns_b = 1'b0;
+        assign turn_b = 0.0;
       end
       integrator_piece #(
         .EFFECTS(EFFECTS), .KEEP(`DERMIS_KEEP_C), .FILL(`DERMIS_FILL_C), .FAST_KEEP(`DERMIS_FAST_KEEP_C), .FAST_FILL(`DERMIS_FAST_FILL_C)
       ) u_piece_c (
         .slow_from(slow_b), .fast_from(fast_b), .length(length_c), .current(iin - icharge_c), .values_i(values_i),
-        .slow_to(slow_c), .fast_to(fast_c)
+        .slow_to(slow_c), .fast_to(fast_c), .turns(turns_c), .turn(turn_c)
       );
       if (EFFECTS[`DERMIS_GBW]) begin : gen_bandwidth
         real fast_start;
@@ -134,7 +144,13 @@ module integrator #(
         assign drawn_b = drawn_a;
         assign out_b   = 0.0;
       end
-      assign out_c = t_clocks * iin - drawn_c;
+      assign out_c   = t_clocks * iin - drawn_c;
+      assign turns_a = 1'b0;
+      assign turns_b = 1'b0;
+      assign turns_c = 1'b0;
+      assign turn_a  = 0.0;
+      assign turn_b  = 0.0;
+      assign turn_c  = 0.0;
       always @(posedge clk_i) drawn_q <= d_preset ? -out_preset : drawn_c;
     end
   endgenerate

@@ -29,6 +29,12 @@ module vfc #(
   real v_a;
   real v_b;
   real v_c;
+  wire turns_a;
+  wire turns_b;
+  wire turns_c;
+  real turn_a;
+  real turn_b;
+  real turn_c;
 
   generate
     if (EFFECTS[`DERMIS_I_OFFSET]) begin : gen_offset
@@ -70,7 +76,13 @@ module vfc #(
     .out_preset (v_preset),
     .out_a      (v_a),
     .out_b      (v_b),
-    .out_c      (v_c)
+    .out_c      (v_c),
+    .turns_a    (turns_a),
+    .turns_b    (turns_b),
+    .turns_c    (turns_c),
+    .turn_a     (turn_a),
+    .turn_b     (turn_b),
+    .turn_c     (turn_c)
   );
 
   comparator #(.EFFECTS(EFFECTS), .SYNC_LATCH(SYNC_LATCH)) u_comparator (
@@ -79,6 +91,12 @@ module vfc #(
     .in_a      (v_a),
     .in_b      (v_b),
     .in_c      (v_c),
+    .turns_a   (turns_a),
+    .turns_b   (turns_b),
+    .turns_c   (turns_c),
+    .turn_a    (turn_a),
+    .turn_b    (turn_b),
+    .turn_c    (turn_c),
     .d_preset  (d_preset),
     .values_i  (values_i),
     .out       (comp)
