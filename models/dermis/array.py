@@ -22,6 +22,8 @@ Node = tuple[Any, ...]
 # never subtract them.
 _G_TAXEL_SHORT_S = 1e22
 _G_SERIES_SHORT_S = 1e30
+# And a resistance that lets nothing through: 1e-30 A a volt.
+_R_OPEN_OHM = 1e30
 
 # Taxels solved at once: 128 frames of 16x16 keep the elimination inside a 1 MB cache.
 _VALUES_AT_ONCE = 1 << 15
@@ -151,6 +153,7 @@ def column_currents_by_source(
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
     else:
+        network = _in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
@@ -175,6 +178,24 @@ _ACTS = frozenset(
         "r_trace_column_ohm",
     }
 )
+
+
+def _in_range(network: Network) -> Network:
+    """Limit absurd values to where products of them stay finite."""
+    limited = {
+        "r_row_driven_ohm": _R_OPEN_OHM,
+        "r_column_ohm": _R_OPEN_OHM,
+        "r_trace_row_ohm": _R_OPEN_OHM,
+        "r_trace_column_ohm": _R_OPEN_OHM,
+        "g_lateral_row_s": _G_SERIES_SHORT_S,
+        "g_lateral_column_s": _G_SERIES_SHORT_S,
+    }
+    change = {
+        n: np.minimum(getattr(network, n), most)
+        for n, most in limited.items()
+        if np.any(np.asarray(getattr(network, n)) > most)
+    }
+    return dataclasses.replace(network, **change) if change else network
 
 
 def _conductance(resistance_ohm: ArrayLike) -> Floats:

@@ -237,6 +237,26 @@ def test_a_wrong_step_from_row_to_row_is_caught(monkeypatch: pytest.MonkeyPatch)
         column_currents(Network(g[0], 0.5, **EVERYTHING), g)
 
 
+def test_absurd_values_have_finite_currents_without_overflow() -> None:
+    rng = np.random.default_rng(3)
+    values = [0, 1e-300, 1e-30, 1e-6, 1, 1e4, 1e30, 1e300]
+    conductances = [0, 1e-300, 1e-30, 1e-9, 1e-3, 1, 1e9, 1e30, 1e300, np.inf]
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        for _ in range(400):
+            rows, cols = rng.integers(1, 4, 2)
+            network = Network(
+                rng.choice(conductances, (rows, cols)),
+                0.5,
+                rng.choice(values),
+                rng.choice([*values, np.inf]),
+                1e-3 + rng.choice(values, cols),
+                rng.choice([0, 1e-3, -1e3], cols),
+                *rng.choice(values, 4),
+                rng.choice([0, 1e-9, 1e-3], cols),
+            )
+            assert np.isfinite(column_currents(network)).all()
+
+
 @pytest.mark.parametrize(
     "kind",
     [
