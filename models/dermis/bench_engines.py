@@ -197,8 +197,8 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         # The converters alone: what the network solve costs at that size is array.exponent.
         alone = {name: True for name in on if not _of_network(name)}
         for kind, chosen in (("", {}), (".converter_effects", alone)):
-            small = random_plan(work, 256, "event", **chosen)
-            large = random_plan(work, 1, "event", 256, **chosen)
+            small = random_plan(work, (LARGE // 16) ** 2, "event", 16, **chosen)
+            large = random_plan(work, 1, "event", LARGE, **chosen)
             yield verdict.median(
                 f"event.cost_per_taxel_ratio{kind}",
                 _time_ratios(large, small, repeat),
@@ -235,6 +235,9 @@ def off_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
 
 
 SIZES = (16, 32, 64, 128, 256)
+
+LARGE = 256
+"""Rows and columns of a frame that is large."""
 
 
 def exponent_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
@@ -286,6 +289,9 @@ def rtl_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         yield verdict.median(name, rates, "1/s", note)
 
 
+BATCH_FRAMES = 400
+
+
 def batch_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
     """What a second process is worth."""
     name = "batch.speed_ratio.two_processes"
@@ -293,7 +299,7 @@ def batch_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         yield verdict.skip(name, "there is one core", "1")
         return
     on, _ = all_effects("event", work)
-    made = random_plan(work, 500 if quick else 5000, "event", **on)
+    made = random_plan(work, BATCH_FRAMES if quick else 10 * BATCH_FRAMES, "event", **on)
     ratios = []
     for _ in range(1 if quick else 2):
         times = []

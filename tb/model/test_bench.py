@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import bench, bench_peers, bench_vfc, verdict
+from dermis import bench, bench_engines, bench_peers, bench_vfc, verdict
 from dermis.bench_vfc import Circuit, Job
 from dermis.design import spec
+from dermis.effects import EFFECTS
 from dermis.errors import InputError, SimulatorError
 
 LIMIT_S = 60.0
@@ -189,3 +191,46 @@ def test_a_row_survives_json() -> None:
     assert "6000 .. 9000" in row["note"]
     assert row["status"] == "PASS"
     assert verdict.median("cosim.clocks_per_s.icarus", [10.0], "1/s")["status"] == "SKIP"
+
+
+@pytest.mark.parametrize(
+    ("names", "make"),
+    [
+        (names, make)
+        for names, make, _ in bench_engines.SECTIONS
+        if make not in (bench_engines.rtl_rows, bench_engines.memory_rows)  # a build, and five processes
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_an_engine_section_makes_the_rows_it_promises(
+    names: tuple[str, ...], make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_engines, "_SAMPLE_S", 0.001)
+    monkeypatch.setattr(bench_engines, "LARGE", 32)
+    monkeypatch.setattr(bench_engines, "SIZES", (4, 8, 16))
+    monkeypatch.setattr(bench_engines, "BATCH_FRAMES", 8)
+    rows = list(make(tmp_path, 1, True))
+    assert [row["name"] for row in rows] == list(names)
+    assert {row["status"] for row in rows} <= {"PASS", "SKIP"}
+    assert all(row["note"] for row in rows)
+
+
+def test_memory_grows_with_the_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = {"memory_mb.start": 1, "memory_mb.closed": 3000}
+    monkeypatch.setattr(bench_engines, "MEMORY", {n: ("closed", 16, f, {}) for n, f in sizes.items()})
+    small, large = bench_engines.memory_rows(tmp_path, 1, True)
+    assert 20 < small["value"] < large["value"] - 3000 * 256 * 8 / 1e6
+
+
+def test_the_benchmark_holds_itself_on_one_core() -> None:
+    before = os.sched_getaffinity(0)
+    with bench_engines.one_core():
+        assert len(os.sched_getaffinity(0)) == 1
+    assert os.sched_getaffinity(0) == before
+
+
+def test_all_effects_are_all_that_the_engine_does(tmp_path: Path) -> None:
+    on, lost = bench_engines.all_effects("event", tmp_path)
+    assert set(on) | set(lost) == set(EFFECTS)
+    assert lost == []
+    assert "comparator_noise" in bench_engines.all_effects("closed", tmp_path)[1]
