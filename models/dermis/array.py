@@ -22,8 +22,9 @@ Node = tuple[Any, ...]
 # never subtract them.
 _G_TAXEL_SHORT_S = 1e22
 _G_SERIES_SHORT_S = 1e30
-# And a resistance that lets nothing through: 1e-30 A a volt.
+# And a resistance that lets nothing through, 1e-30 A a volt, and a capacitance that never charges.
 _R_OPEN_OHM = 1e30
+_C_MAX_F = 1e30
 
 # Taxels solved at once: 128 frames of 16x16 keep the elimination inside a 1 MB cache.
 _VALUES_AT_ONCE = 1 << 15
@@ -153,7 +154,7 @@ def column_currents_by_source(
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
     else:
-        network = _in_range(network)
+        network = in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
@@ -180,7 +181,7 @@ _ACTS = frozenset(
 )
 
 
-def _in_range(network: Network) -> Network:
+def in_range(network: Network) -> Network:
     """Limit absurd values to where products of them stay finite."""
     limited = {
         "r_row_driven_ohm": _R_OPEN_OHM,
@@ -189,12 +190,17 @@ def _in_range(network: Network) -> Network:
         "r_trace_column_ohm": _R_OPEN_OHM,
         "g_lateral_row_s": _G_SERIES_SHORT_S,
         "g_lateral_column_s": _G_SERIES_SHORT_S,
+        "c_row_f": _C_MAX_F,
+        "c_column_f": _C_MAX_F,
+        "c_taxel_f": _C_MAX_F,
     }
     change = {
         n: np.minimum(getattr(network, n), most)
         for n, most in limited.items()
         if np.any(np.asarray(getattr(network, n)) > most)
     }
+    if _R_OPEN_OHM < network.r_row_grounded_ohm < np.inf:
+        change["r_row_grounded_ohm"] = _R_OPEN_OHM
     return dataclasses.replace(network, **change) if change else network
 
 

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis.array import Network
+from dermis.array import Network, in_range
 
 if TYPE_CHECKING:
     from dermis.plan import Timing
 
 Floats = NDArray[np.float64]
 
-# A taxel below 0.1 milliohm counts as that: the matrices here are dense and lose the digits that stand behind a
-# short, and no driver or input is so low that its transient would tell.
+# A taxel or lateral resistor below 0.1 milliohm counts as that, a driver or input as none: the matrices here are
+# dense and lose the digits that stand behind a short, and nothing slow hangs on so little.
 _G_MAX_S = 1e4
+# What conducts less takes longer than anything lasts.
+_G_MIN_S = 1e-60
 
 
 class Unsupported(ValueError):
@@ -60,7 +62,8 @@ def _paths(network: Network, g: Floats, row_users: int, column_users: int) -> tu
     to_row = np.full(network.rows, row_users * max(network.r_row_driven_ohm, network.r_row_grounded_ohm))
     if not np.isfinite(network.r_row_grounded_ohm):
         with np.errstate(divide="ignore"):
-            path = (row_users / g + to_column).min(axis=2)
+            path = np.where(g > 0, row_users / np.maximum(g, _G_MIN_S), np.inf)
+        path = (path + to_column).min(axis=2)
         path = np.where(np.isfinite(path), path, to_column.max()).max(axis=0)
         to_row = np.maximum(row_users * network.r_row_driven_ohm, path)
     return to_row + row_users * network.cols * network.r_trace_row_ohm, to_column
@@ -112,6 +115,7 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
     """
     if not (network.c_row_f or network.c_column_f or network.c_taxel_f):
         return np.zeros(network.cols)
+    network = in_range(network)
     g = _frames(network, g_frames_s)
     rows, cols = network.rows, network.cols
     t_start, t_slot = (n / timing.f_clk_hz for n in (timing.settle_clocks, timing.slot_clocks))
@@ -177,7 +181,12 @@ def transients(
             "line_capacitance couples into a floating row without a taxel that conducts; "
             "ground the rows, or engine cosim"
         )
-    return _Slots(network, g, timing).transients(negligible_c)
+    try:
+        return _Slots(in_range(network), g, timing).transients(negligible_c)
+    except np.linalg.LinAlgError:
+        raise Unsupported(
+            "line_capacitance between conductances too far apart to solve for its modes; engine cosim"
+        ) from None
 
 
 class _Slots:
@@ -203,7 +212,7 @@ class _Slots:
         series[driven] = network.r_row_driven_ohm
         series[rows:] = network.r_column_ohm
         with np.errstate(divide="ignore"):
-            to_source = 1.0 / series
+            to_source = np.where(series < 1.0 / _G_MAX_S, np.inf, 1.0 / series)
         voltage = np.zeros(rows + cols)
         voltage[driven] = network.v_bias_v
         # A leak into a column behind its resistance shifts what it rests at; in front of none it shifts nothing.
@@ -212,7 +221,7 @@ class _Slots:
         matrix[:, :rows, rows:] = -self.g
         matrix[:, rows:, :rows] = -self.g.transpose(0, 2, 1)
         side = np.arange(rows, rows + cols - 1)
-        matrix[:, side, side + 1] = matrix[:, side + 1, side] = -rows * network.g_lateral_row_s
+        matrix[:, side, side + 1] = matrix[:, side + 1, side] = -min(rows * network.g_lateral_row_s, _G_MAX_S)
         total = -matrix.sum(axis=2) + np.where(np.isfinite(to_source), to_source, 0.0)
         # A floating row on which nothing hangs rests anywhere; 1 S keeps its equation from being 0 = 0.
         nodes = np.arange(rows + cols)
@@ -280,6 +289,8 @@ class _Slots:
         for row in range(rows):
             n = tau_all[row].shape[1]
             charge[:, row, :, :n], decay[:, row, :n] = charge_all[row], tau_all[row]
+        if not size:
+            return None
         # The whole gate's share of each mode; those that share less than all may lose are left out.
         whole = (
             np.abs(charge) * ((1 - decay**timing.gate_clocks) / np.maximum(1 - decay, _EPS))[:, :, np.newaxis]
@@ -290,6 +301,8 @@ class _Slots:
 
 # Modes faster than this part of a clock are over before the first settle clock is: exp(-1000) is 0.
 _FASTEST = 1000.0
+# Rounding of a dense solve of some hundred nodes; a wrong mode is off by 1.
+_RESIDUAL_MAX = 1e-6
 _EPS = np.finfo(float).eps
 
 
@@ -308,3 +321,11 @@ class _Modes:
         # The slowest first, so that what is left out is at the end.
         self.tau = np.maximum(tau[:, ::-1], 0.0)
         self.shape = np.linalg.solve(root.transpose(0, 2, 1), vectors[:, :, ::-1])
+        left, right = (
+            np.matmul(capacitance, self.shape),
+            np.matmul(matrix, self.shape) * self.tau[:, np.newaxis],
+        )
+        size = np.matmul(np.abs(capacitance), np.abs(self.shape)).max(axis=1)
+        size += np.matmul(np.abs(matrix), np.abs(self.shape)).max(axis=1) * self.tau[:, :1]
+        if not (np.abs(left - right).max(axis=1) <= _RESIDUAL_MAX * size).all():
+            raise np.linalg.LinAlgError("a mode does not solve C phi = tau G phi")

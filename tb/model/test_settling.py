@@ -179,3 +179,47 @@ def test_capacitances_move_no_direct_current() -> None:
     loaded = Network(g, 0.5, **kind, c_row_f=1e-9, c_column_f=1e-9, c_taxel_f=1e-9)
     assert (column_currents(loaded) == column_currents(Network(g, 0.5, **kind))).all()
     assert loaded.active_fields() >= {"c_row_f", "c_column_f", "c_taxel_f"}
+
+
+def test_a_wrong_mode_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = 1 / np.random.default_rng(2).uniform(500, 5000, (1, 2, 4))
+    network = Network(g[0], 0.5, 1e3, 2e3, 500.0, c_row_f=1e-10, c_column_f=3e-9)
+    eigh = np.linalg.eigh
+
+    def broken(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        tau, vectors = eigh(matrix)
+        return tau * (1 + 1e-4), vectors
+
+    monkeypatch.setattr(np.linalg, "eigh", broken)
+    with pytest.raises(Unsupported, match=r"too far apart"):
+        transients(network, g, TIMING, 1e-25)
+
+
+def test_absurd_values_are_bounded_solved_or_refused() -> None:
+    rng = np.random.default_rng(3)
+    ohm, farad = [0, 1e-30, 1e-6, 1, 1e4, 1e9, 1e300], [0, 1e-30, 1e-12, 1e-9, 1.0, 1e300]
+    solved = 0
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        for _ in range(200):
+            rows, cols = rng.integers(1, 4, 2)
+            network = Network(
+                rng.choice([0, 1e-300, 1e-9, 1e-3, 1, 1e9, np.inf], (rows, cols)),
+                0.5,
+                rng.choice(ohm),
+                rng.choice([*ohm, np.inf]),
+                rng.choice(ohm, cols),
+                rng.choice([0, 1e-3, -1e3], cols),
+                rng.choice(ohm),
+                i_leak_a=rng.choice([0, 1e-9], cols),
+                **dict(zip(("c_row_f", "c_column_f", "c_taxel_f"), rng.choice(farad, 3), strict=True)),
+            )
+            g = network.g_taxel_s[np.newaxis]
+            assert not np.isnan(bound_c(network, g, TIMING)).any()
+            try:
+                found = transients(network, g, TIMING, 1e-28)
+            except Unsupported:
+                continue
+            if found is not None:
+                solved += 1
+                assert np.isfinite(found.charge_c).all()
+    assert solved > 5
