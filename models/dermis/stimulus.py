@@ -248,12 +248,12 @@ class UniformTable(_Timed):
     """The same on every taxel; exactly one of force_n, code, r_ohm; a list makes one frame each."""
 
     kind: Literal["uniform"] = entry(
-        ..., "The same on every taxel; give exactly one of the keys below", '"uniform"'
+        ..., "The same on every taxel; give exactly one of force_n, code, r_ohm", '"uniform"'
     )
-    force_n: Force | Annotated[list[Force], Field(min_length=1)] | None = entry(None, "Force in N", _FORCE)
+    force_n: Forces | None = entry(None, "Force in N", _FORCE)
     code: Code | Annotated[list[Code], Field(min_length=1)] | None = entry(
         None,
-        "The force whose ideal code this is: x = code / 510",
+        "The resistance whose ideal code this is: x = code / 510",
         "a whole number 0..255, or a list of them, one a frame",
     )
     r_ohm: Ohm | Annotated[list[Ohm], Field(min_length=1)] | None = entry(
@@ -279,7 +279,7 @@ class FramesTable(_Timed):
     )
     unit: Literal["codes", "newtons"] = entry(
         ...,
-        "codes: 0..255, each stands for the force whose ideal code it is (x = code / 510), 255 too; "
+        "codes: 0..255, each stands for the resistance whose ideal code it is (x = code / 510), 255 too; "
         "newtons: force on the taxel",
         'one of "codes", "newtons"',
     )
