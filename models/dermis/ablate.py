@@ -30,6 +30,7 @@ FRAMES = 64
 """Frames looked at unless told otherwise; 1 with cosim, which takes seconds for one."""
 
 PAIRS = 3
+"""Runs with and without an effect behind a ratio of times; 1 with cosim."""
 
 # Shorter runs are repeated: processor time of a process is not known better than to some 10 us.
 _AT_LEAST_S = 0.02
@@ -105,7 +106,7 @@ def measure(
     world: Scene,
     engine: str | None = None,
     frames: int | None = None,
-    pairs: int = PAIRS,
+    pairs: int | None = None,
     said: Callable[[str], None] = lambda _: None,
 ) -> tuple[Plan, list[Cost]]:
     """Ablate a scene.
@@ -117,8 +118,8 @@ def measure(
         Runs everything; default the cheapest that can do all effects at once, so that times compare.
     frames : int, optional
         At most so many, around the busiest; default FRAMES, 1 with cosim.
-    pairs : int
-        Runs with and without an effect behind a ratio of times.
+    pairs : int, optional
+        Runs with and without an effect behind a ratio of times; default PAIRS, 1 with cosim.
     said : callable
         Told what is done next.
 
@@ -139,7 +140,8 @@ def measure(
     if engine is None:
         full = replace(full, engine=cheapest(full) or full.engine)
     engines.check(full)
-    full = busiest(full, frames or (1 if full.engine == "cosim" else FRAMES))
+    slow = full.engine == "cosim"
+    full, pairs = busiest(full, frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
     said(f"everything on, engine {full.engine}")
     codes = engines.runner(full.engine)(full).codes.astype(int)
     costs = []
@@ -255,13 +257,9 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
     "--frames", type=click.IntRange(min=1), help=f"At most so many, the busiest; default {FRAMES}, cosim 1."
 )
 @click.option(
-    "--pairs",
-    type=click.IntRange(min=1),
-    default=PAIRS,
-    show_default=True,
-    help="Runs behind a ratio of times.",
+    "--pairs", type=click.IntRange(min=1), help=f"Runs behind a ratio of times; default {PAIRS}, cosim 1."
 )
-def ablate_command(scene_name: str, engine: str | None, frames: int | None, pairs: int) -> int:
+def ablate_command(scene_name: str, engine: str | None, frames: int | None, pairs: int | None) -> int:
     """What each effect of a scene costs: all on, then one off at a time.
 
     The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
