@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,6 +28,8 @@ ONLY_WITH = {"mirror_output": "integrator_gain"}
 
 # Fields of Converter that change what flows in, not what is done with it.
 _DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
+
+_NO_BOUND_LSB = 1e6
 
 BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
 """Scenes whose bounds are shown: one at rest, one that moves."""
@@ -118,7 +119,7 @@ def verilog(name: str) -> str:
     if engines.refused(on, "rtl"):
         return NONE
     places = rtl.value_places()
-    bits = rtl.effect_bits(on, places) & ~rtl.effect_bits(sample(None, "rtl"), places)
+    bits = rtl.effect_bits(on) & ~rtl.effect_bits(sample(None, "rtl"))
     built = [
         n for n, place in sorted(places.items(), key=lambda item: item[1]) if _builds(n) and bits >> place & 1
     ]
@@ -192,4 +193,4 @@ def _everything(name: str, design: Design | None) -> Plan:
 def _bound(value: float | None) -> str:
     if value is None:
         return NONE
-    return "none" if math.isinf(value) else f"{value:.2g}"
+    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}"
