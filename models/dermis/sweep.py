@@ -53,6 +53,13 @@ takes sixteen times as long."""
 LEFT_OFF = {
     "lateral": "needs a neighbour; a point of the sweep is one taxel alone",
     "integrator_range": "never reached: up to x = 1/2 the charge stays within a packet",
+    "trace": "depends on where a taxel is, and a point of the sweep is a resistance, not a place",
+    "line_capacitance": "the other rows float here and would keep their charge",
+    "motion": "nothing moves",
+    **{e.name: "random; ngspice draws no numbers" for e in effects.EFFECTS.values() if e.random},
+    **{
+        name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")
+    },
 }
 """Effects that the physical sweep does without, and why."""
 
