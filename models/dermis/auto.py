@@ -209,8 +209,9 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
         best = (0.0, engine or "event", set())
     _, chosen, out = best
     rest = [n for n in names if n not in out and n not in sheet]
-    for name in sorted(rest, key=lambda n: weighing.bound[n] / (1.0 + COST_NS.get(n, 0.0))):
-        if weighing.fits(out | {name}, auto.budget_lsb):
+    rest.sort(key=lambda n: weighing.bound[n] / (1.0 + COST_NS.get(n, 0.0)))
+    for name in rest * 2:  # leaving some out makes room for others, which need not allow for them any more
+        if name not in out and weighing.fits(out | {name}, auto.budget_lsb):
             out.add(name)
     left = float(weighing.margin(out).max()) if out else 0.0
     why = {}
@@ -263,7 +264,7 @@ def _start(plan: Plan) -> tuple[Floats, Floats, Floats]:
 # --- certified codes ---------------------------------------------------------------------------------------------
 
 
-def certify(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
     margin = np.broadcast_to(plan.margin_lsb, (plan.cols,))
     if not margin.any():

@@ -157,15 +157,18 @@ def _stimulus(
 def compare(data: dict[str, Any], path: Path, timed: bool = False) -> Outcome:
     """Run a scene as auto plans it and with everything on, and compare."""
     world = scene.from_data(data, path)
-    engines.run(planning.make(world)) if timed else None  # compiles what this plan needs
+    if timed:  # compile what this plan needs
+        chosen = planning.make(world)
+        engines.certify(chosen, engines.run(chosen))
     start = time.process_time()
     chosen = planning.make(world)
-    result = engines.run(chosen)
+    result = engines.certify(chosen, engines.run(chosen))
     seconds = time.process_time() - start
 
     table = world.table.effects.model_copy(update={"auto": None} | world.effects)
     whole = replace(world, table=world.table.model_copy(update={"effects": table}))
-    event.run(planning.whole(whole, "event")) if timed else None
+    if timed:
+        event.run(planning.whole(whole, "event"))
     start = time.process_time()
     full = event.run(planning.whole(whole, "event"))
     seconds_all = time.process_time() - start

@@ -190,7 +190,7 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         yield speed("event.frames_per_s.all_effects", made, repeat, f"{OVER_RANGE}; {told}")
         run = functools.partial(engines.runner("event"), made)
         result = run()
-        certify = functools.partial(auto.certify, made, result)
+        certify = functools.partial(auto.certified, made, result)
         ratios = [1.0 + ablate.cpu_seconds(certify) / ablate.cpu_seconds(run) for _ in range(min(repeat, 3))]
         note = "the same run with certified lower and upper codes over that without, processor time"
         yield verdict.median("event.certificate_time_ratio", ratios, "1", note)

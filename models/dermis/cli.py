@@ -103,11 +103,13 @@ def run(
     waves: bool,
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import batch, engines, output, plan, progress, regression, report, verdict
+    from dermis import auto, batch, engines, output, plan, progress, regression, report, verdict
 
     path = scene_path(scene)
     made = plan.load(path, engine)
     engines.check(made)
+    if made.scene.table.effects.auto is not None:
+        auto.print_plan(made)
     out = out or ROOT / "build" / "run" / path.stem
     options: dict[str, Any] = {}
     if simulator is not None:

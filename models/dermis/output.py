@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import engines
 from dermis.decode import decode
+from dermis.effects import AutoTable
 from dermis.engines import Result
 from dermis.errors import InputError
 from dermis.plan import Plan
@@ -113,6 +115,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "cols": plan.cols,
         "frame_time_s": plan.timing.frame_s,
         "effects": [{k: _json(v) for k, v in e._asdict().items()} for e in plan.effects],
+        "certified": _certified(plan, result),
         "seed": plan.seed,
         "decoded": {
             "total_force_n": decoded.force_n.sum(axis=(1, 2)).tolist(),
@@ -126,6 +129,22 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         },
         "verdicts": list(rows),
         "versions": versions(),
+    }
+
+
+def _certified(plan: Plan, result: Result) -> dict[str, float] | None:
+    """How far apart the certified codes are, and what they allow for (docs/auto.md)."""
+    if result.low is None or result.high is None:
+        return None
+    width = result.high.astype(int) - result.low
+    auto = plan.scene.table.effects.auto or AutoTable()
+    return {
+        "budget_lsb": auto.budget_lsb if plan.scene.table.effects.auto else 0.0,
+        "sigma": auto.sigma,
+        "left_out_lsb": plan.left_out_lsb,
+        "margin_lsb": _json(float(np.max(plan.margin_lsb))),
+        "median_width_lsb": float(np.median(width)),
+        "max_width_lsb": int(width.max()),
     }
 
 
@@ -154,6 +173,7 @@ def write(
     plan, result, rows : what was run, what came of it, and its verdicts
     draw : called with a directory, to write further files of the run there
     """
+    engines.certify(plan, result)
     files: dict[str, bytes] = {
         "codes.npy": _npy(result.codes),
         "codes.csv": codes_csv(result.codes).encode(),

@@ -213,7 +213,7 @@ def certified(name: str, others: dict[str, Any], tmp_path: Path, factor: float =
     )
     codes = event.run(full).codes
     bare = event.run(less)
-    low, high = auto.certify(less, bare)
+    low, high = auto.certified(less, bare)
     return int(((codes < low) | (codes > high)).sum()), int((codes != bare.codes).sum())
 
 

@@ -22,7 +22,7 @@ class Result:
     """Codes uint8 [frames, rows, cols] and what else an engine found out.
 
     `low` and `high` have the same shape: the codes between which those of the chip lie, with every effect the
-    plan left out and with other random numbers (docs/auto.md). `run` fills them in.
+    plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
     """
 
     codes: NDArray[np.uint8]
@@ -73,9 +73,13 @@ def check(plan: Plan) -> None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
     """Run a plan through its engine, after `check`; options go to the engine."""
     check(plan)
-    result: Result = _module(plan.engine).run(plan, progress, **options)
-    if result.low is None or result.high is None:
-        from dermis.auto import certify
+    return _module(plan.engine).run(plan, progress, **options)
 
-        result.low, result.high = certify(plan, result)
+
+def certify(plan: Plan, result: Result) -> Result:
+    """Fill in the lower and upper codes of a run: where something is random or left out, that is further runs."""
+    if result.low is None or result.high is None:
+        from dermis.auto import certified
+
+        result.low, result.high = certified(plan, result)
     return result
