@@ -21,6 +21,7 @@ from rich.table import Table
 from dermis import engines, plan, report, scene, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError
+from dermis.files import write_between
 from dermis.plan import Plan
 from dermis.scene import Scene
 from dermis.schema import Strict
@@ -36,6 +37,10 @@ PAIRS = 3
 _AT_LEAST_S = 0.02
 
 EVERYTHING = "all_effects"
+
+DOCS = "docs/effects.md"
+BEGIN, END = "<!-- begin: ablate (written by dermis ablate --docs) -->", "<!-- end: ablate -->"
+PICTURE = "docs/figures/ablate.png"
 
 
 @dataclass(frozen=True)
@@ -189,30 +194,40 @@ def rows_of(costs: list[Cost], full: Plan) -> list[Row]:
     return rows
 
 
+HEAD = ("off", "max change / LSB", "taxels that move", "mean shift / LSB", "time ratio", "then cheapest")
+
+
+def cells(cost: Cost) -> tuple[str, ...]:
+    """One line of the table."""
+    return (
+        cost.name,
+        str(cost.code_max_lsb),
+        f"{100 * cost.moved:.2f} %",
+        f"{cost.mean_shift_lsb:+.4f}",
+        f"{cost.time_ratio:.2f}",
+        cost.engine,
+    )
+
+
+def docs_table(costs: list[Cost], title: str) -> str:
+    """The costs as Markdown."""
+    lines = [f"{title}.", "", f"| {' | '.join(HEAD)} |", "|---|--:|--:|--:|--:|---|"]
+    for cost in costs:
+        name, *rest = cells(cost)
+        lines.append(f"| `{name}` | {' | '.join(rest)} |")
+    return "\n".join(lines)
+
+
 def print_costs(costs: list[Cost], title: str) -> None:
     """Print one line an effect."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in (
-        "off",
-        "max |d| / LSB",
-        "taxels that move",
-        "mean shift / LSB",
-        "time ratio",
-        "then cheapest",
-    ):
-        table.add_column(heading, justify="left" if heading in ("off", "then cheapest") else "right")
+    for heading in HEAD:
+        table.add_column(heading, justify="left" if heading in (HEAD[0], HEAD[-1]) else "right")
     for cost in costs:
-        table.add_row(
-            cost.name,
-            str(cost.code_max_lsb),
-            f"{100 * cost.moved:.2f} %",
-            f"{cost.mean_shift_lsb:+.4f}",
-            f"{cost.time_ratio:.2f}",
-            cost.engine,
-        )
+        table.add_row(*cells(cost))
     console.print(table)
 
 
@@ -259,7 +274,10 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
 @click.option(
     "--pairs", type=click.IntRange(min=1), help=f"Runs behind a ratio of times; default {PAIRS}, cosim 1."
 )
-def ablate_command(scene_name: str, engine: str | None, frames: int | None, pairs: int | None) -> int:
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and the figure beside it.")
+def ablate_command(
+    scene_name: str, engine: str | None, frames: int | None, pairs: int | None, docs: bool
+) -> int:
     """What each effect of a scene costs: all on, then one off at a time.
 
     The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
@@ -278,4 +296,10 @@ def ablate_command(scene_name: str, engine: str | None, frames: int | None, pair
     verdict.write_rows("ablate", rows)
     print_costs(costs, title)
     click.echo(f"figure: {picture}")
+    if docs:
+        figure(costs, title, ROOT / PICTURE)
+        write_between(
+            ROOT / DOCS, BEGIN, END, docs_table(costs, f"`make ablate SCENE={scene_name}`: {title}")
+        )
+        click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

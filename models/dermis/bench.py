@@ -34,7 +34,7 @@ from dermis.bench_vfc import Circuit, Job, Run
 from dermis.design import ROOT
 from dermis.engines import cosim
 from dermis.errors import DermisError, InputError, SimulatorError
-from dermis.files import write_atomic
+from dermis.files import write_between
 from dermis.verdict import Row
 
 DOCS = "docs/benchmarks.md"
@@ -492,13 +492,7 @@ def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
     InputError
         The marks are not there.
     """
-    path = root / DOCS
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise InputError(DOCS, "table", "(its marks)", f"once each, in this order: {BEGIN} {END}")
-    head, rest = text.split(BEGIN)
-    tail = rest.split(END)[1]
-    write_atomic(path, f"{head}{BEGIN}\n{docs_table(rows)}\n{END}{tail}")
+    write_between(root / DOCS, BEGIN, END, docs_table(rows))
 
 
 @click.command("bench")

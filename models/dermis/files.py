@@ -7,6 +7,8 @@ import os
 import tempfile
 from pathlib import Path
 
+from dermis.errors import InputError
+
 
 def write_atomic(path: Path, content: str | bytes) -> None:
     """Write a file beside its target and move it there; text gets LF line ends on every system."""
@@ -24,3 +26,18 @@ def write_atomic(path: Path, content: str | bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def write_between(path: Path, begin: str, end: str, content: str) -> None:
+    """Put text between two marks of a file, each on a line of its own.
+
+    Raises
+    ------
+    InputError
+        The marks are not there, once each and in this order.
+    """
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise InputError(path, "table", "(its marks)", f"once each, in this order: {begin} {end}")
+    head, rest = text.split(begin)
+    write_atomic(path, f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}")
