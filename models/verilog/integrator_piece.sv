@@ -27,13 +27,6 @@ module integrator_piece #(
   real slow;
   wire stopped;
 
-  // Integral of exp(rate t) over 0..t.
-  function automatic real grown(input real rate, input real t);
-    real u;
-    u     = rate * t;
-    grown = (u < 1.0e-5 && u > -1.0e-5) ? t * (1.0 + u * (0.5 + u / 6.0)) : ($exp(u) - 1.0) / rate;
-  endfunction
-
   generate
     if (EFFECTS[`DERMIS_LEAK]) begin : gen_leak
       real keep;
@@ -62,14 +55,7 @@ module integrator_piece #(
         assign slow_slope = slow_rate * slow_from + $bitstoreal(values_i[64*`DERMIS_SLOW_DRIVE +: 64]) * current;
         assign fast_slope = fast_rate * fast_from + $bitstoreal(values_i[64*`DERMIS_FAST_DRIVE +: 64]) * current;
         assign turns      = !stopped && ((slow_slope + fast_slope) * ($bitstoreal(values_i[64*KEEP +: 64]) * slow_slope + fast_keep * fast_slope) < 0.0);
-        assign turn       = turns ? at(slow_from + fast_from, slow_slope, fast_slope) : 0.0;
-
-        // Output where its slope is 0: each exponential moves by its slope times the integral of exp(rate t).
-        function automatic real at(input real out_0, input real slow_s, input real fast_s);
-          real t;
-          t  = $ln(-fast_s / slow_s) / (slow_rate - fast_rate);
-          at = out_0 + slow_s * grown(slow_rate, t) + fast_s * grown(fast_rate, t);
-        endfunction
+        assign turn       = turns ? two_exponentials::at_turn(slow_from + fast_from, slow_slope, fast_slope, slow_rate, fast_rate) : 0.0;
       end else begin : gen_no_turn
         assign turns = 1'b0;
         assign turn  = 0.0;
@@ -89,59 +75,14 @@ module integrator_piece #(
         assign w           = slow_weight * slow + fast_weight * fast;
         assign limit       = w > w_high ? w_high : w_low;
         assign stopped     = w > w_high || w < w_low;
-        // Beyond a limit it is another course altogether, which takes a search: worked out only there.
-        assign output_to   = stopped ? follow(limit, w, slow_from, fast_from, current, length) : slow + fast;
+        // Beyond a limit it is another course altogether, which takes a search: worked out only where it is needed.
+        assign output_to   = stopped ? two_exponentials::after_stop(
+            limit, w - limit, slow_from, fast_from, current, length,
+            $bitstoreal(values_i[64*`DERMIS_SLOW_RATE +: 64]), $bitstoreal(values_i[64*`DERMIS_FAST_RATE +: 64]),
+            $bitstoreal(values_i[64*`DERMIS_SLOW_DRIVE +: 64]), $bitstoreal(values_i[64*`DERMIS_FAST_DRIVE +: 64]),
+            slow_weight, fast_weight, $bitstoreal(values_i[64*`DERMIS_LAG +: 64])) : slow + fast;
         assign slow_to     = stopped ? (limit - fast_weight * output_to) / (slow_weight - fast_weight) : slow;
         assign fast_to     = stopped ? output_to - slow_to : fast;
-
-        // Output where the piece ends, the charge having stopped at a limit on the way. Whatever changes from clock to clock is an argument:
-        // a continuous assignment waits for nothing that a function looks up by itself.
-        function automatic real follow(input real stop, input real w_free, input real slow_0, input real fast_0, input real i, input real length_);
-          integer n;
-          real slow_rate;
-          real fast_rate;
-          real slow_drive;
-          real fast_drive;
-          real slow_t;
-          real fast_t;
-          real left;
-          real right;
-          real beyond_left;
-          real beyond_right;
-          real t;
-          real beyond;
-          slow_rate    = $bitstoreal(values_i[64*`DERMIS_SLOW_RATE +: 64]);
-          fast_rate    = $bitstoreal(values_i[64*`DERMIS_FAST_RATE +: 64]);
-          slow_drive   = $bitstoreal(values_i[64*`DERMIS_SLOW_DRIVE +: 64]);
-          fast_drive   = $bitstoreal(values_i[64*`DERMIS_FAST_DRIVE +: 64]);
-          left         = 0.0;
-          right        = length_;
-          beyond_left  = slow_weight * slow_0 + fast_weight * fast_0 - stop;
-          beyond_right = w_free - stop;
-          t            = 0.0;
-          slow_t       = slow_0;
-          fast_t       = fast_0;
-          if (beyond_left * beyond_right < 0.0) begin
-            // The charge is close to a straight line: false position with the stale end halved (Illinois) is there in three to five steps.
-            for (n = 0; n < 12; n = n + 1)
-              if (right > left && beyond_right != beyond_left && (n == 0 || beyond > 1.0e-14 || beyond < -1.0e-14)) begin
-                t      = (left * beyond_right - right * beyond_left) / (beyond_right - beyond_left);
-                slow_t = $exp(slow_rate * t) * slow_0 + slow_drive * i * grown(slow_rate, t);
-                fast_t = $exp(fast_rate * t) * fast_0 + fast_drive * i * grown(fast_rate, t);
-                beyond = slow_weight * slow_t + fast_weight * fast_t - stop;
-                if (beyond * beyond_right > 0.0) begin
-                  right        = t;
-                  beyond_right = beyond;
-                  beyond_left  = 0.5 * beyond_left;
-                end else begin
-                  left         = t;
-                  beyond_left  = beyond;
-                  beyond_right = 0.5 * beyond_right;
-                end
-              end
-          end
-          follow = stop + (slow_t + fast_t - stop) * $exp((t - length_) / $bitstoreal(values_i[64*`DERMIS_LAG +: 64]));
-        endfunction
       end else begin : gen_no_range
         assign stopped = 1'b0;
         assign slow_to = slow;

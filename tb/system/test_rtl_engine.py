@@ -1,0 +1,411 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real Verilog with real-number models: equal to engine event, no trace of what is off, loud when it fails."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from system_bench import MakePlan, dermis, processes_with
+
+from dermis import engines, hdl
+from dermis.design import ROOT, TOPOLOGIES
+from dermis.engines import closed, event, rtl
+from dermis.errors import InputError, SimulatorError
+from dermis.plan import Plan
+
+UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
+
+# Every effect that is not random, large enough to be seen in a code.
+EFFECTS = {
+    "mirror_ratio": "mirror_ratio = { ratio_error = 0.02, spread = 0.01 }",
+    "offset_current": "offset_current = { i_a = 3e-7 }",
+    "range_switch": "range_switch = { r_ohm = 100.0, v_overdrive_v = 0.3 }",
+    "mirror_lag": "mirror_lag = { q_c = 4e-11 }",
+    "mirror_output": "mirror_output = { r_out_ohm = 1e4 }\nintegrator_gain = { gain_dc = 100 }",
+    "integrator_gain": "integrator_gain = { gain_dc = 100, r_in_ohm = 1e4 }",
+    "integrator_bandwidth": "integrator_bandwidth = { gbw_hz = 3e5 }",
+    "integrator_range": "integrator_range = { v_max_v = 0.7, v_min_v = -0.6 }",
+    "comparator_offset": "comparator_offset = { v_v = 0.3 }",
+    "comparator_hysteresis": "comparator_hysteresis = { v_v = 0.3 }",
+    "comparator_delay": "comparator_delay = { t_s = 1.3e-7 }",
+    "charge_packet": "charge_packet = { packet_error = 0.03 }",
+    "reference_drift": "reference_drift = { tc_per_k = 1e-3, delta_k = 40 }",
+    "preset_error": "preset_error = { v_v = 0.2 }",
+    "lateral": "lateral = { r_ohm = 2e3 }\ncolumn_input = { r_ohm = 5.0 }",
+    "row_driver": "row_driver = { r_ohm = 3.0, grounded_r_ohm = 5.0 }",
+    "column_offset": "column_offset = { v_v = 2e-4 }",
+    "trace": "trace = { r_row_ohm = 1.0, r_column_ohm = 1.0 }",
+    "mux_leakage": "mux_leakage = { i_a = 2e-5 }",
+    "supply_ripple": "supply_ripple = { relative = 0.05, frequency_hz = 3e3, phase_deg = 30 }",
+    "motion": "motion = true",
+    "line_capacitance": "line_capacitance = { c_row_f = 2e-9, c_column_f = 1e-9, c_taxel_f = 1e-10 }\n"
+    "row_driver = { r_ohm = 300.0 }\ncolumn_input = { r_ohm = 300.0 }",
+}
+RANDOM = (
+    "comparator_noise",
+    "metastability",
+    "clock_jitter",
+    "thermal_noise",
+    "shot_noise",
+    "ktc_noise",
+    "flicker_noise",
+)
+
+
+def of_codes(codes: np.ndarray) -> np.ndarray:
+    """Resistances with x = c / 510 exactly."""
+    with np.errstate(divide="ignore"):
+        return UNIT_OHM * 510 / np.asarray(codes, dtype=float)
+
+
+def random_ohm(seed: int, *shape: int) -> np.ndarray:
+    """Resistances from overload to next to nothing."""
+    return 350 * 200 ** np.random.default_rng(seed).random(shape)
+
+
+def by_event(made: Plan, sync_latch: bool = False) -> np.ndarray:
+    """Codes of engine event, as integers."""
+    timing = replace(made.timing, charge_delay_clocks=0.5 if sync_latch else 1.0)
+    return event.run(replace(made, timing=timing)).codes.astype(int)
+
+
+def together(topology: str) -> str:
+    """All effects at once, as far as the topology has them and engine event does them together."""
+    names = set(EFFECTS) - {"mirror_output", "line_capacitance", "trace"}
+    if topology == "direct":
+        names -= {"mirror_ratio", "range_switch", "mirror_lag", "lateral", "row_driver"}
+    return "\n".join(EFFECTS[name] for name in sorted(names))
+
+
+# ---- the ideal reader
+
+
+@pytest.mark.parametrize("sync_latch", [False, True], ids=["two_flops", "flop_and_latch"])
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("simulator", ["icarus", "verilator"])
+def test_all_256_codes_read_back_exactly(
+    resistance_plan: MakePlan, simulator: str, topology: str, sync_latch: bool
+) -> None:
+    if sync_latch and topology != "conveyor_mirror" and simulator == "verilator":
+        pytest.skip("the synchronizer does not know the topology; one Verilator build of each is enough")
+    codes = np.random.default_rng(3).permutation(256).reshape(16, 16)
+    got = rtl.run(resistance_plan(of_codes(codes), topology), simulator=simulator, sync_latch=sync_latch)
+    assert np.array_equal(got.codes[0], codes)
+
+
+def test_ideal_scenes_equal_the_closed_formula_and_the_event_engine(resistance_plan: MakePlan) -> None:
+    """Shorts, opens, overload, and resistances that stand on the boundary of two codes included."""
+    ohm = random_ohm(1, 200, 16, 16)
+    ohm[0] = np.resize([1000.0, 3000.0, 5000.0, 15000.0, 500.0, 312.0, 0.0, np.inf], (16, 16))
+    ohm[1, ::2], ohm[1, 1::2] = 0.0, of_codes([2])[0]
+    made = resistance_plan(ohm)
+    got = rtl.run(made).codes
+    assert np.array_equal(got, closed.run(made).codes)
+    assert np.array_equal(got, event.run(made).codes)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (3, 7), (2, 20)])
+def test_any_size_reads_the_same(resistance_plan: MakePlan, shape: tuple[int, int]) -> None:
+    made = resistance_plan(random_ohm(2, 3, *shape))
+    assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
+
+
+def test_parts_of_a_run_follow_each_other(resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = resistance_plan(random_ohm(4, 7, 3, 4))
+    monkeypatch.setattr(rtl, "_VALUES_AT_ONCE", 30)
+    seen: list[int] = []
+    got = rtl.run(made, seen.append, simulator="icarus").codes
+    assert np.array_equal(got, closed.run(made).codes)
+    assert seen == sorted(seen)
+    assert seen[-1] == 21
+    assert {6, 12, 18} <= set(seen)
+
+
+# ---- effects
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name: str) -> None:
+    ohm = random_ohm(5, 2, 3, 12)
+    made = resistance_plan(ohm, effects=EFFECTS[name])
+    for sync_latch in (False, True):
+        got = rtl.run(made, simulator="icarus", sync_latch=sync_latch).codes.astype(int)
+        expected = by_event(made, sync_latch)
+        assert np.array_equal(got, expected)
+        assert np.abs(expected - closed.run(resistance_plan(ohm)).codes).max() >= 1, "too small to be seen"
+
+
+@pytest.mark.parametrize("simulator", ["icarus", "verilator"])
+@pytest.mark.parametrize("topology", ["conveyor_mirror", "direct"])
+def test_all_effects_together_equal_the_event_engine(
+    resistance_plan: MakePlan, simulator: str, topology: str
+) -> None:
+    ohm = random_ohm(6, 2, 4, 8)
+    made = resistance_plan(ohm, topology, together(topology))
+    for sync_latch in (False, True) if simulator == "icarus" else (False,):
+        got = rtl.run(made, simulator=simulator, sync_latch=sync_latch).codes.astype(int)
+        assert np.abs(got - by_event(made, sync_latch)).max() <= 1
+        assert np.abs(got - closed.run(resistance_plan(ohm)).codes).max() > 3, "too small to be seen"
+
+
+def test_every_field_an_engine_can_be_asked_for_is_here_or_random() -> None:
+    assert rtl.HONOURS | event.RANDOM == event.HONOURS
+    built = set(rtl.BUILT_FOR)
+    in_the_currents = {
+        f for f in rtl.HONOURS - built if f.startswith(("r_", "g_", "c_", "i_leak", "v_column"))
+    }
+    assert rtl.HONOURS - built - in_the_currents == {"ripple", "motion"}
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_random_effects_are_refused_with_the_engine_that_can(resistance_plan: MakePlan, name: str) -> None:
+    made = resistance_plan(random_ohm(7, 2, 2), effects=f"{name} = true")
+    with pytest.raises(
+        InputError, match=rf"effects\.{name} = not possible with engine rtl: engine event"
+    ) as caught:
+        engines.check(replace(made, engine="rtl"))
+    assert caught.value.exit_code == 2
+
+
+# ---- off leaves no trace
+
+# What each effect builds: a name that stands in the elaborated design where it is on.
+BUILDS = {
+    "GAIN": "gen_gain",
+    "I_OFFSET": "gen_offset",
+    "PACKET": "gen_packet",
+    "W_PRESET": "gen_preset",
+    "RISE": "gen_rise",
+    "FALL": "gen_window",
+    "DELAY": "gen_delay",
+    "W_LOW": "gen_range",
+    "LEAK": "gen_leak",
+    "I_RANGE": "gen_range_switch",
+    "Q_MIRROR": "gen_lag",
+    "GBW": "gen_bandwidth",
+}
+
+
+def elaborated(work: Path, **parameters: int) -> set[str]:
+    """Generate blocks in the design as Icarus elaborates it."""
+    out = work / "design.vvp"
+    command = [
+        "iverilog",
+        "-g2012",
+        "-o",
+        str(out),
+        "-s",
+        "skin_alone",
+        "-c",
+        "rtl/files.f",
+        "-c",
+        "models/verilog/files.f",
+    ]
+    command += [f"-Pskin_alone.{k}={v}" for k, v in parameters.items()]
+    subprocess.run([*command, "models/verilog/skin_alone.sv"], cwd=ROOT, check=True, timeout=60)
+    return set(re.findall(r'\.scope generate, "(gen_\w+)', out.read_text()))
+
+
+def test_a_build_holds_the_effects_it_was_asked_for_and_no_other(tmp_path: Path) -> None:
+    places = rtl.value_places()
+    ideal = elaborated(tmp_path)
+    assert not ideal & {*BUILDS.values(), "gen_bent", "gen_drive", "gen_mode"}
+    for name, block in BUILDS.items():
+        found = elaborated(tmp_path, EFFECTS=1 << places[name]) & set(BUILDS.values())
+        assert found == {block}
+    assert {"gen_drive", "gen_basis", "gen_bent", "gen_mode"} <= elaborated(tmp_path, TERMS=2, MODES=1)
+
+
+def test_nothing_in_the_ideal_program_belongs_to_an_effect(resistance_plan: MakePlan) -> None:
+    """Three kinds of real numbers are left in the C++: time, and what was drawn at this clock and the next."""
+
+    def reals(made: Plan) -> set[str]:
+        currents = rtl.currents_of(made, slice(0, 1))
+        command = rtl.build(made, rtl.effect_bits(made), currents, "verilator", False)
+        header = (Path(command[0]).parent / "Vskin___024root.h").read_text()
+        return {name.rsplit("__DOT__", 1)[-1] for name in re.findall(r"\bdouble\S* (\w+);", header)}
+
+    assert reals(resistance_plan(random_ohm(8, 16, 16))) == {"t_clocks", "drawn_q", "drawn_c"}
+    bent = reals(resistance_plan(random_ohm(6, 2, 4, 8), effects=together("conveyor_mirror")))
+    assert {"slow_q", "fast_q", "inverse_q"} <= bent
+
+
+def test_one_build_serves_scenes_that_differ_in_values_only(
+    resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = resistance_plan(random_ohm(9, 2, 4), effects="mirror_ratio = { ratio_error = 0.01 }")
+    rtl.run(first, simulator="icarus")
+
+    def compile_again(*args: object, **options: object) -> None:
+        pytest.fail("a second build")
+
+    monkeypatch.setattr(hdl, "run_logged", compile_again)
+    second = resistance_plan(
+        random_ohm(10, 5, 2, 4), effects="mirror_ratio = { ratio_error = [0.1, -0.1, 0, 0.2] }"
+    )
+    assert np.array_equal(rtl.run(second, simulator="icarus").codes, closed.run(second).codes)
+
+
+# ---- what is caught
+
+FAULTS = {
+    "packet_not_removed": ("charge_source.sv", "assign out    = d_charge;", "assign out    = 0.0;"),
+    "preset_missing": ("integrator.sv", "drawn_q <= d_preset ? -out_preset : drawn_c", "drawn_q <= drawn_c"),
+    "preset_at_zero": ("integrator.sv", "assign out_preset = -0.5;", "assign out_preset = 0.0;"),
+    "row_of_before": (
+        "array.sv",
+        "if (row_select_i[n/(COLS*CELL)])",
+        "if (row_select_i[(n/(COLS*CELL) + 1) % ROWS])",
+    ),
+    "columns_swapped": ("skin.sv", "u_array.i_column[CELL*c + v]", "u_array.i_column[CELL*(COLS-1-c) + v]"),
+    "comparator_upside_down": (
+        "comparator.sv",
+        "assign high_c = in_c >= rise;",
+        "assign high_c = in_c < rise;",
+    ),
+    "time_stands": ("skin.sv", "preset ? 1.0 : t_clocks + 1.0", "1.0"),
+}
+
+
+def with_fault(folder: Path, file: str, right: str, wrong: str) -> Path:
+    """A copy of the models with one change."""
+    models = folder / "models"
+    shutil.copytree(rtl.MODELS, models)
+    text = (models / file).read_text()
+    assert text.count(right) == 1, "the fault no longer fits the model"
+    (models / file).write_text(text.replace(right, wrong))
+    return models
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_a_model_is_caught(resistance_plan: MakePlan, tmp_path: Path, fault: str) -> None:
+    made = resistance_plan(of_codes(np.random.default_rng(3).permutation(256).reshape(16, 16)[:4]))
+    right = rtl.run(made, simulator="icarus").codes
+    assert np.array_equal(right, closed.run(made).codes)
+    wrong = rtl.run(made, simulator="icarus", models=with_fault(tmp_path, *FAULTS[fault])).codes
+    assert not np.array_equal(wrong, right)
+
+
+def test_models_that_do_not_compile_end_with_the_log(resistance_plan: MakePlan, tmp_path: Path) -> None:
+    models = with_fault(tmp_path, "mirror.sv", "module mirror", "modul mirror")
+    for simulator in hdl.SIMULATORS:
+        with pytest.raises(SimulatorError, match="failed with exit code") as caught:
+            rtl.run(resistance_plan(random_ohm(11, 2, 2)), simulator=simulator, models=models)
+        assert caught.value.exit_code == 3
+        assert "mirror" in Path(caught.value.log).read_text()
+
+
+GOOD = "0 0201\n1 0403\n"
+
+
+@pytest.mark.parametrize(
+    ("writes", "said"),
+    [
+        ("raise SystemExit(1)", "exit code 1"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "exit code -11"),
+        ("pass", "left no codes"),
+        (f"open('codes.txt', 'w').write({GOOD[:-1]!r})", "rows instead of 2"),
+        (f"open('codes.txt', 'w').write({GOOD * 2!r})", "4 rows instead of 2"),
+        (
+            "open('codes.txt', 'w').write('1 0403\\n0 0201\\n')",
+            "frame 0: the chip handed over row 1 in place of row 0",
+        ),
+        ("open('codes.txt', 'w').write('0 0201\\n1 04xx\\n')", "frame 0, row 1: '1 04xx' is not a row"),
+        ("open('codes.txt', 'w').write('0 0201\\n1-0403\\n')", "frame 0, row 1: '1-0403' is not a row"),
+    ],
+)
+def test_a_bad_result_is_a_simulator_error(
+    resistance_plan: MakePlan, tmp_path: Path, writes: str, said: str
+) -> None:
+    made = resistance_plan(random_ohm(12, 2, 2))
+    with pytest.raises(SimulatorError, match=re.escape(said)):
+        rtl.simulate(made, [sys.executable, "-c", writes], tmp_path, 1, lambda rows: None)
+
+
+def test_a_good_result_is_read_column_0_first(resistance_plan: MakePlan, tmp_path: Path) -> None:
+    made = resistance_plan(random_ohm(12, 2, 2))
+    program = f"open('codes.txt', 'w').write({GOOD!r})"
+    codes = rtl.simulate(made, [sys.executable, "-c", program], tmp_path, 1, lambda rows: None)
+    assert codes.tolist() == [[[1, 2], [3, 4]]]
+
+
+def test_a_simulator_that_stops_answering_is_ended(
+    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rtl, "SLOT_LIMIT_S", 0.5)
+    with pytest.raises(SimulatorError, match="wrote no row"):
+        rtl.simulate(
+            resistance_plan(random_ohm(12, 2, 2)),
+            [sys.executable, "-c", f"import time; time.sleep(60)  # {tmp_path}"],
+            tmp_path,
+            1,
+            lambda rows: None,
+        )
+    assert not processes_with(str(tmp_path))
+
+
+def test_currents_that_end_early_are_a_simulator_error(resistance_plan: MakePlan, tmp_path: Path) -> None:
+    made = resistance_plan(random_ohm(13, 2, 2, 2))
+    currents = rtl.currents_of(made, slice(0, 2))
+    command = rtl.build(made, 0, currents, "icarus", False)
+    rtl.write_inputs(made, slice(0, 2), tmp_path, currents, 0, False)
+    file = tmp_path / "currents.bin"
+    file.write_bytes(file.read_bytes()[:-8])
+    with pytest.raises(SimulatorError, match="exit code"):
+        rtl.simulate(made, command, tmp_path, 2, lambda rows: None)
+    assert "currents.bin ends early, in frame 2" in (tmp_path / "simulator.log").read_text()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_leaves_no_process(tmp_path: Path, how: signal.Signals) -> None:
+    np.save(tmp_path / "taxels.npy", random_ohm(14, 50, 16, 16))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('title = "long"\n[stimulus]\nkind = "resistance"\nfile = "taxels.npy"\n')
+    command = [sys.executable, "-m", "dermis", "run", str(scene), "--engine", "rtl", "--simulator", "icarus"]
+    command += ["--out", str(tmp_path / "out")]
+    marked = {**os.environ, "DERMIS_TEST_MARK": str(tmp_path)}
+    child = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT, env=marked
+    )
+
+    def simulators() -> list[int]:
+        return [
+            p for p in processes_with(str(tmp_path)) if Path(f"/proc/{p}/comm").read_text().strip() == "vvp"
+        ]
+
+    end = time.monotonic() + 60
+    while time.monotonic() < end and not simulators():
+        time.sleep(0.05)
+    assert simulators(), "nothing to interrupt"
+    child.send_signal(how)
+    child.communicate(timeout=20)
+    assert child.returncode == (130 if how == signal.SIGINT else -9)
+    end = time.monotonic() + 5
+    while time.monotonic() < end and processes_with(str(tmp_path)):
+        time.sleep(0.05)
+    assert not processes_with(str(tmp_path))
+    assert not (tmp_path / "out" / "codes.npy").exists()
+
+
+# ---- the command
+
+
+def test_the_command_runs_a_scene_and_says_which_engine(tmp_path: Path) -> None:
+    done = dermis("run", "single_touch", "--engine", "rtl", "--out", str(tmp_path / "rtl"))
+    assert done.returncode == 0, done.stderr
+    assert "(rtl, " in done.stdout
+    assert (
+        dermis("run", "single_touch", "--engine", "closed", "--out", str(tmp_path / "closed")).returncode == 0
+    )
+    codes = [np.load(tmp_path / name / "codes.npy") for name in ("rtl", "closed")]
+    assert np.array_equal(*codes)
