@@ -36,7 +36,12 @@ class Strict(BaseModel):
     def _of_a_size(cls, value: Any) -> Any:
         if not all(_sized(v) for v in (value if isinstance(value, list) else (value,))):
             raise ValueError(_SIZES)
-        return value
+        return [_unsigned(v) for v in value] if isinstance(value, list) else _unsigned(value)
+
+
+def _unsigned(value: Any) -> Any:
+    """0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf."""
+    return value + 0.0 if isinstance(value, float) else value
 
 
 def _sized(value: Any) -> bool:

@@ -214,6 +214,17 @@ def test_the_oracle_can_tell() -> None:
     assert legal("a finite number above -273.15", -273.15) is False
 
 
+def test_a_negative_zero_is_a_zero(directory: Path) -> None:
+    data = {
+        "array": {"rows": 3, "cols": 2},
+        "stimulus": {"kind": "uniform", "r_ohm": [-0.0, 500.0]},
+        "effects": {"row_driver": {"r_ohm": -0.0}, "column_input": {"r_ohm": [-0.0, 1.0]}},
+    }
+    table = scene.from_data(data, directory / "made.toml").table
+    zeros = [table.stimulus.r_ohm[0], table.effects.row_driver.r_ohm, table.effects.column_input.r_ohm[0]]
+    assert [math.copysign(1.0, zero) for zero in zeros] == [1.0, 1.0, 1.0]
+
+
 TABLES = sorted({(kind, tuple(path[:-1])) for _, kind, path, _ in KEYS})
 
 
