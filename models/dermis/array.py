@@ -247,29 +247,28 @@ class _RowLines:
         self.seen = 1.0 / pivot
         for c in range(1, network.cols):
             self.seen[:, :, c] += self.pass_on[:, :, c] ** 2 * self.seen[:, :, c - 1]
-        self.to_driver = g * np.cumprod(self.pass_on, axis=2)
+        self.through = np.cumprod(self.pass_on, axis=2)
+        self.to_driver = g * self.through
 
-        # From node i to node j > i: g_i seen_i times all pass_on between them times g_j. As a product of one
-        # factor of i and one of j it is fast, as long as the products from the driver on stay in range.
-        through = np.cumprod(self.pass_on, axis=2)
-        self.mild = bool((through > _PRODUCT_MIN).all())
-        if self.mild:
-            self.left, self.right = g * self.seen / through, g * through
+    def between(self) -> Floats:
+        """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal 0.
 
-    def between(self, rows: slice) -> Floats:
-        """Conductances between column lines through some row lines, [frames, cols, cols]; diagonal 0."""
-        if self.mild:
-            upper = np.matmul(self.left[:, rows].transpose(0, 2, 1), self.right[:, rows])
+        From node i to node j > i it is g_i seen_i times all pass_on between them times g_j. As a product of
+        one factor of i and one of j it is fast, as long as the products from the driver on stay in range.
+        """
+        if (self.through > _PRODUCT_MIN).all():
+            left = self.g * self.seen / self.through
+            upper = np.matmul(left.transpose(0, 2, 1), self.to_driver)
         else:
-            upper = self._between_steep(rows)
+            upper = self._between_steep()
         upper = np.triu(upper, 1)
         return upper + upper.transpose(0, 2, 1)
 
-    def _between_steep(self, rows: slice) -> Floats:
-        cols = self.g.shape[2]
+    def _between_steep(self) -> Floats:
+        frames, rows, cols = self.g.shape
         after = np.arange(cols)[np.newaxis, :] > np.arange(cols)[:, np.newaxis]
-        upper = np.zeros((self.g.shape[0], cols, cols))
-        for row in range(self.g.shape[1])[rows]:
+        upper = np.zeros((frames, cols, cols))
+        for row in range(rows):
             steps = np.where(after, self.pass_on[:, row, np.newaxis, :], 1.0)
             left, right = self.g[:, row] * self.seen[:, row], self.g[:, row]
             upper += left[:, :, np.newaxis] * np.cumprod(steps, axis=2) * right[:, np.newaxis, :]
@@ -332,7 +331,7 @@ def _respond_columns(network: Network, lines: _RowLines) -> _Response:
     share = _ratio(g, node[:, :, np.newaxis])
     link = np.matmul(share.transpose(0, 2, 1), g)
     if lines.bent:
-        link += lines.between(slice(None))
+        link += lines.between()
     if network.g_lateral_row_s:
         _add_neighbours(link, rows * network.g_lateral_row_s)
     link[:, np.arange(cols), np.arange(cols)] = 0.0
@@ -376,14 +375,11 @@ def _sum_of_others(values: Floats) -> Floats:
 
 
 def _respond_chain(network: Network, lines: _RowLines) -> _Response:
-    """Every column line is a chain of one node a row; blocks of one row are eliminated from the inputs up.
-
-    With Z[r] the inverse of block r once the rows below it are folded into it, and G the conductance from row
-    to row, the diagonal blocks of the whole inverse are S[r] = Z[r] + Z[r] G S[r-1] G Z[r]. Nothing in here
-    subtracts.
+    """Every column line is a chain of one node a row: all drives walk up and down through the inverses of blocks
+    of one row, which are eliminated from the inputs up.
     """
-    rows, cols = network.rows, network.cols
-    frames = lines.g.shape[0]
+    from dermis import star_mesh
+
     g_ground = float(_conductance(network.r_row_grounded_ohm))
     g_end = _conductance(network.r_trace_column_ohm + network.r_column_ohm)
     step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
@@ -393,65 +389,26 @@ def _respond_chain(network: Network, lines: _RowLines) -> _Response:
     leak = g_ground * share
     held = _held(network)
     behind = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
-
-    # Upwards. `below[:, r]` is what row r sees as a conductance to the grounds and columns below it; `carry`
-    # are currents (all drives at once, for the check; offsets and leaks) folded into the rows above.
-    z = np.empty((rows, frames, cols, cols))
-    below = np.empty((frames, rows, cols))
-    below[:, rows - 1] = g_end
-    carry = np.zeros((rows, frames, cols, 2 if held else 1))
-    carry[..., 0] = g.transpose(1, 0, 2)
+    pull = g_end * behind
+    frames, rows, cols = g.shape
+    moved, away, last = np.empty(g.shape), np.empty((frames, rows)), np.empty((frames, cols, rows))
+    other = np.empty(g.shape if held else (0, 0, 0))
+    pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
+    miss = star_mesh.chain(
+        lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end, pull,
+        moved, away, last, other,
+    )  # fmt: skip
+    if not miss <= _RESIDUAL_MAX:
+        raise SimulatorError(_missed(miss, "at a node"))
+    delivered = (g_end[:, np.newaxis] * last).transpose(0, 2, 1)
+    response = _Response(delivered, _ratio((g * moved).sum(axis=2), node), away)
     if held:
-        carry[rows - 1, :, :, 1] = g_end * behind
-    identity = np.broadcast_to(np.eye(cols), (frames, cols, cols))
-    for r in reversed(range(rows)):
-        link = g[:, r, :, np.newaxis] * share[:, r, np.newaxis, :]
-        if lines.bent:
-            link += lines.between(slice(r, r + 1))
-        if network.g_lateral_row_s:
-            _add_neighbours(link, network.g_lateral_row_s)
-        ground = leak[:, r] + below[:, r]
-        if r < rows - 1:
-            link += step**2 * z[r + 1]
-        link[:, np.arange(cols), np.arange(cols)] = 0.0
-        z[r] = _eliminate(link, ground + step if r else ground, identity)
-        if r:
-            below[:, r - 1] = step * np.matmul(z[r], ground[:, :, np.newaxis])[:, :, 0]
-            carry[r - 1] += step * np.matmul(z[r], carry[r])
-
-    # Downwards. `past[:, :, :r]` are the voltages in row r that the drives of the rows above it make;
-    # `above` is the part of a current into row r that ends in grounds of the rows above or in its own.
-    delivered = np.empty((frames, cols, rows))
-    moved = np.empty((frames, rows, cols))
-    away = np.empty((frames, rows))
-    above = np.zeros((frames, cols, 1))
-    diagonal = z[0]
-    voltage = np.zeros((rows, *carry.shape[1:]))
-    past = delivered
-    for r in range(rows):
-        if r:
-            reach = step * z[r]
-            diagonal = z[r] + np.matmul(np.matmul(reach, diagonal), reach)
-            past[:, :, :r] = np.matmul(reach, past[:, :, :r])
-            above = np.matmul(reach, above)
-            carry[r] += step * voltage[r - 1]
-        voltage[r] = np.matmul(z[r], carry[r])
-        moved[:, r] = np.matmul(diagonal, g[:, r, :, np.newaxis])[:, :, 0]
-        past[:, :, r] = moved[:, r]
-        away[:, r] = (g[:, r] * above[:, :, 0] + below[:, r] * moved[:, r]).sum(axis=1)
-        above = above + np.matmul(diagonal, leak[:, r, :, np.newaxis])
-    delivered *= g_end[:, np.newaxis]
-    end = voltage[rows - 1]
-    _check_balance((g_end[:, np.newaxis] * end)[:, :, 0], delivered.sum(axis=2), "in a column")
-    response = _Response(delivered.transpose(0, 2, 1), _ratio((g * moved).sum(axis=2), node), away)
-    if held:
-        response.held = g_end * (end[:, :, 1] - behind) + network.i_leak_a
-        by_row = voltage[..., 1].transpose(1, 0, 2)
-        response.lifted = (share * by_row).sum(axis=2)
-        lost = (leak * by_row).sum(axis=(1, 2))
-        size = (leak * np.abs(by_row)).sum(axis=(1, 2)) + (g_end * np.abs(behind)).sum()
-        came = (g_end * (behind - end[:, :, 1])).sum(axis=1)
-        _check_balance(came, lost, "between offsets and grounds", size)
+        end = other[:, -1]
+        response.held = g_end * (end - behind) + network.i_leak_a
+        response.lifted = (share * other).sum(axis=2)
+        lost = (leak * other).sum(axis=(1, 2))
+        size = (leak * np.abs(other)).sum(axis=(1, 2)) + np.abs(pull).sum()
+        _check_balance((g_end * (behind - end)).sum(axis=1), lost, "between offsets and grounds", size)
     return response
 
 
@@ -507,9 +464,11 @@ def _check_balance(left: Floats, right: Floats, where: str, size: Floats | None 
     miss = np.abs(left - right)
     if not (miss <= _RESIDUAL_MAX * size + _CURRENT_FLOOR_A).all():
         worst = np.nanmax(np.divide(miss, size, out=np.full_like(miss, np.nan), where=size > 0))
-        raise SimulatorError(
-            f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
-        )
+        raise SimulatorError(_missed(float(worst), where))
+
+
+def _missed(worst: float, where: str) -> str:
+    return f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
 
 
 def column_currents_reference(network: Network, digits: int = 60) -> Floats:

@@ -8,9 +8,13 @@ Links are symmetric and only those to the right of the diagonal are read or kept
 from __future__ import annotations
 
 import numba
+import numpy as np
+
+# Products may be fused with the sum they go into: one rounding less. Nothing is reordered.
+_compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def down(work, pivot, first, last):  # type: ignore
     """Eliminate nodes first .. last - 1, as far as these rows themselves go; pivots are sums to the right."""
     frames, n, width = work.shape
@@ -27,7 +31,7 @@ def down(work, pivot, first, last):  # type: ignore
                     rows[i, j] += weight * rows[k, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_compiled
 def up(work, pivot, first, last):  # type: ignore
     """Turn the currents of nodes first .. last - 1 into voltages; what later nodes add is there already."""
     frames, n, width = work.shape
@@ -40,3 +44,191 @@ def up(work, pivot, first, last):  # type: ignore
                     rows[k, q] += link * rows[j, q]
             for q in range(n + 1, width):
                 rows[k, q] /= pivot[f, k]
+
+
+@_compiled
+def _add_product(out, factor, a, b, first):  # type: ignore
+    """out += factor * a b, in columns first onwards; four rows of b at once, so that out is touched less."""
+    n, inner, last = a.shape[0], a.shape[1], b.shape[1]
+    whole = inner - inner % 4
+    for i in range(n):
+        for k in range(0, whole, 4):
+            a0, a1, a2, a3 = (
+                factor * a[i, k], factor * a[i, k + 1], factor * a[i, k + 2], factor * a[i, k + 3]
+            )  # fmt: skip
+            for q in range(first, last):
+                out[i, q] += (a0 * b[k, q] + a1 * b[k + 1, q]) + (a2 * b[k + 2, q] + a3 * b[k + 3, q])
+        for k in range(whole, inner):
+            a0 = factor * a[i, k]
+            for q in range(first, last):
+                out[i, q] += a0 * b[k, q]
+
+
+@_compiled
+def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ignore
+    """What one row line and its lateral resistors are between the columns, to the right of the diagonal."""
+    n = g.shape[0]
+    for i in range(n):
+        left = g[i] * seen[i] if bent else 0.0
+        for j in range(i + 1, n):
+            link[i, j] = to_driver[i] * share[j]
+            if bent:
+                left *= pass_on[j]
+                link[i, j] += left * g[j]
+        if i + 1 < n:
+            link[i, i + 1] += lateral
+
+
+@_compiled
+def _invert(work, pivot, weights, out):  # type: ignore
+    """Inverse of one block: `work` [n, n + 1 + n] holds links, ground, and one unit of current a node.
+
+    Row i takes in all nodes before it at once, four at a time, and of their units only those there are.
+    """
+    n = out.shape[0]
+    for i in range(n):
+        for k in range(i):
+            weights[k] = work[k, i] / pivot[k]
+        whole = i - i % 4
+        last = n + 1 + i
+        for k in range(0, whole, 4):
+            w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+            for j in range(i + 1, last):
+                work[i, j] += (w0 * work[k, j] + w1 * work[k + 1, j]) + (
+                    w2 * work[k + 2, j] + w3 * work[k + 3, j]
+                )
+        for k in range(whole, i):
+            w0 = weights[k]
+            for j in range(i + 1, last):
+                work[i, j] += w0 * work[k, j]
+        total = 0.0
+        for j in range(i + 1, n + 1):
+            total += work[i, j]
+        pivot[i] = total
+    for i in range(n - 1, -1, -1):
+        for q in range(n):
+            out[i, q] = work[i, n + 1 + q]
+        whole = i + 1 + (n - i - 1) // 4 * 4
+        for k in range(i + 1, whole, 4):
+            w0, w1, w2, w3 = work[i, k], work[i, k + 1], work[i, k + 2], work[i, k + 3]
+            for q in range(n):
+                out[i, q] += (w0 * out[k, q] + w1 * out[k + 1, q]) + (w2 * out[k + 2, q] + w3 * out[k + 3, q])
+        for k in range(whole, n):
+            w0 = work[i, k]
+            for q in range(n):
+                out[i, q] += w0 * out[k, q]
+        for q in range(n):
+            out[i, q] /= pivot[i]
+
+
+@_compiled
+def chain(  # type: ignore
+    g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, pull, moved, away, last, other
+):
+    """All slots of arrays whose column lines have resistance; returns how far Kirchhoff's law is missed at a node.
+
+    Parameters
+    ----------
+    g, pass_on, seen, to_driver, share, leak : [frames, rows, cols]
+        Taxels; row lines as array._RowLines has them (the first three count if `bent`); the part of a driver's
+        node that each column sees and what it leaks to ground.
+    lateral, step : float
+        Conductance between neighbouring columns in a row, and along a column from row to row.
+    end, pull : [cols], [cols]
+        Conductance behind the last row, and the current that offsets and leaks push in there.
+    moved, away, last : [frames, rows, cols], [frames, rows], [frames, cols, rows]
+        Results: voltages of row r under its own drive; what of it leaves anywhere but through its own driver;
+        voltages of the last row under every drive.
+    other : [frames, rows, cols] or [0, 0, 0]
+        Result: voltages under `pull` alone; without frames it is not solved.
+    """
+    frames, rows, n = to_driver.shape
+    drives = rows + (1 if other.shape[0] > 0 else 0)
+    link = np.empty((n, n))
+    z = np.empty((rows, n, n))
+    v = np.empty((rows, n, drives))
+    carry = np.empty((n, drives))
+    work = np.empty((n, 2 * n + 1))
+    pivot, weights, below, ground, total, came, size = (
+        np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((rows, n))
+    )  # fmt: skip
+    worst = 0.0
+    for f in range(frames):
+        # Upwards: block r with all below it folded in, inverted; currents folded into the row above.
+        for i in range(n):
+            below[i] = end[i]
+        for r in range(rows - 1, -1, -1):
+            _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
+            for i in range(n):
+                for j in range(i + 1, n):
+                    work[i, j] = link[i, j]
+                if r < rows - 1:
+                    for j in range(i + 1, n):
+                        work[i, j] += step * z[r + 1, i, j] * step
+                ground[i] = leak[f, r, i] + below[i]
+                work[i, n] = ground[i] + (step if r > 0 else 0.0)
+                for q in range(n):
+                    work[i, n + 1 + q] = 0.0
+                work[i, n + 1 + i] = 1.0
+            _invert(work, pivot, weights, z[r])
+            for i in range(n):
+                for q in range(r + 1, rows):
+                    carry[i, q] = step * v[r + 1, i, q]
+                carry[i, r] = to_driver[f, r, i]
+                if drives > rows:
+                    carry[i, rows] = step * v[r + 1, i, rows] if r < rows - 1 else pull[i]
+            for i in range(n):
+                for q in range(drives):
+                    v[r, i, q] = 0.0
+            _add_product(v[r], 1.0, z[r], carry, r)
+            for i in range(n):
+                out = 0.0
+                for k in range(n):
+                    out += z[r, i, k] * ground[k]
+                below[i] = step * out
+        # Downwards: what the rows above add.
+        for q in range(rows):
+            away[f, q] = 0.0
+        for r in range(rows):
+            if r > 0:
+                _add_product(v[r], step, z[r], v[r - 1], 0)
+            for i in range(n):
+                moved[f, r, i] = v[r, i, r]
+                if drives > rows:
+                    other[f, r, i] = v[r, i, rows]
+                for q in range(rows):
+                    if q != r:
+                        away[f, q] += leak[f, r, i] * v[r, i, q]
+        for i in range(n):
+            for q in range(rows):
+                last[f, i, q] = v[rows - 1, i, q]
+                away[f, q] += end[i] * v[rows - 1, i, q]
+        # Kirchhoff's law at every node, all drives together.
+        for r in range(rows):
+            for i in range(n):
+                out = 0.0
+                for q in range(rows):
+                    out += v[r, i, q]
+                size[r, i] = out
+        for r in range(rows):
+            _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
+            for i in range(n):
+                total[i] = leak[f, r, i] + (step if r > 0 else 0.0) + (step if r < rows - 1 else end[i])
+                came[i] = to_driver[f, r, i]
+                if r > 0:
+                    came[i] += step * size[r - 1, i]
+                if r < rows - 1:
+                    came[i] += step * size[r + 1, i]
+            for i in range(n):
+                for j in range(i + 1, n):
+                    total[i] += link[i, j]
+                    total[j] += link[i, j]
+                    came[i] += link[i, j] * size[r, j]
+                    came[j] += link[i, j] * size[r, i]
+            for i in range(n):
+                out = total[i] * size[r, i]
+                # where no electron flows, products of doubles lose their digits to underflow
+                if not out + came[i] <= 1e-100:
+                    miss = abs(out - came[i]) / (out + came[i])
+                    worst = max(worst, miss) if miss >= 0.0 else np.inf
+    return worst

@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from dermis import array as array_module
+from dermis import star_mesh
 from dermis.array import Network, column_currents, column_currents_reference
 from dermis.errors import SimulatorError
 
@@ -140,7 +141,7 @@ def test_lines_of_little_resistance_are_nodes() -> None:
 
 def test_steep_and_mild_row_lines_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     g = 1 / np.random.default_rng(5).uniform(500, 64250, (2, 6, 9))
-    network = Network(g[0], 0.5, **EVERYTHING)
+    network = Network(g[0], 0.5, **EVERYTHING | {"r_trace_column_ohm": 0.0})
     mild = column_currents(network, g)
     monkeypatch.setattr(array_module, "_PRODUCT_MIN", np.inf)
     monkeypatch.setattr(array_module._RowLines, "_between_steep", spy := Spy(array_module._RowLines))
@@ -204,11 +205,8 @@ def test_traces_cost_the_far_taxel_more() -> None:
     assert one[0, 0] == pytest.approx(0.5 / 1300, rel=1e-15)
 
 
-@pytest.mark.parametrize("kind", [EVERYTHING, EVERYTHING | {"r_trace_column_ohm": 0.0}])
 @pytest.mark.parametrize("fault", ["one node", "one drive"])
-def test_a_wrong_elimination_is_caught(
-    monkeypatch: pytest.MonkeyPatch, kind: dict[str, Any], fault: str
-) -> None:
+def test_a_wrong_elimination_is_caught(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
     g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
     check = array_module._check_kirchhoff
 
@@ -221,19 +219,48 @@ def test_a_wrong_elimination_is_caught(
 
     monkeypatch.setattr(array_module, "_check_kirchhoff", broken)
     with pytest.raises(SimulatorError, match="Kirchhoff"):
-        column_currents(Network(g[0], 0.5, **kind), g)
+        column_currents(Network(g[0], 0.5, **EVERYTHING | {"r_trace_column_ohm": 0.0}), g)
 
 
-def test_a_wrong_step_from_row_to_row_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    g = 1 / np.random.default_rng(1).uniform(500, 64250, (1, 6, 5))
-    eliminate, calls = array_module._eliminate, []
+@pytest.mark.parametrize("fault", ["one element", "every second", "none"])
+def test_a_wrong_block_of_the_chain_is_caught(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
+    invert, calls = star_mesh._invert.py_func, []
 
-    def broken(link: Any, leak: Any, drive: Any) -> Any:
+    def broken(work: Any, pivot: Any, weights: Any, out: Any) -> None:
         calls.append(1)
-        return eliminate(link, leak, drive) * (1 + 1e-7 * (len(calls) == 3))
+        invert(work, pivot, weights, out)
+        if fault == "one element" and len(calls) == 9:
+            out[3, 3] *= 1 + 1e-6
+        elif fault == "every second" and len(calls) % 2:
+            out *= 1 + 1e-7
 
-    monkeypatch.setattr(array_module, "_eliminate", broken)
-    with pytest.raises(SimulatorError, match="Kirchhoff"):
+    # the compiled steps run as plain Python here
+    monkeypatch.setattr(star_mesh, "_invert", broken)
+    monkeypatch.setattr(star_mesh, "chain", star_mesh.chain.py_func)
+    network = Network(g[0], 0.5, **EVERYTHING)
+    if fault == "none":
+        column_currents(network, g)
+    else:
+        with pytest.raises(SimulatorError, match="Kirchhoff"):
+            column_currents(network, g)
+    assert len(calls) == 12
+
+
+@pytest.mark.parametrize("place", ["moved", "away"])
+def test_a_wrong_slot_is_caught(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
+    chain = star_mesh.chain
+
+    def broken(*arguments: Any) -> float:
+        miss = chain(*arguments)
+        moved, away = arguments[11:13]
+        # voltages of a row's own columns count little beside the bias
+        (moved if place == "moved" else away)[1, 4] *= 1.01 if place == "moved" else 1 + 1e-7
+        return miss
+
+    monkeypatch.setattr(star_mesh, "chain", broken)
+    with pytest.raises(SimulatorError, match="slot of a row"):
         column_currents(Network(g[0], 0.5, **EVERYTHING), g)
 
 
