@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import settling
-from dermis.array import Network, column_currents
+from dermis.array import Network, column_currents_by_source
 from dermis.errors import InputError
 from dermis.plan import Plan
 from dermis.vfc import W_PRESET
@@ -33,8 +33,8 @@ X_MAX = 1e12
 Y_MIN = 1e-6
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
-# Relative change of the mirror's output in a clock up to which its logarithm is a short series.
-FAR = 0.05
+# Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
+FAR = 0.03
 # Conductance that stands for a short on its way to another value; as in dermis.array.
 _G_SHORT_S = 1e16
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
@@ -48,14 +48,8 @@ _COURSE_ERROR = 1e-7
 
 def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
-    total = column_currents(network, g)
-    if not {"v_column_offset_v", "i_leak_a"} & network.active_fields():
-        return total, np.zeros_like(total)
-    without = Network(network.g_taxel_s, 0.0, **{n: getattr(network, n) for n in network.active_fields()})
-    rest = column_currents(without, g)
-    with np.errstate(invalid="ignore"):
-        follows = total - rest
-    return np.where(np.isnan(follows), total, follows), rest
+    follows, rest = column_currents_by_source(network, g)
+    return follows, np.zeros_like(follows) if rest is None else rest
 
 
 # Fields that make the virtual ground of one column see the others.
@@ -385,7 +379,7 @@ def _basis(settle: int, gate: int, omega: float, ripple: bool, motion: bool) -> 
     return np.stack(terms, axis=1), np.array(begin)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _exp_of_minus(t):  # type: ignore
     """exp(-t) for t >= 0 to some 1e-13 relative, 0 beyond 64: a polynomial and ten squarings make vector code."""
     u = (t if t < 64.0 else 64.0) * (-1.0 / 1024.0)
@@ -405,14 +399,15 @@ def _exp_of_minus(t):  # type: ignore
     return p
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _log_of(s):  # type: ignore
-    """ln((1 + s) / (1 - s)) where the ratio is within FAR of 1: the next term is below 1e-19."""
+    """ln((1 + s) / (1 - s)) for s within FAR: the next term is below 1e-19."""
     s2 = s * s
     return 2.0 * s * (1 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9 + s2 * (1 / 11))))))
 
 
-@numba.njit(cache=True, error_model="numpy")
+# A product may go into its sum unrounded: the terms of the exponential and of the logarithm are half the time.
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def charges(  # type: ignore
     row_number, first, basis, begin, settle, terms, extra, decay, squeeze, lag, slow, offset, out, mean
 ):
@@ -430,7 +425,7 @@ def charges(  # type: ignore
     squeeze : [cells] or None
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
-        Time constant times output of the mirror in packets, and 1 / its output, which is carried on.
+        Time constant times output of the mirror in packets, and its output, which is carried on.
     offset : [rows, cells]
         Added behind the mirror.
     out, mean : [clocks of the slot, cells], [cells]
@@ -445,7 +440,7 @@ def charges(  # type: ignore
             factors[k, c] = terms[row_number, k, first + c]
     # One array for what the loops over cells touch, so that they become vector instructions (see event_loops.walk).
     size = WIDEST
-    own = np.zeros(7 * size)
+    own = np.zeros(8 * size)
     row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
     for c in range(cells):
         added[c] = offset[row_number, first + c]
@@ -458,16 +453,17 @@ def charges(  # type: ignore
     start = settle
     if lag is not None:
         start = 0
-        inverse, inert, old = own[4 * size : 5 * size], own[5 * size : 6 * size], own[6 * size : 7 * size]
+        output, inert = own[4 * size : 5 * size], own[5 * size : 6 * size]
+        swift, ratio = own[6 * size : 7 * size], own[7 * size : 8 * size]
         for c in range(cells):
-            inert[c], inverse[c] = lag[first + c], slow[first + c]
+            inert[c], swift[c], output[c] = lag[first + c], 1.0 / lag[first + c], slow[first + c]
             if row_number == 0:
                 x = 0.0
                 for k in range(count):
                     x += begin[k] * factors[k, c]
                 if squeeze is not None:
                     x = x / (1.0 + abs(x) * hard[c])
-                inverse[c] = 1.0 / min(max(x, Y_MIN), X_MAX)
+                output[c] = min(max(x, Y_MIN), X_MAX)
     for n in range(start, clocks):
         factor, of = basis[n, 0], factors[0]
         for c in range(cells):
@@ -488,28 +484,28 @@ def charges(  # type: ignore
             if n < settle:
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
-                    rest = 1.0 / x
-                    inverse[c] = rest + (inverse[c] - rest) * _exp_of_minus(x / inert[c])
+                    y = output[c]
+                    output[c] = x * y / (y + (x - y) * _exp_of_minus(x * swift[c]))
             else:
-                # The output y follows x by dy/dn = y (x - y) / lag. 1/y is then an exponential, and the charge
-                # is the integral of x less lag times the growth of ln y.
+                # dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times
+                # the growth of ln y, which is ln(x / below).
                 far = 0.0
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
-                    rest = 1.0 / x
-                    last = inverse[c]
-                    new = rest + (last - rest) * _exp_of_minus(x / inert[c])
-                    s = (new - last) / (new + last)
-                    inverse[c] = new
-                    old[c] = last
-                    row[c] = x + inert[c] * _log_of(s)
+                    y = output[c]
+                    below = y + (x - y) * _exp_of_minus(x * swift[c])
+                    both = 1.0 / (below * (x + below))
+                    output[c] = x * y * (x + below) * both
+                    apart = (below - x) * below * both
+                    row[c] = x + inert[c] * _log_of(apart)
+                    ratio[c] = apart
                 for c in range(cells):
-                    far = far if abs(inverse[c] - old[c]) < FAR * old[c] else 1.0
+                    far = far if abs(ratio[c]) < FAR else 1.0
                 if far > 0.0:
                     for c in range(cells):
-                        if abs(inverse[c] - old[c]) >= FAR * old[c]:
-                            s = (inverse[c] - old[c]) / (inverse[c] + old[c])
-                            row[c] += inert[c] * (math.log(inverse[c] / old[c]) - _log_of(s))
+                        if abs(ratio[c]) >= FAR:
+                            log = math.log((1.0 + ratio[c]) / (1.0 - ratio[c]))
+                            row[c] += inert[c] * (log - _log_of(ratio[c]))
         if n >= settle:
             into = out[n]
             for c in range(cells):
@@ -523,5 +519,5 @@ def charges(  # type: ignore
     for c in range(cells):
         mean[first + c] = average[c] / (clocks - settle)
         if lag is not None:
-            slow[first + c] = inverse[c]
+            slow[first + c] = output[c]
     return out[settle:]

@@ -32,6 +32,8 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
+# Clocks of lag up to which the output of a clock is that of its own charge to a fifth.
+SWIFT = 0.1
 
 
 @numba.njit(cache=True)
@@ -205,7 +207,7 @@ def walk(  # type: ignore
     words = size // 8
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
-    own = np.zeros(33 * size)
+    own = np.zeros(35 * size)
     state_a, old_a = own[0 * size : 1 * size], own[1 * size : 2 * size]
     q1, q2, q3 = own[2 * size : 3 * size], own[3 * size : 4 * size], own[4 * size : 5 * size]
     ones, x_c = own[5 * size : 6 * size], own[6 * size : 7 * size]
@@ -236,6 +238,7 @@ def walk(  # type: ignore
         level = own[28 * size : 29 * size]
         drift, creep = own[29 * size : 30 * size], own[30 * size : 31 * size]
         lowest, highest = own[31 * size : 32 * size], own[32 * size : 33 * size]
+        stay, packet_c = own[33 * size : 34 * size], own[34 * size : 35 * size]
         span = max(span_of(clocks), step)
         grid = np.zeros((size, span // step + 1))
     for first in range(begin, stop, size):
@@ -287,6 +290,16 @@ def walk(  # type: ignore
                 lowest[c] = rise_c[c] - reach
                 if window is not None:
                     lowest[c] = fall_c[c] - reach
+                    # A clock takes the output farther than this, unless it follows late or a packet begins inside.
+                    packet_c[c] = slow[PACKET, i]
+                    stay[c] = 2.0 * (highest[c] - lowest[c])
+                    if early is not None:
+                        stay[c] /= early[POINT, i]
+                    if fast is not None:
+                        if lag[i] > SWIFT:
+                            stay[c] = np.inf
+                    if latch is not None:
+                        stay[c] = np.inf
 
         for n in range(clocks):
             if noise is not None and n % step == 0:
@@ -327,10 +340,13 @@ def walk(  # type: ignore
                     mark = (moved >= lowest[c]) & (moved < highest[c])
                     if window is None:
                         mark = mark & (q1[c] == 0.0)
-                    elif early is not None:
-                        # the comparator behind the sample too
-                        moved_end = output + drift[c]
-                        mark = mark | ((moved_end >= lowest[c]) & (moved_end < highest[c]))
+                    else:
+                        # What the comparator is at the end of the clock matters where the next sample may be near.
+                        stays = (abs(x_c[c]) <= stay[c]) | (abs(x_c[c] - packet_c[c]) <= stay[c])
+                        mark = mark & ((q1[c] == 0.0) | stays)
+                        if early is not None:
+                            moved_end = output + drift[c]
+                            mark = mark | (stays & (moved_end >= lowest[c]) & (moved_end < highest[c]))
                     one = (moved >= rise_c[c]) & (q1[c] == 0.0)
                 else:
                     one = (sample >= rise_c[c]) & (q1[c] == 0.0)
@@ -391,12 +407,12 @@ def walk(  # type: ignore
                             rest = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
                             left = (n + 1) // step
                             right = left if left * step == n + 1 else left + 1
-                            low = (
-                                min(level[c], a + b) if early is not None and window is not None else level[c]
-                            )
-                            high = (
-                                max(level[c], a + b) if early is not None and window is not None else level[c]
-                            )
+                            low = high = level[c]
+                            stays_near = False
+                            if window is not None:
+                                stays_near = abs(x_c[c]) <= stay[c] or abs(x_c[c] - packet_c[c]) <= stay[c]
+                            if early is not None and stays_near:
+                                low, high = min(low, a + b), max(high, a + b)
                             slow_noise = sigma * walk_between(
                                 keys[i], n + 1, left * step, right * step, grid[c, left], grid[c, right],
                                 sigma, bottom - rest - high, top + rest - low,
@@ -414,12 +430,18 @@ def walk(  # type: ignore
                             if window is not None:
                                 state = was_up[c] != 0
                             active = bottom if state else top
+                            free = True
+                            if limits is not None:
+                                w = weight_a[c] * a
+                                if fast is not None:
+                                    w += weight_b[c] * b
+                                free = low_c[c] <= w <= high_c[c]
                             clear = False
-                            if noise is not None and limits is None:
+                            if noise is not None and free:
                                 behind_it = a + b + slow_noise
-                                clear = (moved >= top or moved < bottom) and (
-                                    behind_it >= top or behind_it < bottom
-                                )
+                                clear = moved >= top or moved < bottom
+                                if stays_near:
+                                    clear = clear and (behind_it >= top or behind_it < bottom)
                                 if clear:
                                     state = behind_it >= top
                             if not clear:
@@ -440,9 +462,10 @@ def walk(  # type: ignore
                                     slow_noise, bottom - slow_noise, white_noise, low, high, state,
                                 )  # fmt: skip
                                 if limits is not None:
-                                    state_a[c] = a
-                                    if fast is not None:
-                                        state_b[c] = b
+                                    if not free:
+                                        state_a[c] = a
+                                        if fast is not None:
+                                            state_b[c] = b
                                 if noise is not None:
                                     moved = sampled + slow_noise + white_noise
                             if window is not None:
