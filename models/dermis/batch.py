@@ -61,6 +61,7 @@ def run(
     *,
     processes: int = 1,
     scheduler: str | None = None,
+    certified: bool = False,
     **options: Any,
 ) -> Result:
     """Run a plan through its engine in parts.
@@ -74,6 +75,8 @@ def run(
         Processes of this machine; 1 runs the plan here, uncut.
     scheduler : str, optional
         Address of a Dask scheduler, such as tcp://host:8786; its workers are used instead.
+    certified : bool
+        Also fill in the lower and upper codes, each part its own.
     options : passed to the engine
 
     Returns
@@ -92,15 +95,16 @@ def run(
     engines.check(plan)
     if scheduler is not None:
         with _cluster(scheduler) as (executor, workers):
-            return _run_parts(plan, executor, workers, progress, options)
+            return _run_parts(plan, executor, workers, progress, certified, options)
     if processes > 1 and plan.engine == "cosim":
         raise InputError(
             "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
         )
     if processes <= 1 or plan.frames == 1:
-        return engines.run(plan, progress, **options)
+        result = engines.run(plan, progress, **options)
+        return engines.certify(plan, result) if certified else result
     with _pool(min(processes, plan.frames)) as executor:
-        return _run_parts(plan, executor, processes, progress, options)
+        return _run_parts(plan, executor, processes, progress, certified, options)
 
 
 def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
@@ -116,6 +120,7 @@ def _run_parts(
     executor: Executor,
     workers: int,
     progress: Callable[[int], None] | None,
+    certified: bool,
     options: dict[str, Any],
 ) -> Result:
     light = replace(plan, force_n=None)  # no engine reads it
@@ -127,7 +132,9 @@ def _run_parts(
 
     def start() -> None:
         for index, (first, stop) in waiting:
-            task = executor.submit(_work, _run_part, light.part(first, stop), fingerprint(), options)
+            task = executor.submit(
+                _work, _run_part, light.part(first, stop), fingerprint(), certified, options
+            )
             running[task] = index
             return
 
@@ -170,13 +177,14 @@ def _work(function: Callable[..., Result], *arguments: Any) -> Result:
         os._exit(1)
 
 
-def _run_part(part: Plan, version: str, options: dict[str, Any]) -> Result:
+def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]) -> Result:
     """Run one part in a worker."""
     if fingerprint() != version:
         raise SimulatorError(
             f"a worker on {os.uname().nodename} has another version of dermis than the one that gives it work"
         )
-    return engines.run(part, **options)
+    result = engines.run(part, **options)
+    return engines.certify(part, result) if certified else result
 
 
 @functools.cache

@@ -128,7 +128,9 @@ def run(
     with output.place(out):
         start = time.perf_counter()
         with progress.slots(path.stem, made.frames * made.rows) as on_slots:
-            result = batch.run(made, on_slots, processes=processes, scheduler=scheduler, **options)
+            result = batch.run(
+                made, on_slots, processes=processes, scheduler=scheduler, certified=True, **options
+            )
         result.info["seconds"] = time.perf_counter() - start
         first = made.part(0, min(made.frames, max(1, JUDGED // (made.rows * made.cols))))
         rows = regression.compare(first, engines.Result(result.codes[: first.frames]), path.stem)

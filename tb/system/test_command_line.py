@@ -117,24 +117,34 @@ def test_a_wrong_command_ends_in_one_line_and_exit_2(arguments: list[str]) -> No
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-FAILS_IN_THE_ENGINE = UNIFORM + "[effects]\npreset_error = { v_v = 0.7 }\n"
+FAILS_IN_THE_ENGINE = """
+[stimulus]
+kind = "uniform"
+force_n = [3.0, 4.0]
+[run]
+engine = "event"
+[effects]
+trace = { r_row_ohm = 100.0, r_column_ohm = 100.0 }
+line_capacitance = { c_row_f = 1e-7, c_column_f = 1e-7 }
+"""
 
 
 @pytest.mark.parametrize("processes", ["1", "2"])
 def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes: str) -> None:
-    text = FAILS_IN_THE_ENGINE.replace("force_n = 3.0", "force_n = [3.0, 4.0]")
-    scene = scene_with(tmp_path, text)
+    scene = scene_with(tmp_path, FAILS_IN_THE_ENGINE)
     out = tmp_path / "out"
     arguments = ["run", scene, "--out", str(out), "--processes", processes]
     done = dermis(*arguments)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
-    assert "effects.preset_error" in done.stderr
+    assert "effects.line_capacitance" in done.stderr
     assert not out.exists()
     # What an earlier run left stays whole.
-    assert dermis(*arguments, "--engine", "event").returncode == 0
+    scene_with(tmp_path, FAILS_IN_THE_ENGINE.replace("100.0", "0.01"))
+    assert dermis(*arguments).returncode == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     assert {"codes.npy", "codes.csv", "summary.json", "resolved.toml", "frame.png"} <= set(before)
+    scene_with(tmp_path, FAILS_IN_THE_ENGINE)
     assert dermis(*arguments).returncode == 2
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
