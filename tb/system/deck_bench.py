@@ -8,6 +8,7 @@ have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the
 from __future__ import annotations
 
 import multiprocessing
+import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -58,16 +59,22 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
     return np.minimum(counts, timing.code_max), statistics
 
 
-def read_plan(plan: Plan, log: Path) -> tuple[NDArray[np.int64], dict[str, int]]:
-    """Codes [frames, rows, cols] of a plan; runs in a process that has had no circuit that failed."""
-    levels = [1.0] + [0.0] * (plan.rows - 1) + [1.0] + [0.0] * plan.cols
+def levels_of(plan: Plan) -> list[float]:
+    """Every source at a frame's first instant: row 0 driven, preset on, no packet."""
+    return [1.0] + [0.0] * (plan.rows - 1) + [1.0] + [0.0] * plan.cols
+
+
+def read_plan(plan: Plan, log: Path) -> tuple[NDArray[np.int64], dict[str, float]]:
+    """Codes [frames, rows, cols] of a plan, steps and processor time; in a process without a circuit that failed."""
+    start = time.process_time()
+    levels = levels_of(plan)
     codes, total = [], {}
     for frame in range(plan.frames):
         deck = netlist.frame_deck(plan, frame, levels)
         read, statistics = read_deck(deck, plan.timing, plan.cols, log)
         codes.append(read)
         total = {name: total.get(name, 0) + value for name, value in statistics.items()}
-    return np.array(codes), total
+    return np.array(codes), {**total, "seconds": time.process_time() - start}
 
 
 class DeckReader:
@@ -81,8 +88,8 @@ class DeckReader:
         """Codes [frames, rows, cols]; whatever ngspice raises comes through, and the next plan has a new process."""
         return self.measured(plan)[0]
 
-    def measured(self, plan: Plan) -> tuple[NDArray[np.int64], dict[str, int]]:
-        """The codes with ngspice's count of accepted and rejected steps and iterations."""
+    def measured(self, plan: Plan) -> tuple[NDArray[np.int64], dict[str, float]]:
+        """The codes with ngspice's count of accepted and rejected steps and of iterations, and processor time."""
         return self._in_process(read_plan, plan, self._log)
 
     def deck(self, deck: Deck, plan: Plan) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from deck_bench import DeckReader
+from numpy.typing import NDArray
 
 from dermis import effects, engines, plan
 from dermis.design import TOPOLOGIES
@@ -63,6 +64,11 @@ def scene(number: int, folder: Path) -> Plan:
         if rng.random() < often and topology in effects.EFFECTS[name].topologies:
             inside = ", ".join(f"{key} = {value!r}" for key, value in values.items())
             lines.append(f"{name} = " + (f"{{ {inside} }}" if values else "true"))
+    return _scene(number, folder, topology, ohm, lines)
+
+
+def _scene(number: int, folder: Path, topology: str, ohm: NDArray[np.float64], lines: list[str]) -> Plan:
+    rows, cols = ohm.shape[1:]
     np.save(folder / f"taxels_{number}.npy", ohm)
     path = folder / f"scene_{number}.toml"
     path.write_text(
@@ -82,12 +88,48 @@ def difference(made: Plan, reader: DeckReader) -> int | None:
     return int(np.abs(reader.codes(made) - expected).max())
 
 
+COST_SIZE = 16
+COSTLY = (
+    "trace",
+    "line_capacitance",
+    "mirror_lag",
+    "range_switch",
+    "integrator_bandwidth",
+    "comparator_delay",
+)
+COSTLY += ("integrator_range", "supply_ripple")
+
+
+def print_costs() -> None:
+    """Print what one frame of 16 x 16 taxels costs with an effect at its default, and with all of them."""
+    ohm = 510 * 60 ** np.random.default_rng(1).random((1, COST_SIZE, COST_SIZE))
+    mirrored = [name for name in RANGES if "conveyor_mirror" in effects.EFFECTS[name].topologies]
+    sets = {"none": [], **{name: [name] for name in COSTLY}, "all but trace": mirrored, "all": mirrored}
+    sets["all but trace"] = [name for name in mirrored if name != "trace"]
+    print(
+        "| on | steps a clock | iterations a step | us an iteration | s a frame |\n|---|---:|---:|---:|---:|"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        reader = DeckReader(Path(folder))
+        for label, names in sets.items():
+            made = _scene(0, Path(folder), "conveyor_mirror", ohm, [f"{name} = true" for name in names])
+            said = reader.measured(made)[1]
+            clocks, tried = made.timing.rows * made.timing.slot_clocks, said["accepted"] + said["rejected"]
+            cells = f"{tried / clocks:.1f} | {said['loads'] / tried:.2f} | {1e6 * said['seconds'] / said['loads']:.0f}"
+            print(f"| {label} | {cells} | {said['seconds']:.1f} |", flush=True)
+        reader.close()
+
+
 def main() -> None:
-    """Print how many scenes differ by how much."""
+    """Print how many scenes differ by how much, or what effects cost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--cost", action="store_true", help="print what effects cost a frame instead")
     chosen = parser.parse_args()
+    if chosen.cost:
+        print_costs()
+        return
     found: Counter[int | None] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         reader = DeckReader(Path(folder))

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from deck_bench import DeckReader
+from deck_bench import DeckReader, levels_of
 from effects_campaign import RANGES, difference, scene
 from system_bench import MakePlan
 from test_decks import ADDS, effects_of, scene_of
@@ -17,6 +19,7 @@ from dermis import effects
 from dermis.design import TOPOLOGIES
 from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
+from dermis.netlist import frame_deck
 from dermis.ngspice import Deck
 
 OHM = 510 * 60 ** np.random.default_rng(5).random((2, 3, 4))
@@ -86,6 +89,38 @@ def test_an_effect_alone_reads_as_in_the_event_engine(
     assert np.abs(got - event.run(made).codes).max() <= 1
     without = event.run(resistance_plan(ohm, topology, company)).codes.astype(int)
     assert np.abs(got - without).max() >= least, "the effect must be large enough to be seen"
+
+
+# By effect: a line of its deck as it is, and wrong.
+FAULTS = {
+    "trace_from_the_far_end": ("trace", r"(rtrace_row_r(\d)c0) r\d u_r\dc0", r"\1 r\2 u_r\2c3"),
+    "trace_of_columns_missing": ("trace", r"(rtrace_col\S+ \S+ \S+) 7\.0", r"\1 1e-9"),
+    "mirror_of_a_third_of_the_charge": ("mirror_lag", r"out_q_lag_c=1e-10", "out_q_lag_c=3e-11"),
+    "mirror_in_time": ("mirror_lag", r"out_q_lag_c=1e-10", ""),
+    "leak_outwards": ("mux_leakage", r"(ileak\d) 0 (col\d)", r"\1 \2 0"),
+    "columns_without_capacitance": ("line_capacitance", r"(ccolumn\d \S+ 0) 1e-06", r"\1 1e-12"),
+    "ripple_out_of_phase": ("supply_ripple", r"(vbias .*) 29\.99\d*\)", r"\1 210.0)"),
+    "motion_backwards": (
+        "motion",
+        r"i = v\((.*)\)\*\((\S+) \+ \((\S+)\)\*time\)",
+        r"i = v(\1)*(\2 - (\3)*time)",
+    ),
+    "switch_that_does_not_compress": ("range_switch", r"out_inv_i_range_a=\S+", ""),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_wrong_element_is_caught_by_the_codes(
+    resistance_plan: MakePlan, reader: DeckReader, fault: str
+) -> None:
+    name, right, wrong = FAULTS[fault]
+    _, value, company = ALONE[name]
+    made = resistance_plan(OHM, effects=f"{name} = {value}\n{company}")
+    deck = frame_deck(made, 0, levels_of(made))
+    lines = tuple(re.sub(right, wrong, line) for line in deck.lines)
+    assert lines != deck.lines
+    got = reader.deck(replace(deck, lines=lines), made)
+    assert np.abs(got - event.run(made).codes[0]).max() > 1
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
