@@ -161,7 +161,8 @@ class _Weighing:
 
     @staticmethod
     def _largest(cells: Floats) -> float:
-        return float(np.nan_to_num(cells.max(initial=0.0), nan=np.inf))
+        largest = float(cells.max(initial=0.0))
+        return largest if largest == largest else float("inf")  # infinite less infinite: nothing is known
 
     def fits(self, out: set[str], budget: float) -> bool:
         """Whether all of these may be left out together."""

@@ -7,8 +7,9 @@ add up. Deterministic effects have true bounds; random ones have `sigma` times t
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -443,6 +444,7 @@ def _unfinished(e: Extent, after: float) -> Floats:
     return (3.0 * e.x + e.slack >= e.packet_low - after).astype(float)
 
 
+@functools.lru_cache(maxsize=1)
 def _delay_tail(e: Extent) -> Floats:
     d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
     return _unfinished(e, d) * d * _packet(e) if np.any(d) else np.zeros(e.x.shape)
@@ -464,6 +466,7 @@ def reference_drift(p: Any, e: Extent) -> Bound:
     return Bound(abs(p.tc_per_k * p.delta_k) * e.ones, level=True)
 
 
+@functools.lru_cache(maxsize=1)
 def _bandwidth_tail(e: Extent) -> Floats:
     """What is left of the lag behind a packet where the next decision may be open."""
     tau = e.converter.t_gbw_s * e.converter.f_clk_hz
@@ -635,9 +638,30 @@ def of_effects(on: Mapping[str, Any], functions: Mapping[str, Bounding], e: Exte
         e.x_floor = np.minimum(np.nan_to_num(floor, nan=-np.inf), e.x)
     for name in late:
         if name == "integrator_range":
-            e.x_sure = np.minimum(Total(e, found).sure / e.n, e.x_clip)
+            levels = sums(e, found, {n: np.asarray(b.lsb) for n, b in found.items()})[1]
+            e.x_sure = np.minimum(_sure(e, levels) / e.n, e.x_clip)
         found[name] = functions[name](on[name], e)
     return {name: found[name] for name in on}
+
+
+def sums(e: Extent, bounds: Mapping[str, Bound], lsb: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    """Bounds of effects together: what moves currents, and what moves levels, [B, R, C] each."""
+    inputs, levels, squares = np.zeros(e.g.shape), np.zeros(e.g.shape), np.zeros(e.g.shape)
+    for name, bound in bounds.items():
+        if bound.gauss:
+            squares += lsb[name] * lsb[name]
+        elif bound.level:
+            levels += lsb[name]
+        else:
+            inputs += lsb[name]
+    return inputs, levels + np.sqrt(squares)
+
+
+def _sure(e: Extent, levels: Floats) -> Floats:
+    """N x in packets [C] above which a converter reads full scale with every effect on."""
+    start = levels.max(axis=(0, 1)) - W_PRESET
+    sure = np.maximum(start + e.plan.timing.code_max - 1, e.n * start / 2)
+    return np.where(e.clips & (sure <= e.n * e.x_clip), sure, np.inf)
 
 
 class Total:
@@ -649,33 +673,13 @@ class Total:
         self.lsb = {
             name: np.broadcast_to(np.asarray(b.lsb, dtype=float), shape) for name, b in bounds.items()
         }
-        zero = np.zeros(shape)
-        self.zero = zero
-        inputs, levels = self.sums(bounds)
+        inputs, levels = sums(e, bounds, self.lsb)
         c = e.converter
-        full = e.plan.timing.code_max
         ideal = e.plan.v_bias_v * e.n / (c.k * c.i0_a)
         with np.errstate(invalid="ignore"):
             low = np.nan_to_num(ideal * e.g_low - inputs, nan=-np.inf)
         high = ideal * e.g + inputs
-        most = levels.max(axis=(0, 1))
-        start = -W_PRESET
-        # A converter whose input is above this reads full scale with every effect on: N x, in packets.
-        sure = np.maximum(start + (full - 1) + most, e.n * (start + most) / 2)
-        self.sure = np.where(e.clips & (sure <= e.n * e.x_clip), sure, np.inf)
+        self.sure = _sure(e, levels)
         with np.errstate(invalid="ignore"):
             self.cap = np.where(np.isinf(self.sure), np.inf, np.maximum(0.0, self.sure - low))
-        self.felt = (self.cap > 0) & ~(high + most < start)
-
-    def sums(self, names: Iterable[str]) -> tuple[Floats, Floats]:
-        """Bounds of some effects together: what moves currents, and what moves levels, [B, R, C] each."""
-        inputs = levels = squares = self.zero
-        for name in names:
-            bound, lsb = self.bounds[name], self.lsb[name]
-            if bound.gauss:
-                squares = squares + lsb * lsb
-            elif bound.level:
-                levels = levels + lsb
-            else:
-                inputs = inputs + lsb
-        return inputs, levels + np.sqrt(squares)
+        self.felt = (self.cap > 0) & ~(high + levels.max(axis=(0, 1)) < -W_PRESET)
