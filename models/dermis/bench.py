@@ -496,7 +496,7 @@ def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
 
 
 @click.command("bench")
-@click.option("--quick", is_flag=True, help="Fewer repetitions, under a minute; for a look, not for docs.")
+@click.option("--quick", is_flag=True, help="Fewer repetitions; for a look, not for docs.")
 @click.option("--repeat", type=click.IntRange(min=1), help="Runs behind a median; default 5, with --quick 2.")
 @click.option(
     "--only", multiple=True, metavar="NAME", help="Rows of this name or below it only (may be repeated)."

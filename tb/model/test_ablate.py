@@ -86,6 +86,10 @@ def test_rows_and_figure_hold_every_cost(tmp_path: Path) -> None:
     assert len(rows) == 4 * 3
     assert rows["ablate.mirror_ratio.code_max_lsb"]["value"] == _by_name(costs)["mirror_ratio"].code_max_lsb
     assert {row["status"] for row in rows.values()} == {"PASS"}
+    lines = ablate.docs_table(costs, "a title").splitlines()
+    assert lines[0] == "a title."
+    assert [line.split("`")[1] for line in lines[4:]] == [cost.name for cost in costs]
+    assert len({line.count("|") for line in lines[2:]}) == 1
     ablate.figure(costs, "a title", tmp_path / "ablate.png")
     assert (tmp_path / "ablate.png").stat().st_size > 5000
 
