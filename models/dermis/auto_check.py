@@ -30,7 +30,11 @@ _COUPLING = ("lateral", "row_driver", "column_input", "trace")
 
 @dataclass(frozen=True)
 class Outcome:
-    """One scene: who differs by how much, what is certified, how long it took (process time in s)."""
+    """One scene: who differs by how much, what is certified, how long it took (process time in s).
+
+    `unbounded` conversions have noise beyond any code (a short in their column under thermal noise): every code is
+    possible, the certificate says so, and what differs there is not counted in `largest`.
+    """
 
     kind: str
     topology: str
@@ -38,6 +42,7 @@ class Outcome:
     conversions: int
     differ: int
     largest: int
+    unbounded: int
     allowed: int
     outside: int
     width: np.ndarray
@@ -199,13 +204,15 @@ def compare(data: dict[str, Any], path: Path, warm: set[Any] | None = None) -> O
     codes, low, high = (a.astype(int) for a in (result.codes, result.low, result.high))
     apart = np.abs(codes - full.codes)
     settings = world.table.effects.auto
+    bounded = np.broadcast_to(chosen.margin_lsb, (chosen.cols,)) < chosen.timing.code_max
     return Outcome(
         kind=world.table.stimulus.kind,
         topology=chosen.topology,
         engine=chosen.engine,
         conversions=codes.size,
         differ=int((apart > 0).sum()),
-        largest=int(apart.max()),
+        largest=int(np.where(bounded, apart, 0).max()),
+        unbounded=int((~np.broadcast_to(bounded, codes.shape)).sum()),
         allowed=int(np.floor(settings.budget_lsb + 1.0)),
         outside=int(((full.codes < low) | (full.codes > high)).sum()),
         width=np.bincount((high - low).ravel(), minlength=2),
@@ -244,7 +251,8 @@ def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
             "auto.over_budget",
             sum(o.largest > o.allowed for o in outcomes),
             f"largest difference {max(o.largest for o in outcomes)}, "
-            f"{sum(o.differ for o in outcomes) / total:.3%} of the codes differ",
+            f"{sum(o.differ for o in outcomes) / total:.3%} of the codes differ; "
+            f"{sum(o.unbounded for o in outcomes)} conversions have noise beyond any code and are not counted",
         ),
         verdict.judge("auto.outside_certified", sum(o.outside for o in outcomes), f"of {total} conversions"),
         verdict.judge("auto.median_width_lsb", median, f"mean {widths @ np.arange(length) / total:.3f}"),
