@@ -136,7 +136,7 @@ def test_parts_of_a_run_follow_each_other(resistance_plan: MakePlan, monkeypatch
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name: str) -> None:
-    ohm = random_ohm(5, 2, 3, 12)
+    ohm = random_ohm(5, 2, 2, 12)
     made = resistance_plan(ohm, effects=EFFECTS[name])
     for sync_latch in (False, True):
         got = rtl.run(made, simulator="icarus", sync_latch=sync_latch).codes.astype(int)
@@ -150,7 +150,7 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
 def test_all_effects_together_equal_the_event_engine(
     resistance_plan: MakePlan, simulator: str, topology: str
 ) -> None:
-    ohm = random_ohm(6, 2, 4, 8)
+    ohm = random_ohm(6, 2, 2, 5)
     made = resistance_plan(ohm, topology, together(topology))
     for sync_latch in (False, True) if simulator == "icarus" else (False,):
         got = rtl.run(made, simulator=simulator, sync_latch=sync_latch).codes.astype(int)
@@ -236,7 +236,7 @@ def test_nothing_in_the_ideal_program_belongs_to_an_effect(resistance_plan: Make
         return {name.rsplit("__DOT__", 1)[-1] for name in re.findall(r"\bdouble\S* (\w+);", header)}
 
     assert reals(resistance_plan(random_ohm(8, 16, 16))) == {"t_clocks", "drawn_q", "drawn_c"}
-    bent = reals(resistance_plan(random_ohm(6, 2, 4, 8), effects=together("conveyor_mirror")))
+    bent = reals(resistance_plan(random_ohm(6, 2, 2, 5), effects=together("conveyor_mirror")))
     assert {"slow_q", "fast_q", "inverse_q"} <= bent
 
 

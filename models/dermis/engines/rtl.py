@@ -378,8 +378,9 @@ def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uin
     lines = data.reshape(frames * plan.rows, len(template))
     gap = template.index(" ")
     digits = _NIBBLE[np.delete(lines, [gap, len(template) - 1], axis=1)]
-    if (digits > 15).any() or (lines[:, gap] != 32).any() or (lines[:, -1] != 10).any():
-        at = int(np.argmax((digits > 15).any(axis=1)))
+    bad = (digits > 15).any(axis=1) | (lines[:, gap] != ord(" ")) | (lines[:, -1] != ord("\n"))
+    if bad.any():
+        at = int(np.argmax(bad))
         text = lines[at].tobytes().decode(errors="replace").strip()
         raise SimulatorError(
             f"frame {at // plan.rows}, row {at % plan.rows}: {text!r} is not a row of codes", path
