@@ -32,6 +32,8 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
+# Packets by which a charge may stand off its limit and still be at it.
+AT_LIMIT = 1e-14
 # Clocks of lag up to which the output of a clock is that of its own charge to a fifth.
 SWIFT = 0.1
 
@@ -75,6 +77,15 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
     rate_a, drive_a, weight_a = slow
     rate_b, drive_b, weight_b = fast
     turn = math.nan
+    if rate_b != 0.0:
+        # A charge that stands at its limit and is pushed on stays there.
+        w = weight_a * a + weight_b * b
+        push = weight_a * (rate_a * a + drive_a * current) + weight_b * (rate_b * b + drive_b * current)
+        if (w >= high - AT_LIMIT and push > 0.0) or (w <= low + AT_LIMIT and push < 0.0):
+            limit = high if push > 0.0 else low
+            output = limit + (a + b - limit) * math.exp(-length / lag)
+            end_a = (limit - weight_b * output) / (weight_a - weight_b)
+            return end_a, output - end_a, turn
     end_a = math.exp(rate_a * length) * a + drive_a * current * _grow(rate_a, length)
     end_b = 0.0
     if rate_b != 0.0:
@@ -85,20 +96,30 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
         if rate_b == 0.0:
             return limit / weight_a, 0.0, turn
         # Beyond the limit the charge would go straight on: find when it gets there, then the output follows a
-        # charge that stands still.
+        # charge that stands still. The charge is nearly a straight line, so Newton's steps are few; halving
+        # keeps them inside.
         left, right = 0.0, length
-        if (weight_a * a + weight_b * b - limit) * (w_end - limit) >= 0.0:
+        if (w - limit) * (w_end - limit) >= 0.0:
             right = 0.0
-        while right > 0.0:
-            middle = 0.5 * (left + right)
-            if middle == left or middle == right:
-                break
-            w = weight_a * (math.exp(rate_a * middle) * a + drive_a * current * _grow(rate_a, middle))
-            w += weight_b * (math.exp(rate_b * middle) * b + drive_b * current * _grow(rate_b, middle))
-            if (w - limit) * (w_end - limit) >= 0.0:
-                right = middle
+        time = length * (limit - w) / (w_end - w) if right > 0.0 else 0.0
+        for _ in range(60 if right > 0.0 else 0):
+            fade_a, fade_b = math.exp(rate_a * time), math.exp(rate_b * time)
+            miss = weight_a * (fade_a * a + drive_a * current * _grow(rate_a, time)) - limit
+            miss += weight_b * (fade_b * b + drive_b * current * _grow(rate_b, time))
+            slope = weight_a * fade_a * (rate_a * a + drive_a * current)
+            slope += weight_b * fade_b * (rate_b * b + drive_b * current)
+            if miss * (w_end - limit) >= 0.0:
+                right = time
             else:
-                left = middle
+                left = time
+            step = -miss / slope if slope != 0.0 else 0.0
+            after = time + step
+            if not left <= after <= right:
+                after = 0.5 * (left + right)
+            if abs(after - time) <= 1e-15 * length:
+                break
+            time = after
+        right = time
         at_a = math.exp(rate_a * right) * a + drive_a * current * _grow(rate_a, right)
         at_b = math.exp(rate_b * right) * b + drive_b * current * _grow(rate_b, right)
         output = limit + (at_a + at_b - limit) * math.exp(-(length - right) / lag)
@@ -318,6 +339,12 @@ def walk(  # type: ignore
                 new_a = keep_a[c] * a + gain_a[c] * x_c[c] - take_a[c] * q2[c]
                 if latch is not None:
                     new_a -= half_a[c] * q1[c]
+                if limits is not None:
+                    if fast is None:
+                        if latch is None:
+                            # The charge goes one way through a clock, so what it is at its end is bounded alike.
+                            new_a = new_a if new_a > low_c[c] else low_c[c]
+                            new_a = new_a if new_a < high_c[c] else high_c[c]
                 output = new_a
                 if fast is not None:
                     b = state_b[c]
@@ -332,6 +359,11 @@ def walk(  # type: ignore
                         sample -= early_1[c] * q1[c]
                     if fast is not None:
                         sample += early_b[c] * b
+                    if limits is not None:
+                        if fast is None:
+                            if latch is None:
+                                sample = sample if sample > low_c[c] else low_c[c]
+                                sample = sample if sample < high_c[c] else high_c[c]
                 mark = False
                 if noise is not None:
                     level[c] = sample
