@@ -61,7 +61,7 @@ def networks(draw: st.DrawFn, sources: bool) -> Network:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(network=networks(sources=False))
 def test_every_current_is_that_of_the_full_nodal_matrix_to_1e_12(network: Network) -> None:
     reference = column_currents_reference(network)
