@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import random
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -14,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import cli, scene
+from dermis import cli, engines, scene
 from dermis import plan as planning
+from dermis.design import TOPOLOGIES
 from dermis.errors import InputError
 
 Write = Callable[..., Path]
@@ -238,6 +240,51 @@ def test_a_key_that_is_not_known_is_named_with_those_that_are(
     assert error.allowed.startswith("unknown key; known here: ")
     siblings = {path[-1] for _, k, path, _ in KEYS if k == kind and tuple(path[:-1]) == table}
     assert siblings <= set(error.allowed.partition("here: ")[2].split(", "))
+
+
+def random_scene(rng: random.Random) -> dict[str, Any]:
+    """Some stimulus, some topology, up to eight effect keys and two others, with what their documentation allows."""
+    kind = rng.choice([k for k in BASES if k not in ("frames", "resistance")])
+    data: dict[str, Any] = {
+        "array": {"rows": rng.randint(1, 4), "cols": 2},
+        "stimulus": dict(BASES[kind]),
+        "interface": {"topology": rng.choice(TOPOLOGIES)},
+        "sensor": {"law": rng.choice(["inverse", "inverse", "power"])},
+    }
+    on, other = ([k for k in KEYS if (k[2][0] == "effects") is which] for which in (True, False))
+    other = [k for k in other if k[2][-1] not in ("engine", "views", "title")]
+    for _, stands_in, path, allowed in rng.sample(on, rng.randint(0, 8)) + rng.sample(
+        other, rng.randint(0, 2)
+    ):
+        here = data
+        for part in path[:-1]:
+            inner = here.setdefault(part, {})
+            here = inner if isinstance(inner, dict) else {}
+        if path[0] != "stimulus" or stands_in == kind:
+            here[path[-1]] = rng.choice(
+                [v for v in VALUES + SIZES if legal(allowed, v) is not False] or [True]
+            )
+    return data
+
+
+SIZES = [s * v for v in (1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 0.9, 10.0, 100.0, 1e6) for s in (1, 1, 1, -1)]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_scenes_of_legal_keys_run_or_are_refused(seed: int, directory: Path) -> None:
+    """However absurd together: a code for every taxel, or one line; never a traceback, a NaN or an overflow."""
+    data = random_scene(random.Random(seed))
+    try:
+        plan = planning.make(scene.from_data(data, directory / "made.toml"))
+        for name in ("closed", "event"):
+            if plan.frames <= 5 and not engines.refused(plan, name):
+                codes = engines.run(planning.make(plan.scene, name)).codes
+                assert codes.shape == plan.resistance_ohm.shape
+    except InputError as error:
+        refused = str(error)
+    else:
+        refused = ""
+    assert "\n" not in refused
 
 
 def test_every_key_that_must_be_given_is_asked_for(directory: Path) -> None:
