@@ -17,6 +17,7 @@ from dermis import scene
 from dermis.array import Network, column_currents
 from dermis.engines import event, event_input
 from dermis.engines.event_input import Slots, course, seen_from_grounds
+from dermis.errors import InputError
 
 RIPPLE = {"relative": 0.05, "frequency_hz": 31e3, "phase_deg": 40.0}
 SERIES = {
@@ -92,7 +93,9 @@ def test_charge_of_every_clock_is_the_integral_of_the_current(tmp_path: Path, ef
 
 
 @pytest.mark.parametrize("ratio", [1.0, 30.0])
-def test_motion_through_a_network_goes_straight_between_gate_ends(tmp_path: Path, ratio: float) -> None:
+def test_motion_through_a_network_is_solved_at_both_ends_and_in_the_middle_of_a_gate(
+    tmp_path: Path, ratio: float
+) -> None:
     ohm = ohms(2, 3, 5, 4)
     ohm[1] /= ratio
     plan = made(tmp_path, ohm, {"motion": True, "supply_ripple": RIPPLE, "column_offset": True, **SERIES})
@@ -104,9 +107,28 @@ def test_motion_through_a_network_goes_straight_between_gate_ends(tmp_path: Path
             for edge, got in (
                 (0, found.follows_begin + found.rest_begin),
                 (timing.gate_clocks, found.follows_end + found.rest_end),
+                (
+                    timing.gate_clocks / 2,
+                    (found.follows_begin + found.follows_end + found.rest_begin + found.rest_end) / 2
+                    + found.follows_bend
+                    + found.rest_bend,
+                ),
             ):
                 expected = current_at(still, frame, row, timing.settle_clocks + edge)
                 assert np.abs(got[frame, row] - expected).max() / unit < 1e-7
+
+
+def test_motion_that_bends_is_counted_as_the_integral_of_its_current(tmp_path: Path) -> None:
+    # i = V G / (1 + G R) bends: a single row of 22 ohm moves through the whole range in one slot.
+    plan = made(
+        tmp_path,
+        np.array([9279.0, 501.0]).reshape(2, 1, 1),
+        {"motion": True, "column_input": {"r_ohm": 22.0}, "supply_ripple": RIPPLE},
+    )
+    mean, _ = quad(lambda t: current_at(plan, 0, 0, t)[0], 115, 625, epsrel=1e-10, limit=200)
+    unit = (plan.converter.k * plan.converter.i0_a)[0] * plan.timing.gate_clocks
+    found = event.run(plan)
+    assert found.info["x"][0, 0, 0] * plan.timing.gate_clocks == pytest.approx(mean / unit * 510, abs=0.02)
 
 
 def test_motion_from_an_open_taxel_to_a_short_is_solved_row_by_row(tmp_path: Path) -> None:
@@ -240,3 +262,10 @@ def test_coupled_columns_count_as_their_common_equation_to_one_count(tmp_path: P
             differ.append(codes[row] - np.minimum(count, 255))
     assert np.abs(differ).max() <= 1
     assert np.mean(np.asarray(differ) != 0) < 0.05
+
+
+def test_bandwidth_that_lets_columns_move_each_other_by_counts_is_refused(tmp_path: Path) -> None:
+    effects = {"integrator_bandwidth": {"gbw_hz": 1e6}, "lateral": {"r_ohm": 1000.0}}
+    with pytest.raises(InputError, match=r"integrator_bandwidth.*lateral"):
+        event.run(made(tmp_path, ohms(0, 1, 4, 4), effects, "direct"))
+    event.run(made(tmp_path, ohms(0, 1, 4, 4), effects | {"integrator_bandwidth": True}, "direct"))

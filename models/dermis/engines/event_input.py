@@ -132,13 +132,13 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         return None
     matrix = seen_from_grounds(network, g)
     own = np.arange(plan.cols)
-    per_clock = (
-        converter.inv_gain_dc / (1.0 + converter.inv_gain_dc) / (converter.c_int_f * converter.f_clk_hz)
-    )
+    a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
+    per_clock = a_clock * converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
+    per_swing = a_clock * converter.t_gbw_s * converter.f_clk_hz
     across_s = matrix[..., own, own].copy()
     matrix[..., own, own] = 0.0
     # A quarter of a packet of swing; traces are reckoned one taxel at a time, at most as wrong as all they do.
-    doubt = clocks * (0.25 * np.abs(matrix).sum(axis=3) * per_clock).max()
+    doubt = (np.abs(matrix).sum(axis=3) * (0.25 * clocks * per_clock + 0.5 * per_swing)).max()
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
         alone = np.minimum(g, _G_ACROSS_S)
         lines_s = (alone - _behind_lines(network, alone)).sum(axis=1)
@@ -147,49 +147,61 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         raise InputError(
             plan.scene.path,
-            "effects.integrator_gain",
+            "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
             f"on together with {', '.join(sorted(names))}: columns move each other by up to {doubt:.2g} counts",
             "up to 1 count for topology direct in engine event; engine cosim takes any",
         )
     level = converter.v_comp_offset_v / converter.packet_v()
     mean = level + W_PRESET + 1.5 * np.clip(x, 0.0, 0.5) + np.clip((x - 0.5) * clocks / 2, 0.0, 2.0)
     matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
-    return Coupling(across_s, -np.einsum("frcd,frd->frc", matrix, mean * per_clock))
+    # With finite bandwidth the virtual ground also stands off by the slope of the output: its mean is the way
+    # from the start to the end of the gate.
+    moved = (mean - W_PRESET - converter.preset_error_v / converter.packet_v()) / clocks
+    return Coupling(across_s, -np.einsum("frcd,frd->frc", matrix, mean * per_clock + moved * per_swing))
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Column currents of some frames: at the beginning and at the end of every gate, [frames, rows, cols] each."""
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
+
+    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the gate beyond
+    the mean of its ends, None where everything goes straight.
+    """
 
     follows_begin: Floats
     follows_end: Floats
     rest_begin: Floats
     rest_end: Floats
+    follows_bend: Floats | None = None
+    rest_bend: Floats | None = None
 
 
 def course(plan: Plan, part: slice) -> Course:
-    """Solve some frames of a plan; with motion at the beginning and the end of each row's gate."""
+    """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate."""
     network, g = plan.network(0), plan.conductance_s(part)
     if not plan.drive.motion:
         follows, rest = currents(network, g)
         return Course(follows, follows, rest, rest)
     timing = plan.timing
     slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
-    at = np.concatenate([slot, slot + timing.gate_clocks]) / (plan.drive.t_frame_s * timing.f_clk_hz)
+    at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
+    at = at / (plan.drive.t_frame_s * timing.f_clk_hz)
     now, then = np.minimum(g, _G_SHORT_S), np.minimum(plan.next_conductance_s(part), _G_SHORT_S)
     if not network.active_fields():
-        share = at.reshape(2, 1, plan.rows, 1)
+        share = at.reshape(3, 1, plan.rows, 1)
         follows = plan.v_bias_v * (now + share * (then - now))
         return Course(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
     unit_a = float((plan.converter.k * plan.converter.i0_a).min())
-    return Course(*_through_frame(network, now, then, at, _COURSE_ERROR * unit_a))
+    follows, rest = _through_frame(network, now, then, at, _COURSE_ERROR * unit_a)
+    bends = (part[2] - 0.5 * (part[0] + part[1]) for part in (follows, rest))
+    return Course(follows[0], follows[1], rest[0], rest[1], *bends)
 
 
 def _through_frame(
     network: Network, now: Floats, then: Floats, at: Floats, error_a: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Currents of each row at its own two instants, by a polynomial in time through as few solved networks as
-    it takes.
+) -> tuple[Floats, Floats]:
+    """Currents of each row at its own instants, [instants, frames, rows, cols], by a polynomial in time through
+    as few solved networks as it takes.
 
     Row r alone is read at its instant, so solving whole frames for each row would cost rows times as much. The
     currents are smooth in time: a polynomial through 3, 5, 9 Chebyshev points is compared with the one before
@@ -219,18 +231,16 @@ def _through_frame(
         guess = np.tensordot(polynomial(count, finer), [np.add(*solve(p)) for p in points(count)], axes=1)
         miss = max(float(np.abs(guess[k] - np.add(*solve(p))).max()) for k, p in enumerate(finer))
         if miss <= error_a:
-            weight = polynomial(2 * count - 1, at).reshape(2, rows, 2 * count - 1)
+            weight = polynomial(2 * count - 1, at).reshape(-1, rows, 2 * count - 1)
             nodes = [solve(p) for p in points(2 * count - 1)]
             follows, rest = (np.einsum("erk,kfrc->efrc", weight, [n[i] for n in nodes]) for i in range(2))
-            return follows[0], follows[1], rest[0], rest[1]
-    out = np.empty((2, 2, *now.shape))
+            return follows, rest
+    out = np.empty((2, at.size // rows, *now.shape))
     for k, share in enumerate(at):
-        follows, rest = currents(network, now + share * (then - now))
-        out[0, k // rows, :, k % rows], out[1, k // rows, :, k % rows] = (
-            follows[:, k % rows],
-            rest[:, k % rows],
-        )
-    return out[0, 0], out[0, 1], out[1, 0], out[1, 1]
+        found = currents(network, now + share * (then - now))
+        for into, values in zip(out, found, strict=True):
+            into[k // rows, :, k % rows] = values[:, k % rows]
+    return out[0], out[1]
 
 
 class Slots:
@@ -269,7 +279,10 @@ class Slots:
         self._settle, self._gate = timing.settle_clocks, timing.gate_clocks
 
         omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
-        self.basis, self.begin = _basis(self._settle, self._gate, omega, bool(drive.ripple), drive.motion)
+        bends = found.follows_bend is not None
+        self.basis, self.begin = _basis(
+            self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
+        )
         frame = plan.first_frame + np.arange(part.start, part.stop)
         began = frame[:, None] * drive.t_frame_s + np.arange(self.rows) * timing.slot_s
         cycles = np.mod(began * drive.f_ripple_hz, 1.0)
@@ -293,6 +306,11 @@ class Slots:
                 terms += [moves + finite(found.rest_end) - finite(found.rest_begin)]
                 if drive.ripple:
                     terms += [moves * sine, moves * cosine]
+            if found.follows_bend is not None:
+                bend = 4.0 * finite(found.follows_bend)
+                terms += [bend + 4.0 * finite(found.rest_bend)]
+                if drive.ripple:
+                    terms += [bend * sine, bend * cosine]
         # [rows, terms, frames and cols]
         self.terms = np.ascontiguousarray(
             np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
@@ -356,10 +374,13 @@ class Slots:
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
 
-def _basis(settle: int, gate: int, omega: float, ripple: bool, motion: bool) -> tuple[Floats, Floats]:
+def _basis(
+    settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
+) -> tuple[Floats, Floats]:
     """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value at the start.
 
-    1, cos, sin, t, t cos, t sin, as far as they are on; omega in radian a clock, t runs from 0 to 1 over the gate.
+    1, cos, sin, t, t cos, t sin, b, b cos, b sin, as far as they are on, b = t (1 - t); omega in radian a
+    clock, t runs from 0 to 1 over the gate.
     """
     middle = np.arange(settle + gate) + 0.5
     ramp, ramp_begin = (middle - settle) / gate, -settle / gate
@@ -376,6 +397,16 @@ def _basis(settle: int, gate: int, omega: float, ripple: bool, motion: bool) -> 
         if ripple:
             terms += [ramp * cosine * mean - sine * tilt / gate, ramp * sine * mean + cosine * tilt / gate]
             begin += [ramp_begin, 0.0]
+    if bends:
+        # t = m + u: b is m (1 - m) + (1 - 2 m) u - u^2, and u^2 has a mean of 1 / 12 over a clock
+        middle_bend, tilted, own = ramp * (1.0 - ramp), (1.0 - 2.0 * ramp) / gate, 1.0 / (12.0 * gate**2)
+        terms, begin = [*terms, middle_bend - own], [*begin, ramp_begin * (1.0 - ramp_begin)]
+        if ripple:
+            terms += [
+                (middle_bend - own) * cosine * mean - tilted * sine * tilt,
+                (middle_bend - own) * sine * mean + tilted * cosine * tilt,
+            ]
+            begin += [ramp_begin * (1.0 - ramp_begin), 0.0]
     return np.stack(terms, axis=1), np.array(begin)
 
 
