@@ -32,7 +32,7 @@ from dermis.verdict import Row
 TOOL_LIMIT_S = 10
 
 # Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
-SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "waves.vcd", "waves.gtkw")
+SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
 
 def prepare(out: Path) -> None:

@@ -152,10 +152,10 @@ def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes
 def test_files_of_another_kind_of_run_do_not_stay(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    for name in ("codes_low.npy", "waves.vcd", "notes.txt"):
+    for name in ("transient.png", "waves.vcd", "notes.txt"):
         (out / name).write_text("of an earlier run")
     assert dermis("run", "single_touch", "--out", str(out)).returncode == 0
-    assert not (out / "codes_low.npy").exists()
+    assert not (out / "transient.png").exists()
     assert not (out / "waves.vcd").exists()
     assert (out / "notes.txt").exists()
 
