@@ -68,6 +68,8 @@ _SOLVE = frozenset({"row_driver", "column_input", "column_offset", "mux_leakage"
 # motion (event), some 1e-12 of the states.
 ROUNDING_LSB = 1e-4
 
+# Inputs that change inside a gate (event_input.FIELDS).
+_UNSTEADY = frozenset({"ripple", "motion", "q_mirror_c", "c_row_f", "c_column_f", "c_taxel_f"})
 _RANDOM_FIELDS = (
     "v_comp_noise_v",
     "t_meta_s",
@@ -272,7 +274,9 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np
         return result.codes, result.codes
     margin = np.minimum(margin, 2.0 * plan.timing.code_max)
     silent = dataclasses.replace(plan.converter, **dict.fromkeys(_RANDOM_FIELDS, 0.0))
-    x = result.info.get("x") if plan.engine == "closed" else None
+    # The duty of the run serves again where it is the same in every clock and no converter acts back on it.
+    steady = not plan.active_fields() & _UNSTEADY and plan.topology != "direct"
+    x = result.info.get("x") if plan.engine == "closed" or steady else None
     ends = []
     for sign in (1.0, -1.0):
         moved = silent.v_comp_offset_v + sign * margin * silent.packet_v()
@@ -281,20 +285,35 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np
         )
         if not engines.refused(end, "closed") and _formula_holds(end):
             end = dataclasses.replace(end, engine="closed")
-        if end.engine == "closed" and x is not None:
-            ends.append(_codes_of(end, x))
-            continue
-        run = engines.run(end)
-        x = run.info.get("x") if end.engine == "closed" else x
-        ends.append(run.codes)
+        if x is None:
+            run = engines.run(end)
+            x = run.info.get("x") if end.engine == "closed" or steady else None
+            ends.append(run.codes)
+        elif end.engine == "closed":
+            ends.append(_closed_codes(end, x))
+        else:
+            ends.append(_event_codes(end, x))
     low, high = ends
     return low, high
 
 
-def _codes_of(plan: Plan, x: Floats) -> NDArray[np.uint8]:
+def _closed_codes(plan: Plan, x: Floats) -> NDArray[np.uint8]:
     start, packet, threshold = _start(plan)
     t = plan.timing
     return code(x, t.gate_clocks, t.code_max, w0=start, packet=packet, threshold=threshold).astype(np.uint8)
+
+
+def _event_codes(plan: Plan, x: Floats) -> NDArray[np.uint8]:
+    from dermis.engines import event
+
+    codes = np.empty(x.shape, dtype=np.uint8)
+    step = max(1, (1 << 14) // (plan.rows * plan.cols))
+    for first in range(0, plan.frames, step):
+        part = slice(first, first + step)
+        cells = event.cells_of(plan, x[part], plan.conductance_s(part))
+        counts, _ = event.count_cells(cells, plan.timing.gate_clocks, plan.timing.charge_delay_clocks)
+        codes[part] = np.minimum(counts, plan.timing.code_max)
+    return codes
 
 
 # --- the table, and what its costs are -----------------------------------------------------------------------------

@@ -24,7 +24,10 @@ KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", 
 _DECADES = (-3.0, 0.3)
 _SIGNED = {"ratio_error", "packet_error", "v_v", "i_a", "delta_k", "tc_per_k"}
 _BELOW = {"t_aperture_s": 1e-7, "t_s": 1e-7, "relative": 0.5}
-# Two of these with topology direct couple its columns, which no fast engine does together with finite gain.
+
+
+# These couple the columns of topology direct; where they do so by more than a count, engine event refuses them
+# together with finite gain.
 _COUPLING = ("lateral", "row_driver", "column_input", "trace")
 
 

@@ -190,6 +190,21 @@ def test_certified_codes_are_those_of_thresholds_moved_by_the_margin() -> None:
             assert (run.codes == codes).all()
 
 
+def test_certified_codes_from_the_duty_of_a_run_are_those_of_whole_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    effects = {"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}
+    plan = made(effects, stimulus={"kind": "ramp", "force_n": [0.0, 16.0], "frames": 12})
+    assert plan.engine == "event"
+    result = engines.run(plan)
+    quick = auto.certified(plan, result)
+    monkeypatch.setattr(auto, "_UNSTEADY", plan.active_fields())
+    slow = auto.certified(plan, result)
+    assert (quick[0] == slow[0]).all()
+    assert (quick[1] == slow[1]).all()
+    assert (quick[0] < quick[1]).any()
+
+
 def test_parts_of_a_plan_have_the_certified_codes_of_the_whole() -> None:
     plan = made({"auto": {}}, stimulus={"kind": "ramp", "force_n": [0.0, 16.0], "frames": 8})
     whole, part = certified(plan), certified(plan.part(3, 6))
