@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -17,7 +18,7 @@ from dermis import scene
 from dermis.array import Network
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.effects import EFFECTS
-from dermis.engines import closed, event
+from dermis.engines import closed, event, event_loops
 from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
 from dermis.errors import InputError
 from dermis.plan import Drive
@@ -226,6 +227,74 @@ def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], late:
         return  # the walk itself stands on a threshold: a double cannot tell which side
     assert counts[0] == sum(bits)
     assert miss <= 1e-12
+
+
+@pytest.mark.parametrize("kind", [(), ALL])
+def test_a_charge_that_changes_every_clock_is_the_walk_in_fifty_digits_too(kind: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(11)
+    clocks, cells = 60, []
+    for _ in range(12):
+        window = 0.01 if "hysteresis" in kind else 0.0
+        cells.append(
+            IDEAL
+            | {
+                "w0": rng.uniform(-0.6, -0.4),
+                "packet": rng.uniform(0.9, 1.1),
+                "rise": window,
+                "fall": -window,
+            }
+            | ({"leak": 1e-3, "across": 0.2} if "leak" in kind else {})
+            | ({"lag": rng.uniform(0.01, 0.5)} if "bandwidth" in kind else {})
+            | ({"low": -1.1, "high": 0.6} if "range" in kind else {})
+            | ({"delay": rng.uniform(0.01, 0.3)} if "delay" in kind else {})
+        )
+    x = rng.uniform(0, 0.6, len(cells)) * (1 + 0.2 * np.sin(0.3 * np.arange(clocks))[:, None])
+    counts, end = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
+    event.walk_cells(
+        clocks, 1.0, None, x, event.rows_of(cells_from(cells), 1.0), None, 0, len(cells), counts, end
+    )
+    for i, one in enumerate(cells):
+        walk = walk_reference(one, clocks, 1.0, vary=list(x[:, i]))
+        assert walk.nearest > 1e-12, "take another seed"
+        assert counts[i] == sum(walk.bits)
+        assert abs(end[i] - float(walk.charge[-1])) <= 1e-12 * max(1.0, abs(end[i]))
+
+
+# What event_loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
+HANDED = {
+    "integrator_gain": {"x"},
+    "integrator_bandwidth": {"x", "fast", "lag"},
+    "integrator_range": {"x", "limits"},
+    "comparator_hysteresis": {"x", "window"},
+    "comparator_delay": {"x", "early"},
+    "supply_ripple": {"vary"},
+    "motion": {"vary"},
+    "mirror_lag": {"vary"},
+    "comparator_noise": {"x", "noise", "keys", "step"},
+    "metastability": {"x", "noise", "keys", "step"},
+    "clock_jitter": {"x", "noise", "keys", "step"},
+    "thermal_noise": {"x", "noise", "keys", "step"},
+    "shot_noise": {"x", "noise", "keys", "step"},
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_reaches_the_loop_with_its_own_parameters_and_no_others(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handed: list[set[str]] = []
+    names = list(inspect.signature(event_loops.walk.py_func).parameters)
+
+    def spy(*given: object) -> None:
+        handed.append({n for n, value in zip(names, given, strict=True) if value is not None} - always)
+        given[-2][:], given[-1][:] = 0, 0.0  # type: ignore[index]
+
+    always = {"clocks", "late", "slow", "rise", "begin", "stop", "counts", "end"}
+    monkeypatch.setattr(event_loops, "walk", spy)
+    value = {"r_ohm": 1.0} if name == "column_input" else True
+    event.run(made({"stimulus": {"kind": "uniform", "code": 5}, "effects": {name: value}}))
+    assert all(got == HANDED[name] for got in handed)
+    assert bool(handed) == (name in HANDED)
 
 
 def test_the_reference_is_charge_balance_when_nothing_is_on() -> None:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dermis import noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, event_loops
-from dermis.engines.event_input import COUPLING, X_MAX, Coupling, Slots, coupling
+from dermis.engines.event_input import COUPLING, X_MAX, Coupling, Slots, coupling, steady
 from dermis.engines.event_input import FIELDS as VARYING
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
@@ -50,6 +50,9 @@ RANDOM = frozenset(
         "packet_flicker",
     }
 )
+
+# Of these, what is drawn once a slot and leaves no decision open.
+_SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})
 
 _LEAK_MAX = 1e12
 # Duty beyond which a converter saturates whatever its noise is.
@@ -115,13 +118,13 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     x_all, w_end = np.empty(shape), np.empty(shape)
     base, timing = plan.network(0), plan.timing
     active = plan.active_fields()
-    varies, random = bool(active & VARYING), bool(active & RANDOM)
+    random = bool(active & RANDOM)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
         g = plan.conductance_s(part)
         keys = noise.cell_keys(plan.seed, plan.first_frame + first, g.shape) if random else None
-        if varies:
+        if active & VARYING and not steady(plan, part):
             slots = Slots(plan, part)
             counts, w_end[part] = _count_slots(plan, slots, g, keys)
             x_all[part] = slots.mean
@@ -134,7 +137,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
             cells, draws = cells_of(plan, x, g, coupled), None
             if keys is not None:
                 cells = _with_slot_noise(plan.converter, cells, keys)
-                draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
+                if active & RANDOM - _SLOT_RANDOM:
+                    draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
             counts, w_end[part] = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
         codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
@@ -349,11 +353,11 @@ def count_cells(
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
         event_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
     else:
-        _walk(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
+        walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
     return counts.reshape(shape), end.reshape(shape)
 
 
-def _walk(
+def walk_cells(
     clocks: int,
     late: float,
     x: Floats | None,
@@ -365,6 +369,7 @@ def _walk(
     counts: NDArray[np.int64],
     end: Floats,
 ) -> None:
+    """Count cells begin..stop-1 of `rows`; x or vary and the rest as for event_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else _grid_step(of[event_loops.SIGMA], clocks)
     event_loops.walk(
@@ -402,7 +407,7 @@ def _count_slots(
     counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
     across = slots.frames * slots.cols
     draws = None
-    if keys is not None:
+    if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
         draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
     frame = np.arange(across) // slots.cols
     for row, block, charge, mean in slots.blocks(event_loops.BLOCK):
@@ -413,7 +418,7 @@ def _count_slots(
             draws.rows[:, begin:stop] = _noise_rows(
                 converter, mean, variance[frame[block], 0, column], column
             )
-        _walk(
+        walk_cells(
             timing.gate_clocks,
             timing.charge_delay_clocks,
             None,

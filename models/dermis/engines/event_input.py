@@ -25,7 +25,8 @@ from dermis.vfc import W_PRESET
 
 Floats = NDArray[np.float64]
 
-FIELDS = frozenset({"ripple", "motion", "q_mirror_c", "c_row_f", "c_column_f", "c_taxel_f"})
+_CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
+FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
 
 # A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
 X_MAX = 1e12
@@ -243,6 +244,31 @@ def _through_frame(
     return out[0], out[1]
 
 
+def _transients(plan: Plan, part: slice, per_c: Floats) -> settling.Transients | None:
+    network = plan.network(0)
+    if not network.active_fields() & _CAPACITANCES:
+        return None
+    charge_c = float(_NEGLIGIBLE / np.abs(per_c).max())
+    try:
+        return settling.transients(network, plan.conductance_s(part), plan.timing, charge_c)
+    except settling.Unsupported as error:
+        raise InputError(
+            plan.scene.path,
+            "effects.line_capacitance",
+            str(error),
+            "one without the other for engine event",
+        ) from None
+
+
+def steady(plan: Plan, part: slice) -> bool:
+    """Whether capacitance is all that could make the input change, and has settled before every gate."""
+    if plan.active_fields() & FIELDS - _CAPACITANCES:
+        return False
+    converter = plan.converter
+    per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
+    return _transients(plan, part, per_c) is None
+
+
 class Slots:
     """Charge a clock of every cell of some frames, row after row.
 
@@ -334,19 +360,7 @@ class Slots:
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
     def _settling(self, plan: Plan, part: slice, per_c: Floats) -> None:
-        network = plan.network(0)
-        if not network.active_fields() & FIELDS:
-            return
-        charge_c = float(_NEGLIGIBLE / np.abs(per_c).max())
-        try:
-            found = settling.transients(network, plan.conductance_s(part), plan.timing, charge_c)
-        except settling.Unsupported as error:
-            raise InputError(
-                plan.scene.path,
-                "effects.line_capacitance",
-                str(error),
-                "one without the other for engine event",
-            ) from None
+        found = _transients(plan, part, per_c)
         if found is None:
             return
         modes = found.decay.shape[-1]
