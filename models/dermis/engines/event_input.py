@@ -42,9 +42,10 @@ _G_SHORT_S = 1e16
 _G_ACROSS_S = 1e12
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
-# Packets a clock by which the course of a current over a frame may differ from its polynomial: 5e-5 count in a
-# gate.
-_COURSE_ERROR = 1e-7
+# Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
+# in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
+# in a gate.
+_COURSE_MISS = 1e-4
 
 
 def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
@@ -193,7 +194,7 @@ def course(plan: Plan, part: slice) -> Course:
         follows = plan.v_bias_v * (now + share * (then - now))
         return Course(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
     unit_a = float((plan.converter.k * plan.converter.i0_a).min())
-    follows, rest = _through_frame(network, now, then, at, _COURSE_ERROR * unit_a)
+    follows, rest = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
     bends = (part[2] - 0.5 * (part[0] + part[1]) for part in (follows, rest))
     return Course(follows[0], follows[1], rest[0], rest[1], *bends)
 
