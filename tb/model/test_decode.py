@@ -32,7 +32,9 @@ def test_a_force_in_the_middle_of_a_code_comes_back_exactly() -> None:
 
 
 @settings(max_examples=200, deadline=None)
-@given(force=st.floats(0, 30), k=st.sampled_from([20, 80, 160]), v_bias_v=st.floats(0.1, 2))
+@given(
+    force=st.just(0.0) | st.floats(1e-30, 30), k=st.sampled_from([20, 80, 160]), v_bias_v=st.floats(0.1, 2)
+)
 def test_the_true_force_lies_in_the_interval_of_its_code(force: float, k: int, v_bias_v: float) -> None:
     plan = made({"force_n": force}, interface={"k": k, "v_bias_v": v_bias_v})
     decoded = decode(plan, closed.run(plan).codes)
