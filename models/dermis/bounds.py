@@ -118,8 +118,11 @@ class Extent:
         self.x_up = self.i_up * self.per_a / self.n + np.abs(c.i_offset_a) / c.i0_a
         full = plan.timing.code_max
         self.clips = self.n >= 2 * full
-        self.x_clip = _X_CLIP if self.clips else 1.0
+        # A duty that changes in a gate may be above 1/2 for a while and leave charge for later: it is never clipped.
+        moving = plan.drive.motion
+        self.x_clip = math.inf if moving else (_X_CLIP if self.clips else 1.0)
         self.x = np.minimum(self.x_up, self.x_clip)
+        self.pile = self.n * np.maximum(self.x - 0.5, 0.0) if moving else 0.0
         self.x_sure: ArrayLike = self.x_clip
         self.lag_room = math.inf  # packets that may be left out in all where a slow mirror is
         self.lagging: ArrayLike = 0.0  # [B, R, C] packets by which a slow mirror may be early or late
@@ -387,7 +390,7 @@ def _leak(e: Extent, g_s: ArrayLike) -> Floats:
     """Packets lost in a gate through g across the input: |w| stays within one packet and the slack."""
     c = e.converter
     lost = g_s * c.inv_gain_dc * e.amplitude / c.c_int_f / c.f_clk_hz
-    return e.n * lost * (np.maximum(1.0, 2.0 * e.x) + e.slack)
+    return e.n * lost * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
 
 
 def integrator_gain(p: Any, e: Extent) -> Bound:
@@ -410,13 +413,13 @@ def integrator_range(_: Any, e: Extent) -> Bound:
     c = e.converter
     limits = np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0)
     limits = limits / (e.packet_v * e.amplitude)
-    x = np.minimum(e.x, e.x_sure)
+    x = e.x if e.drive.motion else np.minimum(e.x, e.x_sure)
     moving = 2.0 * (np.asarray(supply_ripple(_, e).lsb) + e.lagging)
     if e.drive.motion:
         below = e.d * (e.a + e.side) + e.leak
         moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
     moving = moving + e.sigma * np.sqrt(_walk(e)) + e.slack
-    inside = (limits[0] <= -1.0 - moving) & (limits[1] >= 2.0 * x + moving)
+    inside = (limits[0] <= -1.0 - moving) & (limits[1] >= 2.0 * x + e.pile + moving)
     return Bound(np.where(inside, 0.0, np.inf), level=True)
 
 
@@ -489,7 +492,7 @@ def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     """The output is late by tau x, by what is left of the last packet, and by what the moving input drops."""
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
-    drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.slack)
+    drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
     return Bound(
         np.maximum(tau * e.x, _bandwidth_tail(e) - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
     )
@@ -682,4 +685,6 @@ class Total:
         self.sure = _sure(e, levels)
         with np.errstate(invalid="ignore"):
             self.cap = np.where(np.isinf(self.sure), np.inf, np.maximum(0.0, self.sure - low))
+            if e.drive.motion:  # sure all through the gate, or not at all
+                self.cap = np.where(self.cap > 0, np.inf, 0.0)
         self.felt = (self.cap > 0) & ~(high + levels.max(axis=(0, 1)) < -W_PRESET)
