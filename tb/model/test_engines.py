@@ -260,6 +260,16 @@ def test_a_charge_that_changes_every_clock_is_the_walk_in_fifty_digits_too(kind:
         assert abs(end[i] - float(walk.charge[-1])) <= 1e-12 * max(1.0, abs(end[i]))
 
 
+@pytest.mark.parametrize(("row", "by"), [("KEEP", 1e-9), ("GAIN", 1e-9), ("TAKE", 1e-9)])
+def test_the_tie_sees_a_coefficient_that_is_off_by_a_billionth(row: str, by: float) -> None:
+    one = IDEAL | {"x": 0.37, "leak": 1e-3, "lag": 0.05, "across": 0.1, "w0": -0.47}
+    rows = event.rows_of(cells_from([one]), 1.0)
+    rows.slow[getattr(event_loops, row)] *= 1 + by
+    counts, end = np.empty(1, dtype=np.int64), np.empty(1)
+    event.walk_cells(40, 1.0, np.array([one["x"]]), None, rows, None, 0, 1, counts, end)
+    assert abs(end[0] - float(walk_reference(one, 40, 1.0).charge[-1])) > 1e-11
+
+
 # What event_loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
 HANDED = {
     "integrator_gain": {"x"},
