@@ -40,6 +40,17 @@ CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "64x64_10bit": {"ROWS": 64, "COLS": 64, "CODE_BITS": 10, "GATE_CLOCKS": 2046, "SYNC_LATCH": 1},
 }
 
+# The real-number models of models/verilog with the chip below them; bits of EFFECTS are in values.vh.
+MODELS_FILE_LIST = "models/verilog/files.f"
+MODELS_WAIVERS = "models/verilog/verilator_waiver.vlt"
+MODELS_CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
+    "models_ideal": {"EFFECTS": 0},
+    "models_all_effects": {"EFFECTS": 0x4000_0FFF, "TERMS": 6, "MODES": 2},
+    "models_all_effects_latch": {"EFFECTS": 0xFFF, "TERMS": 6, "MODES": 1, "SYNC_LATCH": 1, "TOPOLOGY": 2},
+    "models_direct_1x1": {"ROWS": 1, "COLS": 1, "EFFECTS": 1 << 6, "TOPOLOGY": 0},
+    "models_multi_output": {"EFFECTS": 1 << 10, "TOPOLOGY": 3},
+}
+
 _VERILATOR_MESSAGE = re.compile(r"^%(?:Warning|Error)(?!: Exiting due to)\S*.*$", re.MULTILINE)
 _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* modules")
 _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
@@ -161,6 +172,36 @@ def _lint_verilator(root: Path, configuration: str, parameters: Mapping[str, int
     ]
 
 
+def _lint_models(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+    """The real-number models in Icarus and Verilator; Yosys has no real numbers."""
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "design.vvp"
+        command = [_tool("iverilog"), "-g2012", "-Wall", "-o", str(out), "-s", "skin_alone"]
+        command += [f"-Pskin_alone.{key}={value}" for key, value in parameters.items()]
+        command += ["-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv"]
+        icarus = _run(command, root)
+        made = out.is_file() and '"skin_alone"' in out.read_text()
+    place = verilator_root()
+    command = [
+        str(place / "bin" / "verilator_bin"),
+        "--lint-only",
+        "--no-timing",
+        "-Wall",
+        "--top-module",
+        "skin",
+    ]
+    command += [f"-G{key}={value}" for key, value in parameters.items()]
+    command += [WAIVERS, MODELS_WAIVERS, "-f", FILE_LIST, "-f", MODELS_FILE_LIST]
+    verilator = _run(command, root, {"VERILATOR_ROOT": str(place)})
+    said = [line for line in icarus.output.splitlines() if line.strip()]
+    complaints = _VERILATOR_MESSAGE.findall(verilator.output)
+    done = bool(_VERILATOR_DONE.search(verilator.output))
+    return [
+        _message_row(f"lint.icarus.{configuration}", icarus, said, made),
+        _message_row(f"lint.verilator.{configuration}", verilator, complaints, done),
+    ]
+
+
 def _count_row(name: str, unit: str, found: int | None, expected: int, note: str) -> dict[str, Any]:
     if found is None:
         return _row(name, None, unit, expected, expected, "ERROR", "Yosys did not get to the count")
@@ -240,7 +281,7 @@ def _lint_file_list(root: Path) -> dict[str, Any]:
 
 
 def run_lint(root: Path = ROOT) -> list[dict[str, Any]]:
-    """Lint rtl/ with every tool in every configuration.
+    """Lint rtl/ with every tool in every configuration, and models/verilog with those that know real numbers.
 
     Parameters
     ----------
@@ -265,4 +306,7 @@ def run_lint(root: Path = ROOT) -> list[dict[str, Any]]:
     for tool in (_lint_icarus, _lint_verilator, _lint_yosys):
         for configuration, parameters in CONFIGURATIONS.items():
             rows += tool(root, configuration, parameters)
+    if (root / MODELS_FILE_LIST).is_file():  # a test lints a copy of rtl/ alone
+        for configuration, parameters in MODELS_CONFIGURATIONS.items():
+            rows += _lint_models(root, configuration, parameters)
     return rows

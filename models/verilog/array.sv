@@ -23,6 +23,7 @@ module array #(
   integer    frame;
   integer    got;
   integer    n;
+  reg        reading;
   reg [63:0] word;
   reg [63:0] i_taxel  [0:ROWS*COLS*CELL-1];
   reg [63:0] i_column [0:COLS*CELL-1];
@@ -44,6 +45,7 @@ module array #(
 
   initial begin
     frame    = 0;
+    reading  = 1'b0;
     for (n = 0; n < COLS*CELL; n = n + 1) i_column[n] = 64'd0;
     file     = $fopen("currents.bin", "rb");
     read_word;
@@ -55,14 +57,15 @@ module array #(
   assign slot = preset_i & (|row_select_i);
 
   always @(posedge slot) begin
-    if (row_select_i[0] && frame < frames_o) begin
+    if (row_select_i[0]) reading = frame < frames_o;
+    if (row_select_i[0] && reading) begin
       frame = frame + 1;
-      if (EFFECTS[`DERMIS_EACH_FRAME]) read_values;
       for (n = 0; n < ROWS*COLS*CELL; n = n + 1) begin
         read_word;
         i_taxel[n] = word;
       end
     end
+    if (EFFECTS[`DERMIS_EACH_ROW] && reading) read_values;
     for (n = 0; n < ROWS*COLS*CELL; n = n + 1)
       if (row_select_i[n/(COLS*CELL)]) i_column[n%(COLS*CELL)] = i_taxel[n];
   end

@@ -39,5 +39,5 @@
 `define DERMIS_FAST_DRIVE  32
 `define DERMIS_LAG         33 // time constant by which the output follows a charge that stands still
 `define DERMIS_VALUES      34 // how many there are
-`define DERMIS_EACH_FRAME  30 // values are read anew with every frame
+`define DERMIS_EACH_ROW    30 // values are read anew with every row
 `endif

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis import engines, hdl
+from dermis import engines, hdl, lint
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
@@ -83,7 +83,7 @@ def together(topology: str) -> str:
     """All effects at once, as far as the topology has them and engine event does them together."""
     names = set(EFFECTS) - {"mirror_output", "line_capacitance", "trace"}
     if topology == "direct":
-        names -= {"mirror_ratio", "range_switch", "mirror_lag", "lateral", "row_driver"}
+        names -= {"mirror_ratio", "range_switch", "mirror_lag", "lateral"}
     return "\n".join(EFFECTS[name] for name in sorted(names))
 
 
@@ -303,6 +303,20 @@ def test_models_that_do_not_compile_end_with_the_log(resistance_plan: MakePlan, 
             rtl.run(resistance_plan(random_ohm(11, 2, 2)), simulator=simulator, models=models)
         assert caught.value.exit_code == 3
         assert "mirror" in Path(caught.value.log).read_text()
+
+
+def test_lint_sees_a_fault_in_a_model(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "rtl", tmp_path / "rtl")
+    shutil.copytree(rtl.MODELS, tmp_path / "models" / "verilog")
+    mirror = tmp_path / "models" / "verilog" / "mirror.sv"
+    mirror.write_text(
+        mirror.read_text().replace(
+            "input  real                         in,", "input  real                         inn,"
+        )
+    )
+    rows = lint._lint_models(tmp_path, "models_ideal", {"EFFECTS": 0})
+    assert [row["status"] for row in rows] == ["FAIL", "FAIL"]
+    assert {row["status"] for row in lint._lint_models(ROOT, "models_ideal", {"EFFECTS": 0})} == {"PASS"}
 
 
 GOOD = "0 0201\n1 0403\n"

@@ -80,7 +80,6 @@ def run(
     SimulatorError
         The simulator failed, stopped answering or left no proper result.
     """
-    event.refuse_coupled(plan)
     scratch = work is None
     if work is None:
         base = ROOT / "build" / "rtl_runs"
@@ -91,7 +90,10 @@ def run(
         work.mkdir(parents=True)
     effects = effect_bits(plan, models)
     codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8 if plan.timing.code_max < 256 else np.uint16)
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
+    each = effects >> value_places(models)["EACH_ROW"] & 1
+    step = max(
+        1, _VALUES_AT_ONCE // (plan.rows * plan.cols * (value_places(models)["VALUES"] if each else 1))
+    )
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
         currents = currents_of(plan, part)
@@ -140,7 +142,9 @@ def effect_bits(plan: Plan, models: Path = MODELS) -> int:
     places = value_places(models)
     names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
-        names.add("EACH_FRAME")  # the whole column hangs on the virtual ground
+        names.add(
+            "EACH_ROW"
+        )  # what hangs on the virtual ground differs from frame to frame, and with its neighbours from row to row
     return sum(1 << places[name] for name in names)
 
 
@@ -186,22 +190,29 @@ class Currents:
         [1 + clocks of a slot, terms]: the functions of time, at the start of a slot and as means over its clocks.
     terms, modes : int
         1 and 0 where a current is constant in its slot.
+    coupling : Coupling or None
+        How columns of the direct interface move each other; its current is in `cells` already.
     """
 
     cells: Floats
     basis: Floats
     terms: int = 1
     modes: int = 0
+    coupling: event_input.Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
     if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}):
-        current = column_currents(plan.network(0), plan.conductance_s(part))
+        g, most = plan.conductance_s(part), event_input.X_MAX
+        current = column_currents(plan.network(0), g)
+        coupled = event_input.coupling(plan, g, np.clip(converter.duty(current), -most, most))
         with np.errstate(over="ignore"):
-            unit = np.clip(current / (converter.k * converter.i0_a), -event_input.X_MAX, event_input.X_MAX)
-        return Currents(unit[..., np.newaxis], np.ones((1, 1)))
+            unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
+        if coupled is not None:
+            unit = unit + coupled.x
+        return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
     slots = event_input.Slots(plan, part)
     found = [slots.terms]
     modes = 0
@@ -214,7 +225,10 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     cells = np.concatenate(found, axis=1)
     cells[:, : terms + modes] /= np.tile(converter.gain, slots.frames)
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
-    return Currents(cells, np.concatenate([slots.begin[np.newaxis], slots.basis]), terms, modes)
+    if slots.coupling is not None:
+        cells[..., 0] += slots.coupling.x
+    basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
+    return Currents(cells, basis, terms, modes, slots.coupling)
 
 
 def write_inputs(
@@ -228,28 +242,35 @@ def write_inputs(
 ) -> None:
     """Write what array.sv and drive.sv read: big-endian words of 64 bits."""
     places = value_places(models)
-    each = bool(effects >> places["EACH_FRAME"] & 1)
-    values = run_time_values(plan, part if each else slice(part.start, part.start + 1), sync_latch, places)
+    each = bool(effects >> places["EACH_ROW"] & 1)
+    values = run_time_values(plan, part, currents.coupling, each, sync_latch, places)
     frames = currents.cells.shape[0]
     blocks = [currents.cells.reshape(frames, -1)]
     if each:
-        blocks.insert(0, values.reshape(frames, -1))
+        blocks.append(values.reshape(frames, -1))
     with (work / "currents.bin").open("wb") as file:
         file.write(np.array([frames], dtype=">i8").tobytes())
-        file.write(values[0].astype(">f8").tobytes())
+        file.write(values[0, 0].astype(">f8").tobytes())
         file.write(np.concatenate(blocks, axis=1).astype(">f8").tobytes())
     if currents.terms > 1:
         (work / "basis.bin").write_bytes(currents.basis.astype(">f8").tobytes())
 
 
-def run_time_values(plan: Plan, part: slice, sync_latch: bool, places: dict[str, int]) -> Floats:
-    """Run-time values of values.vh for some frames, [frames, cols, VALUES]."""
-    g = plan.conductance_s(part)
+def run_time_values(
+    plan: Plan,
+    part: slice,
+    coupled: event_input.Coupling | None,
+    each: bool,
+    sync_latch: bool,
+    places: dict[str, int],
+) -> Floats:
+    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
+    g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
-    cells = event.cells_of(plan, np.zeros(g.shape), g)
-    column = dataclasses.replace(
-        cells, **{f.name: getattr(cells, f.name)[:, 0] for f in dataclasses.fields(cells)}
-    )
+    column = event.cells_of(plan, np.zeros(g.shape), g, coupled)
+    if not each:
+        first = {f.name: getattr(column, f.name)[:, :1] for f in dataclasses.fields(column)}
+        column = dataclasses.replace(column, **first)
 
     # Pieces of a clock: a until the comparator is looked at or the latch opens, whichever is first; b until the
     # other; c the rest.
@@ -293,9 +314,9 @@ def run_time_values(plan: Plan, part: slice, sync_latch: bool, places: dict[str,
         values["FAST_DRIVE" if name else "SLOW_DRIVE"] = of["DRIVE"]
         if name:
             values["FAST_START"], values["LAG"] = of["START"], column.lag
-    out = np.zeros((g.shape[0], plan.cols, places["VALUES"]))
+    out = np.zeros((*column.w0.shape, places["VALUES"]))
     for name, value in values.items():
-        out[:, :, places[name]] = value
+        out[..., places[name]] = value
     return out
 
 
