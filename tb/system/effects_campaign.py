@@ -51,26 +51,17 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
 }
 
 
-def _beyond_event(name: str, before: list[str], topology: str, rows: int) -> bool:
-    """Where docs/cosimulation.md says that engine event comes near only."""
-    with_lateral = any(line.startswith("lateral ") for line in before)
-    slow_ground = name == "integrator_bandwidth" and topology == "direct" and with_lateral
-    return slow_ground or (name == "motion" and rows == 1)
-
-
 def scene(number: int, folder: Path) -> Plan:
     """Scene `number`: one to three rows, columns and frames more or less, effects on by chance."""
     rng = np.random.default_rng(number)
     topology = TOPOLOGIES[rng.integers(len(TOPOLOGIES))]
     rows, cols, frames = (int(n) for n in rng.integers(1, [5, 6, 3]))
     ohm = 450 * 100 ** rng.random((frames, rows, cols))
-    ohm[1:] = ohm[:1] * 3 ** rng.uniform(-1, 1, ohm[1:].shape)
     often = rng.choice([0.15, 0.5, 0.9])
     lines = []
     for name, ranges in RANGES.items():
         values = {key: low * (high / low) ** rng.random() for key, (low, high) in ranges.items()}
-        chosen = rng.random() < often and topology in effects.EFFECTS[name].topologies
-        if chosen and not _beyond_event(name, lines, topology, rows):
+        if rng.random() < often and topology in effects.EFFECTS[name].topologies:
             inside = ", ".join(f"{key} = {value!r}" for key, value in values.items())
             lines.append(f"{name} = " + (f"{{ {inside} }}" if values else "true"))
     return _scene(number, folder, topology, ohm, lines)
