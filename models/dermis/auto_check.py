@@ -273,7 +273,7 @@ def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
 )
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Seed of the first.")
 @click.option(
-    "--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a scene."
+    "--frames", default=200, show_default=True, type=click.IntRange(min=2), help="Frames of a scene."
 )
 def auto_check_command(scenes: int, seed: int, frames: int) -> int:
     """Random scenes as auto plans them against everything on: budget, certified codes, speed."""

@@ -125,6 +125,23 @@ def test_an_engine_asked_for_that_cannot_is_refused_by_name() -> None:
         engines.check(plan)
 
 
+def test_a_range_is_kept_where_motion_piles_charge_up_against_it() -> None:
+    # Above 1/2 for part of a gate the charge runs away and is spent later, unless the range cuts it off.
+    stimulus = {"kind": "uniform", "r_ohm": [420.0, 800.0, 420.0]}
+    small = {"array": {"rows": 2, "cols": 2}, "stimulus": stimulus}
+    assert "integrator_range" not in on(made({"auto": {}}, **small))
+    plan = made({"auto": {}, "motion": {}}, **small)
+    assert "integrator_range" in on(plan)
+    result = certified(plan)
+    every = planning.whole(plan.scene, "event")
+    codes = engines.runner("event")(every).codes
+    assert ((result.low <= codes) & (codes <= result.high)).all()
+    lost = engines.runner("event")(
+        replace(every, converter=replace(every.converter, v_int_max_v=np.inf, v_int_min_v=-np.inf))
+    )
+    assert np.abs(lost.codes.astype(int) - codes).max() > 1, "the range does nothing here"
+
+
 def test_a_bare_network_is_solved_only_where_it_matters() -> None:
     light = {"kind": "uniform", "r_ohm": 1e6}
     weak = {
