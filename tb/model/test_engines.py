@@ -218,8 +218,10 @@ def cells_from(made_cells: list[dict[str, float]]) -> Cells:
 
 
 @settings(max_examples=80, deadline=None)
-@given(one=cell(), late=st.sampled_from([1.0, 0.5]), clocks=st.integers(1, 50))
-def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], late: float, clocks: int) -> None:
+@given(one=cell(), latch=st.booleans(), clocks=st.integers(1, 50))
+def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], latch: bool, clocks: int) -> None:
+    # The latch takes half a clock less; another loop is compiled for it, so not with every kind.
+    late = 0.5 if latch and (one["delay"] > 0 or one["leak"] > 0) else 1.0
     counts, w_end = count_cells(cells_from([one]), clocks, late)
     bits, charge, nearest = walk_reference(one, clocks, late)
     miss = abs(w_end[0] - float(charge[-1])) / max(1.0, abs(float(charge[-1])))

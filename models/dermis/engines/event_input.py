@@ -40,6 +40,8 @@ FAR = 0.03
 _G_SHORT_S = 1e16
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
 _G_ACROSS_S = 1e12
+# Duty that no neighbour moves back into the range of codes.
+_X_SATURATED = 0.6
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
@@ -140,11 +142,14 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     across_s = matrix[..., own, own].copy()
     matrix[..., own, own] = 0.0
     # A quarter of a packet of swing; traces are reckoned one taxel at a time, at most as wrong as all they do.
-    doubt = (np.abs(matrix).sum(axis=3) * (0.25 * clocks * per_clock + 0.5 * per_swing)).max()
+    doubts = np.abs(matrix).sum(axis=3) * (0.25 * clocks * per_clock + 0.5 * per_swing)
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
         alone = np.minimum(g, _G_ACROSS_S)
-        lines_s = (alone - _behind_lines(network, alone)).sum(axis=1)
-        doubt += clocks * (0.25 * lines_s * per_clock).max()
+        behind = _behind_lines(network, alone)
+        off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
+        doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
+    # What saturates does so whatever its neighbours do.
+    doubt = np.where(x <= _X_SATURATED, np.broadcast_to(doubts, x.shape), 0.0).max()
     if doubt > 1.0:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         raise InputError(
