@@ -42,6 +42,9 @@ _G_SHORT_S = 1e16
 _G_ACROSS_S = 1e12
 # Duty that no neighbour moves back into the range of codes.
 _X_SATURATED = 0.6
+# Counts to which the coupling of columns must have settled, and repetitions in which it does.
+_SETTLED = 1.0
+_REPEATS = 6
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
@@ -121,9 +124,9 @@ class Coupling:
 def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     """The coupling of frames whose duties are x [frames, rows, cols]; None where there is none.
 
-    A charge that swings by a packet around its mean makes, by neighbours, a current that does the same and adds
-    up to less than a quarter of a packet times the conductance a clock; where that could reach a count the plan
-    is refused.
+    A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
+    It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
+    where that has not settled to a count is refused.
 
     Raises
     ------
@@ -141,30 +144,53 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     per_swing = a_clock * converter.t_gbw_s * converter.f_clk_hz
     across_s = matrix[..., own, own].copy()
     matrix[..., own, own] = 0.0
-    # A quarter of a packet of swing; traces are reckoned one taxel at a time, at most as wrong as all they do.
-    doubts = np.abs(matrix).sum(axis=3) * (0.25 * clocks * per_clock + 0.5 * per_swing)
+    matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
+    start = W_PRESET + converter.preset_error_v / converter.packet_v()
+    level = converter.v_comp_offset_v / converter.packet_v()
+    # With finite bandwidth the virtual ground also stands off by the slope of the output: its mean is the way
+    # from the start to the end of the gate.
+    others, before = np.zeros_like(x), np.zeros_like(x)
+    left = x
+    for _ in range(_REPEATS):
+        mean, end = _over_gate(left, start, level, clocks)
+        before = others
+        given = mean * per_clock + (end - start) * per_swing / clocks
+        others = -np.einsum("frcd,frd->frc", matrix, given)
+        left = x + others - across_s * given
+    # What saturates does so whatever its neighbours do. Traces are reckoned one taxel at a time, at most as
+    # wrong as all they do.
+    doubts = clocks * np.abs(others - before)
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
         alone = np.minimum(g, _G_ACROSS_S)
         behind = _behind_lines(network, alone)
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
-    # What saturates does so whatever its neighbours do.
-    doubt = np.where(x <= _X_SATURATED, np.broadcast_to(doubts, x.shape), 0.0).max()
-    if doubt > 1.0:
+    doubt = np.where(x <= _X_SATURATED, doubts, 0.0).max()
+    if doubt > _SETTLED:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         raise InputError(
             plan.scene.path,
             "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
-            f"on together with {', '.join(sorted(names))}: columns move each other by up to {doubt:.2g} counts",
-            "up to 1 count for topology direct in engine event; engine cosim takes any",
+            f"on together with {', '.join(sorted(names))}: columns move each other, unknown to {doubt:.2g} counts",
+            f"known to {_SETTLED:g} count for topology direct in engine event; engine cosim takes any",
         )
-    level = converter.v_comp_offset_v / converter.packet_v()
-    mean = level + W_PRESET + 1.5 * np.clip(x, 0.0, 0.5) + np.clip((x - 0.5) * clocks / 2, 0.0, 2.0)
-    matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
-    # With finite bandwidth the virtual ground also stands off by the slope of the output: its mean is the way
-    # from the start to the end of the gate.
-    moved = (mean - W_PRESET - converter.preset_error_v / converter.packet_v()) / clocks
-    return Coupling(across_s, -np.einsum("frcd,frd->frc", matrix, mean * per_clock + moved * per_swing))
+    return Coupling(across_s, others)
+
+
+def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
+    """Mean of the charge over a gate, and its end, of converters with nothing on that start below their level.
+
+    One m is decided at clock t = ceil((level - start + m) / x), and its packet is gone from t + 1 to t + 2.
+    """
+    x = np.clip(x, 1e-9, 0.5)
+    mean, end = start + 0.5 * clocks * x, start + clocks * x
+    for m in range(clocks // 2 + 1):
+        after = clocks - np.ceil((level - start + m) / x - 1e-9)
+        if not (after > 1).any():
+            break
+        mean = mean - np.maximum(after - 1.5, 0.0) / clocks
+        end = end - np.clip(after - 1.0, 0.0, 1.0)
+    return mean, end
 
 
 @dataclass(frozen=True, eq=False)
