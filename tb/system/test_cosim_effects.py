@@ -130,7 +130,6 @@ def test_all_effects_together_at_their_defaults_read_as_in_the_event_engine(
     on = dict.fromkeys(effects_of(topology), "true")
     if topology == "direct":
         on["column_input"] = "{ r_ohm = 0.5 }"
-        del on["integrator_gain"]  # event refuses it together with what couples the columns
     made = resistance_plan(OHM, topology, scene_of(on))
     assert np.abs(reader.codes(made) - event.run(made).codes).max() <= 1
 
