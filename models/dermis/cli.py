@@ -156,13 +156,13 @@ def run(
 
 @cli.command()
 def lint() -> int:
-    """Lint the Verilog with Icarus, Verilator and Yosys."""
+    """Lint the Verilog with Icarus, Verilator and Yosys, and its real-number models with the first two."""
     from dermis import lint as linter
     from dermis import verdict
 
-    rows = linter.run_lint()
+    rows = linter.run_lint() + linter.lint_models()
     verdict.write_rows("lint", rows)
-    verdict.print_rows(rows, "Lint of rtl/")
+    verdict.print_rows(rows, "Lint of rtl/ and models/verilog/")
     return verdict.exit_code(rows)
 
 

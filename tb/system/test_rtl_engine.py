@@ -314,9 +314,10 @@ def test_lint_sees_a_fault_in_a_model(tmp_path: Path) -> None:
             "input  real                         in,", "input  real                         inn,"
         )
     )
-    rows = lint._lint_models(tmp_path, "models_ideal", {"EFFECTS": 0})
-    assert [row["status"] for row in rows] == ["FAIL", "FAIL"]
-    assert {row["status"] for row in lint._lint_models(ROOT, "models_ideal", {"EFFECTS": 0})} == {"PASS"}
+    seen = {row["name"]: row["status"] for row in lint.lint_models(tmp_path)}
+    assert [seen[f"lint.{tool}.models_ideal"] for tool in ("icarus", "verilator")] == ["FAIL", "FAIL"]
+    assert seen["lint.icarus.models_direct_1x1"] == "PASS", "the direct interface has no mirror"
+    assert {row["status"] for row in lint.lint_models()} == {"PASS"}
 
 
 GOOD = "0 0201\n1 0403\n"
