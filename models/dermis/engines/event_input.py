@@ -45,6 +45,7 @@ _X_SATURATED = 0.6
 # Counts to which the coupling of columns must have settled, and repetitions in which it does.
 _SETTLED = 1.0
 _REPEATS = 6
+_UNMOVED = 0.01
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
@@ -157,6 +158,8 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         given = mean * per_clock + (end - start) * per_swing / clocks
         others = -np.einsum("frcd,frd->frc", matrix, given)
         left = x + others - across_s * given
+        if clocks * np.abs(others - before).max() < _UNMOVED:
+            break
     # What saturates does so whatever its neighbours do. Traces are reckoned one taxel at a time, at most as
     # wrong as all they do.
     doubts = clocks * np.abs(others - before)
@@ -178,19 +181,31 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
 
 
 def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
+    mean, end = np.empty_like(x), np.empty_like(x)
+    start, level = (np.broadcast_to(v, x.shape[-1:]) for v in (start, level))
+    _walk_over_gate(np.ascontiguousarray(x), start + 0.0, level + 0.0, clocks, mean, end)
+    return mean, end
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _walk_over_gate(x, start, level, clocks, mean, end):  # type: ignore
     """Mean of the charge over a gate, and its end, of converters with nothing on that start below their level.
 
     One m is decided at clock t = ceil((level - start + m) / x), and its packet is gone from t + 1 to t + 2.
     """
-    x = np.clip(x, 1e-9, 0.5)
-    mean, end = start + 0.5 * clocks * x, start + clocks * x
-    for m in range(clocks // 2 + 1):
-        after = clocks - np.ceil((level - start + m) / x - 1e-9)
-        if not (after > 1).any():
-            break
-        mean = mean - np.maximum(after - 1.5, 0.0) / clocks
-        end = end - np.clip(after - 1.0, 0.0, 1.0)
-    return mean, end
+    for f in range(x.shape[0]):
+        for r in range(x.shape[1]):
+            for c in range(x.shape[2]):
+                duty = min(max(x[f, r, c], 1e-9), 0.5)
+                total, at_end = start[c] + 0.5 * clocks * duty, start[c] + clocks * duty
+                period, wait = 1.0 / duty, (level[c] - start[c]) / duty - 1e-9
+                for m in range(clocks // 2 + 1):
+                    after = clocks - math.ceil(wait + m * period)
+                    if after <= 1:
+                        break
+                    total -= (after - 1.5) / clocks
+                    at_end -= 1.0
+                mean[f, r, c], end[f, r, c] = total, at_end
 
 
 @dataclass(frozen=True, eq=False)
