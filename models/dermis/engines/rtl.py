@@ -363,10 +363,14 @@ def simulate(
     return read_codes(plan, out, frames, log)
 
 
+# Loaded here: behind a fork of a process with threads the loader may be locked for ever.
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+
 def _end_with_parent() -> None:
     """Have Linux end the child when the parent is killed: PR_SET_PDEATHSIG."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if _LIBC is not None:
+        _LIBC.prctl(1, signal.SIGKILL)
 
 
 def _line_template(plan: Plan) -> str:
