@@ -229,7 +229,7 @@ def campaign(count: int, seed: int, frames: int) -> list[Outcome]:
     """Outcomes of `count` random scenes; the same for the same seed."""
     outcomes: list[Outcome] = []
     warm: set[Any] = set()
-    with tempfile.TemporaryDirectory() as directory, slots("scenes", count) as on_done:
+    with tempfile.TemporaryDirectory() as directory, slots("auto-check", count, "scenes") as on_done:
         for number in range(count):
             rng = np.random.default_rng([seed, number])
             data = random_scene(rng, Path(directory), frames)

@@ -21,8 +21,8 @@ QUIET_S = 10.0
 
 
 @contextmanager
-def slots(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Give a function to call with the number of row slots done, of `total`."""
+def slots(what: str, total: int, unit: str = "row slots") -> Iterator[Callable[[int], None]]:
+    """Give a function to call with the number of row slots (or other units) done, of `total`."""
     if not sys.stderr.isatty():
         said = time.monotonic()
 
@@ -30,7 +30,7 @@ def slots(what: str, total: int) -> Iterator[Callable[[int], None]]:
             nonlocal said
             if time.monotonic() - said > QUIET_S:
                 said = time.monotonic()
-                print(f"{what}: {done} of {total} row slots", file=sys.stderr, flush=True)
+                print(f"{what}: {done} of {total} {unit}", file=sys.stderr, flush=True)
 
         yield line
         return
