@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from dermis import noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, event_loops
-from dermis.engines.event_input import COUPLING, X_MAX, Coupling, Slots, coupling, steady
 from dermis.engines.event_input import FIELDS as VARYING
-from dermis.errors import InputError
+from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, steady
 from dermis.plan import Drive, Plan
 from dermis.vfc import W_PRESET, Converter
 
@@ -144,19 +143,6 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
-
-
-def refuse_coupled(plan: Plan) -> None:
-    """Refuse the direct interface with finite gain and coupled columns, for an engine that takes a column by itself."""
-    both = COUPLING & plan.active_fields()
-    if plan.topology == "direct" and "inv_gain_dc" in plan.active_fields() and both:
-        names = {name for field in both for name in plan.effects_of_field(field)}
-        raise InputError(
-            plan.scene.path,
-            "effects.integrator_gain",
-            "on together with " + ", ".join(sorted(names)),
-            f"one without the other for topology direct in engine {plan.engine}; engines event and cosim do both",
-        )
 
 
 def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
