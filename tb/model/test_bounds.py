@@ -237,3 +237,22 @@ def test_every_effect_of_the_converter_is_among_those_tested() -> None:
     rest = set(EFFECTS) - set(STRONG) - set(NETWORK)
     # No bound but "keep": integrator_range. Only through another effect: mirror_output. Before any engine: sensor_*.
     assert rest == {"integrator_range", "mirror_output"} | {n for n in EFFECTS if n.startswith("sensor_")}
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sensor_hysteresis", {"relative": 0.1}),
+        ("sensor_creep", {"per_decade": 0.05}),
+        ("sensor_temperature", {"tc_per_k": -0.003, "delta_k": 30.0}),
+        ("sensor_temperature", {"tc_per_k": 0.003, "delta_k": 30.0}),
+        ("sensor_spread", {"relative": 0.06}),
+    ],
+)
+def test_what_the_sheet_departs_by_is_within_its_bound(name: str, values: dict[str, float]) -> None:
+    stimulus = {"kind": "tapping", "shape": "spherical", "force_n": 12.0, "frequency_hz": 20.0, "frames": 60}
+    with_it = whole_plan({"stimulus": stimulus, "effects": {name: values}})
+    without = whole_plan({"stimulus": stimulus})
+    moved = N * np.abs(with_it.duty_ideal() - without.duty_ideal())
+    bound = totals(with_it).lsb[name].max()
+    assert moved.max() * (1 - 1e-9) <= bound < 100 * moved.max()
