@@ -42,7 +42,7 @@ _G_SHORT_S = 1e16
 _G_ACROSS_S = 1e12
 # Duty that no neighbour moves back into the range of codes.
 _X_SATURATED = 0.6
-# Counts to which the coupling of columns must have settled, and repetitions in which it does.
+# Counts to which the coupling of columns must have settled after so many repetitions, and below which it has.
 _SETTLED = 1.0
 _REPEATS = 6
 _UNMOVED = 0.01
