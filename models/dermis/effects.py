@@ -27,6 +27,8 @@ _OHM = _FARAD = _RMS = "a finite number >= 0"
 _FINITE = "a finite number"
 _POSITIVE = "a finite number > 0"
 _CELSIUS = "a finite number above -273.15"
+# Of a factor 1 + sigma n: six sigma below one must leave something.
+_SMALL = "a finite number 0..0.1"
 
 
 @dataclass(frozen=True)
@@ -140,9 +142,9 @@ class _MirrorRatio(Strict):
     spread: float = entry(
         0.0,
         "Standard deviation of a further relative error, drawn for each column",
-        "a finite number 0..1",
+        _SMALL,
         ge=0,
-        le=1,
+        le=0.1,
     )
 
 
@@ -353,7 +355,12 @@ class _KtcNoise(Strict):
 
 class _FlickerNoise(Strict):
     relative: float | None = entry(
-        None, "Of the packets from slot to slot, rms relative", _RMS, default_from="charge.flicker", ge=0
+        None,
+        "Of the packets from slot to slot, rms relative",
+        _SMALL,
+        default_from="charge.flicker",
+        ge=0,
+        le=0.1,
     )
 
 
@@ -855,7 +862,8 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
     """Refuse effects that contradict each other, naming both.
 
     Raises InputError where the levels of the comparator or the preset lie outside the range of the integrator
-    (it would never answer, or answer for ever), and where hysteresis reaches the preset.
+    (it would never answer, or answer for ever), where hysteresis reaches the preset, and where errors of the packet
+    leave none together.
     """
 
     def values(name: str, key: str) -> list[float]:
@@ -869,6 +877,16 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
         raise InputError(
             file, "effects.comparator_hysteresis.v_v", window, f"below one packet ({packet_v:g} V)"
         )
+    drift = on.get("reference_drift")
+    if drift is not None and "charge_packet" in on:
+        packet = 1.0 + min(values("charge_packet", "packet_error")) + drift.tc_per_k * drift.delta_k
+        if packet <= 0:
+            raise InputError(
+                file,
+                "effects.charge_packet and effects.reference_drift",
+                f"a packet of {packet:g}",
+                "a packet above 0 together",
+            )
     if "integrator_range" not in on:
         return
     limits = on["integrator_range"]

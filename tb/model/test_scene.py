@@ -246,6 +246,12 @@ WRONG = [
         "effects.charge_packet.packet_error",
         "> -1",
     ),
+    (
+        UNIFORM + "[effects]\nflicker_noise = { relative = 0.11 }\n",
+        "effects.flicker_noise.relative",
+        "0..0.1",
+    ),
+    (UNIFORM + "[effects]\nmirror_ratio = { spread = 0.11 }\n", "effects.mirror_ratio.spread", "0..0.1"),
     (UNIFORM + "[effects]\ncomparator_delay = { t_s = 2e-7 }\n", "effects.comparator_delay.t_s", "one clock"),
     (
         "[interface]\ntopology = 'direct'\n" + UNIFORM + "[effects]\nmirror_ratio = true\n",

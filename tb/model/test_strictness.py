@@ -75,7 +75,7 @@ def _number(text: str, value: Any) -> bool | None:
         (rf"from ({_NUMBER}) to", lambda a: value >= a),
         (rf"from {_NUMBER} to ({_NUMBER})", lambda a: value <= a),
         (rf"({_NUMBER})\.\.", lambda a: value >= a),
-        (r"\.\.(\d+(?:\^\d+)?)", lambda a: value <= a),
+        (r"\.\.(\d+(?:\.\d+)?(?:\^\d+)?)", lambda a: value <= a),
     ):
         found = re.search(pattern, text)
         if found and not holds(_power(found[1])):
@@ -316,6 +316,17 @@ def test_every_key_that_must_be_given_is_asked_for(directory: Path) -> None:
             ["law", "power"],
         ),
         ({"stimulus": {**BASES["frames"], "key": "codes"}}, "stimulus.key", ["npz"]),
+        (
+            {
+                "stimulus": BASES["uniform"],
+                "effects": {
+                    "charge_packet": {"packet_error": [0.0, -0.6]},
+                    "reference_drift": {"tc_per_k": 0.01, "delta_k": -50},
+                },
+            },
+            "effects.charge_packet and effects.reference_drift",
+            ["a packet of -0.1", "above 0 together"],
+        ),
     ],
 )
 def test_keys_that_contradict_each_other_are_named(
