@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -188,10 +189,11 @@ def main() -> None:
         code = 1
     except Exception as error:
         log = ROOT / "build" / "internal_error.log"
-        log.parent.mkdir(exist_ok=True)
-        log.write_text(traceback.format_exc())
-        click.echo(
-            f"dermis has a defect: {type(error).__name__}: {one_line(str(error))} (log: {log})", err=True
-        )
+        where = ""
+        with contextlib.suppress(OSError):  # the error itself may be a full disk
+            log.parent.mkdir(exist_ok=True)
+            log.write_text(traceback.format_exc())
+            where = f" (log: {log})"
+        click.echo(f"dermis has a defect: {type(error).__name__}: {one_line(str(error))}{where}", err=True)
         code = 3
     sys.exit(code if isinstance(code, int) else 0)

@@ -31,6 +31,8 @@ from dermis.verdict import Row
 
 TOOL_LIMIT_S = 10
 
+ALWAYS = ("codes.npy", "codes_low.npy", "codes_high.npy", "codes.csv", "summary.json", "resolved.toml")
+
 # Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
 SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
@@ -43,14 +45,27 @@ def prepare(out: Path) -> None:
     InputError
         It is a file or cannot be written.
     """
-    try:
+    with _writing(out):
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
             pass
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
-        raise InputError(
-            "command line", "out", str(out), f"a directory that can be written ({error.strerror})"
-        ) from None
+        allowed = f"a directory that can be written ({error.strerror or error})"
+        raise InputError("command line", "out", str(out), allowed) from None
+
+
+def _refuse_directories(out: Path) -> None:
+    """Nothing can be moved onto a directory: known before the first file is, none is."""
+    for name in (*ALWAYS, *SOMETIMES):
+        if (out / name).is_dir() and not (out / name).is_symlink():
+            allowed = f"a directory in which {name} is a file, or is not there"
+            raise InputError("command line", "out", str(out), allowed)
 
 
 @contextmanager
@@ -58,6 +73,7 @@ def place(out: Path) -> Iterator[None]:
     """Make `out` for a run; a run that fails leaves nothing behind, and what was there before as it was."""
     new = not out.exists()
     prepare(out)
+    _refuse_directories(out)
     try:
         yield
     except BaseException:
@@ -171,7 +187,12 @@ def write(
     ----------
     out : directory
     plan, result, rows : what was run, what came of it, and its verdicts
-    draw : called with a directory, to write further files of the run there
+    draw : called with a directory, to write further files of the run there, out of SOMETIMES
+
+    Raises
+    ------
+    InputError
+        They cannot be written; those of an earlier run stay.
     """
     engines.certify(plan, result)
     files: dict[str, bytes] = {
@@ -183,17 +204,19 @@ def write(
     for side in ("low", "high"):
         if (bound := getattr(result, side, None)) is not None:
             files[f"codes_{side}.npy"] = _npy(bound)
-    out.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(dir=out, prefix=".partial_"))
-    try:
-        for name, data in files.items():
-            (scratch / name).write_bytes(data)
-        if draw is not None:
-            draw(scratch)
-        written = sorted(path.name for path in scratch.iterdir())
-        for name in written:
-            os.replace(scratch / name, out / name)
-        for name in set(SOMETIMES) - set(written):
-            (out / name).unlink(missing_ok=True)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    with _writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+        _refuse_directories(out)
+        scratch = Path(tempfile.mkdtemp(dir=out, prefix=".partial_"))
+        try:
+            for name, data in files.items():
+                (scratch / name).write_bytes(data)
+            if draw is not None:
+                draw(scratch)
+            written = sorted(path.name for path in scratch.iterdir())
+            for name in written:
+                os.replace(scratch / name, out / name)
+            for name in set(SOMETIMES) - set(written):
+                (out / name).unlink(missing_ok=True)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)

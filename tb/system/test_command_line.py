@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import resource
 import shutil
 import sys
 import tomllib
@@ -17,6 +18,7 @@ import pytest
 from system_bench import dermis
 
 from dermis import plan
+from dermis.cli import main
 from dermis.design import ROOT
 from dermis.netlist import HONOURS, frame_deck
 
@@ -158,6 +160,64 @@ def test_files_of_another_kind_of_run_do_not_stay(tmp_path: Path) -> None:
     assert not (out / "transient.png").exists()
     assert not (out / "waves.vcd").exists()
     assert (out / "notes.txt").exists()
+
+
+def _contents(out: Path) -> dict[str, bytes | None]:
+    return {
+        str(path.relative_to(out)): path.read_bytes() if path.is_file() else None for path in out.rglob("*")
+    }
+
+
+@pytest.mark.parametrize("name", ["codes.npy", "frame.png", "waves.vcd"])
+def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path: Path, name: str) -> None:
+    out = tmp_path / "out"
+    (out / name).mkdir(parents=True)
+    (out / "codes.csv").write_text("of an earlier run")
+    before = _contents(out)
+    done = dermis("run", "single_touch", "--out", str(out))
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert name in done.stderr
+    assert _contents(out) == before
+
+
+@pytest.mark.parametrize("limit", [300, 8192], ids=["codes", "figure"])
+def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) -> None:
+    """A limit on the size of a file stands for a full disk."""
+    out = tmp_path / "out"
+
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    for before in ({}, {"codes.npy": b"of an earlier run", "frame.png": b"too"}):
+        for name, data in before.items():
+            out.mkdir(exist_ok=True)
+            (out / name).write_bytes(data)
+        done = dermis("run", "single_touch", "--out", str(out), preexec_fn=small_files)
+        assert done.returncode == 2
+        assert len(done.stderr.strip().splitlines()) == 1
+        assert "File too large" in done.stderr
+        assert _contents(out) == before
+        assert out.exists() == bool(before)
+
+
+def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(**_: object) -> None:
+        raise ValueError("no such thing")
+
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    monkeypatch.setattr("dermis.cli.cli", broken)
+    for root, said in ((tmp_path, "(log: "), (tmp_path / "missing", "ValueError: no such thing\n")):
+        monkeypatch.setattr("dermis.cli.ROOT", root)
+        with pytest.raises(SystemExit) as raised:
+            main()
+        assert raised.value.code == 3
+        error = capsys.readouterr().err
+        assert said in error
+        assert len(error.splitlines()) == 1
+    assert "no such thing" in (tmp_path / "build" / "internal_error.log").read_text()
 
 
 def test_processes_give_the_same_codes(tmp_path: Path) -> None:
