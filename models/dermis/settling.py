@@ -24,7 +24,18 @@ _G_MIN_S = 1e-60
 
 
 class Unsupported(ValueError):
-    """A transient that lasts into the gate and that only a circuit simulator can follow."""
+    """A transient that lasts into the gate and that only a circuit simulator can follow.
+
+    `what` it hangs on, as line_capacitance would say it, and what there may be `instead`.
+    """
+
+    def __init__(self, what: str, instead: str) -> None:
+        self.what, self.instead = what, instead
+        super().__init__(f"line_capacitance {what}; {instead}")
+
+    def __reduce__(self) -> tuple[type[Unsupported], tuple[str, str]]:
+        # An exception is rebuilt from its message alone, which is one argument short.
+        return type(self), (self.what, self.instead)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,21 +182,23 @@ def transients(
         return None
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         raise Unsupported(
-            "line_capacitance settles into the gate while trace is on; one without the other, or engine cosim"
+            "on together with trace, and not settled when the gate opens",
+            "lines that settle before the gate, or engine cosim",
         )
     if timing.settle_clocks < 1:
         raise ValueError("a slot without settle clocks has no end of its switching")
     g = _frames(network, g_frames_s)
     if not np.isfinite(network.r_row_grounded_ohm) and network.c_taxel_f and (g.sum(axis=2) == 0).any():
         raise Unsupported(
-            "line_capacitance couples into a floating row without a taxel that conducts; "
-            "ground the rows, or engine cosim"
+            "on with a floating row on which no taxel conducts",
+            "grounded rows, lines that settle before the gate, or engine cosim",
         )
     try:
         return _Slots(in_range(network), g, timing).transients(negligible_c)
     except np.linalg.LinAlgError:
         raise Unsupported(
-            "line_capacitance between conductances too far apart to solve for its modes; engine cosim"
+            "on between conductances too far apart to solve for modes",
+            "lines that settle before the gate, or engine cosim",
         ) from None
 
 

@@ -137,7 +137,7 @@ def test_a_dask_cluster_gives_the_same_codes(make_plan) -> None:
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         result = batch.run(made, seen.append, scheduler=cluster.scheduler_address)
-        with pytest.raises(InputError, match="one without the other"):
+        with pytest.raises(InputError, match="lines that settle before the gate"):
             batch.run(_failing(make_plan), scheduler=cluster.scheduler_address)
     assert np.array_equal(result.codes, engines.run(made).codes)
     assert seen[-1] == FRAMES * SIZE
@@ -159,7 +159,7 @@ def _failing(make_plan) -> Plan:
 
 
 def test_a_part_that_fails_ends_the_run_with_its_error(make_plan) -> None:
-    with pytest.raises(InputError, match="one without the other") as raised:
+    with pytest.raises(InputError, match="lines that settle before the gate") as raised:
         batch.run(_failing(make_plan), processes=2)
     assert raised.value.key == "effects.line_capacitance"
     assert not multiprocessing.active_children()

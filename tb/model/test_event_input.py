@@ -12,8 +12,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
+from dermis import auto, scene, settling
 from dermis import plan as planning
-from dermis import scene
 from dermis.array import Network, column_currents
 from dermis.engines import event, event_input
 from dermis.engines.event_input import Slots, course, seen_from_grounds
@@ -226,6 +226,29 @@ def coupled(seed: int) -> dict[str, object]:
         "row_driver": {"r_ohm": float(rng.uniform(0, 20)), "grounded_r_ohm": float(rng.uniform(0, 20))},
         "column_input": {"r_ohm": float(rng.uniform(0, 10))},
     }
+
+
+def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tmp_path: Path) -> None:
+    """What cannot be followed is left out where its bound is below a hundredth of what certificates allow for."""
+    ohm = ohms(3, 1, 3, 4)
+    taken = refused = 0
+    lines = {"r_row_ohm": 100.0, "r_column_ohm": 100.0}
+    for c in 10 ** np.arange(-11.0, -6.0, 0.25):
+        plan = made(tmp_path, ohm, {"trace": lines, "line_capacitance": {"c_row_f": c, "c_column_f": c}})
+        converter = plan.converter
+        per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
+        left = (settling.bound_c(plan.network(0), plan.conductance_s(), plan.timing) * per_c).max()
+        if left < auto.ROUNDING_LSB / 100:
+            taken += left > 1e-18
+            assert event_input.steady(plan, slice(0, 1))
+            continue
+        refused += 1
+        with pytest.raises(
+            InputError, match="on together with trace, and not settled when the gate opens: lines"
+        ):
+            event.run(plan)
+    assert taken
+    assert refused
 
 
 def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(tmp_path: Path) -> None:
