@@ -87,7 +87,7 @@ JUDGED = 1 << 16
 @cli.command()
 @click.argument("scene")
 @click.option("--engine", help="One of closed, event, rtl, cosim; default: the scene's own.")
-@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default build/run/SCENE.")
+@click.option("--out", type=click.Path(), help="Where results go; default build/run/SCENE.")
 @click.option(
     "--processes", type=click.IntRange(1, 1024), default=1, help="Spread the frames over so many processes."
 )
@@ -97,7 +97,7 @@ JUDGED = 1 << 16
 def run(
     scene: str,
     engine: str | None,
-    out: Path | None,
+    out: str | None,
     processes: int,
     scheduler: str | None,
     simulator: str | None,
@@ -111,7 +111,7 @@ def run(
     engines.check(made)
     if made.scene.table.effects.auto is not None:
         auto.print_plan(made)
-    out = out or ROOT / "build" / "run" / path.stem
+    target: str | Path = ROOT / "build" / "run" / path.stem if out is None else out
     options: dict[str, Any] = {}
     if simulator is not None:
         if made.engine not in ("rtl", "cosim"):
@@ -126,7 +126,7 @@ def run(
     if scheduler is not None and (processes > 1 or waves):
         other = "--processes" if processes > 1 else "--waves"
         raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
-    with output.place(out):
+    with output.place(target) as where:
         start = time.perf_counter()
         with progress.slots(path.stem, made.frames * made.rows) as on_slots:
             result = batch.run(
@@ -148,10 +148,10 @@ def run(
 
                 wave_files.write(directory, made, result)
 
-        output.write(out, made, result, rows, draw)
+        output.write(where, made, result, rows, draw)
     verdict.write_rows("run", rows)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
-    click.echo(f"codes, figure, summary and the resolved scene are in {out}")
+    click.echo(f"codes, figure, summary and the resolved scene are in {where}")
     return verdict.exit_code(rows)
 
 

@@ -37,18 +37,22 @@ ALWAYS = ("codes.npy", "codes_low.npy", "codes_high.npy", "codes.csv", "summary.
 SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
 
-def prepare(out: Path) -> None:
-    """Make sure results can be written to `out` before any time is spent on them.
+def prepare(out: str | Path) -> Path:
+    """Make sure results can be written to `out` before any time is spent on them; return it as a path.
 
     Raises
     ------
     InputError
-        It is a file or cannot be written.
+        It is empty, a file or cannot be written.
     """
-    with _writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
+    if not str(out):  # as a path it would be the working directory
+        raise InputError("command line", "out", '""', "a directory that can be written")
+    path = Path(out)
+    with _writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
             pass
+    return path
 
 
 @contextmanager
@@ -69,17 +73,17 @@ def _refuse_directories(out: Path) -> None:
 
 
 @contextmanager
-def place(out: Path) -> Iterator[None]:
+def place(out: str | Path) -> Iterator[Path]:
     """Make `out` for a run; a run that fails leaves nothing behind, and what was there before as it was."""
-    new = not out.exists()
-    prepare(out)
-    _refuse_directories(out)
+    new = not Path(out).exists()
+    path = prepare(out)
+    _refuse_directories(path)
     try:
-        yield
+        yield path
     except BaseException:
         if new:
             with suppress(OSError):  # not empty: someone else writes there
-                out.rmdir()
+                path.rmdir()
         raise
 
 

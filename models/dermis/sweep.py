@@ -752,21 +752,19 @@ def run(
 @click.option(
     "--view", type=click.Choice(["behavioural"]), default="behavioural", help="Of the SPICE blocks."
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=OUT, help="Where results go; default build/sweep."
-)
+@click.option("--out", "directory", type=click.Path(), help="Where results go; default build/sweep.")
 @click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 @click.option(
     "--physical/--no-physical", default=True, help="Also read through the blocks' physical defaults."
 )
 def sweep_command(
-    points: int, topology: tuple[str, ...], view: str, out: Path, plot: bool, physical: bool
+    points: int, topology: tuple[str, ...], view: str, directory: str | None, plot: bool, physical: bool
 ) -> int:
     """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
 
     sweep.csv and the figures go into OUT, the verdict table into build/sweep.json.
     """
-    output.prepare(out)
+    out = output.prepare(OUT if directory is None else directory)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
     curves, rows, failed = run(chosen, points, out, physical=physical)
     files = {"sweep.csv": lambda path: write_atomic(path, table(curves))}

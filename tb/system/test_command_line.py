@@ -89,6 +89,8 @@ def test_a_wrong_scene_ends_in_one_line_and_exit_2(tmp_path: Path, kind: str) ->
         ["run", "no_such_scene"],
         ["run", "single_touch", "--engine", "magic"],
         ["run", "single_touch", "--out", "/dev/null"],
+        ["run", "single_touch", "--out", ""],
+        ["sweep", "--out", ""],
         ["run", "single_touch", "--waves"],
         ["run", "single_touch", "--simulator", "verilator"],
         ["run", "single_touch", "--processes", "0"],
