@@ -199,8 +199,6 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
     for name in [engine] if engine else ENGINE_COST_NS:
         honours = engines.honours(name)
         cannot = {n for n in names if weighing.fields[n] - honours}
-        if name == "closed" and not _formula_holds(plan):
-            continue
         for network in (set(), {"trace"}, _SOLVE):
             out = cannot | (network & set(names))
             if not weighing.fits(out, auto.budget_lsb):
@@ -249,12 +247,6 @@ def _cost(engine: str, on: set[str]) -> float:
     return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(COST_NS.get(n, 0.0) for n in on - _SOLVE)
 
 
-def _formula_holds(plan: Plan) -> bool:
-    start, packet, threshold = _start(plan)
-    distance = threshold - start
-    return bool(((distance > 0) & (distance <= packet)).all())
-
-
 def _start(plan: Plan) -> tuple[Floats, Floats, Floats]:
     c = plan.converter
     return (
@@ -283,7 +275,7 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np
         end = dataclasses.replace(
             plan, converter=dataclasses.replace(silent, v_comp_offset_v=moved), margin_lsb=0.0, engine="event"
         )
-        if not engines.refused(end, "closed") and _formula_holds(end):
+        if not engines.refused(end, "closed"):
             end = dataclasses.replace(end, engine="closed")
         if x is None:
             run = engines.run(end)
@@ -396,7 +388,6 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool, costs: boo
     """What a scene's plan simulates and leaves out, with bounds and costs; nothing is run."""
     from dermis import plan as planning
     from dermis import scene as scenes
-    from dermis.cli import scene_path
 
     if costs:
         table = ENGINE_COST_NS | COST_NS
@@ -405,7 +396,7 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool, costs: boo
         return 0
     if scene is None:
         raise InputError("command line", "SCENE", "nothing", "a scene, or --costs")
-    world = scenes.load(scene_path(scene))
+    world = scenes.load(scenes.find(scene))
     if chosen and world.table.effects.auto is None:
         world = with_auto(world)
     made = planning.make(world, engine)
