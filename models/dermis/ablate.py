@@ -283,9 +283,7 @@ def ablate_command(
     The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
     is on that it may choose from.
     """
-    from dermis.cli import scene_path
-
-    world = scene.load(scene_path(scene_name))
+    world = scene.load(scene.find(scene_name))
     full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))
     last = full.first_frame + full.frames - 1
     which = f"frame {last}" if full.frames == 1 else f"frames {full.first_frame} to {last}"

@@ -18,8 +18,6 @@ from dermis import __version__
 from dermis.design import ROOT
 from dermis.errors import DermisError, InputError, one_line
 
-SCENES = ROOT / "models" / "scenes"
-
 # Commands that live with what they do; loaded only when called, so that each starts quickly.
 ELSEWHERE = {
     "ablate": (
@@ -67,19 +65,6 @@ def cli() -> None:
     """Mixed-signal readout of piezoresistive artificial skin."""
 
 
-def scene_path(name: str) -> Path:
-    """Path of a scene given by path, or by the name of a file in models/scenes."""
-    path = Path(name)
-    if path.suffix == ".toml" or path.exists() or "/" in name:
-        return path
-    known = sorted(p.stem for p in SCENES.glob("*.toml"))
-    if name not in known:
-        raise InputError(
-            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
-        )
-    return SCENES / f"{name}.toml"
-
-
 # A run is judged against a neighbouring engine, often a slower one: so many taxels of it, in whole frames.
 JUDGED = 1 << 16
 
@@ -105,8 +90,9 @@ def run(
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
     from dermis import auto, batch, engines, output, plan, progress, regression, report, verdict
+    from dermis import scene as scenes
 
-    path = scene_path(scene)
+    path = scenes.find(scene)
     made = plan.load(path, engine)
     engines.check(made)
     if made.scene.table.effects.auto is not None:

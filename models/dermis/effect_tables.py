@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dermis import effects, engines, plan, scene
-from dermis.design import ROOT, TOPOLOGIES, Design
+from dermis.design import TOPOLOGIES, Design
 from dermis.effects import EFFECTS, AutoTable, Effect, EffectsTable
 from dermis.engines import rtl
 from dermis.netlist import frame_deck
@@ -183,7 +183,7 @@ def bounds(design: Design | None = None) -> str:
 
 def _everything(name: str, design: Design | None) -> Plan:
     """A scene with its own effects forgotten and all that there are weighed, with their defaults."""
-    world = scene.load(ROOT / "models" / "scenes" / f"{name}.toml", design)
+    world = scene.load(scene.find(name), design)
     table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
     return plan.make(
         scene.resolve(world.table.model_copy(update={"effects": table}), world.path, world.design)

@@ -21,6 +21,7 @@ from dermis.design import ROOT
 from dermis.engines import Result, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
+from dermis.scene import SCENES
 from dermis.sensor import InverseSensor
 from dermis.verdict import Row
 
@@ -42,7 +43,6 @@ class Case:
     readback: bool = False
 
 
-SCENES = ROOT / "models" / "scenes"
 CASES = (
     Case("flat_indenter", SCENES / "flat_indenter.toml"),
     # recorded: several taxels under a ridge are the paper's Fig. 11
@@ -86,7 +86,7 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
 
 def _reference(made: Plan) -> str | None:
     """The engine to compare with: the closed formula, or the event engine where it has none; None for itself."""
-    return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
+    return engines.cheapest(made, [e for e in ("closed", "event") if e != made.engine])
 
 
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:

@@ -23,6 +23,9 @@ from dermis.sensor import resolve as resolve_sensor
 from dermis.stimulus import StimulusTable
 from dermis.stimulus import resolve as resolve_stimulus
 
+SCENES = ROOT / "models" / "scenes"
+"""The scenes that come along."""
+
 
 class ArrayTable(Strict):
     """[array]: the size of the sheet."""
@@ -166,6 +169,25 @@ class Scene:
         return write_toml(data)
 
 
+def find(name: str) -> Path:
+    """Path of a scene given by path, or by the name of one that comes along.
+
+    Raises
+    ------
+    InputError
+        None of them has this name.
+    """
+    path = Path(name)
+    if path.suffix == ".toml" or path.exists() or "/" in name:
+        return path
+    known = sorted(p.stem for p in SCENES.glob("*.toml"))
+    if name not in known:
+        raise InputError(
+            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
+        )
+    return SCENES / f"{name}.toml"
+
+
 def load(path: str | Path, design: Design | None = None) -> Scene:
     """Read a scene and fill in its defaults.
 
@@ -242,7 +264,7 @@ def schema_table() -> str:
     return "\n".join(lines).strip("\n") + "\n"
 
 
-def scenes_table(directory: Path = ROOT / "models" / "scenes") -> str:
+def scenes_table(directory: Path = SCENES) -> str:
     """The scenes that come along as a Markdown table; docs/scenes.md holds it."""
     lines = ["| scene | what it is | stimulus | effects that are on |", "|---|---|---|---|"]
     for path in sorted(directory.glob("*.toml")):
