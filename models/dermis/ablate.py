@@ -77,11 +77,6 @@ def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = No
     return plan.make(replace(world, table=table, effects=dict(on)), engine)
 
 
-def cheapest(made: Plan) -> str | None:
-    """The first engine, in the order of what they cost, that refuses nothing of a plan."""
-    return next((name for name in plan.ENGINES if not engines.refused(made, name)), None)
-
-
 def busiest(made: Plan, frames: int) -> Plan:
     """At most so many frames of a plan, one after the other, around the one with the most conductance."""
     if frames >= made.frames:
@@ -142,8 +137,8 @@ def measure(
     if not on:
         raise InputError(world.path, "effects", "none on", "at least one effect, or auto")
     full = with_effects(world, on, engine)
-    if engine is None:
-        full = replace(full, engine=cheapest(full) or full.engine)
+    if engine is None:  # whatever the scene says
+        full = replace(full, engine=engines.cheapest(full) or full.engine)
     engines.check(full)
     slow = full.engine == "cosim"
     full, pairs = busiest(full, frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
@@ -170,7 +165,7 @@ def _cost(name: str, full: Plan, codes: NDArray[np.int_], without: Plan, pairs: 
         float((shift != 0).mean()),
         float(shift.mean()),
         statistics.median(ratios),
-        cheapest(without) or full.engine,
+        engines.cheapest(without) or full.engine,
     )
 
 

@@ -363,10 +363,10 @@ def measure_costs(frames: int = 32, repeats: int = 5) -> dict[str, float]:
     found = {name: nanoseconds(world(None, "conveyor_mirror"), name) for name in ENGINE_COST_NS}
     for name, effect in EFFECTS.items():
         scene_of = world(name, effect.topologies[-1])
-        fields = _fields(planning.whole(scene_of, None), name)
-        if not fields:
+        made = planning.whole(scene_of, None)
+        if not _fields(made, name):
             continue
-        engine = next((e for e in ENGINE_COST_NS if not fields - engines.honours(e)), "event")
+        engine = engines.cheapest(made, ENGINE_COST_NS) or "event"
         found[name] = nanoseconds(scene_of, engine) - found[engine]
     return found
 

@@ -253,13 +253,19 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
 
 
 def make(world: Scene, engine: str | None = None) -> Plan:
-    """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers."""
+    """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers.
+
+    Where neither `engine` nor the scene names one it is the cheapest that can do what is kept.
+    """
     from dermis import auto as chooser
+    from dermis import engines
 
     auto = world.table.effects.auto
     engine = world.table.run.engine if engine is None else engine
     everything = whole(world, engine)
     if auto is None:
+        if engine is None:
+            everything = replace(everything, engine=engines.cheapest(everything) or everything.engine)
         return replace(everything, margin_lsb=chooser.random_margin(everything))
     choice = chooser.choose(everything, auto, engine)
     kept = effects.gather({name: world.effects[name] for name in choice.on}, _setting(world))
@@ -303,7 +309,7 @@ def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
 
 
 def whole(world: Scene, engine: str | None) -> Plan:
-    """Plan a scene with every effect it has; engine closed where none is named."""
+    """Plan a scene with every effect it has; engine closed where none is named, whatever it can."""
     table, design = world.table, world.design
     engine = "closed" if engine is None else engine
     if engine not in ENGINES:

@@ -96,7 +96,7 @@ class RunTable(Strict):
         "closed: array solve and count formula; event: clock by clock; rtl: the real Verilog with real-number models; "
         "cosim: the real Verilog with ngspice",
         'one of "closed", "event", "rtl", "cosim"',
-        default_from="closed; with effects.auto the cheapest that can do what is kept",
+        default_from="the cheapest that can do the scene",
     )
     seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
     views: Literal["behavioural"] = entry(

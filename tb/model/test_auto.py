@@ -115,6 +115,9 @@ def test_the_cheapest_engine_that_can_is_chosen() -> None:
     assert made({"auto": {}}).engine == "closed"
     assert made({"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}).engine == "event"
     assert made({}).engine == "closed"
+    assert made({"mirror_lag": True}).engine == made({"lateral": True, "shot_noise": True}).engine == "event"
+    assert made({"mirror_lag": True}, engine="closed").engine == "closed"
+    assert made({"mirror_lag": True}, run={"engine": "rtl"}).engine == "rtl"
     assert made({"auto": {}}, engine="event").engine == "event"
     assert made({"auto": {}}, run={"engine": "event"}).engine == "event"
 

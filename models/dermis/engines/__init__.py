@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +48,13 @@ def runner(engine: str) -> Callable[..., Result]:
 def refused(plan: Plan, engine: str) -> frozenset[str]:
     """Record fields of a plan that are away from the ideal and that an engine cannot honour."""
     return plan.active_fields() - honours(engine)
+
+
+def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
+    """The first engine, in the order of what they cost, that refuses nothing of a plan; None if there is none."""
+    from dermis.plan import ENGINES
+
+    return next((name for name in among or ENGINES if not refused(plan, name)), None)
 
 
 def check(plan: Plan) -> None:
