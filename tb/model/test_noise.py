@@ -16,19 +16,12 @@ from scipy import special, stats
 
 from dermis import noise, scene
 from dermis import plan as planning
+from dermis.effects import EFFECTS
 from dermis.engines import event, event_loops
 from dermis.engines.event import Cells, Draws, Noise, count_cells, walk_reference
 
 GATE = 510
-RANDOM = (
-    "comparator_noise",
-    "metastability",
-    "clock_jitter",
-    "thermal_noise",
-    "shot_noise",
-    "ktc_noise",
-    "flicker_noise",
-)
+RANDOM = [effect.name for effect in EFFECTS.values() if effect.random]
 
 
 def keys(cells: int, seed: int = 1) -> np.ndarray:
