@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effects_campaign import scene
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis import engines, hdl, lint
+from dermis import effects, engines, hdl, lint
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
@@ -25,41 +26,39 @@ from dermis.plan import Plan
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
-# Every effect that is not random, large enough to be seen in a code.
+# Every effect that is not random and not of the sheet, large enough to be seen in a code.
 EFFECTS = {
-    "mirror_ratio": "mirror_ratio = { ratio_error = 0.02, spread = 0.01 }",
-    "offset_current": "offset_current = { i_a = 3e-7 }",
-    "range_switch": "range_switch = { r_ohm = 100.0, v_overdrive_v = 0.3 }",
-    "mirror_lag": "mirror_lag = { q_c = 4e-11 }",
-    "mirror_output": "mirror_output = { r_out_ohm = 1e4 }\nintegrator_gain = { gain_dc = 100 }",
-    "integrator_gain": "integrator_gain = { gain_dc = 100, r_in_ohm = 1e4 }",
-    "integrator_bandwidth": "integrator_bandwidth = { gbw_hz = 3e5 }",
-    "integrator_range": "integrator_range = { v_max_v = 0.7, v_min_v = -0.6 }",
-    "comparator_offset": "comparator_offset = { v_v = 0.3 }",
-    "comparator_hysteresis": "comparator_hysteresis = { v_v = 0.3 }",
-    "comparator_delay": "comparator_delay = { t_s = 1.3e-7 }",
-    "charge_packet": "charge_packet = { packet_error = 0.03 }",
-    "reference_drift": "reference_drift = { tc_per_k = 1e-3, delta_k = 40 }",
-    "preset_error": "preset_error = { v_v = 0.2 }",
-    "lateral": "lateral = { r_ohm = 2e3 }\ncolumn_input = { r_ohm = 5.0 }",
-    "row_driver": "row_driver = { r_ohm = 3.0, grounded_r_ohm = 5.0 }",
-    "column_offset": "column_offset = { v_v = 2e-4 }",
-    "trace": "trace = { r_row_ohm = 1.0, r_column_ohm = 1.0 }",
-    "mux_leakage": "mux_leakage = { i_a = 2e-5 }",
-    "supply_ripple": "supply_ripple = { relative = 0.05, frequency_hz = 3e3, phase_deg = 30 }",
-    "motion": "motion = true",
-    "line_capacitance": "line_capacitance = { c_row_f = 2e-9, c_column_f = 1e-9, c_taxel_f = 1e-10 }\n"
-    "row_driver = { r_ohm = 300.0 }\ncolumn_input = { r_ohm = 300.0 }",
+    "lateral": "{ r_ohm = 2e3 }",
+    "row_driver": "{ r_ohm = 3.0, grounded_r_ohm = 5.0 }",
+    "column_input": "{ r_ohm = 20.0 }",
+    "column_offset": "{ v_v = 2e-4 }",
+    "mirror_ratio": "{ ratio_error = 0.02, spread = 0.01 }",
+    "offset_current": "{ i_a = 3e-7 }",
+    "integrator_gain": "{ gain_dc = 100, r_in_ohm = 1e4 }",
+    "integrator_range": "{ v_max_v = 0.7, v_min_v = -0.6 }",
+    "comparator_offset": "{ v_v = 0.3 }",
+    "comparator_hysteresis": "{ v_v = 0.3 }",
+    "comparator_delay": "{ t_s = 1.3e-7 }",
+    "charge_packet": "{ packet_error = 0.03 }",
+    "preset_error": "{ v_v = 0.2 }",
+    "trace": "{ r_row_ohm = 1.0, r_column_ohm = 1.0 }",
+    "line_capacitance": "{ c_row_f = 2e-9, c_column_f = 1e-9, c_taxel_f = 1e-10 }",
+    "mux_leakage": "{ i_a = 2e-5 }",
+    "mirror_output": "{ r_out_ohm = 1e4 }",
+    "mirror_lag": "{ q_c = 4e-11 }",
+    "range_switch": "{ r_ohm = 100.0, v_overdrive_v = 0.3 }",
+    "integrator_bandwidth": "{ gbw_hz = 3e5 }",
+    "reference_drift": "{ tc_per_k = 1e-3, delta_k = 40 }",
+    "supply_ripple": "{ relative = 0.05, frequency_hz = 3e3, phase_deg = 30 }",
+    "motion": "true",
 }
-RANDOM = (
-    "comparator_noise",
-    "metastability",
-    "clock_jitter",
-    "thermal_noise",
-    "shot_noise",
-    "ktc_noise",
-    "flicker_noise",
-)
+# What must be on for an effect to act at all.
+COMPANY = {
+    "lateral": {"column_input": "{ r_ohm = 5.0 }"},
+    "line_capacitance": {"row_driver": "{ r_ohm = 300.0 }", "column_input": "{ r_ohm = 300.0 }"},
+    "mirror_output": {"integrator_gain": "{ gain_dc = 100 }"},
+}
+RANDOM = [effect.name for effect in effects.EFFECTS.values() if effect.random]
 
 
 def of_codes(codes: np.ndarray) -> np.ndarray:
@@ -79,12 +78,19 @@ def by_event(made: Plan, sync_latch: bool = False) -> np.ndarray:
     return event.run(replace(made, timing=timing)).codes.astype(int)
 
 
+def lines(on: dict[str, str]) -> str:
+    """Effects as a scene has them."""
+    return "\n".join(f"{name} = {value}" for name, value in on.items())
+
+
+def alone(name: str) -> str:
+    """One effect, and what it needs to act."""
+    return lines({name: EFFECTS[name]} | COMPANY.get(name, {}))
+
+
 def together(topology: str) -> str:
-    """All effects at once, as far as the topology has them and engine event does them together."""
-    names = set(EFFECTS) - {"mirror_output", "line_capacitance", "trace"}
-    if topology == "direct":
-        names -= {"mirror_ratio", "range_switch", "mirror_lag", "lateral"}
-    return "\n".join(EFFECTS[name] for name in sorted(names))
+    """Every effect that the topology has, at once."""
+    return lines({n: value for n, value in EFFECTS.items() if topology in effects.EFFECTS[n].topologies})
 
 
 # ---- the ideal reader
@@ -135,10 +141,15 @@ def test_parts_of_a_run_follow_each_other(resistance_plan: MakePlan, monkeypatch
 # ---- effects
 
 
+def test_every_effect_that_is_not_random_is_here() -> None:
+    sheet = {name for name in effects.EFFECTS if name.startswith("sensor_")}
+    assert EFFECTS.keys() == effects.EFFECTS.keys() - set(RANDOM) - sheet
+
+
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name: str) -> None:
     ohm = random_ohm(5, 2, 2, 12)
-    made = resistance_plan(ohm, effects=EFFECTS[name])
+    made = resistance_plan(ohm, effects=alone(name))
     for sync_latch in (False, True):
         got = rtl.run(made, simulator="icarus", sync_latch=sync_latch).codes.astype(int)
         expected = by_event(made, sync_latch)
@@ -157,6 +168,14 @@ def test_all_effects_together_equal_the_event_engine(
         got = rtl.run(made, simulator=simulator, sync_latch=sync_latch).codes.astype(int)
         assert np.abs(got - by_event(made, sync_latch)).max() <= 1
         assert np.abs(got - closed.run(resistance_plan(ohm)).codes).max() > 3, "too small to be seen"
+
+
+@pytest.mark.parametrize("number", [4, 7, 8, 9, 13, 14, 28, 35])
+def test_random_scenes_equal_the_event_engine(tmp_path: Path, number: int) -> None:
+    """Some of effects_campaign.py that event does not refuse; every topology, from few effects to nearly all."""
+    made = scene(number, tmp_path)
+    got = rtl.run(made, simulator="icarus").codes.astype(int)
+    assert np.abs(got - by_event(made)).max() <= 1
 
 
 def test_every_field_an_engine_can_be_asked_for_is_here_or_random() -> None:
@@ -218,6 +237,7 @@ def elaborated(work: Path, **parameters: int) -> set[str]:
 
 
 def test_a_build_holds_the_effects_it_was_asked_for_and_no_other(tmp_path: Path) -> None:
+    assert BUILDS.keys() == {bit for bits in rtl.BUILT_FOR.values() for bit in bits}
     places = rtl.value_places()
     ideal = elaborated(tmp_path)
     assert not ideal & {*BUILDS.values(), "gen_bent", "gen_drive", "gen_mode"}
