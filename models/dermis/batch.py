@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from dermis import engines
+from dermis.design import ROOT
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
@@ -53,6 +54,21 @@ _END_S = 5.0
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {
     "NUMBA_NUM_THREADS": "1"
 }
+
+_DECIDE = (
+    "models/dermis/**/*.py",
+    "models/dermis/**/*.c",
+    "models/design.toml",
+    "models/verilog/*.cpp",
+    "models/verilog/*.f",
+    "models/verilog/*.sv",
+    "models/verilog/*.vh",
+    "rtl/*.f",
+    "rtl/*.v",
+    "rtl/*.vh",
+    "spice/**/*.sp",
+    "spice/**/*.inc",
+)
 
 
 def run(
@@ -188,15 +204,12 @@ def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]
 
 
 @functools.cache
-def fingerprint() -> str:
-    """A hash of everything that decides about codes: the package, its design values and its Verilog."""
-    here = Path(__file__).parent
-    root = here.parent.parent
-    files = [*here.rglob("*.py"), root / "models" / "design.toml", *(root / "rtl").glob("*.v*")]
-    files += (root / "models" / "verilog").glob("*.*v*")
+def fingerprint(root: Path = ROOT) -> str:
+    """A hash of everything that decides about codes: the package, its design values, its Verilog and its circuits."""
     text = hashlib.sha256()
-    for file in sorted(files):
-        text.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    for file in sorted({file for pattern in _DECIDE for file in root.glob(pattern) if file.is_file()}):
+        data = file.read_bytes()
+        text.update(f"{file.relative_to(root)}\0{len(data)}\0".encode() + data)
     return text.hexdigest()
 
 

@@ -7,6 +7,7 @@ import itertools
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 from dermis import batch, engines, plan, scene
+from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
 
@@ -168,6 +170,45 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan) -> None:
 def test_another_version_of_the_package_is_refused(make_plan) -> None:
     with pytest.raises(SimulatorError, match="another version"):
         batch._run_part(make_plan().part(0, 1), "an old one", False, {})
+
+
+DECIDE = (
+    "models/design.toml",
+    "models/dermis/array.py",
+    "models/dermis/engines/event.py",
+    "models/dermis/lockstep.c",
+    "models/verilog/files.f",
+    "models/verilog/skin.sv",
+    "models/verilog/skin_main.cpp",
+    "models/verilog/values.vh",
+    "rtl/files.f",
+    "rtl/dermis_row_scanner.v",
+    "rtl/dermis_design.vh",
+    "spice/array/taxel.sp",
+    "spice/behavioural/blocks.inc",
+    "spice/behavioural/conveyor.sp",
+    "spice/design.inc",
+)
+
+
+def test_every_kind_of_file_that_decides_about_codes_makes_a_version(tmp_path: Path) -> None:
+    for name in ("models", "rtl", "spice"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def version() -> str:
+        return batch.fingerprint.__wrapped__(tmp_path)
+
+    first = version()
+    assert first == batch.fingerprint.__wrapped__()
+    (tmp_path / "models" / "dermis" / "__pycache__").mkdir()
+    (tmp_path / "models" / "dermis" / "__pycache__" / "array.pyc").write_bytes(b"made here")
+    assert version() == first
+    for name in DECIDE:
+        text = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(text + b"\n")
+        assert version() != first, name
+        (tmp_path / name).write_bytes(text)
+    assert version() == first
 
 
 def test_a_worker_that_dies_is_reported(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
