@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis.vfc import W_PRESET
+from dermis.vfc import W_PRESET, Y_MIN
 
 if TYPE_CHECKING:
     from dermis.plan import Plan
@@ -31,8 +31,6 @@ BLOCKS_MAX = 8
 _G_MAX_S = 1e30
 # Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
 _X_CLIP = 0.75
-# The mirror's output never falls below this (Converter.q_mirror_c).
-Y_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -152,6 +150,31 @@ class Extent:
         """Currents of all columns when `direct` [B, R, C] A is pushed into each, from the rows' side."""
         lift = _ratio((self.r_col * direct).max(axis=2, keepdims=True), self.damp)
         return direct + np.minimum(lift, self.v + self.d) * (self.reach + self.side)[:, None]
+
+    @functools.cached_property
+    def delay_tail(self) -> Floats:
+        """What is left of the last packet for a comparator that is late, where the next decision may be open."""
+        d = self.converter.t_comp_delay_s * self.converter.f_clk_hz
+        return _unfinished(self, d) * d * _packet(self) if np.any(d) else np.zeros(self.x.shape)
+
+    @functools.cached_property
+    def bandwidth_tail(self) -> Floats:
+        """What is left of the lag behind a packet where the next decision may be open."""
+        tau = self.converter.t_gbw_s * self.converter.f_clk_hz
+        tail = np.zeros(self.x.shape)
+        if not np.any(tau):
+            return tail
+        with np.errstate(divide="ignore", under="ignore"):
+            for after in range(1, 60):
+                fall = np.exp(-(after - 1) / np.where(tau > 0, tau, 1e-3))
+                rest = np.minimum(1.0, tau) * _packet(self) * fall
+                open_ = (after + 2) * self.x + self.slack + rest >= self.packet_low
+                tail = np.maximum(tail, np.where(open_, rest, 0.0))
+                if rest.max() < 1e-12:
+                    break
+            else:
+                tail = np.maximum(tail, rest)
+        return tail
 
 
 def _envelopes(plan: Plan) -> tuple[Floats, Floats, Floats | None]:
@@ -334,7 +357,7 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
     # Late: a mirror that wakes up is latest at x = kappa / settle; early: one that falls to nothing.
     worst = np.clip(some / settle, slowest, np.maximum(e.x, slowest))
     with np.errstate(under="ignore"):
-        late = kappa * np.log1p(worst / Y_FLOOR * np.exp(-settle * worst / some))
+        late = kappa * np.log1p(worst / Y_MIN * np.exp(-settle * worst / some))
         left = np.maximum(settle * slowest / some, 1e-9)
         early = kappa * (np.log(-np.expm1(-left * (1.0 + e.n / settle))) - np.log(-np.expm1(-left)))
     if e.drive.ripple:
@@ -342,7 +365,7 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
         late = late + kappa * math.log((1.0 + a) / (1.0 - a))
         early = early + kappa * math.log((1.0 + a) / (1.0 - a))
     if e.drive.motion:
-        late = kappa * np.log(np.maximum(e.x, Y_FLOOR) / Y_FLOOR)
+        late = kappa * np.log(np.maximum(e.x, Y_MIN) / Y_MIN)
         highest = e.x.max(axis=1, keepdims=True)
         with np.errstate(divide="ignore", invalid="ignore"):
             early = kappa * np.log1p(
@@ -356,7 +379,7 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
     if e.drive.motion or room < 0.05:
         nothing = below
     else:
-        nothing = np.where(kappa > 0, e.n * Y_FLOOR, 0.0)
+        nothing = np.where(kappa > 0, e.n * Y_MIN, 0.0)
         if below.any():
             e.lag_room = room
     e.lagging = np.maximum(np.minimum(late, e.n * e.x), early)
@@ -447,16 +470,10 @@ def _unfinished(e: Extent, after: float) -> Floats:
     return (3.0 * e.x + e.slack >= e.packet_low - after).astype(float)
 
 
-@functools.lru_cache(maxsize=1)
-def _delay_tail(e: Extent) -> Floats:
-    d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
-    return _unfinished(e, d) * d * _packet(e) if np.any(d) else np.zeros(e.x.shape)
-
-
 def comparator_delay(_: Any, e: Extent) -> Bound:
     """A sample d clocks early misses d x; where ones come every second clock, the packet's end instead."""
     d = e.converter.t_comp_delay_s * e.converter.f_clk_hz
-    return Bound(np.maximum(d * e.x, _delay_tail(e) - d * np.maximum(e.x_floor, 0.0)), level=True)
+    return Bound(np.maximum(d * e.x, e.delay_tail - d * np.maximum(e.x_floor, 0.0)), level=True)
 
 
 def charge_packet(p: Any, e: Extent) -> Bound:
@@ -469,32 +486,13 @@ def reference_drift(p: Any, e: Extent) -> Bound:
     return Bound(abs(p.tc_per_k * p.delta_k) * e.ones, level=True)
 
 
-@functools.lru_cache(maxsize=1)
-def _bandwidth_tail(e: Extent) -> Floats:
-    """What is left of the lag behind a packet where the next decision may be open."""
-    tau = e.converter.t_gbw_s * e.converter.f_clk_hz
-    if not np.any(tau):
-        return np.zeros(e.x.shape)
-    tail = np.zeros(e.x.shape)
-    with np.errstate(divide="ignore", under="ignore"):
-        for after in range(1, 60):
-            rest = np.minimum(1.0, tau) * _packet(e) * np.exp(-(after - 1) / np.where(tau > 0, tau, 1e-3))
-            open_ = (after + 2) * e.x + e.slack + rest >= e.packet_low
-            tail = np.maximum(tail, np.where(open_, rest, 0.0))
-            if rest.max() < 1e-12:
-                break
-        else:
-            tail = np.maximum(tail, rest)
-    return tail
-
-
 def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     """The output is late by tau x, by what is left of the last packet, and by what the moving input drops."""
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
     drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
     return Bound(
-        np.maximum(tau * e.x, _bandwidth_tail(e) - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
+        np.maximum(tau * e.x, e.bandwidth_tail - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
     )
 
 
@@ -601,9 +599,9 @@ def kept(name: str, e: Extent) -> ArrayLike:
     if name == "metastability":
         return 2.0 * np.asarray(metastability(None, e).lsb)
     if name == "comparator_delay":
-        return _delay_tail(e)
+        return e.delay_tail
     if name == "integrator_bandwidth":
-        return _bandwidth_tail(e)
+        return e.bandwidth_tail
     return 0.0
 
 
@@ -614,7 +612,7 @@ def lag_slack(moved: Floats, e: Extent) -> Floats:
     """
     c = e.converter
     kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
-    return np.broadcast_to(kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_FLOOR), (e.cols,))
+    return np.broadcast_to(kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_MIN), (e.cols,))
 
 
 Bounding = Callable[[Any, Extent], Bound]

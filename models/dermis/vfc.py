@@ -21,6 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 W_PRESET = -0.5
+# Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up. Compiled
+# code keeps it: after a change delete engines/__pycache__.
+Y_MIN = 1e-6
 
 # Structural: they say what converter it is, not how it departs from the ideal one.
 _STRUCTURE = ("k", "i0_a", "c_int_f", "f_clk_hz", "v_sign")

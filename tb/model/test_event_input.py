@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from scipy.linalg import expm
 from dermis import auto, scene, settling
 from dermis import plan as planning
 from dermis.array import Network, column_currents
+from dermis.design import ROOT
 from dermis.engines import event, event_input
 from dermis.engines.event_input import Slots, course, seen_from_grounds
 from dermis.errors import InputError
+from dermis.vfc import Y_MIN
 
 RIPPLE = {"relative": 0.05, "frequency_hz": 31e3, "phase_deg": 40.0}
 SERIES = {
@@ -164,9 +167,9 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
         inverse = None
         for row in range(3):
             # The input is the mean of each clock, as everywhere; the mirror's equation is solved by a library.
-            x = np.maximum(slots.basis @ slots.terms[row, :, col], event_input.Y_MIN)
+            x = np.maximum(slots.basis @ slots.terms[row, :, col], Y_MIN)
             if inverse is None:
-                inverse = 1 / max(slots.begin @ slots.terms[row, :, col], event_input.Y_MIN)
+                inverse = 1 / max(slots.begin @ slots.terms[row, :, col], Y_MIN)
             for n, x_n in enumerate(x):
                 way = solve_ivp(
                     lambda t, z: [(1 - x_n * z[0]) / kappa, 1 / z[0]],  # noqa: B023
@@ -194,6 +197,18 @@ def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_
 
 
 # --- settling --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "floor"),
+    [
+        ("spice/behavioural/mirror_lag.sp", r"\{(\S+)\*i_ref_a\}\), \{"),
+        ("models/verilog/mirror.sv", r"real FLOOR = (\S+);"),
+    ],
+)
+def test_the_slow_mirror_has_the_same_floor_in_every_engine(file: str, floor: str) -> None:
+    found = re.findall(floor, (ROOT / file).read_text(encoding="utf-8"))
+    assert [float(f) for f in found] == [Y_MIN]
 
 
 def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from dermis import settling
 from dermis.array import Network, column_currents_by_source
 from dermis.errors import InputError
 from dermis.plan import Plan
-from dermis.vfc import W_PRESET
+from dermis.vfc import W_PRESET, Y_MIN
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +30,6 @@ FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
 
 # A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
 X_MAX = 1e12
-# Floor of the slow mirror's output, in packets a clock: leakage that lets it wake up.
-Y_MIN = 1e-6
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
 # Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
