@@ -34,33 +34,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Engines a plan may choose for itself, and nanoseconds a conversion of each without effects; then what an effect
-# adds. `dermis plan --costs` measures the table; only the order of magnitude enters the choice.
+# Engines a plan may choose for itself, and nanoseconds a conversion of each without effects; what an effect adds
+# stands with it (Effect.cost_ns). `dermis plan --costs` measures both; only the order of magnitude enters the choice.
 ENGINE_COST_NS = {"closed": 40.0, "event": 350.0}
-COST_NS = {
-    "row_driver": 50.0,
-    "column_input": 50.0,
-    "column_offset": 50.0,
-    "mux_leakage": 50.0,
-    "trace": 1000.0,
-    "line_capacitance": 450.0,
-    "mirror_lag": 2400.0,
-    "supply_ripple": 600.0,
-    "motion": 450.0,
-    "integrator_gain": 50.0,
-    "mirror_output": 50.0,
-    "integrator_range": 300.0,
-    "integrator_bandwidth": 200.0,
-    "comparator_hysteresis": 25.0,
-    "comparator_delay": 50.0,
-    "comparator_noise": 450.0,
-    "metastability": 350.0,
-    "clock_jitter": 900.0,
-    "thermal_noise": 350.0,
-    "shot_noise": 700.0,
-    "ktc_noise": 500.0,
-    "flicker_noise": 400.0,
-}
 # One solve serves all of these, so leaving one out saves nothing while another is in.
 _SOLVE = frozenset({"row_driver", "column_input", "column_offset", "mux_leakage", "trace"})
 
@@ -210,7 +186,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
         best = (0.0, engine or "event", set())
     _, chosen, out = best
     rest = [n for n in names if n not in out and n not in sheet]
-    rest.sort(key=lambda n: weighing.bound[n] / (1.0 + COST_NS.get(n, 0.0)))
+    rest.sort(key=lambda n: weighing.bound[n] / (1.0 + EFFECTS[n].cost_ns))
     for name in rest * 2:  # leaving some out makes room for others, which need not allow for them any more
         if name not in out and weighing.fits(out | {name}, auto.budget_lsb):
             out.add(name)
@@ -243,8 +219,8 @@ def random_margin(plan: Plan) -> Floats:
 
 
 def _cost(engine: str, on: set[str]) -> float:
-    solve = max((COST_NS[n] for n in on & _SOLVE), default=0.0)
-    return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(COST_NS.get(n, 0.0) for n in on - _SOLVE)
+    solve = max((EFFECTS[n].cost_ns for n in on & _SOLVE), default=0.0)
+    return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(EFFECTS[n].cost_ns for n in on - _SOLVE)
 
 
 def _start(plan: Plan) -> tuple[Floats, Floats, Floats]:
@@ -390,9 +366,9 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool, costs: boo
     from dermis import scene as scenes
 
     if costs:
-        table = ENGINE_COST_NS | COST_NS
+        table = ENGINE_COST_NS | {name: effect.cost_ns for name, effect in EFFECTS.items()}
         for name, value in measure_costs().items():
-            click.echo(f"{name:24} {value:10.0f} ns measured {table.get(name, 0.0):10.0f} ns in the table")
+            click.echo(f"{name:24} {value:10.0f} ns measured {table[name]:10.0f} ns in the table")
         return 0
     if scene is None:
         raise InputError("command line", "SCENE", "nothing", "a scene, or --costs")

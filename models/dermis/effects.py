@@ -83,6 +83,11 @@ class Effect:
         Whether it draws numbers while frames are converted; its bound is then one at a stated confidence.
     bound : callable
         (parameters, bounds.Extent) -> bounds.Bound: how far it can move a decision in this scene, in packets.
+    cost_ns : float
+        What it adds to a conversion in ns, as `dermis plan --costs` prints it; its order of magnitude is enough.
+    considered : bool
+        Whether auto considers it without its being named; not where it changes what the scene is, rather than how
+        well it is read.
     """
 
     name: str
@@ -93,6 +98,8 @@ class Effect:
     topologies: tuple[str, ...] = TOPOLOGIES
     random: bool = False
     bound: bounds.Bounding = bounds.unknown
+    cost_ns: float = 0.0
+    considered: bool = True
 
 
 class _Lateral(Strict):
@@ -467,6 +474,7 @@ EFFECTS: dict[str, Effect] = {
             _row_driver_defaults,
             _row_driver,
             bound=bounds.row_driver,
+            cost_ns=50.0,
         ),
         Effect(
             "column_input",
@@ -475,6 +483,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {} if t == "direct" else {"r_ohm": d.conveyor.r_x_ohm},
             lambda p, s: Contribution({"r_column_ohm": p.r_ohm}),
             bound=bounds.column_input,
+            cost_ns=50.0,
         ),
         Effect(
             "column_offset",
@@ -483,6 +492,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"v_v": d.integrator.v_offset_v if t == "direct" else d.conveyor.v_offset_v},
             lambda p, s: Contribution({"v_column_offset_v": p.v_v}),
             bound=bounds.column_offset,
+            cost_ns=50.0,
         ),
         Effect(
             "mirror_ratio",
@@ -508,6 +518,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"gain_dc": d.integrator.gain_dc, "r_in_ohm": d.integrator.r_in_ohm},
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
             bound=bounds.integrator_gain,
+            cost_ns=50.0,
         ),
         Effect(
             "integrator_range",
@@ -516,6 +527,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"v_max_v": d.integrator.v_out_max_v, "v_min_v": d.integrator.v_out_min_v},
             lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
             bound=bounds.integrator_range,
+            cost_ns=300.0,
         ),
         Effect(
             "comparator_offset",
@@ -532,6 +544,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"v_v": d.comparator.v_hysteresis_v},
             lambda p, s: Contribution(converter={"v_hysteresis_v": p.v_v}),
             bound=bounds.comparator_hysteresis,
+            cost_ns=25.0,
         ),
         Effect(
             "comparator_delay",
@@ -540,6 +553,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"t_s": d.comparator.t_delay_s},
             lambda p, s: Contribution(converter={"t_comp_delay_s": p.t_s}),
             bound=bounds.comparator_delay,
+            cost_ns=50.0,
         ),
         Effect(
             "charge_packet",
@@ -564,6 +578,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_row_ohm": d.array.r_trace_row_ohm, "r_column_ohm": d.array.r_trace_column_ohm},
             lambda p, s: Contribution({"r_trace_row_ohm": p.r_row_ohm, "r_trace_column_ohm": p.r_column_ohm}),
             bound=bounds.trace,
+            cost_ns=1000.0,
         ),
         Effect(
             "line_capacitance",
@@ -578,6 +593,7 @@ EFFECTS: dict[str, Effect] = {
                 {"c_row_f": p.c_row_f, "c_column_f": p.c_column_f, "c_taxel_f": p.c_taxel_f}
             ),
             bound=bounds.line_capacitance,
+            cost_ns=450.0,
         ),
         Effect(
             "mux_leakage",
@@ -586,6 +602,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"i_a": d.row_driver.i_leak_a},
             lambda p, s: Contribution({"i_leak_a": p.i_a}),
             bound=bounds.mux_leakage,
+            cost_ns=50.0,
         ),
         Effect(
             "mirror_output",
@@ -595,6 +612,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"g_in_s": 1.0 / p.r_out_ohm}),
             _MIRRORED,
             bound=bounds.mirror_output,
+            cost_ns=50.0,
         ),
         Effect(
             "mirror_lag",
@@ -604,6 +622,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"q_mirror_c": p.q_c}),
             _MIRRORED,
             bound=bounds.mirror_lag,
+            cost_ns=2400.0,
         ),
         Effect(
             "range_switch",
@@ -621,6 +640,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"gbw_hz": d.integrator.gbw_hz},
             lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
             bound=bounds.integrator_bandwidth,
+            cost_ns=200.0,
         ),
         Effect(
             "comparator_noise",
@@ -630,6 +650,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"v_comp_noise_v": p.v_v}),
             random=True,
             bound=bounds.comparator_noise,
+            cost_ns=450.0,
         ),
         Effect(
             "metastability",
@@ -639,6 +660,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"t_meta_s": p.t_aperture_s}),
             random=True,
             bound=bounds.metastability,
+            cost_ns=350.0,
         ),
         Effect(
             "reference_drift",
@@ -656,6 +678,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"t_jitter_s": p.t_s}),
             random=True,
             bound=bounds.clock_jitter,
+            cost_ns=900.0,
         ),
         Effect(
             "thermal_noise",
@@ -665,6 +688,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"kt_noise_j": _kt_j(p.temperature_c) * p.factor}),
             random=True,
             bound=bounds.thermal_noise,
+            cost_ns=350.0,
         ),
         Effect(
             "shot_noise",
@@ -674,6 +698,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"q_shot_c": ELECTRON_C * p.factor}),
             random=True,
             bound=bounds.shot_noise,
+            cost_ns=700.0,
         ),
         Effect(
             "ktc_noise",
@@ -685,6 +710,7 @@ EFFECTS: dict[str, Effect] = {
             ),
             random=True,
             bound=bounds.ktc_noise,
+            cost_ns=500.0,
         ),
         Effect(
             "flicker_noise",
@@ -694,6 +720,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"packet_flicker": p.relative}),
             random=True,
             bound=bounds.flicker_noise,
+            cost_ns=400.0,
         ),
         Effect(
             "supply_ripple",
@@ -708,6 +735,7 @@ EFFECTS: dict[str, Effect] = {
                 }
             ),
             bound=bounds.supply_ripple,
+            cost_ns=600.0,
         ),
         Effect(
             "motion",
@@ -716,6 +744,8 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {},
             lambda p, s: Contribution(drive={"motion": True}),
             bound=bounds.motion,
+            cost_ns=450.0,
+            considered=False,
         ),
         Effect(
             "sensor_hysteresis",
@@ -724,6 +754,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"relative": d.sensor.hysteresis},
             lambda p, s: Contribution(sensor={"hysteresis": p.relative}),
             bound=bounds.sensor_hysteresis,
+            considered=False,
         ),
         Effect(
             "sensor_creep",
@@ -732,6 +763,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"per_decade": d.sensor.creep_per_decade},
             lambda p, s: Contribution(sensor={"creep_per_decade": p.per_decade}),
             bound=bounds.sensor_creep,
+            considered=False,
         ),
         Effect(
             "sensor_temperature",
@@ -740,6 +772,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"tc_per_k": d.sensor.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(sensor={"temperature_error": p.tc_per_k * p.delta_k}),
             bound=bounds.sensor_temperature,
+            considered=False,
         ),
         Effect(
             "sensor_spread",
@@ -748,6 +781,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"relative": d.sensor.spread},
             lambda p, s: Contribution(sensor={"spread": p.relative}),
             bound=bounds.sensor_spread,
+            considered=False,
         ),
     )
 }
@@ -763,11 +797,6 @@ class AutoTable(Strict):
         6.0, "Confidence of random effects, in standard deviations", "a finite number > 0", gt=0
     )
 
-
-# Under auto these are considered only when named: they change what the scene is, not how well it is read.
-_ONLY_NAMED = frozenset(
-    {"motion", "sensor_hysteresis", "sensor_creep", "sensor_temperature", "sensor_spread"}
-)
 
 # [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is leaving
 # it out; auto considers what is left out too.
@@ -796,7 +825,7 @@ EffectsTable: type[Strict] = create_model(
 
 def considered(effect: Effect, setting: Setting) -> bool:
     """Whether auto considers an effect that a scene does not name: the topology has it, its defaults are whole."""
-    if effect.name in _ONLY_NAMED or setting.topology not in effect.topologies:
+    if not effect.considered or setting.topology not in effect.topologies:
         return False
     filled = effect.table().model_dump() | effect.defaults(setting.design, setting.topology)
     return None not in filled.values()
@@ -900,10 +929,14 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
         for v in stands:
             if not low < v - room <= v + room < high:
                 where = f"a level of {v:g} V of stored charge, outside {low:g} .. {high:g} V"
-                with_window = " and effects.comparator_hysteresis" if room else ""
+                names = [
+                    "integrator_range",
+                    *([name] if name in on else []),
+                    *(["comparator_hysteresis"] if room else []),
+                ]
                 raise InputError(
                     file,
-                    f"effects.integrator_range and effects.{name}{with_window}",
+                    " and ".join(f"effects.{n}" for n in names),
                     where,
                     "levels inside the range of the integrator",
                 )

@@ -271,18 +271,20 @@ def make(world: Scene, engine: str | None = None) -> Plan:
     kept = effects.gather({name: world.effects[name] for name in choice.on}, _setting(world))
     states = []
     for state in everything.effects:
-        cost, bound = chooser.COST_NS.get(state.name, 0.0), choice.bound_lsb.get(state.name)
+        effect, bound = effects.EFFECTS[state.name], choice.bound_lsb.get(state.name)
         if bound is None:
-            given = getattr(world.table.effects, state.name)
-            only = "switched off" if given is False else "not named, and not considered unless it is"
-            there = everything.topology in effects.EFFECTS[state.name].topologies
-            states.append(
-                state._replace(reason=only if there else f"topology {everything.topology} has none")
-            )
+            if everything.topology not in effect.topologies:
+                why = f"topology {everything.topology} has none"
+            elif getattr(world.table.effects, state.name) is False:
+                why = "switched off"
+            elif effect.considered:
+                why = "no default for this topology"
+            else:
+                why = "not named, and not considered unless it is"
+            states.append(state._replace(reason=why))
         else:
-            states.append(
-                EffectState(state.name, state.name in choice.on, choice.why[state.name], bound, cost)
-            )
+            why = choice.why[state.name]
+            states.append(EffectState(state.name, state.name in choice.on, why, bound, effect.cost_ns))
     return replace(
         everything,
         converter=_converter(world, kept.converter),

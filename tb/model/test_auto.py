@@ -111,6 +111,15 @@ def test_what_is_left_out_leaves_no_trace_in_the_records() -> None:
     assert (engines.run(plan).codes == engines.run(named).codes).all()
 
 
+def test_what_is_not_considered_says_why() -> None:
+    plan = made({"auto": {}, "lateral": False}, interface={"topology": "direct"})
+    why = {e.name: e.reason for e in plan.effects}
+    assert why["lateral"] == "switched off"
+    assert why["column_input"] == "no default for this topology"
+    assert why["mirror_lag"] == "topology direct has none"
+    assert why["motion"] == "not named, and not considered unless it is"
+
+
 def test_the_cheapest_engine_that_can_is_chosen() -> None:
     assert made({"auto": {}}).engine == "closed"
     assert made({"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}).engine == "event"

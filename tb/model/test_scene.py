@@ -268,6 +268,16 @@ WRONG = [
         "effects.comparator_hysteresis.v_v",
         "one packet",
     ),
+    (
+        UNIFORM + "[effects]\nintegrator_range = { v_max_v = 0.3, v_min_v = -0.3 }\n",
+        "effects.integrator_range",
+        "inside the range",
+    ),
+    (
+        UNIFORM + "[effects]\nintegrator_range = true\npreset_error = { v_v = -2 }\n",
+        "effects.integrator_range and effects.preset_error",
+        "inside the range",
+    ),
     (UNIFORM + "[run]\nengine = 'spice'\n", "run.engine", "closed"),
     (UNIFORM + "[run]\nseed = -1\n", "run.seed", "whole number"),
     (UNIFORM + "[run]\nseed = true\n", "run.seed", "whole number"),
