@@ -35,12 +35,6 @@ class DermisError(Exception):
     exit_code = 1
 
 
-class CheckMissed(DermisError):
-    """A check ran and its limit was missed."""
-
-    exit_code = 1
-
-
 class InputError(DermisError):
     """Something the user wrote is wrong.
 

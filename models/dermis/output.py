@@ -152,11 +152,9 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _certified(plan: Plan, result: Result) -> dict[str, float] | None:
+def _certified(plan: Plan, result: Result) -> dict[str, Any]:
     """How far apart the certified codes are, and what they allow for (docs/auto.md)."""
-    if result.low is None or result.high is None:
-        return None
-    width = result.high.astype(int) - result.low
+    width = np.subtract(result.high, result.low, dtype=int)
     auto = plan.scene.table.effects.auto or AutoTable()
     return {
         "budget_lsb": auto.budget_lsb if plan.scene.table.effects.auto else 0.0,
@@ -201,13 +199,12 @@ def write(
     engines.certify(plan, result)
     files: dict[str, bytes] = {
         "codes.npy": _npy(result.codes),
+        "codes_low.npy": _npy(result.low),
+        "codes_high.npy": _npy(result.high),
         "codes.csv": codes_csv(result.codes).encode(),
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
-    for side in ("low", "high"):
-        if (bound := getattr(result, side, None)) is not None:
-            files[f"codes_{side}.npy"] = _npy(bound)
     with _writing(out):
         out.mkdir(parents=True, exist_ok=True)
         _refuse_directories(out)
