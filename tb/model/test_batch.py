@@ -20,6 +20,7 @@ import pytest
 
 from dermis import batch, engines, plan, scene
 from dermis.design import ROOT
+from dermis.effects import EFFECTS
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
 
@@ -51,18 +52,7 @@ def _in_parts(made: Plan, edges: list[int]) -> np.ndarray:
 # Everything that an engine knows beyond its own frame: random numbers, the time of the ripple, the next frame.
 ACROSS_FRAMES = {
     "ideal": {},
-    "random": dict.fromkeys(
-        (
-            "comparator_noise",
-            "metastability",
-            "clock_jitter",
-            "thermal_noise",
-            "shot_noise",
-            "ktc_noise",
-            "flicker_noise",
-        ),
-        True,
-    ),
+    "random": dict.fromkeys((e.name for e in EFFECTS.values() if e.random), True),
     "ripple": {"supply_ripple": {"relative": 0.05, "frequency_hz": 1234.0}},
     "motion": {"motion": True},
     "sensor": dict.fromkeys(("sensor_hysteresis", "sensor_creep", "sensor_spread"), True),
@@ -114,6 +104,14 @@ def test_bounds_cover_every_frame_once_in_parts_of_limited_size(make_plan) -> No
     assert max((b - a) * SIZE * SIZE for a, b in batch.bounds(long, 2)) <= 2**18
 
 
+def _children_left(limit_s: float = 10.0) -> list[object]:
+    """Children that are still there after a time: a loaded machine may be slow to end those of an earlier test."""
+    end = time.monotonic() + limit_s
+    for child in multiprocessing.active_children():
+        child.join(max(0.0, end - time.monotonic()))
+    return multiprocessing.active_children()
+
+
 @pytest.mark.parametrize("processes", [1, 2, 3])
 def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int) -> None:
     made = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
@@ -128,7 +126,7 @@ def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int)
     assert seen == sorted(seen)
     assert seen[-1] == FRAMES * SIZE
     assert len(seen) >= min(processes, 2)
-    assert not multiprocessing.active_children()
+    assert not _children_left()
 
 
 def test_a_dask_cluster_gives_the_same_codes(make_plan) -> None:
@@ -164,7 +162,7 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan) -> None:
     with pytest.raises(InputError, match="lines that settle before the gate") as raised:
         batch.run(_failing(make_plan), processes=2)
     assert raised.value.key == "effects.line_capacitance"
-    assert not multiprocessing.active_children()
+    assert not _children_left()
 
 
 def test_another_version_of_the_package_is_refused(make_plan) -> None:
@@ -215,7 +213,7 @@ def test_a_worker_that_dies_is_reported(make_plan, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(batch, "_run_part", _die)
     with pytest.raises(SimulatorError, match=r"died that ran one of the frames \d+ to \d+"):
         batch.run(make_plan(), processes=2)
-    assert not multiprocessing.active_children()
+    assert not _children_left()
 
 
 def _die(*_: object) -> None:
