@@ -86,7 +86,8 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
 
 def _reference(made: Plan) -> str | None:
     """The engine to compare with: the closed formula, or the event engine where it has none; None for itself."""
-    return engines.cheapest(made, [e for e in ("closed", "event") if e != made.engine])
+    # What such an engine refuses by value is told as a row that was skipped: not engines.cheapest.
+    return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
 
 
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:

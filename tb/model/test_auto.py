@@ -137,6 +137,21 @@ def test_an_engine_asked_for_that_cannot_is_refused_by_name() -> None:
         engines.check(plan)
 
 
+def test_what_an_engine_would_refuse_by_value_is_refused_before_the_run() -> None:
+    effects = {"integrator_gain": {"gain_dc": 5}, "row_driver": {"r_ohm": 300}, "lateral": True}
+    sheet = {"interface": {"topology": "direct"}, "stimulus": {"kind": "uniform", "code": 100}}
+    for engine in ("event", "rtl"):
+        with pytest.raises(InputError, match=r"here .*; engine cosim takes any"):
+            engines.check(made(effects, engine, **sheet))
+    with pytest.raises(InputError, match=r"engine cosim$"):
+        engines.check(made(effects, "closed", **sheet))
+    assert made(effects, **sheet).engine == "cosim"
+    weak = {"integrator_gain": True, "row_driver": True}
+    with pytest.raises(InputError, match=r"engine event or rtl or cosim$"):
+        engines.check(made(weak, "closed", **sheet))
+    engines.check(made(weak, **sheet))
+
+
 def test_a_range_is_kept_where_motion_piles_charge_up_against_it() -> None:
     # Above 1/2 for part of a gate the charge runs away and is spent later, unless the range cuts it off.
     stimulus = {"kind": "uniform", "r_ohm": [420.0, 800.0, 420.0]}

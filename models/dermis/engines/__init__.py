@@ -50,11 +50,24 @@ def refused(plan: Plan, engine: str) -> frozenset[str]:
     return plan.active_fields() - honours(engine)
 
 
+def refuses(plan: Plan, engine: str) -> InputError | None:
+    """What an engine that honours every field of a plan would refuse because of its values, or None.
+
+    Asked before a run so that it ends early; an engine may find more on its way through the frames.
+    """
+    asked = getattr(_module(engine), "refuses", None)
+    return asked(plan) if asked else None
+
+
+def _can(plan: Plan, engine: str) -> bool:
+    return not refused(plan, engine) and refuses(plan, engine) is None
+
+
 def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
     """The first engine, in the order of what they cost, that refuses nothing of a plan; None if there is none."""
     from dermis.plan import ENGINES
 
-    return next((name for name in among or ENGINES if not refused(plan, name)), None)
+    return next((name for name in among or ENGINES if _can(plan, name)), None)
 
 
 def check(plan: Plan) -> None:
@@ -65,10 +78,16 @@ def check(plan: Plan) -> None:
     InputError
         Names the effect and an engine that can do it.
     """
+    _check_fields(plan)
+    if error := refuses(plan, plan.engine):
+        raise error
+
+
+def _check_fields(plan: Plan) -> None:
     from dermis.plan import ENGINES
 
     if lost := refused(plan, plan.engine):
-        able = [name for name in ENGINES if not refused(plan, name)]
+        able = [name for name in ENGINES if _can(plan, name)]
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
         allowed = (
             f"engine {' or '.join(able)}" if able else "no engine can do all of this scene's effects together"
@@ -78,8 +97,8 @@ def check(plan: Plan) -> None:
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
-    """Run a plan through its engine, after `check`; options go to the engine."""
-    check(plan)
+    """Run a plan through its engine, which must honour its fields; options go to the engine."""
+    _check_fields(plan)
     return _module(plan.engine).run(plan, progress, **options)
 
 

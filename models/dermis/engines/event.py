@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dermis import noise
 from dermis.array import Network, column_currents
-from dermis.engines import Result, event_loops
+from dermis.engines import Result, event_input, event_loops
 from dermis.engines.event_input import FIELDS as VARYING
 from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, steady
 from dermis.plan import Drive, Plan
@@ -37,6 +37,7 @@ HONOURS = frozenset(
     | {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
     | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
 )
+refuses = event_input.refuses
 
 RANDOM = frozenset(
     {

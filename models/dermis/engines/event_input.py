@@ -124,6 +124,11 @@ class Coupling:
     x: Floats
 
 
+def _couples(plan: Plan) -> bool:
+    active = plan.active_fields()
+    return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
+
+
 def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     """The coupling of frames whose duties are x [frames, rows, cols]; None where there is none.
 
@@ -138,7 +143,7 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     """
     converter, network, clocks = plan.converter, plan.network(0), plan.timing.gate_clocks
     active = plan.active_fields()
-    if plan.topology != "direct" or not active & COUPLING or not active & {"inv_gain_dc", "t_gbw_s"}:
+    if not _couples(plan):
         return None
     matrix = seen_from_grounds(network, g)
     own = np.arange(plan.cols)
@@ -315,6 +320,19 @@ def steady(plan: Plan, part: slice) -> bool:
     converter = plan.converter
     per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
     return _transients(plan, part, per_c) is None
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
+    if not _couples(plan) and not plan.active_fields() & _CAPACITANCES:
+        return None
+    load = np.minimum(plan.conductance_s(), 1.0).sum(axis=(1, 2))  # a short counts as much as any
+    first = int(np.argmax(load))
+    try:
+        Slots(plan, slice(first, first + 1))
+    except InputError as error:
+        return error
+    return None
 
 
 class Slots:

@@ -38,6 +38,7 @@ Floats = NDArray[np.float64]
 
 # Everything that is not random: what a real-number model would draw is drawn by engine event alone.
 HONOURS = event.HONOURS - event.RANDOM
+refuses = event_input.refuses
 
 MODELS = ROOT / "models" / "verilog"
 
