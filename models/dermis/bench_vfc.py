@@ -29,9 +29,9 @@ from dermis import bridge, hdl, netlist
 from dermis.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.generate import spice_number
 from dermis.ngspice import Deck, NgspiceHalf
 from dermis.plan import Timing
+from dermis.spice_text import spice_number
 from dermis.vfc import count_rational
 
 Floats = NDArray[np.float64]

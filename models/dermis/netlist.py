@@ -12,12 +12,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dermis import generate
 from dermis.array import Network
 from dermis.design import ROOT
-from dermis.generate import spice_number
 from dermis.ngspice import Deck
 from dermis.plan import Drive, Plan
+from dermis.spice_text import array_subckt, spice_number
 from dermis.vfc import Converter
 
 SPICE = ROOT / "spice"
@@ -229,7 +228,7 @@ def _array(plan: Plan, frame: int, network: Network) -> list[str]:
     with np.errstate(divide="ignore"):
         resistance = np.divide(1.0, network.g_taxel_s)
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
-    text = generate.array_subckt(
+    text = array_subckt(
         network.rows,
         network.cols,
         resistance,

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dermis import design as dd
-from dermis import generate, verdict
+from dermis import generate, spice_text, verdict
 from dermis.errors import InputError
 
 GENERATED = (
@@ -216,7 +216,7 @@ def test_lateral_resistors_join_neighbouring_columns_of_every_row(
 def test_an_array_of_real_resistances_solves_with_opens_and_shorts(tmp_path: Path) -> None:
     resistance = np.full((3, 4), 1000.0)
     resistance[1] = [np.inf, 250.0, 0.0, 1e4]
-    text = generate.array_subckt(3, 4, resistance, lateral_ohm=np.inf)
+    text = spice_text.array_subckt(3, 4, resistance, lateral_ohm=np.inf)
     deck = array_deck(text, "array", "", cols=4, rows=3, driven=1)
     got = spice_op(tmp_path, deck, *(f"i(vc{c})" for c in range(4)))
     assert got["i(vc0)"] == pytest.approx(0.0, abs=1e-11)
@@ -228,7 +228,7 @@ def test_an_array_of_real_resistances_solves_with_opens_and_shorts(tmp_path: Pat
 
 
 def test_elements_are_named_and_placed_by_row_and_column() -> None:
-    text = generate.array_subckt(
+    text = spice_text.array_subckt(
         2, 3, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], lateral_ohm=[[7.0, 8.0], [9.0, np.inf]]
     )
     assert text.splitlines() == [
@@ -250,7 +250,7 @@ def test_elements_are_named_and_placed_by_row_and_column() -> None:
 @settings(deadline=None)
 @given(st.lists(st.floats(min_value=0, allow_infinity=True, allow_nan=False), min_size=6, max_size=6))
 def test_every_resistance_reads_back_exactly_and_no_other_text_gets_in(values: list[float]) -> None:
-    text = generate.array_subckt(2, 3, np.reshape(values, (2, 3)))
+    text = spice_text.array_subckt(2, 3, np.reshape(values, (2, 3)))
     floor = dd.load().array.r_floor_ohm
     want = {f"rtaxel_r{i // 3}c{i % 3}": max(v, floor) for i, v in enumerate(values) if np.isfinite(v)}
     lines = text.splitlines()[2:-1]
@@ -273,7 +273,7 @@ def test_every_resistance_reads_back_exactly_and_no_other_text_gets_in(values: l
 )
 def test_an_array_that_cannot_stand_in_a_deck_is_refused(arguments: dict, said: str) -> None:
     with pytest.raises(InputError) as caught:
-        generate.array_subckt(**{"rows": 2, "cols": 2, **arguments})
+        spice_text.array_subckt(**{"rows": 2, "cols": 2, **arguments})
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -281,9 +281,9 @@ def test_an_array_that_cannot_stand_in_a_deck_is_refused(arguments: dict, said: 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_no_number_that_is_none_reaches_a_deck(value: float) -> None:
     with pytest.raises(ValueError, match="deck"):
-        generate.spice_number(value)
+        spice_text.spice_number(value)
 
 
 def test_numpy_numbers_are_written_as_plain_numbers() -> None:
-    assert generate.spice_number(np.float64(0.1)) == "0.1"
-    assert generate.spice_number(16) == "16"
+    assert spice_text.spice_number(np.float64(0.1)) == "0.1"
+    assert spice_text.spice_number(16) == "16"

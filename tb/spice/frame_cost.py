@@ -17,7 +17,7 @@ from pathlib import Path
 from ngspice_batch import SPICE
 
 from dermis import design as design_module
-from dermis import generate
+from dermis.spice_text import array_subckt
 
 SIZE = 16
 CLOCKS = (100, 1100)
@@ -54,7 +54,7 @@ def deck(topology: str, dut: Mapping[str, float], row_ohm: float = 0.0, clocks: 
         "vdd vdd 0 1.65",
         "vss vss 0 -1.65",
         f"vpreset d_preset 0 pulse(1 0 {10 * t_clk} 1n 1n 1 2)",
-        *generate.array_subckt(SIZE, SIZE, ohm).splitlines(),
+        *array_subckt(SIZE, SIZE, ohm).splitlines(),
         f"xarray {' '.join(f'row{i}' for i in range(SIZE))} {' '.join(f'col{i}' for i in range(SIZE))} array",
     ]
     for i in range(SIZE):
