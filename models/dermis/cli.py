@@ -71,7 +71,9 @@ JUDGED = 1 << 16
 
 @cli.command()
 @click.argument("scene")
-@click.option("--engine", help="One of closed, event, rtl, cosim; default: the scene's own.")
+@click.option(
+    "--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest that can."
+)
 @click.option("--out", type=click.Path(), help="Where results go; default build/run/SCENE.")
 @click.option(
     "--processes", type=click.IntRange(1, 1024), default=1, help="Spread the frames over so many processes."

@@ -256,8 +256,10 @@ def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tm
         if left < auto.ROUNDING_LSB / 100:
             taken += left > 1e-18
             assert event_input.steady(plan, slice(0, 1))
+            assert event.refuses(plan) is None
             continue
         refused += 1
+        assert str(event.refuses(plan)).endswith("lines that settle before the gate, or engine cosim")
         with pytest.raises(
             InputError, match="on together with trace, and not settled when the gate opens: lines"
         ):
