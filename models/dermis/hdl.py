@@ -14,14 +14,45 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
 
+if TYPE_CHECKING:
+    from dermis.plan import Plan
+
 SIMULATORS = ("icarus", "verilator")
+
+
+def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
+    """Parameters of dermis_top for a plan."""
+    return {
+        "ROWS": plan.rows,
+        "COLS": plan.cols,
+        "CODE_BITS": plan.timing.code_max.bit_length(),
+        "GATE_CLOCKS": plan.timing.gate_clocks,
+        "SETTLE_CLOCKS": plan.timing.settle_clocks,
+        "SYNC_LATCH": int(sync_latch),
+    }
+
+
+@contextlib.contextmanager
+def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
+    """An empty directory for a run's files: `work`, or one in build/<name> that stays only after a failure."""
+    if work is not None:
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        yield work
+        return
+    base = ROOT / "build" / name
+    base.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
+    yield scratch
+    shutil.rmtree(scratch, ignore_errors=True)
 
 
 def prepare(simulator: str) -> str:

@@ -8,11 +8,9 @@ import json
 import math
 import os
 import pickle
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import weakref
@@ -25,7 +23,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dermis import hdl, netlist
-from dermis.design import ROOT
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
@@ -117,28 +114,12 @@ def run(
             "ideal converters, or analog ngspice",
         )
     jobs = max(min(os.cpu_count() or 1, plan.frames), math.ceil(plan.frames / FRAMES_A_PROCESS))
-    parameters = {
-        "ROWS": plan.rows,
-        "COLS": plan.cols,
-        "CODE_BITS": plan.timing.code_max.bit_length(),
-        "GATE_CLOCKS": plan.timing.gate_clocks,
-        "SETTLE_CLOCKS": plan.timing.settle_clocks,
-        "SYNC_LATCH": int(sync_latch),
-    }
-    build = hdl.build(simulator, "dermis_top", parameters)
-    scratch = work is None
-    if work is None:
-        base = ROOT / "build" / "cosim"
-        base.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
-    else:
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
+    build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
     done = [0] * jobs
     chunks = [tuple(int(f) for f in part) for part in np.array_split(np.arange(plan.frames), jobs)]
     children = _Children()
 
-    def one(index: int) -> dict[str, Any]:
+    def one(index: int, directory: Path) -> dict[str, Any]:
         def on_slots(slots: int) -> None:
             done[index] = slots
             if progress is not None:
@@ -146,18 +127,16 @@ def run(
 
         job = Job(plan, chunks[index], simulator, build, sync_latch, analog, solver or Solver(), record)
         with _cores:
-            return _run_job(job, work / f"job_{index}", on_slots, children)
+            return _run_job(job, directory, on_slots, children)
 
     start = time.perf_counter()
-    with ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(one, i) for i in range(jobs)]
+    with hdl.work_directory("cosim", plan, work) as files, ThreadPoolExecutor(jobs) as pool:
+        futures = [pool.submit(one, i, files / f"job_{i}") for i in range(jobs)]
         try:
             parts = [future.result() for future in futures]
         except BaseException:
             children.end()
             raise
-    if scratch:
-        shutil.rmtree(work, ignore_errors=True)
     codes = np.concatenate([part["codes"] for part in parts])
     info: dict[str, Any] = {
         "seconds": time.perf_counter() - start,

@@ -13,11 +13,9 @@ import ctypes
 import dataclasses
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -81,33 +79,24 @@ def run(
     SimulatorError
         The simulator failed, stopped answering or left no proper result.
     """
-    scratch = work is None
-    if work is None:
-        base = ROOT / "build" / "rtl_runs"
-        base.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
-    else:
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
     effects = effect_bits(plan, models)
     codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8 if plan.timing.code_max < 256 else np.uint16)
     each = effects >> value_places(models)["EACH_ROW"] & 1
     step = max(
         1, _VALUES_AT_ONCE // (plan.rows * plan.cols * (value_places(models)["VALUES"] if each else 1))
     )
-    for first in range(0, plan.frames, step):
-        part = slice(first, min(first + step, plan.frames))
-        currents = currents_of(plan, part)
-        command = build(plan, effects, currents, simulator, sync_latch, models)
-        write_inputs(plan, part, work, currents, effects, sync_latch, models)
+    with hdl.work_directory("rtl_runs", plan, work) as files:
+        for first in range(0, plan.frames, step):
+            part = slice(first, min(first + step, plan.frames))
+            currents = currents_of(plan, part)
+            command = build(plan, effects, currents, simulator, sync_latch, models)
+            write_inputs(plan, part, files, currents, effects, sync_latch, models)
 
-        def on_rows(done: int, before: int = first * plan.rows) -> None:
-            if progress is not None:
-                progress(before + done)
+            def on_rows(done: int, before: int = first * plan.rows) -> None:
+                if progress is not None:
+                    progress(before + done)
 
-        codes[part] = simulate(plan, command, work, part.stop - part.start, on_rows)
-    if scratch:
-        shutil.rmtree(work, ignore_errors=True)
+            codes[part] = simulate(plan, command, files, part.stop - part.start, on_rows)
     return Result(codes, {"simulator": simulator})
 
 
@@ -154,12 +143,7 @@ def build(
 ) -> list[str]:
     """Command that runs the reader of a plan, built only if it is not there yet."""
     parameters = {
-        "ROWS": plan.rows,
-        "COLS": plan.cols,
-        "CODE_BITS": plan.timing.code_max.bit_length(),
-        "GATE_CLOCKS": plan.timing.gate_clocks,
-        "SETTLE_CLOCKS": plan.timing.settle_clocks,
-        "SYNC_LATCH": int(sync_latch),
+        **hdl.reader_parameters(plan, sync_latch),
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
         "EFFECTS": effects,
         "TERMS": currents.terms,
