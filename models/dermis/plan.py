@@ -82,7 +82,7 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything an engine, a deck or a report needs; nothing in here knows an engine.
+    """Everything an engine, a deck or a report needs; engines are known here by name only.
 
     Attributes
     ----------
