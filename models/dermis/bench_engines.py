@@ -21,9 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from dermis import ablate, array, auto, batch, effects, engines, plan, scene, verdict
+from dermis import ablate, array, batch, effects, engines, plan, scene, verdict
 from dermis.array import Network
 from dermis.design import load as load_design
+from dermis.engines import certificate
 from dermis.errors import SimulatorError
 from dermis.plan import Plan
 from dermis.verdict import Row
@@ -190,7 +191,7 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         yield speed("event.frames_per_s.all_effects", made, repeat, f"{OVER_RANGE}; {told}")
         run = functools.partial(engines.runner("event"), made)
         result = run()
-        certify = functools.partial(auto.certified, made, result)
+        certify = functools.partial(certificate.certified, made, result)
         ratios = [1.0 + ablate.cpu_seconds(certify) / ablate.cpu_seconds(run) for _ in range(min(repeat, 3))]
         note = "the same run with certified lower and upper codes over that without, processor time"
         yield verdict.median("event.certificate_time_ratio", ratios, "1", note)

@@ -29,7 +29,7 @@ ELSEWHERE = {
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
     "plan": (
-        "dermis.auto",
+        "dermis.plan_table",
         "What a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
     ),
     "sim": (
@@ -91,14 +91,14 @@ def run(
     waves: bool,
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import auto, batch, engines, output, plan, progress, regression, report, verdict
+    from dermis import batch, engines, output, plan, plan_table, progress, regression, report, verdict
     from dermis import scene as scenes
 
     path = scenes.find(scene)
     made = plan.load(path, engine)
     engines.check(made)
     if made.scene.table.effects.auto is not None:
-        auto.print_plan(made)
+        plan_table.print_plan(made)
     target: str | Path = ROOT / "build" / "run" / path.stem if out is None else out
     options: dict[str, Any] = {}
     if simulator is not None:

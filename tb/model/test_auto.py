@@ -13,10 +13,11 @@ import pytest
 
 from dermis import auto, auto_check, bounds, engines, scene
 from dermis import plan as planning
-from dermis.auto import print_plan
 from dermis.design import TOPOLOGIES
 from dermis.effects import EFFECTS, AutoTable
+from dermis.engines import certificate
 from dermis.errors import InputError
+from dermis.plan_table import print_plan
 
 TOUCH = {"kind": "indenter", "shape": "spherical", "force_n": [2.0, 12.0], "width": 5, "length": 5}
 
@@ -103,7 +104,7 @@ def test_the_sum_of_the_bounds_is_what_counts_not_each_alone() -> None:
 
 def test_what_is_left_out_leaves_no_trace_in_the_records() -> None:
     plan = made({"auto": {"budget_lsb": 0.25}})
-    fields = {name: auto._fields(planning.whole(plan.scene, None), name) for name in plan.scene.effects}
+    fields = {name: auto.fields_of(planning.whole(plan.scene, None), name) for name in plan.scene.effects}
     kept = frozenset().union(*(fields[name] for name in on(plan)))
     assert plan.active_fields() <= kept
     named = made({name: plan.scene.effects[name].model_dump() for name in on(plan)})
@@ -241,9 +242,9 @@ def test_certified_codes_from_the_duty_of_a_run_are_those_of_whole_runs(
     plan = made(effects, stimulus={"kind": "ramp", "force_n": [0.0, 16.0], "frames": 12})
     assert plan.engine == "event"
     result = engines.run(plan)
-    quick = auto.certified(plan, result)
-    monkeypatch.setattr(auto, "_UNSTEADY", plan.active_fields())
-    slow = auto.certified(plan, result)
+    quick = certificate.certified(plan, result)
+    monkeypatch.setattr(certificate, "_steady", lambda _: False)
+    slow = certificate.certified(plan, result)
     assert (quick[0] == slow[0]).all()
     assert (quick[1] == slow[1]).all()
     assert (quick[0] < quick[1]).any()

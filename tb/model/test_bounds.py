@@ -14,7 +14,7 @@ from dermis import auto, bounds, effects, scene
 from dermis import plan as planning
 from dermis.array import Network, column_currents
 from dermis.effects import EFFECTS, AutoTable
-from dermis.engines import event
+from dermis.engines import certificate, event
 
 N = 510
 NETWORK = ("lateral", "row_driver", "column_input", "column_offset", "trace", "mux_leakage", "offset_current")
@@ -213,7 +213,7 @@ def certified(name: str, others: dict[str, Any], tmp_path: Path, factor: float =
     )
     codes = event.run(full).codes
     bare = event.run(less)
-    low, high = auto.certified(less, bare)
+    low, high = certificate.certified(less, bare)
     return int(((codes < low) | (codes > high)).sum()), int((codes != bare.codes).sum())
 
 

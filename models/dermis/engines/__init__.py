@@ -105,7 +105,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
 def certify(plan: Plan, result: Result) -> Result:
     """Fill in the lower and upper codes of a run: where something is random or left out, that is further runs."""
     if result.low is None or result.high is None:
-        from dermis.auto import certified
+        from dermis.engines.certificate import certified
 
         result.low, result.high = certified(plan, result)
     return result

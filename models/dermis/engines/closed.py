@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dermis.array import column_currents
 from dermis.engines import Result
@@ -50,25 +51,25 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Result
         codes uint8 [frames, rows, cols]; info["x"] is the duty behind them.
     """
-    converter = plan.converter
-    packet = 1.0 + converter.packet_error
-    start = W_PRESET + converter.preset_error_v / converter.packet_v()
-    threshold = converter.v_comp_offset_v / converter.packet_v()
     base = plan.network(0)
     codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8)
     x = np.empty(plan.resistance_ohm.shape)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
-        x[part] = converter.duty(column_currents(base, plan.conductance_s(part)))
-        codes[part] = code(
-            x[part],
-            plan.timing.gate_clocks,
-            plan.timing.code_max,
-            w0=start,
-            packet=packet,
-            threshold=threshold,
-        )
+        x[part] = plan.converter.duty(column_currents(base, plan.conductance_s(part)))
+        codes[part] = codes_of(plan, x[part])
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x})
+
+
+def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Codes of duties x [..., cols] by the formula."""
+    c, timing = plan.converter, plan.timing
+    start = {
+        "w0": W_PRESET + c.preset_error_v / c.packet_v(),
+        "packet": 1.0 + c.packet_error,
+        "threshold": c.v_comp_offset_v / c.packet_v(),
+    }
+    return code(x, timing.gate_clocks, timing.code_max, **start).astype(np.uint8)

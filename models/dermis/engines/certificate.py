@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Certified codes: a run again with its levels moved either way by as much as a decision may be off (docs/auto.md)."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines
+from dermis.engines import closed, event, event_input
+
+if TYPE_CHECKING:
+    from dermis.engines import Result
+    from dermis.plan import Plan
+
+
+def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
+    margin = np.broadcast_to(plan.margin_lsb, (plan.cols,))
+    if not margin.any():
+        return result.codes, result.codes
+    margin = np.minimum(margin, 2.0 * plan.timing.code_max)
+    silent = dataclasses.replace(plan.converter, **dict.fromkeys(event.RANDOM, 0.0))
+    steady = _steady(plan)
+    x = result.info.get("x") if plan.engine == "closed" or steady else None
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = silent.v_comp_offset_v + sign * margin * silent.packet_v()
+        end = dataclasses.replace(
+            plan, converter=dataclasses.replace(silent, v_comp_offset_v=moved), margin_lsb=0.0, engine="event"
+        )
+        if not engines.refused(end, "closed"):
+            end = dataclasses.replace(end, engine="closed")
+        if x is None:
+            run = engines.run(end)
+            x = run.info.get("x") if end.engine == "closed" or steady else None
+            ends.append(run.codes)
+        elif end.engine == "closed":
+            ends.append(closed.codes_of(end, x))
+        else:
+            ends.append(event.codes_of(end, x))
+    low, high = ends
+    return low, high
+
+
+def _steady(plan: Plan) -> bool:
+    """Whether the duty of a run serves again: it is the same in every clock, and no converter acts back on it."""
+    return not plan.active_fields() & event_input.FIELDS and plan.topology != "direct"
