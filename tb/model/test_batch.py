@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,12 +105,15 @@ def test_bounds_cover_every_frame_once_in_parts_of_limited_size(make_plan) -> No
     assert max((b - a) * SIZE * SIZE for a, b in batch.bounds(long, 2)) <= 2**18
 
 
-def _children_left(limit_s: float = 10.0) -> list[object]:
-    """Children that are still there after a time: a loaded machine may be slow to end those of an earlier test."""
-    end = time.monotonic() + limit_s
-    for child in multiprocessing.active_children():
+@pytest.fixture(autouse=True)
+def _children_that_were_there() -> Iterator[None]:
+    """No test here leaves a child; one of an earlier test in this process is not its business."""
+    before = set(multiprocessing.active_children())
+    yield
+    end = time.monotonic() + 10.0  # a loaded machine may be slow to end them
+    for child in set(multiprocessing.active_children()) - before:
         child.join(max(0.0, end - time.monotonic()))
-    return multiprocessing.active_children()
+    assert not set(multiprocessing.active_children()) - before
 
 
 @pytest.mark.parametrize("processes", [1, 2, 3])
@@ -126,7 +130,6 @@ def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int)
     assert seen == sorted(seen)
     assert seen[-1] == FRAMES * SIZE
     assert len(seen) >= min(processes, 2)
-    assert not _children_left()
 
 
 def test_a_dask_cluster_gives_the_same_codes(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +166,6 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan, monkeypatch: p
     with pytest.raises(InputError, match="lines that settle before the gate") as raised:
         batch.run(_failing(make_plan, monkeypatch), processes=2)
     assert raised.value.key == "effects.line_capacitance"
-    assert not _children_left()
 
 
 def test_another_version_of_the_package_is_refused(make_plan) -> None:
@@ -214,7 +216,6 @@ def test_a_worker_that_dies_is_reported(make_plan, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(batch, "_run_part", _die)
     with pytest.raises(SimulatorError, match=r"died that ran one of the frames \d+ to \d+"):
         batch.run(make_plan(), processes=2)
-    assert not _children_left()
 
 
 def _die(*_: object) -> None:
