@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -458,9 +457,7 @@ def call(
     except subprocess.TimeoutExpired:
         raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log) from None
     finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        hdl.end_session(child)
 
 
 def measure(job: Job, where: Path, limit_s: float, replay: Run | None = None) -> Run:

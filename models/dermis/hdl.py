@@ -260,11 +260,17 @@ def run_logged(command: Sequence[str], directory: Path, log: Path, limit_s: floa
     except subprocess.TimeoutExpired:
         raise SimulatorError(f"{what} took more than {limit_s:g} s", log) from None
     finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        end_session(child)
     if code != 0:
         raise SimulatorError(f"{what} failed with exit code {code}", log)
+
+
+def end_session(child: subprocess.Popen[bytes]) -> None:
+    """End a child and what it started, if it still runs: it leads its session, so nothing else is hit."""
+    if child.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
 
 
 def _headers(includes: Sequence[Path]) -> list[Path]:

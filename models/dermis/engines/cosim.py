@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import threading
@@ -171,11 +169,8 @@ class _Children:
             return child
 
     def end_one(self, child: subprocess.Popen[bytes]) -> None:
-        """End a child and what it started: it leads its session, so nothing else is hit."""
-        if child.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        """End a child and what it started."""
+        hdl.end_session(child)
         with self._lock:
             self._running.discard(child)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import dataclasses
-import os
 import re
 import signal
 import subprocess
@@ -338,10 +337,7 @@ def simulate(
             elif time.monotonic() - since > SLOT_LIMIT_S:
                 raise SimulatorError(f"{Path(command[0]).name} wrote no row for {SLOT_LIMIT_S:g} s", log)
     finally:
-        if child.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        hdl.end_session(child)
     if code != 0:
         raise SimulatorError(f"{Path(command[0]).name} ended with exit code {code}", log)
     on_rows(frames * plan.rows)
