@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import resource
 import statistics
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dermis import engines, plan, report, scene, verdict
+from dermis.cpu_time import cpu_seconds
 from dermis.design import ROOT
 from dermis.errors import InputError
 from dermis.files import write_between
@@ -32,9 +32,6 @@ FRAMES = 64
 
 PAIRS = 3
 """Runs with and without an effect behind a ratio of times; 1 with cosim."""
-
-# Shorter runs are repeated: processor time of a process is not known better than to some 10 us.
-_AT_LEAST_S = 0.02
 
 EVERYTHING = "all_effects"
 
@@ -81,25 +78,8 @@ def busiest(made: Plan, frames: int) -> Plan:
     """At most so many frames of a plan, one after the other, around the one with the most conductance."""
     if frames >= made.frames:
         return made
-    load = np.minimum(made.conductance_s(), 1.0).sum(axis=(1, 2))  # a short counts as much as any
-    first = min(max(0, int(np.argmax(load)) - frames // 2), made.frames - frames)
+    first = min(max(0, made.fullest_frame() - frames // 2), made.frames - frames)
     return made.part(first, first + frames)
-
-
-def cpu_seconds(work: Callable[[], object]) -> float:
-    """Processor time of one call, in this process and its children, from as many calls as it takes to see it."""
-    calls = 0
-    begin = cpu_used_s()
-    while calls == 0 or cpu_used_s() - begin < _AT_LEAST_S:
-        work()
-        calls += 1
-    return (cpu_used_s() - begin) / calls
-
-
-def cpu_used_s() -> float:
-    """Processor time that this process and its ended children have used so far, in seconds."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def measure(

@@ -6,15 +6,14 @@ models/dermis/bounds.py says how far each effect can move a decision; docs/auto.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import bounds, effects, engines
+from dermis import bounds, engines, scene
 from dermis.bounds import Extent, Total
 from dermis.effects import EFFECTS, AutoTable
 from dermis.schema import Strict
@@ -53,23 +52,14 @@ class Choice:
     why: dict[str, str]
 
 
+def with_auto(world: Scene) -> Scene:
+    """The same scene as if it said [effects] auto = {}."""
+    return scene.with_effects(world, world.table.effects.model_copy(update={"auto": AutoTable()}), None)
+
+
 def candidates(world: Scene) -> dict[str, Strict]:
     """What auto would consider in a scene: what it names, and every further effect with physical defaults."""
-    table = world.table.effects.model_copy(update={"auto": AutoTable()})
-    return effects.resolve_effects(table, effects.Setting.of(world.table, world.design, _no_rng), world.path)
-
-
-def with_auto(world: Scene, auto: AutoTable | None = None) -> Scene:
-    """The same scene as if it said [effects] auto."""
-    chosen = world.table.effects.model_copy(update={"auto": auto or AutoTable()})
-    table = world.table.model_copy(
-        update={"effects": chosen, "run": world.table.run.model_copy(update={"engine": None})}
-    )
-    return dataclasses.replace(world, table=table, effects=candidates(world))
-
-
-def _no_rng(name: str) -> Any:
-    raise AssertionError(f"{name}: no random number is drawn here")
+    return with_auto(world).effects
 
 
 class _Weighing:

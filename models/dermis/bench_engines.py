@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import ablate, array, batch, effects, engines, plan, scene, verdict
+from dermis import array, batch, cpu_time, effects, engines, plan, scene, verdict
 from dermis.array import Network
 from dermis.design import load as load_design
 from dermis.engines import certificate
@@ -84,12 +84,12 @@ def speed(name: str, made: Plan, repeat: int, note: str) -> Row:
     run(made)  # whatever is compiled or cached is so now
     rates, cpu = [], []
     for _ in range(repeat):
-        count, begin, cpu_begin = 0, time.perf_counter(), ablate.cpu_used_s()
+        count, begin, cpu_begin = 0, time.perf_counter(), cpu_time.cpu_used_s()
         while (taken := time.perf_counter() - begin) < _SAMPLE_S:
             run(made)
             count += made.frames
         rates.append(count / taken)
-        cpu.append(count / (ablate.cpu_used_s() - cpu_begin))
+        cpu.append(count / (cpu_time.cpu_used_s() - cpu_begin))
     note = f"{note}; {statistics.median(cpu):.0f} a second of processor time"
     return verdict.median(name, rates, "1/s", note)
 
@@ -139,7 +139,7 @@ def _badcrossbar(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         rates.append(1.0 / said["seconds"])
         ours = array.column_currents(network, g[:1])[0]
         taken = statistics.median(
-            ablate.cpu_seconds(lambda: array.column_currents(network, g)) for _ in range(5)
+            cpu_time.cpu_seconds(lambda: array.column_currents(network, g)) for _ in range(5)
         )
         ratios.append(len(g) / taken / rates[-1])
         difference = float(np.max(np.abs(ours / theirs - 1.0)))
@@ -192,7 +192,9 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         run = functools.partial(engines.runner("event"), made)
         result = run()
         certify = functools.partial(certificate.certified, made, result)
-        ratios = [1.0 + ablate.cpu_seconds(certify) / ablate.cpu_seconds(run) for _ in range(min(repeat, 3))]
+        ratios = [
+            1.0 + cpu_time.cpu_seconds(certify) / cpu_time.cpu_seconds(run) for _ in range(min(repeat, 3))
+        ]
         note = "the same run with certified lower and upper codes over that without, processor time"
         yield verdict.median("event.certificate_time_ratio", ratios, "1", note)
         # The converters alone: what the network solve costs at that size is array.exponent.
@@ -220,7 +222,7 @@ def _time_ratios(first: Plan, second: Plan, repeat: int) -> list[float]:
         engines.check(made)
         runs.append(functools.partial(engines.runner(made.engine), made))
         runs[-1]()
-    return [ablate.cpu_seconds(runs[0]) / ablate.cpu_seconds(runs[1]) for _ in range(repeat)]
+    return [cpu_time.cpu_seconds(runs[0]) / cpu_time.cpu_seconds(runs[1]) for _ in range(repeat)]
 
 
 def off_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
@@ -263,7 +265,7 @@ def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
     made = random_plan(work, frames, "closed", size, **on)
     base, g = made.network(0), made.conductance_s()
     array.column_currents(base, g)
-    taken = [ablate.cpu_seconds(lambda: array.column_currents(base, g)) for _ in range(repeat)]
+    taken = [cpu_time.cpu_seconds(lambda: array.column_currents(base, g)) for _ in range(repeat)]
     return statistics.median(taken) / frames
 
 
@@ -277,10 +279,10 @@ def rtl_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         with one_core():
             rates, cpu = [], []
             for _ in range(min(repeat, 3)):
-                begin, cpu_begin = time.perf_counter(), ablate.cpu_used_s()
+                begin, cpu_begin = time.perf_counter(), cpu_time.cpu_used_s()
                 codes = engines.run(made, simulator=simulator).codes
                 rates.append(frames / (time.perf_counter() - begin))
-                cpu.append(frames / (ablate.cpu_used_s() - cpu_begin))
+                cpu.append(frames / (cpu_time.cpu_used_s() - cpu_begin))
         expected = engines.run(random_plan(work, frames, "closed")).codes
         wrong = int((codes != expected).sum())
         if wrong:

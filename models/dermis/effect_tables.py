@@ -185,9 +185,7 @@ def _everything(name: str, design: Design | None) -> Plan:
     """A scene with its own effects forgotten and all that there are weighed, with their defaults."""
     world = scene.load(scene.find(name), design)
     table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
-    return plan.make(
-        scene.resolve(world.table.model_copy(update={"effects": table}), world.path, world.design)
-    )
+    return plan.make(scene.with_effects(world, table, world.table.run.engine))
 
 
 def _bound(value: float | None) -> str:

@@ -181,6 +181,10 @@ class Plan:
             else self.resistance_ohm[stop],
         )
 
+    def fullest_frame(self) -> int:
+        """The frame with the most conductance; a short counts as much as 1 ohm."""
+        return int(np.argmax(np.minimum(self.conductance_s(), 1.0).sum(axis=(1, 2))))
+
     def network(self, frame: int) -> Network:
         """The network of one frame."""
         return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)

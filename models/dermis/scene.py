@@ -205,6 +205,12 @@ def from_data(data: dict[str, Any], path: Path, design: Design | None = None) ->
     return resolve(validate(SceneTable, data, path), path, design)
 
 
+def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
+    """The same scene with another [effects] table, and with this engine named (None: none)."""
+    run = world.table.run.model_copy(update={"engine": engine})
+    return resolve(world.table.model_copy(update={"effects": table, "run": run}), world.path, world.design)
+
+
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in every default that comes from the design, and check what no single key can."""
     design = design or load_design()

@@ -60,7 +60,7 @@ def _run(path: Path, engine: str) -> str:
 
 def _compare(made: Plan, **options: object) -> None:
     """Read the frame that is pressed hardest; the Verilog at most one code away from engine event."""
-    pressed = int(np.argmax(made.conductance_s().sum(axis=(1, 2))))
+    pressed = made.fullest_frame()
     part = made.part(pressed, pressed + 1)
     # Icarus: where nothing is built yet, Verilator's compiler takes longer than one frame does.
     if part.engine == "rtl":

@@ -172,7 +172,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
             g_in = g_in + coupled.across_s
         elif plan.topology == "direct":
             # The whole column hangs on the virtual ground, whichever row is driven.
-            g_in = g_in + np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
+            g_in = g_in + np.minimum(g_taxel_s, event_input.G_ACROSS_S).sum(axis=1, keepdims=True)
         per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
         across = np.minimum(per_clock, _LEAK_MAX)
         leak = across * (converter.inv_gain_dc * amplitude)
@@ -212,7 +212,7 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
     """Variance of charge a clock in packets^2 that does not hang on x: thermal noise, [frames, 1, cols]."""
     converter = plan.converter
-    column_s = np.minimum(g_taxel_s, _LEAK_MAX).sum(axis=1, keepdims=True)
+    column_s = np.minimum(g_taxel_s, event_input.G_ACROSS_S).sum(axis=1, keepdims=True)
     q_packet = converter.i0_a / converter.f_clk_hz
     return 2.0 * converter.kt_noise_j * column_s / (converter.k**2 * converter.f_clk_hz * q_packet**2)
 

@@ -37,7 +37,7 @@ FAR = 0.03
 # Conductance that stands for a short on its way to another value; as in dermis.array.
 _G_SHORT_S = 1e16
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
-_G_ACROSS_S = 1e12
+G_ACROSS_S = 1e12
 # Duty that no neighbour moves back into the range of codes.
 _X_SATURATED = 0.6
 # Counts to which the coupling of columns must have settled after so many repetitions, and below which it has.
@@ -83,7 +83,7 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
     resistance is counted as if each taxel were alone on its two lines.
     """
     rows, cols = network.rows, network.cols
-    g = _behind_lines(network, np.minimum(g_frames_s, _G_ACROSS_S))
+    g = _behind_lines(network, np.minimum(g_frames_s, G_ACROSS_S))
     resistance = np.full((1, rows), network.r_row_grounded_ohm)
     if network.r_row_driven_ohm != network.r_row_grounded_ohm:
         resistance = np.full((rows, rows), network.r_row_grounded_ohm)
@@ -171,7 +171,7 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     # wrong as all they do.
     doubts = clocks * np.abs(others - before)
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
-        alone = np.minimum(g, _G_ACROSS_S)
+        alone = np.minimum(g, G_ACROSS_S)
         behind = _behind_lines(network, alone)
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
@@ -326,8 +326,7 @@ def refuses(plan: Plan) -> InputError | None:
     """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
     if not _couples(plan) and not plan.active_fields() & _CAPACITANCES:
         return None
-    load = np.minimum(plan.conductance_s(), 1.0).sum(axis=(1, 2))  # a short counts as much as any
-    first = int(np.argmax(load))
+    first = plan.fullest_frame()
     try:
         Slots(plan, slice(first, first + 1))
     except InputError as error:
