@@ -6,7 +6,7 @@ models/dermis/bounds.py says how far each effect can move a decision; docs/auto.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -86,10 +86,11 @@ class _Weighing:
         }
         self.fields = {name: fields_of(plan, name) for name in self.on}
 
-    def _cells(self, names: Iterable[str], kept: Iterable[str] = ()) -> Floats:
+    def _cells(self, names: Set[str], kept: Set[str]) -> Floats:
         """Packets by which effects that are left out (or random) may move a decision, beside others that are kept."""
         inputs = levels = squares = 0.0
-        for name in names:
+        # In the scene's order: that of a set differs from process to process, and with it a sum's last digit.
+        for name in filter(names.__contains__, self.on):
             bound, lsb = self.total.bounds[name], self.lsb[name]
             if bound.gauss:
                 squares = squares + lsb * lsb
@@ -97,7 +98,7 @@ class _Weighing:
                 levels = levels + lsb
             else:
                 inputs = inputs + lsb
-        for name in kept:
+        for name in filter(kept.__contains__, self.kept):
             levels = levels + self.kept[name]
         moved = np.minimum(inputs, self.cap)
         if "mirror_lag" in self.on and "mirror_lag" not in names and np.any(moved > 0):
@@ -189,4 +190,4 @@ def random_margin(plan: Plan) -> Floats:
 
 def _cost(engine: str, on: set[str]) -> float:
     solve = max((EFFECTS[n].cost_ns for n in on & _SOLVE), default=0.0)
-    return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(EFFECTS[n].cost_ns for n in on - _SOLVE)
+    return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(EFFECTS[n].cost_ns for n in sorted(on - _SOLVE))

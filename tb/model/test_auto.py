@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -94,6 +97,19 @@ def test_what_is_left_out_stays_within_the_budget(budget: float) -> None:
         assert not weighing.fits(out | {name}, budget)
     if budget == 0.0:
         assert all(e.bound_lsb == 0.0 for e in plan.effects if e.name in out)
+
+
+def test_every_process_plans_alike() -> None:
+    """To the last digit: sets come in another order in every process, and a sum of floats follows its order."""
+    code = (
+        "from pathlib import Path; from dermis import plan, scene;"
+        f"p = plan.make(scene.from_data({{'stimulus': {TOUCH!r}, 'effects': {{'auto': {{}}}}}}, Path('made.toml')));"
+        "print(repr(p.left_out_lsb), list(map(float, p.margin_lsb)), p.effects)"
+    )
+    seeds = [{**os.environ, "PYTHONHASHSEED": str(seed)} for seed in range(4)]
+    command = [sys.executable, "-c", code]
+    told = {subprocess.run(command, env=e, capture_output=True, check=True, timeout=60).stdout for e in seeds}
+    assert len(told) == 1
 
 
 def test_the_sum_of_the_bounds_is_what_counts_not_each_alone() -> None:
