@@ -147,21 +147,25 @@ def _message_row(name: str, run: _Run, messages: Sequence[str], finished: bool) 
     return _row(name, 0, "messages", None, 0, "PASS")
 
 
-def _lint_icarus(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+def _lint_icarus(
+    root: Path, configuration: str, parameters: Mapping[str, int], top: str = TOP
+) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "design.vvp"
-        command = [_tool("iverilog"), "-g2005", "-Wall", "-o", str(out), "-s", TOP, "-c", FILE_LIST]
-        command += [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
+        command = [_tool("iverilog"), "-g2005", "-Wall", "-o", str(out), "-s", top, "-c", FILE_LIST]
+        command += [f"-P{top}.{key}={value}" for key, value in parameters.items()]
         run = _run(command, root)
-        finished = out.is_file() and f'"{TOP}"' in out.read_text()
+        finished = out.is_file() and f'"{top}"' in out.read_text()
     # Icarus prints nothing when all is well, so every line counts.
     messages = [line for line in run.output.splitlines() if line.strip()]
     return [_message_row(f"lint.icarus.{configuration}", run, messages, finished)]
 
 
-def _lint_verilator(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+def _lint_verilator(
+    root: Path, configuration: str, parameters: Mapping[str, int], top: str = TOP
+) -> list[dict[str, Any]]:
     place = verilator_root()
-    command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", TOP]
+    command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top]
     command += [f"-G{key}={value}" for key, value in parameters.items()]
     run = _run([*command, WAIVERS, "-f", FILE_LIST], root, {"VERILATOR_ROOT": str(place)})
     messages = _VERILATOR_MESSAGE.findall(run.output)
@@ -209,7 +213,9 @@ def _count_row(name: str, unit: str, found: int | None, expected: int, note: str
     return _row(name, found, unit, expected, expected, status, "" if status == "PASS" else note)
 
 
-def _lint_yosys(root: Path, configuration: str, parameters: Mapping[str, int]) -> list[dict[str, Any]]:
+def _lint_yosys(
+    root: Path, configuration: str, parameters: Mapping[str, int], top: str = TOP
+) -> list[dict[str, Any]]:
     set_parameters = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())
     includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
     sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
@@ -220,7 +226,7 @@ def _lint_yosys(root: Path, configuration: str, parameters: Mapping[str, int]) -
         counts = Path(scratch) / "counts.json"
         script = [
             f"read_verilog {includes} {sources}",
-            f"hierarchy -check -top {TOP} {set_parameters}",
+            f"hierarchy -check -top {top} {set_parameters}",
             "proc",
             "check -assert",
             "flatten",
@@ -280,6 +286,18 @@ def _lint_file_list(root: Path) -> dict[str, Any]:
     return _row(name, len(wrong), "files", None, 0, "FAIL" if wrong else "PASS", "; ".join(wrong))
 
 
+def alone(root: Path = ROOT) -> list[str]:
+    """Modules of the file list that no other instantiates, besides the top: tools skip them without a word."""
+    text = {path.stem: path.read_text() for path in rtl_sources(root) if path.is_file()}
+    used = {
+        name
+        for name in text
+        for other in text
+        if name != other and re.search(rf"^\s*{name}\b", text[other], re.MULTILINE)
+    }
+    return sorted(text.keys() - used - {TOP})
+
+
 def run_lint(root: Path = ROOT) -> list[dict[str, Any]]:
     """Lint rtl/ with every tool in every configuration.
 
@@ -306,6 +324,8 @@ def run_lint(root: Path = ROOT) -> list[dict[str, Any]]:
     for tool in (_lint_icarus, _lint_verilator, _lint_yosys):
         for configuration, parameters in CONFIGURATIONS.items():
             rows += tool(root, configuration, parameters)
+        for module in alone(root):
+            rows += tool(root, module, {}, module)
     return rows
 
 

@@ -162,6 +162,19 @@ def test_file_left_out_of_the_list_and_second_module_in_a_file_fail(copy: Path) 
     assert "dermis_tech_dff.v holds dermis_tech_dff, dermis_second" in row["note"]
 
 
+def test_listed_module_that_nothing_instantiates_is_linted_by_itself(copy: Path) -> None:
+    """The tools look only below the top they are given, so a module beside it would pass unread."""
+    stray = copy / "rtl" / "dermis_stray.v"
+    stray.write_text(
+        "module dermis_stray (input wire a_i, output wire b_o);\nassign b_o = a_i & lost;\nendmodule\n"
+    )
+    listed = copy / lint.FILE_LIST
+    listed.write_text(listed.read_text() + "rtl/dermis_stray.v\n")
+    assert "dermis_stray" in lint.alone(copy)
+    seen = status(copy)
+    assert [seen[f"lint.{tool}.dermis_stray"] for tool in TOOLS] == ["FAIL"] * 3
+
+
 @pytest.mark.parametrize(
     ("parameter", "rule"),
     [
