@@ -4,6 +4,7 @@
 # Optional values, each passed on only when given:
 #   FRAMES=path                        for sim: also read this frame file (csv or npy)
 #   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for plan and ablate
+#   TECH=sky130|osu035 SIZES=1         for synth; the first for gl as well
 #   ARGS="..."                         anything more for the command behind a target
 #   TESTS=paths JOBS=n                 for test: what to run, and on how many cores
 TESTS ?= tb
@@ -19,7 +20,8 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate auto-check sweep lint test bench waves generate gen-check calc clean
+.PHONY: help setup sim run plan ablate auto-check sweep lint test formal mutate coverage synth gl liberty bench \
+        waves generate gen-check calc clean
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -58,6 +60,24 @@ lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings ar
 	.venv/bin/ruff format --check models tb scripts || status=1; \
 	$(dermis) lint $(ARGS) || status=1; \
 	exit $$status
+
+formal: setup ## proofs of the digital core, each with a seeded fault that it catches
+	@$(dermis) formal $(ARGS)
+
+mutate: setup ## single changes to the Verilog, and whether tests or proofs see them
+	@$(dermis) mutate $(ARGS)
+
+coverage: setup ## lines and signal bits of the Verilog that the tests reach, by module
+	@$(dermis) coverage $(ARGS)
+
+synth: setup ## gates, area, timing, equivalence [TECH=sky130|osu035] [SIZES=1: a table of array sizes]
+	@$(dermis) synth $(if $(TECH),--tech '$(TECH)') $(if $(SIZES),--sizes) $(ARGS)
+
+gl: setup ## the tests of the top on the netlist that synth makes [TECH=sky130|osu035]
+	@$(dermis) gl $(if $(TECH),--tech '$(TECH)') $(ARGS)
+
+liberty: setup ## timing of the SKY130 cells in use, measured in ngspice
+	@$(dermis) liberty $(ARGS)
 
 calc: setup ## the design equations: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)

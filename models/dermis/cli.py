@@ -27,7 +27,12 @@ ELSEWHERE = {
     "auto-check": ("dermis.auto_check", "Random scenes as auto plans them against everything on."),
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
+    "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
+    "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
+    "gl": ("dermis.gate_level", "The cocotb tests of the top on the mapped netlist."),
+    "liberty": ("dermis.liberty", "Liberty of the SKY130 cells in use, from their SPICE netlists."),
+    "mutate": ("dermis.mutate", "Mutants of the RTL against its tests, proofs and an equivalence check."),
     "plan": (
         "dermis.plan_table",
         "What a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
@@ -37,6 +42,7 @@ ELSEWHERE = {
         "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
     ),
     "sweep": ("dermis.sweep", "Resistance against frequency for the four interfaces, csv and plot."),
+    "synth": ("dermis.synth", "Yosys: cells, area, timing and equivalence of the mapped core."),
 }
 
 
@@ -160,6 +166,8 @@ def main() -> None:
     # Small matrices: a second thread of OpenBLAS only waits for the first one, and takes ten times the time with it.
     # It is read when numpy is loaded, which is later. Cores are for processes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Where set-up has put YoWASP's compiled Yosys; its own choice is the home directory.
+    os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     try:
         code = cli(standalone_mode=False)
     except DermisError as error:
