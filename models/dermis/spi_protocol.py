@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The host's side of the SPI protocol: commands, answers, frames; the reference for firmware (docs/spi.md).
+
+A transaction is a generator: it yields the bytes to send while CS stays low, is sent the bytes that came back, and
+returns its result. So one text serves a cocotb test, the engines' bridge and a driver alike::
+
+    value = run(read_register(0x00), exchange)      # exchange(bytes) -> bytes of the same length
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dermis.errors import DermisError
+
+OP_WRITE, OP_READ, OP_FRAME = 0x02, 0x03, 0x0B
+WAIT, TOKEN_DONE, TOKEN_DATA = 0x00, 0x5A, 0xA5
+TOKEN_OPCODE, TOKEN_CRC, TOKEN_BUSY, TOKEN_ACCESS = 0xE0, 0xE1, 0xE2, 0xE3
+
+FORMAT = 0x01
+HEADER_BYTES, CRC_BYTES = 8, 2
+SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
+SPECIAL_SLOTS = (SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD)
+
+WAIT_LIMIT = 4096
+"""Wait bytes after which a chip counts as one without a clock: SCK may be 8000 times faster than f_clk."""
+
+Result = TypeVar("Result")
+Transaction = Generator[bytes, bytes, Result]
+
+
+class SpiError(DermisError):
+    """A transaction did not do what it was for."""
+
+
+class NoAnswer(SpiError):
+    """Nothing but wait bytes came: no clock, no chip, or CIPO stuck at 0."""
+
+
+class BadToken(SpiError):
+    """A byte came where a token must stand that is none: wrong mode, bit slip, CIPO stuck at 1."""
+
+
+class UnknownCommand(SpiError):
+    """E0: the chip knows no such opcode."""
+
+
+class BadCommandCrc(SpiError):
+    """E1: the command was damaged on its way; nothing was written."""
+
+
+class Busy(SpiError):
+    """E2: an earlier request, of a transaction that was cut, is still crossing; nothing was done."""
+
+
+class NoSuchRegister(SpiError):
+    """E3: no register has this address at this size, or it can only be read; nothing was done."""
+
+
+class BadAnswerCrc(SpiError):
+    """The answer of a read does not match its CRC."""
+
+
+class FrameError(SpiError):
+    """The bytes of a burst are no frame."""
+
+
+class EmptyFrame(FrameError):
+    """Length 0: no frame was stored since reset."""
+
+
+class BadFrameCrc(FrameError):
+    """The CRC-16 of a frame does not match."""
+
+
+class BadFrameFormat(FrameError):
+    """Another format number, or a header or slot number that no chip sends."""
+
+
+class BadFrameLength(FrameError):
+    """The number of bytes is not that of whole slots."""
+
+
+REFUSALS: dict[int, tuple[type[SpiError], str]] = {
+    TOKEN_OPCODE: (UnknownCommand, "the chip knows no such command"),
+    TOKEN_CRC: (BadCommandCrc, "the chip saw a wrong CRC"),
+    TOKEN_BUSY: (Busy, "an earlier request is still crossing"),
+    TOKEN_ACCESS: (NoSuchRegister, "no such register, or read-only"),
+}
+
+
+def crc8(data: Iterable[int], crc: int = 0) -> int:
+    """CRC-8/SMBUS: polynomial 0x07, start 0, most significant bit first; ``crc8(b"123456789") == 0xF4``."""
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ (0x07 if crc & 0x80 else 0)) & 0xFF
+    return crc
+
+
+def crc16(data: Iterable[int], crc: int = 0xFFFF) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF; ``crc16(b"123456789") == 0x29B1``."""
+    for byte in data:
+        crc = (crc << 8 & 0xFFFF) ^ _CRC16[crc >> 8 ^ byte]
+    return crc
+
+
+def _remainder16(byte: int) -> int:
+    crc = byte << 8
+    for _ in range(8):
+        crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
+    return crc
+
+
+_CRC16 = [_remainder16(byte) for byte in range(256)]
+
+
+def write_command(address: int, value: int) -> bytes:
+    """The five bytes that write a register."""
+    body = bytes((OP_WRITE, address, value >> 8, value & 0xFF))
+    return body + bytes((crc8(body),))
+
+
+def read_command(address: int) -> bytes:
+    """The two bytes that ask for a register."""
+    return bytes((OP_READ, address))
+
+
+def frame_command() -> bytes:
+    """The byte that asks for the newest whole frame."""
+    return bytes((OP_FRAME,))
+
+
+def write_register(address: int, value: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
+    """Write a register; return the number of wait bytes.
+
+    Raises
+    ------
+    SpiError
+        One of its subclasses says what; the register is as it was.
+    """
+    yield write_command(address, value)
+    return (yield from _token(TOKEN_DONE, wait_limit))
+
+
+def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
+    """Read a register; return its 16 bits."""
+    yield read_command(address)
+    yield from _token(TOKEN_DATA, wait_limit)
+    high, low, check = yield bytes(3)
+    if check != crc8((OP_READ, address, high, low)):
+        raise BadAnswerCrc(f"register 0x{address:02X}: {high:02X} {low:02X} came with CRC {check:02X}")
+    return high << 8 | low
+
+
+def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
+    """Read the newest whole frame as the chip packed it, empty if there is none yet; `parse_frame` takes it apart."""
+    yield frame_command()
+    yield from _token(TOKEN_DATA, wait_limit)
+    high, low = yield bytes(2)
+    return (yield bytes(high << 8 | low)) if high or low else b""
+
+
+def read_frame(wait_limit: int = WAIT_LIMIT) -> Transaction[Frame]:
+    """Read the newest whole frame.
+
+    Raises
+    ------
+    SpiError
+        `EmptyFrame` if none was stored since reset.
+    """
+    return parse_frame((yield from read_frame_bytes(wait_limit)))
+
+
+def _token(wanted: int, wait_limit: int) -> Transaction[int]:
+    for waited in range(wait_limit + 1):
+        (token,) = yield b"\x00"
+        if token == wanted:
+            return waited
+        if token != WAIT:
+            kind, text = REFUSALS.get(token, (BadToken, f"0x{token:02X} is no token that may stand here"))
+            raise kind(text)
+    raise NoAnswer(f"no answer after {wait_limit} wait bytes")
+
+
+def run(transaction: Transaction[Result], exchange: Callable[[bytes], bytes]) -> Result:
+    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it behind this call."""
+    try:
+        send = next(transaction)
+        while True:
+            send = transaction.send(exchange(send))
+    except StopIteration as done:
+        return done.value
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame as it was read.
+
+    Attributes
+    ----------
+    number : int
+        Frames begun since reset, modulo 65536; the first is 1.
+    cols, code_bits, gate_clocks : int
+        Geometry, width of a code, and the gate this frame was measured with.
+    slots : [n]
+        What each slot measured: a row's number, or one of `SPECIAL_SLOTS`.
+    codes : [n, cols] uint16
+        Code of each column in each slot; pedestals are taken off rows only.
+    overflow : [n, cols] bool
+        The count was above full scale.
+    test, dark, fault : bool
+        A self-test frame; with a dark slot in front; a fault stands in a mask.
+    pedestal_mode : int
+        0 none, 1 registers, 2 latest dark slot.
+    """
+
+    number: int
+    cols: int
+    code_bits: int
+    gate_clocks: int
+    slots: tuple[int, ...]
+    codes: npt.NDArray[np.uint16]
+    overflow: npt.NDArray[np.bool_]
+    test: bool = False
+    pedestal_mode: int = 0
+    dark: bool = False
+    fault: bool = False
+
+    def rows(self) -> dict[int, npt.NDArray[np.uint16]]:
+        """``{row: codes [cols]}`` of the slots that measured a row, in the order they were read."""
+        return {s: self.codes[i] for i, s in enumerate(self.slots) if s not in SPECIAL_SLOTS}
+
+    def slot(self, number: int) -> npt.NDArray[np.uint16]:
+        """Codes [cols] of a slot by its number; KeyError if the frame has none."""
+        if number not in self.slots:
+            raise KeyError(number)
+        return self.codes[self.slots.index(number)]
+
+
+def slot_bytes(cols: int, code_bits: int) -> int:
+    """Bytes of one slot in a frame: its number, the codes, the overflow bits."""
+    return 1 + cols * (2 if code_bits > 8 else 1) + (cols + 7) // 8
+
+
+def frame_bytes(slots: int, cols: int, code_bits: int) -> int:
+    """Bytes of a frame of so many slots."""
+    return HEADER_BYTES + slots * slot_bytes(cols, code_bits) + CRC_BYTES
+
+
+def parse_frame(data: bytes) -> Frame:
+    """Take a frame apart.
+
+    Raises
+    ------
+    EmptyFrame, BadFrameCrc, BadFrameFormat, BadFrameLength
+        It is none; the CRC is looked at first, so that the others mean a chip of another kind, not a bad line.
+    """
+    if not data:
+        raise EmptyFrame("no frame was stored since reset")
+    if len(data) < HEADER_BYTES + CRC_BYTES:
+        raise BadFrameLength(f"{len(data)} bytes are fewer than an empty frame has")
+    if crc16(data):
+        raise BadFrameCrc(f"frame of {len(data)} bytes: CRC {data[-2]:02X}{data[-1]:02X} does not match")
+    form, flags, high, low, cols, code_bits, gate_high, gate_low = data[:HEADER_BYTES]
+    if form != FORMAT or flags >> 5 or not 1 <= cols <= 128 or not 1 <= code_bits <= 16:
+        raise BadFrameFormat(f"header {data[:HEADER_BYTES].hex(' ')}")
+    size = slot_bytes(cols, code_bits)
+    body = np.frombuffer(data[HEADER_BYTES:-CRC_BYTES], dtype=np.uint8)
+    if len(body) % size or not len(body):
+        raise BadFrameLength(f"{len(body)} bytes are not one or more slots of {size}")
+    table = body.reshape(-1, size)
+    wide = code_bits > 8
+    end = 1 + cols * (2 if wide else 1)
+    codes = table[:, 1:end].astype(np.uint16)
+    if wide:
+        codes = codes[:, 0::2] << 8 | codes[:, 1::2]
+    overflow = np.unpackbits(table[:, end:], axis=1, bitorder="little").astype(bool)
+    slots = tuple(int(s) for s in table[:, 0])
+    if len(set(slots)) != len(slots) or any(s >= 128 and s not in SPECIAL_SLOTS for s in slots):
+        raise BadFrameFormat(f"slots {bytes(slots).hex(' ')}")
+    if overflow[:, cols:].any() or (codes >> code_bits).any():
+        raise BadFrameFormat("bits beyond the columns or beyond a code are not 0")
+    return Frame(
+        number=high << 8 | low,
+        cols=cols,
+        code_bits=code_bits,
+        gate_clocks=gate_high << 8 | gate_low,
+        slots=slots,
+        codes=codes,
+        overflow=overflow[:, :cols],
+        test=bool(flags & 1),
+        pedestal_mode=flags >> 1 & 3,
+        dark=bool(flags >> 3 & 1),
+        fault=bool(flags >> 4 & 1),
+    )
+
+
+def pack_frame(frame: Frame) -> bytes:
+    """Put a frame together as the chip does: what tests compare with."""
+    flags = frame.test | frame.pedestal_mode << 1 | frame.dark << 3 | frame.fault << 4
+    out = bytearray((FORMAT, flags, *divmod(frame.number, 256), frame.cols, frame.code_bits))
+    out += bytes(divmod(frame.gate_clocks, 256))
+    for slot, codes, overflow in zip(frame.slots, frame.codes, frame.overflow, strict=True):
+        out.append(slot)
+        out += _codes(codes.tolist(), frame.code_bits)
+        out += np.packbits(overflow, bitorder="little").tobytes()
+    return bytes(out) + crc16(out).to_bytes(2, "big")
+
+
+def _codes(codes: Sequence[int], code_bits: int) -> bytes:
+    return b"".join(code.to_bytes(2 if code_bits > 8 else 1, "big") for code in codes)
