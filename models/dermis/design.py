@@ -133,6 +133,7 @@ class Timing(_Strict):
     frame_s: Positive
     gate_clocks: int = Field(ge=1, le=2**24)
     code_bits: int = Field(ge=1, le=16)
+    break_clocks: int = Field(ge=1, le=2**16 - 3)
     _slot_clocks: int = PrivateAttr(default=0)
     _slot_s: float = PrivateAttr(default=0.0)
     _t_clk_s: Fraction = PrivateAttr(default=Fraction(0))
@@ -302,8 +303,14 @@ class Design(_Strict):
         clocks = round(clocks)
         timing._slot_clocks, timing._slot_s = clocks, float(slot)
         timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
-        if timing.settle_clocks < 1:
-            _cross("timing.gate_clocks", timing.gate_clocks, f"below the {clocks} clocks of a row slot")
+        # The reader wants two clocks with the row on before the gate (docs/rtl.md); it would stretch a shorter slot.
+        if timing.settle_clocks < timing.break_clocks + 2:
+            most = clocks - timing.break_clocks - 2
+            _cross(
+                "timing.gate_clocks",
+                timing.gate_clocks,
+                f"at most {most} of the {clocks} clocks of a row slot",
+            )
         if 2 * timing.code_max > timing.gate_clocks:
             need = 2 * timing.code_max
             _cross(

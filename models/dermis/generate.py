@@ -34,6 +34,7 @@ def verilog_header(design: Design) -> str:
         "DERMIS_CODE_BITS": design.timing.code_bits,
         "DERMIS_GATE_CLOCKS": design.timing.gate_clocks,
         "DERMIS_SETTLE_CLOCKS": design.timing.settle_clocks,
+        "DERMIS_BREAK_CLOCKS": design.timing.break_clocks,
         "DERMIS_SLOT_CLOCKS": design.timing.slot_clocks,
         "DERMIS_T_CLK_PS": round(period * 10**12),
     }

@@ -109,7 +109,7 @@ def test_no_derived_value_is_stored() -> None:
         ("[ambient]", "[weather]", "weather = "),
         ('topology = "conveyor_mirror"', 'topology = "magic"', "interface.topology = 'magic': 'direct'"),
         # cross-checks
-        ("gate_clocks = 510", "gate_clocks = 625", "timing.gate_clocks = 625: below the 625 clocks"),
+        ("gate_clocks = 510", "gate_clocks = 625", "timing.gate_clocks = 625: at most 622 of the 625 clocks"),
         (
             "gate_clocks = 510",
             "gate_clocks = 508",
