@@ -119,6 +119,8 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
 
         |y| <= 2 A sqrt(sum C) / (1 - exp(-T / tau)) = sqrt(E)   when a slot begins
 
+    With a break of length B the state is moved twice a slot, where a row is let go and where the next is driven, and
+    where that is driven |y| <= 2 A sqrt(sum C) (1 + exp(-B / tau)) / (1 - exp(-T / tau)). From there on t counts,
     and the power in all resistors, y G y, is at most E / tau exp(-2 t / tau) as long as tau <= 2 t. The
     current in a conductance g is at most sqrt(g power). Into a column that has no input resistance all its
     conductances bring current, and its taxel capacitances what their rows still move. A floating row without
@@ -129,7 +131,8 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
     network = in_range(network)
     g = _frames(network, g_frames_s)
     rows, cols = network.rows, network.cols
-    t_start, t_slot = (n / timing.f_clk_hz for n in (timing.settle_clocks, timing.slot_clocks))
+    t_slot, t_break = (n / timing.f_clk_hz for n in (timing.slot_clocks, timing.break_clocks))
+    t_start = (timing.settle_clocks - timing.break_clocks) / timing.f_clk_hz
     amplitude = abs(network.v_bias_v) + np.abs(network.v_column_offset_v).max()
     amplitude += (np.abs(network.i_leak_a) * network.r_column_ohm).sum()
     if not np.isfinite(network.r_row_grounded_ohm) and (g.sum(axis=2) == 0).any():
@@ -142,6 +145,8 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
         return np.full(cols, np.inf)
     capacitance = rows * network.c_row_f + cols * network.c_column_f + 4 * rows * cols * network.c_taxel_f
     norm = 2 * amplitude * np.sqrt(capacitance) / -np.expm1(-t_slot / tau)
+    if t_break:
+        norm *= 1 + np.exp(-t_break / tau)
     root_power = norm / np.sqrt(tau) * np.exp(-t_start / tau)  # when the gate opens
     through = np.where(network.r_column_ohm > 0, network.r_column_ohm, network.r_trace_column_ohm)
     around = g.sum(axis=1).max(axis=0) + 2 * rows * network.g_lateral_row_s
@@ -163,7 +168,7 @@ def transients(
         Taxel conductances [frames, rows, cols].
     timing : Timing
         Of the slot. The first row of each frame starts settled; each other one from where the one before
-        ended.
+        ended, after a break in which no row is driven.
     negligible_c : float
         Extra charge in a whole gate that counts as nothing, in coulomb.
 
@@ -185,8 +190,8 @@ def transients(
             "on together with trace, and not settled when the gate opens",
             "lines that settle before the gate, or engine cosim",
         )
-    if timing.settle_clocks < 1:
-        raise ValueError("a slot without settle clocks has no end of its switching")
+    if timing.settle_clocks - timing.break_clocks < 1:
+        raise ValueError("a slot without settle clocks behind its break has no end of its switching")
     g = _frames(network, g_frames_s)
     if not np.isfinite(network.r_row_grounded_ohm) and network.c_taxel_f and (g.sum(axis=2) == 0).any():
         raise Unsupported(
@@ -218,16 +223,31 @@ class _Slots:
         )
         np.fill_diagonal(self.capacitance, diagonal)
 
-    def _system(self, driven: int) -> tuple[Floats, Floats, Floats]:
+    def _phase(self, driven: int | None, modes: _Modes | None) -> _Phase:
+        """The network while a row is driven, or none; `modes` where they are known."""
+        to_source, source, matrix = self._system(driven)
+        free = np.flatnonzero(np.isfinite(to_source))
+        fixed = np.flatnonzero(np.isinf(to_source))
+        if modes is None:
+            modes = _Modes(matrix[:, free[:, np.newaxis], free], self.capacitance[np.ix_(free, free)])
+        push = to_source[free] * source[free] - matrix[:, free[:, np.newaxis], fixed] @ source[fixed]
+        rest = np.broadcast_to(source, (self.g.shape[0], source.size)).copy()
+        rest[:, free] = np.linalg.solve(matrix[:, free[:, np.newaxis], free], push[..., np.newaxis])[..., 0]
+        lasting = modes.tau > 1.0 / self.timing.f_clk_hz / _FASTEST
+        return _Phase(to_source, free, matrix, modes, rest, lasting, self.capacitance)
+
+    def _system(self, driven: int | None) -> tuple[Floats, Floats, Floats]:
         """Conductance to a source [nodes] (inf: the source itself) and its voltage, and all conductances."""
         network, rows, cols = self.network, self.network.rows, self.network.cols
         series = np.full(rows + cols, network.r_row_grounded_ohm, dtype=float)
-        series[driven] = network.r_row_driven_ohm
+        if driven is not None:
+            series[driven] = network.r_row_driven_ohm
         series[rows:] = network.r_column_ohm
         with np.errstate(divide="ignore"):
             to_source = np.where(series < 1.0 / _G_MAX_S, np.inf, 1.0 / series)
         voltage = np.zeros(rows + cols)
-        voltage[driven] = network.v_bias_v
+        if driven is not None:
+            voltage[driven] = network.v_bias_v
         # A leak into a column behind its resistance shifts what it rests at; in front of none it shifts nothing.
         voltage[rows:] = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
         matrix = np.zeros((self.g.shape[0], rows + cols, rows + cols))
@@ -245,34 +265,26 @@ class _Slots:
         network, timing = self.network, self.timing
         rows, cols, frames = network.rows, network.cols, self.g.shape[0]
         t_clk = 1.0 / timing.f_clk_hz
-        t_start, t_slot = timing.settle_clocks * t_clk, timing.slot_clocks * t_clk
+        t_start = (timing.settle_clocks - timing.break_clocks) * t_clk
+        t_end = (timing.slot_clocks - timing.break_clocks) * t_clk
         same = network.r_row_driven_ohm == network.r_row_grounded_ohm
         tau_all, charge_all, size = [], [], 0
+        dark: _Phase | None = None
+        modes: _Modes | None = None
         voltage_now: Floats | None = None
         for row in range(rows):
-            to_source, source, matrix = self._system(row)
-            free = np.flatnonzero(np.isfinite(to_source))
-            fixed = np.flatnonzero(np.isinf(to_source))
-            if row == 0 or not same:
-                modes = _Modes(matrix[:, free[:, np.newaxis], free], self.capacitance[np.ix_(free, free)])
-            push = to_source[free] * source[free] - matrix[:, free[:, np.newaxis], fixed] @ source[fixed]
-            rest = np.broadcast_to(source, (frames, rows + cols)).copy()
-            rest[:, free] = np.linalg.solve(matrix[:, free[:, np.newaxis], free], push[..., np.newaxis])[
-                ..., 0
-            ]
+            phase = self._phase(row, modes)
+            modes = phase.modes if same else None
             if voltage_now is None:
-                voltage_now = rest
-            # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
-            moved = np.matmul(voltage_now - rest, self.capacitance)[:, free]
-            tau, strength = (
-                modes.tau,
-                np.matmul(modes.shape.transpose(0, 2, 1), moved[..., np.newaxis])[..., 0],
-            )
-            lasting = tau > t_clk / _FASTEST
+                voltage_now = phase.rest
+            elif timing.break_clocks:
+                dark = dark or self._phase(None, modes)
+                voltage_now = dark.after(timing.break_clocks * t_clk, dark.strength(voltage_now))
+            to_source, free, matrix = phase.to_source, phase.free, phase.matrix
+            tau, shape, lasting = phase.modes.tau, phase.modes.shape, phase.lasting
+            strength = phase.strength(voltage_now)
             with np.errstate(divide="ignore", invalid="ignore"):
-                start = np.where(lasting, strength / tau, 0.0)
-                at_gate = np.where(lasting, start * np.exp(-t_start / tau), 0.0)
-                at_end = np.where(lasting, start * np.exp(-t_slot / tau), 0.0)
+                at_gate = np.where(lasting, strength / tau * np.exp(-t_start / tau), 0.0)
                 decay = np.where(lasting, np.exp(-t_clk / tau), 0.0)
                 lost = np.where(lasting, -tau * np.expm1(-t_clk / tau), 0.0)
             # Current into each column's input for one volt of each mode; what taxel capacitances bring to a
@@ -282,21 +294,20 @@ class _Slots:
             position = {int(node): i for i, node in enumerate(free)}
             for c in range(cols):
                 if not held[c]:
-                    out[:, c] = modes.shape[:, position[rows + c]] * to_source[rows + c]
+                    out[:, c] = shape[:, position[rows + c]] * to_source[rows + c]
             live = np.array([i for i, node in enumerate(free) if node < rows], dtype=int)
             if held.any():
-                shape = modes.shape[:, live]
-                through = np.matmul(self.g[:, free[live]].transpose(0, 2, 1), shape)
+                rows_shape = shape[:, live]
+                through = np.matmul(self.g[:, free[live]].transpose(0, 2, 1), rows_shape)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     lag = np.where(lasting, network.c_taxel_f / tau, 0.0)
-                through -= (lag * shape.sum(axis=1))[:, np.newaxis]
+                through -= (lag * rows_shape.sum(axis=1))[:, np.newaxis]
                 beside = matrix[:, rows:, rows:][:, held][:, :, ~held]
                 free_columns = np.array([position[rows + c] for c in np.flatnonzero(~held)], dtype=int)
-                out[:, held] = through[:, held] - np.matmul(beside, modes.shape[:, free_columns])
+                out[:, held] = through[:, held] - np.matmul(beside, shape[:, free_columns])
             charge_all.append(out * (at_gate * lost)[:, np.newaxis])
             tau_all.append(decay)
-            voltage_now = rest.copy()
-            voltage_now[:, free] += np.matmul(modes.shape, at_end[..., np.newaxis])[..., 0]
+            voltage_now = phase.after(t_end, strength)
             size = max(size, tau.shape[1])
         charge, decay = np.zeros((frames, rows, cols, size)), np.zeros((frames, rows, size))
         for row in range(rows):
@@ -310,6 +321,38 @@ class _Slots:
         )
         kept = (whole > negligible_c / size).any(axis=(0, 1, 2))
         return Transients(charge[..., kept], decay[..., kept]) if kept.any() else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Phase:
+    """The network between two switchings: what hangs on sources, its modes and where it settles.
+
+    `to_source` [nodes] and `matrix` [frames, nodes, nodes] are conductances, `free` the nodes behind a resistance,
+    `rest` [frames, nodes] their settled voltages, `lasting` the modes that outlast a clock's beginning.
+    """
+
+    to_source: Floats
+    free: NDArray[np.int64]
+    matrix: Floats
+    modes: _Modes
+    rest: Floats
+    lasting: NDArray[np.bool_]
+    capacitance: Floats
+
+    def strength(self, voltage: Floats) -> Floats:
+        """What of each mode is there, times its time constant, when the phase begins at `voltage` [frames, nodes]."""
+        # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
+        moved = np.matmul(voltage - self.rest, self.capacitance)[:, self.free]
+        return np.matmul(self.modes.shape.transpose(0, 2, 1), moved[..., np.newaxis])[..., 0]
+
+    def after(self, t: float, strength: Floats) -> Floats:
+        """Voltages [frames, nodes] a time t later."""
+        tau = self.modes.tau
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.where(self.lasting, strength / tau * np.exp(-t / tau), 0.0)
+        voltage = self.rest.copy()
+        voltage[:, self.free] += np.matmul(self.modes.shape, left[..., np.newaxis])[..., 0]
+        return voltage
 
 
 # Modes faster than this part of a clock are over before the first settle clock is: exp(-1000) is 0.

@@ -8,6 +8,7 @@ import math
 import re
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -194,6 +195,110 @@ def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_
     assert abs(codes[0] - ideal[0]) <= 1
     assert codes[1] - ideal[1] in (0, 1)
     assert codes[2] <= ideal[2] + 1
+
+
+def with_break(plan: planning.Plan, clocks: int) -> planning.Plan:
+    return dataclasses.replace(plan, timing=dataclasses.replace(plan.timing, break_clocks=clocks))
+
+
+def dark_at(plan: planning.Plan, g: np.ndarray) -> np.ndarray:
+    """Column currents of conductances [rows, cols] while no row is driven: as if one without taxels were."""
+    return column_currents(Network(np.vstack([g, np.zeros(g.shape[1])]), plan.v_bias_v, **plan.surrounding))[
+        -1
+    ]
+
+
+def mirror_in_many_digits(plan: planning.Plan, clocks: int, q_c: float) -> np.ndarray:
+    """Charge a clock [rows, cols, clocks of the gate] of a slow mirror, its rows `clocks` dark clocks apart."""
+    timing, converter = plan.timing, plan.converter
+    unit = converter.k * converter.i0_a
+    lit, dark = column_currents(plan.network(0)) / unit, dark_at(plan, plan.conductance_s(0)) / unit
+    out = np.zeros((plan.rows, plan.cols, timing.gate_clocks))
+    with mpmath.workdps(50):
+        kappa = mpmath.mpf(q_c) / (mpmath.mpf(converter.i0_a[0]) / mpmath.mpf(converter.f_clk_hz))
+        floor = mpmath.mpf(Y_MIN)
+        for col in range(plan.cols):
+            y = None
+            for row in range(plan.rows):
+                x = max(mpmath.mpf(lit[row, col]), floor)
+                y = x if y is None else after(y, max(mpmath.mpf(dark[col]), floor), clocks / kappa)
+                y = after(y, x, (timing.settle_clocks - clocks) / kappa)
+                for n in range(timing.gate_clocks):
+                    # the integral of y in closed form
+                    out[row, col, n] = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
+                    y = after(y, x, 1 / kappa)
+    return out
+
+
+def after(y: mpmath.mpf, x: mpmath.mpf, time: mpmath.mpf) -> mpmath.mpf:
+    """y of y' = y (x - y) a time later."""
+    grown = mpmath.exp(x * time)
+    return x * y * grown / (x + y * (grown - 1))
+
+
+@pytest.mark.parametrize("clocks", [0, 1, 4])
+@pytest.mark.parametrize("q_c", [5e-14, 2e-11])
+def test_slow_mirror_falls_while_no_row_is_driven(tmp_path: Path, clocks: int, q_c: float) -> None:
+    ohm = np.array([[[5e3, 3e5, 7e2]], [[8e5, 6e2, 9e3]], [[2e5, np.inf, 4e4]]]).reshape(1, 3, 3)
+    around = {
+        "row_driver": {"r_ohm": 3.0, "grounded_r_ohm": 40.0},
+        "mux_leakage": {"i_a": 1e-5},
+        "column_offset": {"v_v": 2e-3},
+        "column_input": {"r_ohm": 2.0},
+    }
+    for extra in (
+        around,
+        {"row_driver": {"grounded_r_ohm": np.inf}, "mux_leakage": {"i_a": 1e-6}},
+        {"row_driver": True},
+    ):
+        plan = made(tmp_path, ohm, {"mirror_lag": {"q_c": q_c}, **extra})
+        found = charges(with_break(plan, clocks))[0]
+        expected = mirror_in_many_digits(plan, clocks, q_c)
+        assert np.abs(found - expected).max() < 1e-12
+        if clocks and q_c > 1e-12:
+            at_once = mirror_in_many_digits(plan, 0, q_c)
+            assert np.abs(found - at_once).sum(axis=2).max() > 1e-4
+
+
+@pytest.mark.parametrize("grounded", [3.0, 40.0])
+def test_dark_current_is_the_network_with_every_row_grounded_at_its_instant(
+    tmp_path: Path, grounded: float
+) -> None:
+    around = {
+        "row_driver": {"r_ohm": 3.0, "grounded_r_ohm": grounded},
+        "mux_leakage": {"i_a": 1e-5},
+        "column_offset": {"v_v": 5e-3},
+        "column_input": {"r_ohm": 2.0},
+    }
+    plan = with_break(
+        made(
+            tmp_path,
+            ohms(4, 3, 5, 3),
+            {"mirror_lag": True, "motion": True, "supply_ripple": RIPPLE, **around},
+        ),
+        2,
+    )
+    slots, drive, timing = Slots(plan, slice(0, 3)), plan.drive, plan.timing
+    unit = (plan.converter.k * plan.converter.i0_a)[0]
+    for frame, row, clock in ((0, 1, 0), (1, 4, 1), (2, 2, 0)):
+        share = (row * timing.slot_clocks + clock + 0.5) / (timing.f_clk_hz * drive.t_frame_s)
+        g, then = plan.conductance_s(frame), plan.next_conductance_s()[frame]
+        expected = dark_at(plan, g + share * (then - g)) / unit
+        got = (slots.basis[clock] @ slots.dark[row]).reshape(3, -1)[frame]
+        assert got == pytest.approx(expected, abs=1e-6)
+        assert np.abs(expected).max() > 1e-4
+    # what follows the bias is that of the row, where it is driven
+    begin = current_at(plan, 1, 0, 2) / unit
+    assert (slots.begin @ slots.terms[0]).reshape(3, -1)[1] == pytest.approx(begin, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "effects", [{}, {"supply_ripple": RIPPLE, "motion": True, **SERIES}, {"line_capacitance": True, **SERIES}]
+)
+def test_a_break_changes_nothing_that_has_no_memory(tmp_path: Path, effects: dict) -> None:
+    plan = made(tmp_path, ohms(6, 3, 4, 3), effects)
+    assert (event.run(with_break(plan, 1)).info["x"] == event.run(plan).info["x"]).all()
+    assert (event.run(with_break(plan, 1)).codes == event.run(plan).codes).all()
 
 
 # --- settling --------------------------------------------------------------------------------------------------------

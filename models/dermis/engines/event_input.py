@@ -9,8 +9,9 @@ effects never comes here.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numba
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from dermis import settling
 from dermis.array import Network, column_currents_by_source
 from dermis.errors import InputError
-from dermis.plan import Plan
+from dermis.plan import Drive, Plan
 from dermis.vfc import W_PRESET, Y_MIN
 
 Floats = NDArray[np.float64]
@@ -34,8 +35,12 @@ X_MAX = 1e12
 WIDEST = 128
 # Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
 FAR = 0.03
+# Up to here the series of 1 - exp(-t) with eight terms is exact.
+_NEAR = 0.05
 # Conductance that stands for a short on its way to another value; as in dermis.array.
 _G_SHORT_S = 1e16
+# A driver that is not there; as in dermis.array.
+_OPEN_OHM = 1e30
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
 G_ACROSS_S = 1e12
 # Duty that no neighbour moves back into the range of codes.
@@ -232,9 +237,14 @@ class Course:
     rest_bend: Floats | None = None
 
 
-def course(plan: Plan, part: slice) -> Course:
-    """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate."""
+def course(plan: Plan, part: slice, dark: bool = False) -> Course:
+    """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate.
+
+    `dark` asks for what `rest` would be if no row were driven.
+    """
     network, g = plan.network(0), plan.conductance_s(part)
+    if dark:
+        network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
         follows, rest = currents(network, g)
         return Course(follows, follows, rest, rest)
@@ -346,10 +356,12 @@ class Slots:
     Attributes
     ----------
     basis, begin : ndarray
-        Functions of time: mean over every clock of a slot [clocks, terms], value at its start [terms].
+        Functions of time: mean over every clock of a slot [clocks, terms], value where its row is driven [terms].
     terms : ndarray
         Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
         and offset current.
+    dark : ndarray or None
+        Such coefficients while no row is driven, where that matters and is not nothing.
     extra, decay : ndarray or None
         What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
         modes, frames * cols].
@@ -367,12 +379,16 @@ class Slots:
         self.frames, self.rows, self.cols = found.follows_begin.shape
         self.coupling: Coupling | None = None
         cells = self.frames * self.cols
-        self._settle, self._gate = timing.settle_clocks, timing.gate_clocks
+        self._break, self._settle, self._gate = (
+            timing.break_clocks,
+            timing.settle_clocks,
+            timing.gate_clocks,
+        )
 
         omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
         bends = found.follows_bend is not None
         self.basis, self.begin = _basis(
-            self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
+            self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
         )
         frame = plan.first_frame + np.arange(part.start, part.stop)
         began = frame[:, None] * drive.t_frame_s + np.arange(self.rows) * timing.slot_s
@@ -420,9 +436,25 @@ class Slots:
             q_packet = converter.i0_a / timing.f_clk_hz
             self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
             self._slow = np.zeros(cells)
+        self.dark = None
+        if self._lag is not None and self._break and plan.active_fields() & {"v_column_offset_v", "i_leak_a"}:
+            network = plan.network(0)
+            same = network.r_row_driven_ohm == network.r_row_grounded_ohm
+            self.dark = self._dark(found if same else course(plan, part, dark=True), drive, per_a, finite)
         self.extra = self.decay = None
         self._settling(plan, part, per_a * timing.f_clk_hz)
         self.mean = np.empty((self.frames, self.rows, self.cols))
+
+    def _dark(self, found: Course, drive: Drive, per_a: Floats, finite: Callable[[Floats], Floats]) -> Floats:
+        each = 3 if drive.ripple else 1
+        dark = np.zeros((self.terms.shape[1], *found.rest_begin.shape))
+        dark[0] = finite(found.rest_begin)
+        if drive.motion:
+            dark[each] = finite(found.rest_end) - dark[0]
+        if found.rest_bend is not None:
+            dark[2 * each] = 4.0 * finite(found.rest_bend)
+        cells = self.frames * self.cols
+        return np.ascontiguousarray((dark * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
 
     def _settling(self, plan: Plan, part: slice, per_c: Floats) -> None:
         found = _transients(plan, part, per_c)
@@ -447,22 +479,24 @@ class Slots:
                     out = np.empty(out.shape)
                 charge = charges(
                     row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra, self.decay,
-                    self._squeeze, self._lag, self._slow, self.offset, out, mean,
+                    self._squeeze, self._lag, self._slow, self._break, self.dark, self.offset, out, mean,
                 )  # fmt: skip
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
 
 def _basis(
-    settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
+    pause: int, settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
 ) -> tuple[Floats, Floats]:
-    """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value at the start.
+    """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value where a pause of
+    some clocks ends.
 
     1, cos, sin, t, t cos, t sin, b, b cos, b sin, as far as they are on, b = t (1 - t); omega in radian a
     clock, t runs from 0 to 1 over the gate.
     """
     middle = np.arange(settle + gate) + 0.5
-    ramp, ramp_begin = (middle - settle) / gate, -settle / gate
+    ramp, ramp_begin = (middle - settle) / gate, (pause - settle) / gate
+    cosine_begin, sine_begin = math.cos(omega * pause), math.sin(omega * pause)
     half = 0.5 * omega
     mean = math.sin(half) / half if half else 1.0  # of a cosine over one clock, relative to its middle
     # integral of u sin(omega u) over -1/2..1/2, small omega without the difference of two near equals
@@ -470,22 +504,23 @@ def _basis(
     cosine, sine = np.cos(omega * middle), np.sin(omega * middle)
     terms, begin = [np.ones_like(middle)], [1.0]
     if ripple:
-        terms, begin = [*terms, cosine * mean, sine * mean], [*begin, 1.0, 0.0]
+        terms, begin = [*terms, cosine * mean, sine * mean], [*begin, cosine_begin, sine_begin]
     if motion:
         terms, begin = [*terms, ramp], [*begin, ramp_begin]
         if ripple:
             terms += [ramp * cosine * mean - sine * tilt / gate, ramp * sine * mean + cosine * tilt / gate]
-            begin += [ramp_begin, 0.0]
+            begin += [ramp_begin * cosine_begin, ramp_begin * sine_begin]
     if bends:
         # t = m + u: b is m (1 - m) + (1 - 2 m) u - u^2, and u^2 has a mean of 1 / 12 over a clock
         middle_bend, tilted, own = ramp * (1.0 - ramp), (1.0 - 2.0 * ramp) / gate, 1.0 / (12.0 * gate**2)
-        terms, begin = [*terms, middle_bend - own], [*begin, ramp_begin * (1.0 - ramp_begin)]
+        bend_begin = ramp_begin * (1.0 - ramp_begin)
+        terms, begin = [*terms, middle_bend - own], [*begin, bend_begin]
         if ripple:
             terms += [
                 (middle_bend - own) * cosine * mean - tilted * sine * tilt,
                 (middle_bend - own) * sine * mean + tilted * cosine * tilt,
             ]
-            begin += [ramp_begin * (1.0 - ramp_begin), 0.0]
+            begin += [bend_begin * cosine_begin, bend_begin * sine_begin]
     return np.stack(terms, axis=1), np.array(begin)
 
 
@@ -510,6 +545,24 @@ def _exp_of_minus(t):  # type: ignore
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _below(x, y, t):  # type: ignore
+    """y + (x - y) exp(-t) for x, y and t >= 0, every digit of it where y is far below x and where x is far below y."""
+    u = t if t < _NEAR else _NEAR
+    lost = u * (
+        1.0
+        - u
+        * (
+            1 / 2
+            - u * (1 / 6 - u * (1 / 24 - u * (1 / 120 - u * (1 / 720 - u * (1 / 5040 - u * (1 / 40320))))))
+        )
+    )
+    kept = _exp_of_minus(t)
+    lost = lost if t < _NEAR else 1.0 - kept
+    kept = 1.0 - lost if t < _NEAR else kept
+    return y * lost + x * kept
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _log_of(s):  # type: ignore
     """ln((1 + s) / (1 - s)) for s within FAR: the next term is below 1e-19."""
     s2 = s * s
@@ -519,7 +572,22 @@ def _log_of(s):  # type: ignore
 # A product may go into its sum unrounded: the terms of the exponential and of the logarithm are half the time.
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def charges(  # type: ignore
-    row_number, first, basis, begin, settle, terms, extra, decay, squeeze, lag, slow, offset, out, mean
+    row_number,
+    first,
+    basis,
+    begin,
+    settle,
+    terms,
+    extra,
+    decay,
+    squeeze,
+    lag,
+    slow,
+    pause,
+    dark,
+    offset,
+    out,
+    mean,
 ):
     """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
     gate.
@@ -527,7 +595,8 @@ def charges(  # type: ignore
     Parameters
     ----------
     basis : [clocks of the slot, terms], begin : [terms]
-        Functions of time, and their values at the start of the slot, where the first row is settled.
+        Functions of time, and their values where the row is driven, `pause` clocks into the slot: the first row of a
+        frame is settled there.
     terms : [rows, terms, cells]
         Their coefficients, packets a clock.
     extra, decay : [rows, modes, cells] or None
@@ -536,6 +605,8 @@ def charges(  # type: ignore
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
         Time constant times output of the mirror in packets, and its output, which is carried on.
+    dark : [rows, terms, cells] or None
+        Coefficients in the pause, where no row is driven; None is no current.
     offset : [rows, cells]
         Added behind the mirror.
     out, mean : [clocks of the slot, cells], [cells]
@@ -562,7 +633,7 @@ def charges(  # type: ignore
             hard[c] = squeeze[first + c]
     start = settle
     if lag is not None:
-        start = 0
+        start = pause
         output, inert = own[4 * size : 5 * size], own[5 * size : 6 * size]
         swift, ratio = own[6 * size : 7 * size], own[7 * size : 8 * size]
         for c in range(cells):
@@ -574,6 +645,18 @@ def charges(  # type: ignore
                 if squeeze is not None:
                     x = x / (1.0 + abs(x) * hard[c])
                 output[c] = min(max(x, Y_MIN), X_MAX)
+        if row_number > 0:
+            for n in range(pause):
+                for c in range(cells):
+                    x = 0.0
+                    if dark is not None:
+                        for k in range(count):
+                            x += basis[n, k] * dark[row_number, k, first + c]
+                        if squeeze is not None:
+                            x = x / (1.0 + abs(x) * hard[c])
+                    x = x if x > Y_MIN else Y_MIN
+                    y = output[c]
+                    output[c] = x * y / _below(x, y, x * swift[c])
     for n in range(start, clocks):
         factor, of = basis[n, 0], factors[0]
         for c in range(cells):
@@ -595,7 +678,7 @@ def charges(  # type: ignore
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
                     y = output[c]
-                    output[c] = x * y / (y + (x - y) * _exp_of_minus(x * swift[c]))
+                    output[c] = x * y / _below(x, y, x * swift[c])
             else:
                 # dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times
                 # the growth of ln y, which is ln(x / below).
@@ -603,7 +686,7 @@ def charges(  # type: ignore
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
                     y = output[c]
-                    below = y + (x - y) * _exp_of_minus(x * swift[c])
+                    below = _below(x, y, x * swift[c])
                     both = 1.0 / (below * (x + below))
                     output[c] = x * y * (x + below) * both
                     apart = (below - x) * below * both
