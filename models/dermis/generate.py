@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what follows from models/design.toml: Verilog header, SPICE parameters, array, tables in docs.
+"""Writes what follows from models/design.toml and rtl/dermis_registers.rdl: Verilog, SPICE, Python, C, tables in docs.
 
 ``check`` compares the files of the tree with what would be written now and shows each difference.
 """
@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from dermis import calculator, effect_tables, scene, verdict
+from dermis import calculator, effect_tables, register_files, scene, verdict
 from dermis import design as design_module
 from dermis.design import ROOT, Design, exact
 from dermis.errors import InputError
@@ -166,6 +166,7 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
         "places": lambda design, _root: effect_tables.places(design),
         "bounds": lambda design, _root: effect_tables.bounds(design),
     },
+    "docs/registers.md": {"registers": register_files.table},
     "docs/scenes.md": {
         "keys": lambda _design, _root: scene.schema_table(),
         "scenes": lambda _design, _root: scene.scenes_table(),
@@ -193,6 +194,7 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         "rtl/dermis_design.vh": verilog_header(design),
         "spice/design.inc": spice_params(design),
         "spice/array/array.sp": array_file(design),
+        **register_files.files(design, root),
     }
     for path in TABLES:
         text = _read(root / path)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The register map. Generated from rtl/dermis_registers.rdl; change it there and run: dermis generate."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+ID = 0x00
+GEOMETRY = 0x01
+FORMAT = 0x02
+CONTROL = 0x03
+SETTLE = 0x04
+GATE = 0x05
+RANGE = 0x06
+STATUS = 0x07
+FRAME_NUMBER = 0x08
+LOST = 0x09
+SPI_ERRORS = 0x0A
+TEST_RATE = 0x0B
+TEST_COUNT = 0x0C
+DARK_MAX = 0x0D
+FULL_MIN = 0x0E
+ROW_MASK = 0x20
+ROW_FAULT = 0x28
+INJECT_FAULT = 0x30
+DARK_FAULT = 0x38
+FULL_FAULT = 0x40
+RANGE_COLUMN = 0x50
+PEDESTAL = 0x80
+GEOMETRY_COLS_MASK = 0x00FF
+GEOMETRY_COLS_SHIFT = 0
+GEOMETRY_ROWS_MASK = 0xFF00
+GEOMETRY_ROWS_SHIFT = 8
+FORMAT_CODE_BITS_MASK = 0x001F
+FORMAT_CODE_BITS_SHIFT = 0
+FORMAT_SYNC_LATCH_MASK = 0x0100
+FORMAT_SYNC_LATCH_SHIFT = 8
+FORMAT_BREAK_CLOCKS_MASK = 0xFE00
+FORMAT_BREAK_CLOCKS_SHIFT = 9
+CONTROL_CONTINUOUS_MASK = 0x0001
+CONTROL_CONTINUOUS_SHIFT = 0
+CONTROL_SHOT_MASK = 0x0002
+CONTROL_SHOT_SHIFT = 1
+CONTROL_TEST_MASK = 0x0004
+CONTROL_TEST_SHIFT = 2
+CONTROL_DARK_MASK = 0x0008
+CONTROL_DARK_SHIFT = 3
+CONTROL_PEDESTAL_MODE_MASK = 0x0030
+CONTROL_PEDESTAL_MODE_SHIFT = 4
+CONTROL_RANGE_PER_COLUMN_MASK = 0x0040
+CONTROL_RANGE_PER_COLUMN_SHIFT = 6
+RANGE_RANGE_MASK = 0x0003
+RANGE_RANGE_SHIFT = 0
+STATUS_SCANNING_MASK = 0x0001
+STATUS_SCANNING_SHIFT = 0
+STATUS_FRAME_READY_MASK = 0x0002
+STATUS_FRAME_READY_SHIFT = 1
+STATUS_TEST_DONE_MASK = 0x0004
+STATUS_TEST_DONE_SHIFT = 2
+STATUS_FAULT_MASK = 0x0008
+STATUS_FAULT_SHIFT = 3
+
+
+class Register(NamedTuple):
+    """A register, or a list of lanes over several words; masks and reset are those of a full word.
+
+    `lanes` is what there is one lane of (a row, a column, nothing), `lane_bits` the width, 0 for CODE_BITS.
+    `readable` bits can be other than 0, `writable` ones stay as written, `pulse` ones act and read 0.
+    """
+
+    address: int
+    lanes: str
+    lane_bits: int
+    reset: int
+    readable: int
+    writable: int
+    pulse: int
+
+    def words(self, rows: int, cols: int, code_bits: int) -> list[int]:
+        """Bits that exist in each word of a chip of this size."""
+        if not self.lanes:
+            return [0xFFFF]
+        bits = self.lane_bits or code_bits
+        per_word = 16 // self.lane_bits if self.lane_bits else 1
+        left = rows if self.lanes == "rows" else cols
+        masks = []
+        while left > 0:
+            masks.append((1 << bits * min(left, per_word)) - 1)
+            left -= per_word
+        return masks
+
+
+REGISTERS: dict[str, Register] = {
+    "ID": Register(0x00, "", 0, 0xDE01, 0xFFFF, 0x0000, 0x0000),
+    "GEOMETRY": Register(0x01, "", 0, 0x1010, 0xFFFF, 0x0000, 0x0000),
+    "FORMAT": Register(0x02, "", 0, 0x0208, 0xFF1F, 0x0000, 0x0000),
+    "CONTROL": Register(0x03, "", 0, 0x0001, 0x0079, 0x0079, 0x0006),
+    "SETTLE": Register(0x04, "", 0, 0x0073, 0xFFFF, 0xFFFF, 0x0000),
+    "GATE": Register(0x05, "", 0, 0x01FE, 0xFFFF, 0xFFFF, 0x0000),
+    "RANGE": Register(0x06, "", 0, 0x0002, 0x0003, 0x0003, 0x0000),
+    "STATUS": Register(0x07, "", 0, 0x0000, 0x000F, 0x0000, 0x0000),
+    "FRAME_NUMBER": Register(0x08, "", 0, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "LOST": Register(0x09, "", 0, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "SPI_ERRORS": Register(0x0A, "", 0, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "TEST_RATE": Register(0x0B, "", 0, 0x4000, 0xFFFF, 0xFFFF, 0x0000),
+    "TEST_COUNT": Register(0x0C, "", 0, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "DARK_MAX": Register(0x0D, "", 0, 0x0008, 0xFFFF, 0xFFFF, 0x0000),
+    "FULL_MIN": Register(0x0E, "", 0, 0x00F0, 0xFFFF, 0xFFFF, 0x0000),
+    "ROW_MASK": Register(0x20, "rows", 1, 0xFFFF, 0xFFFF, 0xFFFF, 0x0000),
+    "ROW_FAULT": Register(0x28, "rows", 1, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "INJECT_FAULT": Register(0x30, "cols", 1, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "DARK_FAULT": Register(0x38, "cols", 1, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "FULL_FAULT": Register(0x40, "cols", 1, 0x0000, 0xFFFF, 0x0000, 0x0000),
+    "RANGE_COLUMN": Register(0x50, "cols", 2, 0xAAAA, 0xFFFF, 0xFFFF, 0x0000),
+    "PEDESTAL": Register(0x80, "cols", 0, 0x0000, 0xFFFF, 0xFFFF, 0x0000),
+}
