@@ -78,7 +78,7 @@ class Extent:
     def __init__(self, plan: Plan, sigma: float) -> None:
         self.plan, self.sigma = plan, sigma
         self.n = plan.timing.gate_clocks
-        self.settle = plan.timing.settle_clocks
+        self.settle = plan.timing.settle_clocks - plan.timing.break_clocks  # with the row driven
         self.converter, self.drive = plan.converter, plan.drive
         net = plan.network(0)
         self.net = net

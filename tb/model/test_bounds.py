@@ -189,8 +189,17 @@ OTHERS = {
 }
 
 
-def certified(name: str, others: dict[str, Any], tmp_path: Path, factor: float = 1.0) -> tuple[int, int]:
-    """(cells whose code with the effect is outside the codes without it and its bound, cells it changes)."""
+def certified(
+    name: str,
+    others: dict[str, Any],
+    tmp_path: Path,
+    factor: float = 1.0,
+    breaks: tuple[int, int] | None = None,
+) -> tuple[int, int]:
+    """(cells whose code with the effect is outside the codes without it and its bound, cells it changes).
+
+    `breaks` are the clocks of the break and those that the bound is told.
+    """
     rng = np.random.default_rng(5)
     r = 10 ** rng.uniform(2.6, 4.5, (6, 8, 8))
     r[rng.random(r.shape) < 0.2] = np.inf
@@ -201,8 +210,10 @@ def certified(name: str, others: dict[str, Any], tmp_path: Path, factor: float =
         "effects": others | {name: STRONG[name]},
     }
     full = whole_plan(data, tmp_path / "scene.toml")
+    if breaks is not None:
+        full, told = (replace(full, timing=replace(full.timing, break_clocks=n)) for n in breaks)
     world = full.scene
-    margin = auto._Weighing(full, AutoTable()).margin({name})
+    margin = auto._Weighing(full if breaks is None else told, AutoTable()).margin({name})
     kept = effects.gather({n: p for n, p in world.effects.items() if n != name}, full.setting())
     less = replace(
         full,
@@ -231,6 +242,15 @@ def test_codes_with_an_effect_lie_within_its_bound_of_those_without(name: str, t
     # The slowest time constant there can be stands in an exponent: that bound is loose by some hundred.
     small = 1e-3 if name == "line_capacitance" else 0.01
     assert certified(name, alone, tmp_path, factor=small)[0] > 0, "a bound 100 times too small passes"
+
+
+def test_bounds_of_what_has_a_memory_count_from_the_end_of_the_break(tmp_path: Path) -> None:
+    lines = {"row_driver": {"r_ohm": 60.0}, "column_input": {"r_ohm": 30.0}}
+    for name, others, misses in (("mirror_lag", {}, True), ("line_capacitance", lines, False)):
+        for clocks in (1, 60, 112):
+            assert certified(name, others, tmp_path, breaks=(clocks, clocks))[0] == 0
+        # Lines are bounded a hundred times too high, so that no cell shows what the bound was told.
+        assert bool(certified(name, others, tmp_path, breaks=(112, 0))[0]) == misses
 
 
 def test_every_effect_of_the_converter_is_among_those_tested() -> None:
