@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// Self-test without a sensor: compares the counts of inject, dark and full-scale slots with limits and keeps sticky fault masks.
+// Interface: the row and column side of the packer in, one mask bit a column or row out; fault_o is any of them. A self-test frame's first
+// row clears all masks. test_i (the request) clears done_o; the last column of a self-test frame sets it.
+// Timing: a bit is set one clock after its column_valid_i, a row bit one clock after row_valid_i.
+// Why a column without current is checked in the full slots: a short takes half of its neighbour's current, and no other slot shows that.
+`include "dermis_design.vh"
+`default_nettype none
+
+module dermis_self_test #(
+  parameter ROWS      = `DERMIS_ROWS,
+  parameter COLS      = `DERMIS_COLS,
+  parameter CODE_BITS = `DERMIS_CODE_BITS
+) (
+  input  wire               clk_i,
+  input  wire               rst_ni,
+  input  wire               test_i,
+  input  wire               row_valid_i,
+  input  wire               first_i,
+  input  wire               last_i,
+  input  wire               test_frame_i,
+  input  wire [ROWS-1:0]    row_fault_i,
+  input  wire               column_valid_i,
+  input  wire [6:0]         column_i,
+  input  wire [CODE_BITS:0] column_count_i,
+  input  wire [7:0]         column_slot_i,
+  input  wire [CODE_BITS:0] test_count_i,
+  input  wire [15:0]        dark_max_i,
+  input  wire [15:0]        full_min_i,
+  output wire [COLS-1:0]    inject_fault_o,
+  output wire [COLS-1:0]    dark_fault_o,
+  output wire [COLS-1:0]    full_fault_o,
+  output wire [ROWS-1:0]    row_fault_o,
+  output wire               fault_o,
+  output wire               done_o
+);
+
+  localparam integer LAST_COLUMN = COLS - 1;
+
+  reg [COLS-1:0] inject_fault_q;
+  reg [COLS-1:0] dark_fault_q;
+  reg [COLS-1:0] full_fault_q;
+  reg [ROWS-1:0] row_fault_q;
+  reg            done_q;
+
+  wire            begins;
+  wire [16:0]     count;
+  wire            too_high;
+  wire            too_low;
+  wire            differs;
+  wire            inject;
+  wire            dark;
+  wire            full;
+  wire            driven;
+  wire [COLS-1:0] column;
+
+  assign begins   = row_valid_i & first_i & test_frame_i;
+  assign count    = {{(16-CODE_BITS){1'b0}}, column_count_i};
+  assign too_high = (count > {1'b0, dark_max_i});
+  assign too_low  = (count < {1'b0, full_min_i});
+  assign differs  = (column_count_i != test_count_i);
+  assign inject   = (column_slot_i == 8'hF0);
+  assign dark     = (column_slot_i == 8'hF1);
+  assign full     = (column_slot_i[7:1] == 7'h79);
+  assign driven   = (column_slot_i[0] == column_i[0]);
+  assign column   = {{(COLS-1){1'b0}}, 1'b1} << column_i;
+
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) begin
+      inject_fault_q <= {COLS{1'b0}};
+      dark_fault_q   <= {COLS{1'b0}};
+      full_fault_q   <= {COLS{1'b0}};
+    end else if (begins) begin
+      inject_fault_q <= {COLS{1'b0}};
+      dark_fault_q   <= {COLS{1'b0}};
+      full_fault_q   <= {COLS{1'b0}};
+    end else if (column_valid_i) begin
+      if (inject & differs)                     inject_fault_q <= inject_fault_q | column;
+      if ((dark | (full & ~driven)) & too_high) dark_fault_q   <= dark_fault_q | column;
+      if (full & driven & too_low)              full_fault_q   <= full_fault_q | column;
+    end
+
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni)          row_fault_q <= {ROWS{1'b0}};
+    else if (row_valid_i) row_fault_q <= begins ? row_fault_i : row_fault_q | row_fault_i;
+
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni)              done_q <= 1'b0;
+    else if (test_i | begins) done_q <= 1'b0;
+    else if (column_valid_i & test_frame_i & last_i & (column_i == LAST_COLUMN[6:0])) done_q <= 1'b1;
+
+  assign inject_fault_o = inject_fault_q;
+  assign dark_fault_o   = dark_fault_q;
+  assign full_fault_o   = full_fault_q;
+  assign row_fault_o    = row_fault_q;
+  assign fault_o        = (|inject_fault_q) | (|dark_fault_q) | (|full_fault_q) | (|row_fault_q);
+  assign done_o         = done_q;
+
+endmodule
+
+`default_nettype wire
