@@ -231,6 +231,9 @@ def _lint_yosys(
             "check -assert",
             "flatten",
             "check -assert",
+            # The flops that a memory's write port begins as are no flops of the design; words stay together as $mem.
+            "memory -nomap",
+            "opt_clean",
             f"tee -q -o {counts} stat -json",
             f"select -assert-count {latches} t:$dlatch t:$adlatch t:$dlatchsr",
         ]
