@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""cocotb bench on the pins of dermis_top alone, so that the Verilog and a netlist of it run the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+from pathlib import Path
+from typing import Any
+
+import cocotb
+from cocotb.triggers import Timer
+
+from dermis import register_map, spi_protocol
+
+HALF_NS = 100
+# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with and without delays.
+SPI_HALF_NS = 40
+SPI_OFFSET_NS = 7
+PINS = (
+    "row_select_o",
+    "preset_o",
+    "charge_o",
+    "range_o",
+    "test_current_o",
+    "frame_start_o",
+    "spi_cipo_o",
+    "spi_cipo_oe_o",
+    "frame_ready_o",
+)
+
+
+class Bench:
+    """Clock with random comparators, an SPI controller, and a look at every output pin before each rising edge."""
+
+    def __init__(self, dut: Any, seed: int) -> None:
+        self.dut = dut
+        self.random = random.Random(seed)
+        self.cols = len(dut.comp_async_i)
+        self.unknown = 0
+        self.first_unknown = ""
+        self.pins: list[int] = []
+        self.clocks = 0
+
+    async def power_up(self) -> None:
+        dut = self.dut
+        for pin in ("clk_i", "enable_i", "comp_async_i", "row_sense_i", "spi_sck_i", "spi_copi_i"):
+            getattr(dut, pin).value = 0
+        dut.spi_cs_ni.value = 1
+        dut.rst_ni.value = 0
+        await Timer(HALF_NS, "ns")
+        self._look()
+        cocotb.start_soon(self._clock())
+        await Timer(10 * HALF_NS, "ns")
+        dut.rst_ni.value = 1
+        await Timer(10 * HALF_NS + SPI_OFFSET_NS, "ns")
+
+    async def _clock(self) -> None:
+        dut = self.dut
+        while True:
+            dut.clk_i.value = 1
+            await Timer(HALF_NS, "ns")
+            dut.clk_i.value = 0
+            await Timer(HALF_NS - 20, "ns")
+            self._look()
+            dut.comp_async_i.value = self.random.getrandbits(self.cols)
+            row = dut.row_select_o.value
+            dut.row_sense_i.value = int(row) if row.is_resolvable else 0
+            await Timer(20, "ns")
+            self.clocks += 1
+
+    def _look(self) -> None:
+        word = 0
+        for name in PINS:
+            value = getattr(self.dut, name).value
+            if not value.is_resolvable:
+                self.unknown += 1
+                self.first_unknown = self.first_unknown or f"{name} = {value} at clock {self.clocks}"
+                continue
+            word = word << len(getattr(self.dut, name)) | int(value)
+        self.pins.append(word)
+
+    async def transaction(self, steps: Any) -> Any:
+        """Run a transaction of dermis.spi_protocol."""
+        dut = self.dut
+        dut.spi_cs_ni.value = 0
+        await Timer(2 * SPI_HALF_NS, "ns")
+        try:
+            send = next(steps)
+            while True:
+                send = steps.send(await self._exchange(send))
+        except StopIteration as done:
+            return done.value
+        finally:
+            dut.spi_cs_ni.value = 1
+            await Timer(20 * HALF_NS, "ns")
+
+    async def _exchange(self, data: bytes) -> bytes:
+        dut = self.dut
+        back = bytearray()
+        for byte in data:
+            got = 0
+            for bit in range(7, -1, -1):
+                dut.spi_copi_i.value = byte >> bit & 1
+                await Timer(SPI_HALF_NS, "ns")
+                level = dut.spi_cipo_o.value
+                if not level.is_resolvable:
+                    self.unknown += 1
+                    self.first_unknown = self.first_unknown or f"spi_cipo_o = {level} at clock {self.clocks}"
+                got = got << 1 | (int(level) if level.is_resolvable else 0)
+                dut.spi_sck_i.value = 1
+                await Timer(SPI_HALF_NS, "ns")
+                dut.spi_sck_i.value = 0
+            back.append(got)
+        await Timer(SPI_HALF_NS, "ns")
+        return bytes(back)
+
+    async def until_ready(self, limit: int) -> None:
+        for _ in range(limit):
+            if self.dut.frame_ready_o.value.is_resolvable and int(self.dut.frame_ready_o.value):
+                return
+            await Timer(2 * HALF_NS, "ns")
+        raise AssertionError(f"no frame after {limit} clocks")
+
+
+@cocotb.test()
+async def reads_frames(dut: Any) -> None:
+    """Set short slots, scan, read frames, take a self-test frame; hand back every byte and every pin."""
+    scenario = json.loads(os.environ["DERMIS_SCENARIO"])
+    bench = Bench(dut, scenario["seed"])
+    await bench.power_up()
+    frames: list[str] = []
+
+    async def write(register: str, value: int) -> None:
+        await bench.transaction(spi_protocol.write_register(getattr(register_map, register), value))
+
+    async def read(register: str) -> int:
+        return await bench.transaction(spi_protocol.read_register(getattr(register_map, register)))
+
+    # Before any frame was stored the memory is unknown: nothing of it may show.
+    frames.append((await bench.transaction(spi_protocol.read_frame_bytes())).hex())
+    registers = [await read("ID"), await read("GEOMETRY"), await read("FORMAT")]
+    await write("SETTLE", scenario["settle"])
+    await write("GATE", scenario["gate"])
+    dut.enable_i.value = 1
+    for frame in range(scenario["frames"]):
+        if frame == 1:
+            await write("CONTROL", 1 | 1 << 3)  # with a dark slot
+        if frame == 2:
+            await write("CONTROL", 1 | 1 << 2)  # and a self-test frame
+        await bench.until_ready(scenario["limit"])
+        data = await bench.transaction(spi_protocol.read_frame_bytes())
+        spi_protocol.parse_frame(data)
+        frames.append(data.hex())
+    registers += [await read("STATUS"), await read("FRAME_NUMBER"), await read("LOST")]
+    result = {
+        "frames": frames,
+        "registers": registers,
+        "unknown": bench.unknown,
+        "first_unknown": bench.first_unknown,
+        "clocks": bench.clocks,
+        "pins": [f"{word:x}" for word in bench.pins],
+    }
+    Path(os.environ["DERMIS_RESULT"]).write_text(json.dumps(result))

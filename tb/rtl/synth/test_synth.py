@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about `dermis synth`: the small chip passes, and each row fails on the fault it is there for."""
+
+from __future__ import annotations
+
+import dataclasses
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from dermis import synth, synth_timing, verdict
+from dermis.errors import InputError, SimulatorError
+from dermis.lint import rtl_sources
+from dermis.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
+from dermis.synth_equivalence import Proof, prove
+from dermis.synth_map import Netlist, Size, map_design
+
+pytestmark = pytest.mark.timeout(240)
+OSU035 = TECHNOLOGIES["osu035"]
+COUNTER = "dermis_gated_counter"
+SYNC = "dermis_sync_latch"
+SIZE = Size(2, 2)
+
+Edit = Callable[[str], str]
+
+
+def sources(tmp_path: Path, module: str, edit: Edit) -> list[Path]:
+    """The files of rtl/files.f with one of them changed."""
+    (old,) = (path for path in rtl_sources() if path.stem == module)
+    text = edit(old.read_text())
+    assert text != old.read_text()
+    new = tmp_path / old.name
+    new.write_text(text)
+    return [new if path == old else path for path in rtl_sources()]
+
+
+def block(tmp_path: Path, module: str = COUNTER, edit: Edit | None = None) -> Netlist:
+    """One module mapped in osu035."""
+    files = None if edit is None else sources(tmp_path, module, edit)
+    return map_design(OSU035, {}, tmp_path / "out", top=module, sources=files)
+
+
+def status(rows: list[verdict.Row]) -> dict[str, str]:
+    return {row["name"].split(".")[1]: row["status"] for row in rows}
+
+
+def judged(netlist: Netlist, latches: int = 0) -> dict[str, str]:
+    size = Size(1, max(latches, 1), sync_latch=latches > 0)
+    return status(synth.netlist_rows(netlist, size, "x", memory_bits=0))
+
+
+def added(text: str) -> Edit:
+    return lambda verilog: verilog.replace("endmodule", f"{text}\nendmodule")
+
+
+def test_a_block_passes_every_count(tmp_path: Path) -> None:
+    made = block(tmp_path)
+    assert set(judged(made).values()) == {"PASS"}
+    assert made.flops == 10
+    assert made.area_um2 > 10 * 704
+
+
+def test_the_latch_of_the_synchronizer_is_the_library_s(tmp_path: Path) -> None:
+    made = block(tmp_path, SYNC)
+    assert made.kinds["LATCH"] == made.latches == 1
+    assert set(judged(made, latches=1).values()) == {"PASS"}
+    # Liberty says 0 of it; its LEF does not.
+    assert areas(OSU035, cells(OSU035.liberty("typical")))["LATCH"] == pytest.approx(11.2 * 20)
+
+
+def test_an_inferred_latch_is_seen(tmp_path: Path) -> None:
+    fault = added("reg held; always @* if (gate_i) held = pulse_i; wire seen = held;")
+    fault_out = lambda text: fault(text).replace(  # noqa: E731
+        "assign count_o = count_q;", "assign count_o = count_q ^ {CODE_BITS{seen}};"
+    )
+    found = judged(block(tmp_path, edit=fault_out))
+    assert found["inferred_latches"] == "FAIL"
+
+
+def test_a_flop_without_reset_is_seen(tmp_path: Path) -> None:
+    fault = added("reg late; always @(posedge clk_i) late <= pulse_i;")
+    fault_out = lambda text: fault(text).replace(  # noqa: E731
+        "assign count_o = count_q;", "assign count_o = count_q ^ {CODE_BITS{late}};"
+    )
+    made = block(tmp_path, edit=fault_out)
+    assert made.unreset == 1
+    assert judged(made)["unreset_flop_error"] == "FAIL"
+
+
+@pytest.mark.parametrize("meant", [0, 2])
+def test_a_wrong_number_of_latches_is_seen(tmp_path: Path, meant: int) -> None:
+    assert judged(block(tmp_path, SYNC), latches=meant)["latch_count_error"] == "FAIL"
+
+
+def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None:
+    fault = lambda text: text.replace(  # noqa: E731
+        "assign rising = pulse_i & ~pulse_q;",
+        "wire ring; assign ring = pulse_i & ~(ring & pulse_q); assign rising = ring;",
+    )
+    with pytest.raises(SimulatorError, match="check -assert"):
+        block(tmp_path, edit=fault)
+
+
+# ---- equivalence ------------------------------------------------------------------------------------------------
+
+
+def proof_of(netlist: Netlist, verilog: str, tmp_path: Path, module: str = COUNTER) -> Proof:
+    changed = tmp_path / "changed.v"
+    changed.write_text(verilog)
+    return prove(OSU035, {}, changed, netlist.json, tmp_path / "proof", top=module)
+
+
+# Each is one change to the netlist; a gate's, a clock's edge, a reset that never comes.
+NETLIST_FAULTS: dict[str, tuple[str, str]] = {
+    "gate": ("  NAND2X1 ", "  NOR2X1 "),
+    "inputs_swapped_of_a_mux_like_gate": ("  OAI21X1 ", "  AOI21X1 "),
+    "reset_tied_off": (".R(rst_ni)", ".R(1'b1)"),
+    "reset_sets": (".R(rst_ni),\n    .S(1'h1)", ".R(1'h1),\n    .S(rst_ni)"),
+    "clock": (".CLK(clk_i)", ".CLK(gate_i)"),
+}
+
+
+def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(tmp_path: Path) -> None:
+    made = block(tmp_path)
+    right = made.verilog.read_text()
+    assert proof_of(made, right, tmp_path).proved is True
+    tried = 0
+    for fault, (old, new) in NETLIST_FAULTS.items():
+        wrong = right.replace(old, new, 1)
+        if wrong == right:
+            continue
+        tried += 1
+        assert proof_of(made, wrong, tmp_path).proved is False, fault
+    assert tried >= 4
+
+
+def test_the_netlist_s_latch_is_proved_equal_and_an_open_one_is_not(tmp_path: Path) -> None:
+    made = block(tmp_path, SYNC)
+    right = made.verilog.read_text()
+    assert proof_of(made, right, tmp_path, SYNC).proved is True
+    wrong = right.replace("  NAND2X1 ", "  AND2X1 ", 1)
+    assert wrong != right
+    assert proof_of(made, wrong, tmp_path, SYNC).proved is False
+
+
+def test_an_undecided_proof_is_an_error_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(synth, "prove", lambda *a, **k: Proof(None, 1, 0, 1, "Networks are UNDECIDED"))
+    netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
+    (row,) = synth.equivalence_rows(OSU035, netlist, SIZE, "x")
+    assert row["status"] == "ERROR"
+
+
+# ---- timing -----------------------------------------------------------------------------------------------------
+
+PATH_TEXT = """\
+Startpoint: a_reg (rising edge-triggered flip-flop clocked by clk)
+Endpoint: b_reg (rising edge-triggered flip-flop clocked by clk)
+Path Group: clk
+Path Type: max
+
+   0.0000    0.0000 ^ a_reg/CLK (DFFSR)
+   0.5000    0.5000 ^ a_reg/Q (DFFSR)
+   0.2000    0.7000 v _1_/Y (NAND2X1)
+   0.0000    0.7000 v b_reg/D (DFFSR)
+             0.7000   data arrival time
+---------
+             {slack}   slack ({met})
+"""
+
+
+def test_a_report_is_read(tmp_path: Path) -> None:
+    found = synth_timing.parse(PATH_TEXT.format(slack="12.5000", met="MET"))
+    path = found["clk", "max"]
+    assert (path.start, path.end, path.slack_ns) == ("a_reg", "b_reg", 12.5)
+    assert path.cells == ("DFFSR", "NAND2X1", "DFFSR")
+    missed = synth_timing.parse(PATH_TEXT.format(slack="-0.5000", met="VIOLATED"))
+    assert missed["clk", "max"].slack_ns == -0.5
+
+
+def fake_sta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str) -> None:
+    program = tmp_path / "sta"
+    program.write_text(f"#!/bin/sh\ncat <<'end'\n{says}\nend\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(synth_timing, "tool", lambda *names: str(program))
+
+
+@pytest.mark.parametrize(
+    "says",
+    [
+        "",
+        "sta ended",
+        PATH_TEXT.format(slack="12.5000", met="MET") + "sta ended",
+        "Error: no such file",
+        "Warning: net a has no driver\nsta ended",
+        PATH_TEXT.format(slack="nan", met="MET"),
+    ],
+)
+def test_a_report_without_all_paths_is_an_error_and_no_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str
+) -> None:
+    fake_sta(tmp_path, monkeypatch, says)
+    netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
+    rows: list[verdict.Row] = []
+    synth._attempt(rows, "synth.timing.x", lambda: synth.timing_rows(OSU035, netlist, "x"))
+    assert [row["status"] for row in rows] == ["ERROR"]
+
+
+def test_the_shortest_period_is_found_on_a_bent_line() -> None:
+    def slack(period: float) -> float:
+        return min(0.4 * period - 2.0, period - 8.0)
+
+    search = synth_timing._Search(200.0)
+    for _ in range(10):
+        here = synth_timing.parse(PATH_TEXT.format(slack=f"{slack(search.period):.4f}", met="MET"))[
+            "clk", "max"
+        ]
+        search.take(here)
+        if search.found:
+            break
+    assert search.found
+    assert search.found.period_ns == pytest.approx(8.0, rel=2e-3)
+
+
+def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [row["status"] for row in synth.constraint_rows()] == ["PASS"]
+    monkeypatch.setattr(synth, "sdc_periods", lambda: {"clk": 250.0, "sck": 50.0})
+    assert [row["status"] for row in synth.constraint_rows()] == ["FAIL"]
+
+
+# ---- libraries --------------------------------------------------------------------------------------------------
+
+
+def test_a_library_that_is_not_there_is_an_input_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("dermis.synth_cells.OSU035", tmp_path)
+    with pytest.raises(InputError, match="qflow-tech-osu035"):
+        OSU035.liberty("typical")
+    with pytest.raises(InputError, match="corner"):
+        OSU035.liberty("ss")
+
+
+def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> None:
+    full = cells(OSU035.liberty("typical"))
+    left = cells(mapping_liberty(OSU035, OSU035.liberty("typical"), tmp_path / "map.lib"))
+    assert {"PADINC", "TBUFX1", "LATCH"} <= full.keys() - left.keys()
+    assert left["DFFSR"].reset
+    assert left["DFFSR"].flop
+    assert left["DFFSR"].asynchronous == {"R", "S"}
+    assert not left["DFFPOSX1"].reset
+    assert left["NAND2X1"].inputs == {"A", "B"}
+    assert dataclasses.asdict(full["INVX1"]) == dataclasses.asdict(left["INVX1"])
