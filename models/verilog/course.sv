@@ -1,21 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
 // The course of one column current: its mean over the clock that leads to the coming edge, and its value where the slot began.
 // Interface: cell_i holds TERMS coefficients of the functions of time in basis_i (drive.sv), then MODES charges that the line capacitances still
-// deliver in the first clock of the gate, then what is left of each a clock later.
+// deliver in the first clock of the gate, then what is left of each a clock later, then with DARK TERMS coefficients for the break behind the row.
+// Why a break is looked at with MEMORY only: the preset holds the integrator, but a slow mirror goes on; without DARK there is no current then.
 `default_nettype none
 
 module course #(
-  parameter TERMS = 1,
-  parameter MODES = 0
+  parameter TERMS  = 1,
+  parameter MODES  = 0,
+  parameter MEMORY = 0,
+  parameter DARK   = 0
 ) (
-  input  wire                            clk_i,
-  input  wire                            preset_i,
-  input  wire [64*(TERMS+2*MODES)-1:0]   cell_i,
-  input  wire [64*TERMS-1:0]             basis_i,
-  input  wire [64*TERMS-1:0]             basis_begin_i,
-  output real                            i_mean,
-  output real                            i_begin
+  input  wire                                     clk_i,
+  input  wire                                     preset_i,
+  input  wire                                     dark_i,
+  input  wire [64*((1+DARK)*TERMS+2*MODES)-1:0]   cell_i,
+  input  wire [64*TERMS-1:0]                      basis_i,
+  input  wire [64*TERMS-1:0]                      basis_begin_i,
+  output real                                     i_mean,
+  output real                                     i_begin
 );
+
+  wire [64*TERMS-1:0] factors;
+  real                settled;
+  generate
+    if (DARK != 0) begin : gen_glow
+      assign factors = dark_i ? cell_i[64*(TERMS+2*MODES) +: 64*TERMS] : cell_i[0 +: 64*TERMS];
+    end else begin : gen_no_glow
+      assign factors = cell_i[0 +: 64*TERMS];
+    end
+  endgenerate
 
   genvar k;
   generate
@@ -23,7 +37,7 @@ module course #(
       real factor;
       real sum;
       real sum_begin;
-      assign factor = $bitstoreal(cell_i[64*k +: 64]);
+      assign factor = $bitstoreal(factors[64*k +: 64]);
       if (TERMS == 1) begin : gen_constant
         assign sum       = factor;
         assign sum_begin = factor;
@@ -46,12 +60,19 @@ module course #(
         assign sum = gen_mode[k-1].sum + left_q;
       end
     end
+    if (MEMORY != 0 && DARK == 0) begin : gen_break
+      wire lit;
+      assign lit     = ~dark_i;
+      assign settled = lit * gen_term[TERMS-1].sum;
+    end else begin : gen_no_break
+      assign settled = gen_term[TERMS-1].sum;
+    end
     if (MODES > 0) begin : gen_settling
       wire gate;
       assign gate   = ~preset_i;
-      assign i_mean = gen_term[TERMS-1].sum + gate * gen_mode[MODES-1].sum;
+      assign i_mean = settled + gate * gen_mode[MODES-1].sum;
     end else begin : gen_settled
-      assign i_mean = gen_term[TERMS-1].sum;
+      assign i_mean = settled;
     end
   endgenerate
   assign i_begin = gen_term[TERMS-1].sum_begin;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // What changes in time (supply, motion): the mean of every function of time over each clock of a slot, from basis.bin, which has
-// their values at the start of a slot first. A column current is a sum of them with coefficients of its own (course.sv).
-// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock of a frame.
+// their values where a row is driven first. A column current is a sum of them with coefficients of its own (course.sv).
+// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock in which row 0 is driven, dark_o while no row is.
+// Timing: a slot begins with the preset, its row is driven BREAK_CLOCKS later. Of a first slot after a pause only the row is seen.
 `default_nettype none
 
 module drive #(
-  parameter TERMS       = 2,
-  parameter SLOT_CLOCKS = 625
+  parameter TERMS        = 2,
+  parameter SLOT_CLOCKS  = 625,
+  parameter BREAK_CLOCKS = 0
 ) (
   input  wire                clk_i,
   input  wire                preset_i,
@@ -14,26 +16,32 @@ module drive #(
   input  wire                first_row_i,
   output wire [64*TERMS-1:0] basis_o,
   output wire [64*TERMS-1:0] basis_begin_o,
-  output wire                frame_start_o
+  output wire                frame_start_o,
+  output wire                dark_o
 );
 
   localparam CLOCK_BITS = $clog2(SLOT_CLOCKS + 1);
 
   wire                  settling;
+  wire                  row_start;
+  reg                   preset_q;
   reg                   settling_q;
   reg  [CLOCK_BITS-1:0] clock_q;
   wire [CLOCK_BITS-1:0] now;
 
-  // A slot begins with a preset and a driven row; that was not so in the clock before.
   assign settling      = preset_i & driven_i;
-  assign now           = (settling & ~settling_q) ? {CLOCK_BITS{1'b0}} : clock_q;
-  assign frame_start_o = settling & ~settling_q & first_row_i;
+  assign row_start     = settling & ~settling_q;
+  assign now           = row_start ? BREAK_CLOCKS[CLOCK_BITS-1:0] : (preset_i & ~preset_q) ? {CLOCK_BITS{1'b0}} : clock_q;
+  assign frame_start_o = row_start & first_row_i;
+  assign dark_o        = ~driven_i;
 
   initial begin
+    preset_q   = 1'b0;
     settling_q = 1'b0;
     clock_q    = {CLOCK_BITS{1'b0}};
   end
   always @(posedge clk_i) begin
+    preset_q   <= preset_i;
     settling_q <= settling;
     if (now != SLOT_CLOCKS[CLOCK_BITS-1:0]) clock_q <= now + 1'b1;
   end

@@ -3,7 +3,7 @@
 // Interface: every change of go_i runs BURST clocks, all at one instant of simulated time; nothing else goes in or out but the two files.
 // Why the clock is made here: leaving and entering a Verilator model costs as much as a clock of it. Why with nonblocking assignments: each
 // level of the clock has settled before the next, in any simulator.
-// TERMS, MODES: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
+// TERMS, MODES, DARK: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
 `include "dermis_design.vh"
 `include "values.vh"
 `default_nettype none
@@ -19,12 +19,15 @@ module skin #(
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
   parameter MODES         = 0,
+  parameter DARK          = 0,
+  parameter BREAK_CLOCKS  = 0,
   parameter BURST         = `DERMIS_SLOT_CLOCKS
 ) (
   input wire go_i
 );
 
-  localparam CELL     = TERMS + 2*MODES;
+  localparam CELL     = (1 + DARK)*TERMS + 2*MODES;
+  localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
   localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
   localparam ROW_BITS = (ROWS > 1) ? $clog2(ROWS) : 1;
 
@@ -100,21 +103,24 @@ module skin #(
   wire [64*TERMS-1:0] basis;
   wire [64*TERMS-1:0] basis_begin;
   wire                frame_start;
+  wire                dark;
   generate
     if (VARIES) begin : gen_drive
-      drive #(.TERMS(TERMS), .SLOT_CLOCKS(SETTLE_CLOCKS + GATE_CLOCKS)) u_drive (
+      drive #(.TERMS(TERMS), .SLOT_CLOCKS(SETTLE_CLOCKS + GATE_CLOCKS), .BREAK_CLOCKS(BREAK_CLOCKS)) u_drive (
         .clk_i         (clk),
         .preset_i      (preset),
         .driven_i      (|row_select),
         .first_row_i   (row_select[0]),
         .basis_o       (basis),
         .basis_begin_o (basis_begin),
-        .frame_start_o (frame_start)
+        .frame_start_o (frame_start),
+        .dark_o        (dark)
       );
     end else begin : gen_still
       assign basis       = {(64*TERMS){1'b0}};
       assign basis_begin = {(64*TERMS){1'b0}};
       assign frame_start = 1'b0;
+      assign dark        = 1'b0;
     end
   endgenerate
 
@@ -130,9 +136,10 @@ module skin #(
       for (v = 0; v < CELL; v = v + 1) begin : gen_cell
         assign i_bits[64*v +: 64] = u_array.i_column[CELL*c + v];
       end
-      course #(.TERMS(TERMS), .MODES(MODES)) u_course (
+      course #(.TERMS(TERMS), .MODES(MODES), .MEMORY(MEMORY), .DARK(DARK)) u_course (
         .clk_i         (clk),
         .preset_i      (preset),
+        .dark_i        (dark),
         .cell_i        (i_bits),
         .basis_i       (basis),
         .basis_begin_i (basis_begin),

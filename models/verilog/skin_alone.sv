@@ -13,7 +13,9 @@ module skin_alone #(
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
-  parameter MODES         = 0
+  parameter MODES         = 0,
+  parameter DARK          = 0,
+  parameter BREAK_CLOCKS  = 0
 );
 
   reg go;
@@ -30,7 +32,9 @@ module skin_alone #(
     .TOPOLOGY      (TOPOLOGY),
     .EFFECTS       (EFFECTS),
     .TERMS         (TERMS),
-    .MODES         (MODES)
+    .MODES         (MODES),
+    .DARK          (DARK),
+    .BREAK_CLOCKS  (BREAK_CLOCKS)
   ) u_skin (
     .go_i (go)
   );

@@ -332,6 +332,13 @@ def steady(plan: Plan, part: slice) -> bool:
     return _transients(plan, part, per_c) is None
 
 
+def glows(plan: Plan) -> bool:
+    """Whether a slow mirror sees a current while no row is driven."""
+    active = plan.active_fields()
+    sources = active & {"v_column_offset_v", "i_leak_a"}
+    return bool(plan.timing.break_clocks and "q_mirror_c" in active and sources)
+
+
 def refuses(plan: Plan) -> InputError | None:
     """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
     if not _couples(plan) and not plan.active_fields() & _CAPACITANCES:
@@ -437,7 +444,7 @@ class Slots:
             self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
             self._slow = np.zeros(cells)
         self.dark = None
-        if self._lag is not None and self._break and plan.active_fields() & {"v_column_offset_v", "i_leak_a"}:
+        if glows(plan):
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
             self.dark = self._dark(found if same else course(plan, part, dark=True), drive, per_a, finite)

@@ -147,6 +147,7 @@ def build(
         "EFFECTS": effects,
         "TERMS": currents.terms,
         "MODES": currents.modes,
+        "DARK": currents.dark,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     sources = [*rtl_sources(), *model_sources(models)]
@@ -169,11 +170,13 @@ class Currents:
     Attributes
     ----------
     cells : ndarray
-        [frames, rows, cols, terms + 2 modes]: what course.sv makes a current of.
+        [frames, rows, cols, (1 + dark) terms + 2 modes]: what course.sv makes a current of.
     basis : ndarray
-        [1 + clocks of a slot, terms]: the functions of time, at the start of a slot and as means over its clocks.
+        [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
     terms, modes : int
         1 and 0 where a current is constant in its slot.
+    dark : int
+        1 where a slow mirror sees a current in the break behind a row.
     coupling : Coupling or None
         How columns of the direct interface move each other; its current is in `cells` already.
     """
@@ -182,13 +185,14 @@ class Currents:
     basis: Floats
     terms: int = 1
     modes: int = 0
+    dark: int = 0
     coupling: event_input.Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
-    if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}):
+    if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}) and not event_input.glows(plan):
         g, most = plan.conductance_s(part), event_input.X_MAX
         current = column_currents(plan.network(0), g)
         coupled = event_input.coupling(plan, g, np.clip(converter.duty(current), -most, most))
@@ -205,14 +209,16 @@ def currents_of(plan: Plan, part: slice) -> Currents:
         modes = 1 << (slots.extra.shape[1] - 1).bit_length()
         pad = ((0, 0), (0, modes - slots.extra.shape[1]), (0, 0))
         found += [np.pad(slots.extra, pad), np.pad(slots.decay, pad)]
-    terms = slots.terms.shape[1]
+    terms, gain = slots.terms.shape[1], np.tile(converter.gain, slots.frames)
+    if slots.dark is not None:
+        found.append(np.roll(slots.dark, -1, axis=0) / gain)  # behind a row the break of the next one
     cells = np.concatenate(found, axis=1)
-    cells[:, : terms + modes] /= np.tile(converter.gain, slots.frames)
+    cells[:, : terms + modes] /= gain
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
     basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
-    return Currents(cells, basis, terms, modes, slots.coupling)
+    return Currents(cells, basis, terms, modes, int(slots.dark is not None), slots.coupling)
 
 
 def write_inputs(
