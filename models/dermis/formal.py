@@ -20,7 +20,7 @@ from typing import Any
 
 import click
 
-from dermis import lint, verdict
+from dermis import verdict
 from dermis.design import ROOT
 from dermis.errors import InputError
 from dermis.hdl import end_session
@@ -82,6 +82,8 @@ class Proof:
         Assertion label to what it says in plain words.
     parameters, small : mapping
         Of the checker; `small` ones take their place in covers and faults, which are searched clock by clock.
+    also : sequence of mappings
+        Further sizes that it is proved at, each in a run of its own.
     engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
     depth : int
         Clocks of the induction; of a search for a counterexample where a fault gives none.
@@ -100,6 +102,7 @@ class Proof:
     theorems: Mapping[str, str]
     parameters: Mapping[str, int] = field(default_factory=dict)
     small: Mapping[str, int] = field(default_factory=dict)
+    also: Sequence[Mapping[str, int]] = ()
     engine: str = "induction"
     depth: int = 4
     cover_depth: int = 20
@@ -220,7 +223,9 @@ def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: 
     lines += [f"hierarchy -check -top {proof.check} {parameters}", "proc", "flatten"]
     lines += [f"connect -set {wire} {inside}" for wire, inside in proof.taps.items()]
     lines.append(f"prep -top {proof.check}")
-    if only is not None:
+    if only is None and mode == "prove":
+        lines.append(f"chformal -assert -remove {proof.check}/never_*")
+    elif only is not None:
         # The counterexample must be one of this theorem, also where another one fails earlier.
         lines.append(f"chformal -assert -remove {proof.check}/* {proof.check}/{only} %d")
     lines += ["[files]", *(str(path) for path in sources)]
@@ -234,6 +239,7 @@ def run(
     fault: Fault | None = None,
     rtl: Path = ROOT / "rtl",
     where: str = "formal",
+    suffix: str = "",
 ) -> Outcome:
     """Run one proof, its covers (`mode` "cover") or the search for a counterexample of a fault ("bmc").
 
@@ -247,6 +253,8 @@ def run(
         Directory of the design's sources; the checker is always that of this tree.
     where : str
         Directory below build/.
+    suffix : str
+        To tell runs of one proof apart.
 
     Raises
     ------
@@ -254,12 +262,12 @@ def run(
         A tool is missing, or the text that a fault replaces is not there once.
     """
     tools = _tools()
-    name = f"{proof.name}.{fault.name if fault else mode}"
+    name = f"{proof.name}.{fault.name if fault else mode}{suffix}"
     work = ROOT / "build" / where / name
     shutil.rmtree(work, ignore_errors=True)
     (work / "sources").mkdir(parents=True)
     sources = [rtl / f"{module}.v" for module in proof.modules]
-    if fault is not None:
+    if fault is not None and fault.module:
         path = rtl / f"{fault.module}.v"
         text = path.read_text()
         if path not in sources or text.count(fault.old) != 1:
@@ -294,6 +302,8 @@ def run(
     ]
     log = work / "sby.log"
     start = time.perf_counter()
+    # Compiled once by `make setup`, not by every user of the wheel.
+    os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     with log.open("wb") as out:
         child = subprocess.Popen(
@@ -319,9 +329,7 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
     done = _DONE.findall(text)
     status = done[-1][0] if done else "TIMEOUT"
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
-    covered = len(
-        {line for line in re.findall(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)", text)}
-    )
+    covered = len(set(re.findall(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)", text)))
     note = ""
     if status not in ("PASS", "FAIL"):
         said = [line for line in text.splitlines() if "ERROR" in line or "timeout" in line.lower()]
@@ -342,64 +350,76 @@ def _row(name: str, seconds: float | None, limit_s: float, status: str, note: st
 
 
 def prove(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
-    """Rows of the theorems of one proof: PASS proved, FAIL with a counterexample, ERROR neither."""
-    outcome = run(proof, rtl=rtl)
+    """Rows of the theorems of one proof: PASS proved at every size, FAIL with a counterexample, ERROR neither."""
+    sizes = [proof.parameters, *({**proof.parameters, **size} for size in proof.also)]
+    outcomes = [
+        run(dataclasses.replace(proof, parameters=size), rtl=rtl, suffix=f"_{n}")
+        for n, size in enumerate(sizes)
+    ]
+    seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
+    # The first size that is not proved tells the story.
+    outcome = next((outcome for outcome in outcomes if outcome.status != "PASS"), outcomes[0])
+    limit_s = proof.limit_s * len(sizes)
     rows = []
     for label, claim in proof.theorems.items():
         status, note = {"PASS": "PASS", "FAIL": "FAIL"}.get(outcome.status, "ERROR"), claim
         if outcome.status == "FAIL" and label not in outcome.failed:
             # The run ended at the first failure: what did not fail there was not proved either.
-            status, note = (
-                "ERROR",
-                f"not decided: {', '.join(outcome.failed) or 'another assertion'} failed first",
-            )
+            failed = ", ".join(outcome.failed) or "another assertion"
+            status, note = "ERROR", f"not decided: {failed} failed first"
         elif status == "FAIL":
             note = f"counterexample in {outcome.work.relative_to(ROOT)}/sby; {claim}"
         elif status == "ERROR":
             note = f"{outcome.status.lower()}: {outcome.note}"
-        rows.append(
-            _row(f"formal.{proof.name}.{label}", round(outcome.seconds, 1), proof.limit_s, status, note)
-        )
+        rows.append(_row(f"formal.{proof.name}.{label}", seconds, limit_s, status, note))
     if outcome.status == "FAIL" and not set(outcome.failed) & set(proof.theorems):
-        rows.append(
-            _row(
-                f"formal.{proof.name}",
-                outcome.seconds,
-                proof.limit_s,
-                "FAIL",
-                f"failed: {', '.join(outcome.failed) or 'see the log'}",
-            )
-        )
+        failed = ", ".join(outcome.failed) or "see the log"
+        rows.append(_row(f"formal.{proof.name}", seconds, limit_s, "FAIL", f"failed: {failed}"))
     return rows
 
 
 def cover(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
-    """One row: how many of the checker's covers are reached; one that is not makes a theorem vacuous."""
-    wanted = len(labels((ROOT / PLACE / f"{proof.check}.v").read_text(), "cover"))
-    outcome = run(proof, "cover", rtl=rtl)
-    note = f"within {proof.cover_depth} steps, {outcome.seconds:.1f} s"
-    status = {"PASS": "PASS", "FAIL": "FAIL"}.get(outcome.status, "ERROR")
-    if status != "PASS":
-        note = f"{note}; {outcome.note or 'a cover is not reached'}"
-    elif wanted == 0:
-        status, note = "ERROR", "the checker has no cover"
-    reached = wanted if status == "PASS" else outcome.covered
-    return [
-        {
-            "name": f"formal.{proof.name}.covers",
-            "value": reached,
-            "unit": "covers",
-            "min": wanted,
-            "max": None,
-            "status": status,
-            "note": note,
-        }
-    ]
+    """One row: how many of the checker's covers are reached; one that is not makes a theorem vacuous.
+
+    Where states lie too deep for the clock-by-clock search of sby's covers, the checker claims instead that they are
+    `never_` reached, and the search for a counterexample finds the way there.
+    """
+    source = (ROOT / PLACE / f"{proof.check}.v").read_text()
+    wanted = labels(source, "cover")
+    never = [label for label in labels(source, "assert") if label.startswith("never_")]
+    reached, notes, seconds = 0, [], 0.0
+    error = not wanted and not never
+    if error:
+        notes.append("the checker has no cover")
+    if wanted:
+        outcome = run(proof, "cover", rtl=rtl)
+        seconds += outcome.seconds
+        reached += len(wanted) if outcome.status == "PASS" else outcome.covered
+        error |= outcome.status not in ("PASS", "FAIL")
+        notes += [outcome.note] if outcome.note else []
+    for label in never:
+        fault = Fault(name=label, module="", old="", new="", breaks=label, depth=proof.cover_depth)
+        outcome = run(proof, "bmc", fault, rtl=rtl)
+        seconds += outcome.seconds
+        reached += outcome.status == "FAIL" and label in outcome.failed
+        error |= outcome.status not in ("PASS", "FAIL")
+        notes += [f"{label}: {outcome.status.lower()} {outcome.note}"] if outcome.status != "FAIL" else []
+    every = len(wanted) + len(never)
+    status = "ERROR" if error else "PASS" if reached == every else "FAIL"
+    note = "; ".join([f"within {proof.cover_depth} steps, {seconds:.1f} s", *notes])
+    row = {
+        "name": f"formal.{proof.name}.covers",
+        "value": reached,
+        "unit": "covers",
+        "min": every,
+        "max": None,
+    }
+    return [{**row, "status": status, "note": note}]
 
 
-def break_it(proof: Proof, fault: Fault) -> list[verdict.Row]:
+def break_it(proof: Proof, fault: Fault, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
     """One row: PASS when the seeded fault gives a counterexample of the theorem that it was made for."""
-    outcome = run(proof, "bmc", fault)
+    outcome = run(proof, "bmc", fault, rtl=rtl)
     name = f"formal.{proof.name}.fault.{fault.name}"
     traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
@@ -429,7 +449,12 @@ def chosen(names: Sequence[str]) -> list[Proof]:
 
 
 def run_all(
-    which: Iterable[Proof], *, theorems: bool = True, faults: bool = True, workers: int = WORKERS
+    which: Iterable[Proof],
+    *,
+    theorems: bool = True,
+    faults: bool = True,
+    workers: int = WORKERS,
+    rtl: Path = ROOT / "rtl",
 ) -> list[verdict.Row]:
     """Run proofs, covers and faults, several at a time; rows in the order of the table."""
     from dermis import progress
@@ -438,9 +463,9 @@ def run_all(
     jobs: list[tuple[Any, ...]] = []
     for proof in which:
         if theorems:
-            jobs += [(prove, proof), (cover, proof)]
+            jobs += [(prove, proof, rtl), (cover, proof, rtl)]
         if faults:
-            jobs += [(break_it, proof, fault) for fault in proof.faults]
+            jobs += [(break_it, proof, fault, rtl) for fault in proof.faults]
     rows: list[verdict.Row] = []
     with progress.slots("formal", len(jobs), "runs") as done, ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(job[0], *job[1:]) for job in jobs]
@@ -462,9 +487,16 @@ def run_all(
 @click.option("--proofs", "only", flag_value="proofs", help="Only the proofs and their covers.")
 @click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
 @click.option(
+    "--rtl",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Sources to prove instead of rtl/.",
+)
+@click.option(
     "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Runs at a time."
 )
-def formal_command(names: tuple[str, ...], only: str | None, listing: bool, workers: int) -> int:
+def formal_command(
+    names: tuple[str, ...], only: str | None, listing: bool, rtl: Path | None, workers: int
+) -> int:
     """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded faults."""
     which = chosen(names)
     if listing:
@@ -472,7 +504,13 @@ def formal_command(names: tuple[str, ...], only: str | None, listing: bool, work
             for label, claim in proof.theorems.items():
                 click.echo(f"{proof.name}.{label}: {claim}")
         return 0
-    rows = run_all(which, theorems=only != "faults", faults=only != "proofs", workers=workers)
+    rows = run_all(
+        which,
+        theorems=only != "faults",
+        faults=only != "proofs",
+        workers=workers,
+        rtl=ROOT / "rtl" if rtl is None else rtl.resolve(),
+    )
     verdict.write_rows("formal", rows)
     verdict.print_rows(rows, "Proofs")
     return verdict.exit_code(rows)
