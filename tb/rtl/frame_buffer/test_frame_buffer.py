@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about dermis_frame_buffer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rtl_run import simulate
+
+from dermis.design import ROOT
+
+SYNC_RANDOM = Path(__file__).parent / "sync_random.v"
+SIZE = {"BANK_BYTES": 20}
+SEEDS = 1
+
+
+def whole_frames(simulator: str, seed: int, trap: Path | None, reads: int = 150) -> dict[str, int]:
+    scenario = {"seed": seed, "bank_bytes": SIZE["BANK_BYTES"], "reads": reads}
+    return simulate(
+        simulator, "bench_frame_buffer", "dermis_frame_buffer", "whole_frames", SIZE, scenario, trap=trap
+    )
+
+
+@pytest.mark.parametrize("seed", range(SEEDS))
+def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str, seed: int) -> None:
+    got = whole_frames(simulator, seed, SYNC_RANDOM)
+    assert got["different"] > 20
+    assert got["lost"] > 0
+
+
+def test_ready_waiting_and_lost(simulator: str) -> None:
+    simulate(simulator, "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE)
+
+
+# CS always seen a clock late: the worst that a metastable flop may do to the order of CS and claim.
+LATE = """
+module late_sync (input wire clk_i, input wire rst_ni, input wire d_i, output wire q_o);
+  wire q;
+  dermis_tech_sync u_sync (.clk_i (clk_i), .rst_ni (rst_ni), .d_i (d_i), .q_o (q));
+  dermis_tech_dff u_late (.clk_i (clk_i), .rst_ni (rst_ni), .d_i (q), .q_o (q_o));
+endmodule
+"""
+LATE_CS = ("dermis_tech_sync u_sync_cs", "late_sync u_sync_cs")
+
+FAULTS = {
+    "the bank in front is written": [("assign back  = ~(front_q", "assign back  =  (front_q")],
+    "a held bank is swapped": [("assign free  = ~held_q | grant | deselected;", "assign free  = 1'b1;")],
+    "a late release goes before the grant": [
+        LATE_CS,
+        ("if (grant)           held_q <= 1'b1;", "if (deselected)     held_q <= 1'b0;"),
+        ("else if (deselected) held_q <= 1'b0;", "else if (grant) held_q <= 1'b1;"),
+    ],
+    "a frame that waits is lost when the reader lets go": [
+        ("waiting_q <= ~free & (end_i | (waiting_q & ~begin_i));", "waiting_q <= ~free & end_i;")
+    ],
+}
+
+
+def changed(tmp_path: Path, changes: list[tuple[str, str]]) -> Path:
+    text = (ROOT / "rtl" / "dermis_frame_buffer.v").read_text()
+    for right, wrong in changes:
+        assert text.count(right) == 1, right
+        text = text.replace(right, wrong)
+    path = tmp_path / "dermis_frame_buffer.v"
+    path.write_text(text + LATE)
+    return path
+
+
+def test_a_cs_that_is_seen_late_lets_go_of_nothing(tmp_path: Path) -> None:
+    assert whole_frames("icarus", 0, changed(tmp_path, [LATE_CS]))["different"] > 20
+
+
+def both(trap: Path) -> None:
+    simulate("icarus", "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE, trap=trap)
+    whole_frames("icarus", 0, trap)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_checks_see(fault: str, tmp_path: Path) -> None:
+    trap = changed(tmp_path, FAULTS[fault])
+    with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
+        both(trap)
