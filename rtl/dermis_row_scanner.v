@@ -1,97 +1,223 @@
 // SPDX-License-Identifier: Apache-2.0
-// Row sequencer: drives one row a slot, holds the integrators in preset while it settles, then opens the gate.
-// Interface: enable_i high runs slots without a gap from row 0; low ends the slot on the next edge, drives no row and presets.
-// Timing: row_select_o and preset_o change at edge e0, preset_o falls at t0 = e0 + SETTLE_CLOCKS, gate_o is high before the
-// GATE_CLOCKS edges after t0, the last of which is e0 of the next slot; slot_done_o is high for one clock after it.
+// Slot sequencer: takes a frame's slots one by one, drives a row after a break, holds preset while it settles, then opens the gate.
+// Interface: a frame is a list of slots, lowest bit first: inject, dark, full_even, full_odd, row 0..ROWS-1. It starts while
+// enable_i and (continuous_i or a shot_i or test_i is pending); its settings are taken over at that edge. docs/rtl.md has the rest.
+// Timing: edge e0 ends the row before and presets, the row comes at e0 + BREAK_CLOCKS, preset falls at t0 = e0 + settle, gate_o is high
+// before the gate_i edges after t0, the last being e0 of the next slot; slot_done_o is high for a clock after it. Where the gate is
+// shorter than PACK_CLOCKS, preset also waits for busy_i to fall, so that no row is overwritten before it was taken.
 // Why a slot that has all its samples is delivered even if enable_i fell with the last: nothing measured is thrown away.
 `include "dermis_design.vh"
 `default_nettype none
 
 module dermis_row_scanner #(
-  parameter ROWS          = `DERMIS_ROWS,
-  parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,
-  parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
-  parameter ROW_BITS      = (ROWS > 1) ? $clog2(ROWS) : 1
+  parameter ROWS         = `DERMIS_ROWS,
+  parameter BREAK_CLOCKS = `DERMIS_BREAK_CLOCKS,
+  parameter PACK_CLOCKS  = 34
 ) (
-  input  wire                clk_i,
-  input  wire                rst_ni,
-  input  wire                enable_i,
-  output wire [ROWS-1:0]     row_select_o,
-  output wire                preset_o,
-  output wire                gate_o,
-  output wire                slot_done_o,
-  output wire [ROW_BITS-1:0] done_row_o,
-  output wire                done_last_o
+  input  wire            clk_i,
+  input  wire            rst_ni,
+  input  wire            enable_i,
+  input  wire            continuous_i,
+  input  wire            shot_i,
+  input  wire            test_i,
+  input  wire            dark_i,
+  input  wire [15:0]     settle_i,
+  input  wire [15:0]     gate_i,
+  input  wire [ROWS-1:0] row_mask_i,
+  input  wire            busy_i,
+  output wire [ROWS-1:0] row_select_o,
+  output wire            preset_o,
+  output wire            gate_o,
+  output wire            inject_o,
+  output wire            full_even_o,
+  output wire            full_odd_o,
+  output wire            frame_load_o,
+  output wire            frame_start_o,
+  output wire            scanning_o,
+  output wire            slot_end_o,
+  output wire            slot_done_o,
+  output wire [7:0]      done_slot_o,
+  output wire            done_first_o,
+  output wire            done_last_o,
+  output wire            done_test_o,
+  output wire            done_dark_o,
+  output wire [15:0]     done_gate_o
 );
 
-  localparam LONGEST  = (GATE_CLOCKS > SETTLE_CLOCKS) ? GATE_CLOCKS : SETTLE_CLOCKS;
-  localparam CLK_BITS = (LONGEST > 1) ? $clog2(LONGEST) : 1;
+  localparam SLOTS = ROWS + 4;
 
-  localparam integer SETTLE_LOAD = SETTLE_CLOCKS - 1;
-  localparam integer GATE_LOAD   = GATE_CLOCKS - 1;
-  localparam integer LAST_ROW    = ROWS - 1;
+  // Two clocks of settle with the row on: the packet of a slot's last sample must be gone before preset lets go.
+  localparam integer SHORTEST   = BREAK_CLOCKS + 2;
+  localparam integer BREAK_LOAD = BREAK_CLOCKS - 1;
 
-  reg                active_q;
-  reg [ROWS-1:0]     row_select_q;
-  reg                preset_q;
-  reg [CLK_BITS-1:0] clocks_q;
-  reg [ROW_BITS-1:0] row_q;
-  reg                slot_done_q;
-  reg [ROW_BITS-1:0] done_row_q;
-  reg                done_last_q;
+  reg             active_q;
+  reg             break_q;
+  reg             preset_q;
+  reg [15:0]      clocks_q;
+  reg [SLOTS-1:0] slots_q;
+  reg [ROWS-1:0]  row_select_q;
+  reg             inject_q;
+  reg             full_even_q;
+  reg             full_odd_q;
+  reg             shot_q;
+  reg             test_q;
+  reg             first_q;
+  reg             test_frame_q;
+  reg             dark_frame_q;
+  reg             short_q;
+  reg [15:0]      settle_q;
+  reg [15:0]      gate_q;
+  reg             frame_start_q;
+  reg             slot_done_q;
+  reg [7:0]       done_slot_q;
+  reg             done_first_q;
+  reg             done_last_q;
+  reg             done_test_q;
+  reg             done_dark_q;
+  reg [15:0]      done_gate_q;
 
-  wire                expired;
-  wire                slot_end;
-  wire                slot_start;
-  wire                last_row;
-  wire [ROW_BITS-1:0] next_row;
+  wire             expired;
+  wire             slot_end;
+  wire             last;
+  wire             wanted;
+  wire             frame_load;
+  wire             slot_start;
+  wire [SLOTS-1:0] list;
+  wire [SLOTS-1:0] rest;
+  wire [SLOTS-1:0] next;
 
-  assign expired    = (clocks_q == {CLK_BITS{1'b0}});
-  assign last_row   = (row_q == LAST_ROW[ROW_BITS-1:0]);
+  // Number of the lowest slot of a list. A function, so that a simulator works it out once a slot and not every clock.
+  function [7:0] number;
+    input [SLOTS-1:0] slots;
+    integer r;
+    begin
+      number = 8'hF3;
+      for (r = ROWS - 1; r >= 0; r = r - 1)
+        if (slots[r + 4]) number = r[7:0];
+      if (slots[3]) number = 8'hF3;
+      if (slots[2]) number = 8'hF2;
+      if (slots[1]) number = 8'hF1;
+      if (slots[0]) number = 8'hF0;
+    end
+  endfunction
+
+  assign expired    = (clocks_q == 16'd0);
   assign slot_end   = active_q & ~preset_q & expired;
-  assign slot_start = enable_i & (slot_end | ~active_q);
-  assign next_row   = (~active_q | last_row) ? {ROW_BITS{1'b0}} : row_q + 1'b1;
+  assign rest       = slots_q & (slots_q - 1'b1);
+  assign last       = (rest == {SLOTS{1'b0}});
+  assign wanted     = continuous_i | shot_q | test_q;
+  assign list       = {row_mask_i, test_q, test_q, dark_i | test_q, test_q};
+  assign frame_load = enable_i & wanted & (list != {SLOTS{1'b0}}) & (~active_q | (slot_end & last));
+  assign slot_start = frame_load | (enable_i & slot_end & ~last);
+  assign next       = frame_load ? list : rest;
 
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) begin
       active_q     <= 1'b0;
-      row_select_q <= {ROWS{1'b0}};
+      break_q      <= 1'b0;
       preset_q     <= 1'b1;
-      clocks_q     <= {CLK_BITS{1'b0}};
-      row_q        <= {ROW_BITS{1'b0}};
-      slot_done_q  <= 1'b0;
-      done_row_q   <= {ROW_BITS{1'b0}};
-      done_last_q  <= 1'b0;
-    end else begin
-      slot_done_q <= slot_end;
-      if (slot_end) begin
-        done_row_q  <= row_q;
-        done_last_q <= last_row;
-      end
-      if (slot_start) begin
-        active_q     <= 1'b1;
-        row_select_q <= {{(ROWS-1){1'b0}}, 1'b1} << next_row;
-        preset_q     <= 1'b1;
-        clocks_q     <= SETTLE_LOAD[CLK_BITS-1:0];
-        row_q        <= next_row;
-      end else if (!enable_i) begin
-        active_q     <= 1'b0;
-        row_select_q <= {ROWS{1'b0}};
-        preset_q     <= 1'b1;
-      end else if (expired) begin
-        preset_q     <= 1'b0;
-        clocks_q     <= GATE_LOAD[CLK_BITS-1:0];
-      end else begin
+      clocks_q     <= 16'd0;
+      slots_q      <= {SLOTS{1'b0}};
+      row_select_q <= {ROWS{1'b0}};
+      inject_q     <= 1'b0;
+      full_even_q  <= 1'b0;
+      full_odd_q   <= 1'b0;
+    end else if (slot_start) begin
+      active_q     <= 1'b1;
+      break_q      <= 1'b1;
+      preset_q     <= 1'b1;
+      clocks_q     <= BREAK_LOAD[15:0];
+      slots_q      <= next;
+      row_select_q <= {ROWS{1'b0}};
+      inject_q     <= next[0];
+      full_even_q  <= next[2] & ~next[0] & ~next[1];
+      full_odd_q   <= next[3] & ~next[0] & ~next[1] & ~next[2];
+    end else if (slot_end | ~enable_i) begin
+      active_q     <= 1'b0;
+      break_q      <= 1'b0;
+      preset_q     <= 1'b1;
+      row_select_q <= {ROWS{1'b0}};
+      inject_q     <= 1'b0;
+      full_even_q  <= 1'b0;
+      full_odd_q   <= 1'b0;
+    end else if (active_q) begin
+      if (!expired) begin
         clocks_q     <= clocks_q - 1'b1;
+      end else if (break_q) begin
+        break_q      <= 1'b0;
+        row_select_q <= (slots_q[3:0] == 4'd0) ? slots_q[SLOTS-1:4] & ~rest[SLOTS-1:4] : {ROWS{1'b0}};
+        clocks_q     <= settle_q;
+      end else if (!(busy_i & short_q)) begin
+        preset_q     <= 1'b0;
+        clocks_q     <= gate_q - 1'b1;
       end
     end
 
-  assign row_select_o = row_select_q;
-  assign preset_o     = preset_q;
-  assign gate_o       = ~preset_q;
-  assign slot_done_o  = slot_done_q;
-  assign done_row_o   = done_row_q;
-  assign done_last_o  = done_last_q;
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) begin
+      shot_q        <= 1'b0;
+      test_q        <= 1'b0;
+      first_q       <= 1'b0;
+      test_frame_q  <= 1'b0;
+      dark_frame_q  <= 1'b0;
+      short_q       <= 1'b0;
+      settle_q      <= 16'd0;
+      gate_q        <= 16'd0;
+      frame_start_q <= 1'b0;
+    end else begin
+      shot_q        <= enable_i & (shot_i | (shot_q & ~(frame_load & ~test_q)));
+      test_q        <= enable_i & (test_i | (test_q & ~frame_load));
+      frame_start_q <= frame_load;
+      if (frame_load) begin
+        first_q      <= 1'b1;
+        test_frame_q <= test_q;
+        dark_frame_q <= list[1];
+        short_q      <= (gate_i < PACK_CLOCKS[15:0]);
+        settle_q     <= ((settle_i < SHORTEST[15:0]) ? SHORTEST[15:0] : settle_i) - BREAK_CLOCKS[15:0] - 16'd1;
+        gate_q       <= (gate_i == 16'd0) ? 16'd1 : gate_i;
+      end else if (slot_end) begin
+        first_q      <= 1'b0;
+      end
+    end
+
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) begin
+      slot_done_q  <= 1'b0;
+      done_slot_q  <= 8'd0;
+      done_first_q <= 1'b0;
+      done_last_q  <= 1'b0;
+      done_test_q  <= 1'b0;
+      done_dark_q  <= 1'b0;
+      done_gate_q  <= 16'd0;
+    end else begin
+      slot_done_q <= slot_end;
+      if (slot_end) begin
+        done_slot_q  <= number(slots_q);
+        done_first_q <= first_q;
+        done_last_q  <= last;
+        done_test_q  <= test_frame_q;
+        done_dark_q  <= dark_frame_q;
+        done_gate_q  <= gate_q;
+      end
+    end
+
+  assign row_select_o  = row_select_q;
+  assign preset_o      = preset_q;
+  assign gate_o        = ~preset_q;
+  assign inject_o      = inject_q;
+  assign full_even_o   = full_even_q;
+  assign full_odd_o    = full_odd_q;
+  assign frame_load_o  = frame_load;
+  assign frame_start_o = frame_start_q;
+  assign scanning_o    = active_q;
+  assign slot_end_o    = slot_end;
+  assign slot_done_o   = slot_done_q;
+  assign done_slot_o   = done_slot_q;
+  assign done_first_o  = done_first_q;
+  assign done_last_o   = done_last_q;
+  assign done_test_o   = done_test_q;
+  assign done_dark_o   = done_dark_q;
+  assign done_gate_o   = done_gate_q;
 
 endmodule
 

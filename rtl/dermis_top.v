@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Digital half of the array reader: row scan, one synchronizer and one counter a column, one row of codes a slot.
-// Interface: comp_async_i in, row_select_o, preset_o and charge_o out to the analog side, all three from registers; column c
-// is codes_o[c*CODE_BITS +: CODE_BITS] of row codes_row_o. codes_valid_o pulses once a slot and codes_o stays a whole slot.
-// Timing: docs/rtl.md. codes_valid_o rises SYNC_CLOCKS + 1 edges after a slot's last sample. enable_i is synchronous to clk_i;
-// rst_ni may fall at any time and must rise away from the clock edge.
-// Why the gate is delayed by SYNC_CLOCKS: so that exactly the GATE_CLOCKS samples after t0 count, in either synchronizer form.
+// Digital core of the array reader: scan, convert, pack, test itself, and answer over SPI.
+// Interface: the analog side at clk_i (comparators in; rows, preset, charge, range and test current out, all from registers), a host
+// over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI pins may move at any time.
+// Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi alone; only toggles and data at rest cross.
+// Why nothing but wires and the range choice is here: each module below is tested and proved by itself.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -14,137 +13,353 @@ module dermis_top #(
   parameter CODE_BITS     = `DERMIS_CODE_BITS,
   parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,
   parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
+  parameter BREAK_CLOCKS  = `DERMIS_BREAK_CLOCKS,
   parameter SYNC_LATCH    = 0
 ) (
-  input  wire                                          clk_i,
-  input  wire                                          rst_ni,
-  input  wire                                          enable_i,
-  input  wire [COLS-1:0]                               comp_async_i,
-  output wire [ROWS-1:0]                               row_select_o,
-  output wire                                          preset_o,
-  output wire [COLS-1:0]                               charge_o,
-  output wire [COLS*CODE_BITS-1:0]                     codes_o,
-  output wire [((ROWS > 1) ? $clog2(ROWS) : 1) - 1:0] codes_row_o,
-  output wire                                          codes_valid_o,
-  output wire                                          frame_done_o
+  input  wire              clk_i,
+  input  wire              rst_ni,
+  input  wire              enable_i,
+  input  wire [COLS-1:0]   comp_async_i,
+  input  wire [ROWS-1:0]   row_sense_i,
+  output wire [ROWS-1:0]   row_select_o,
+  output wire              preset_o,
+  output wire [COLS-1:0]   charge_o,
+  output wire [2*COLS-1:0] range_o,
+  output wire [COLS-1:0]   test_current_o,
+  output wire              frame_start_o,
+  input  wire              spi_sck_i,
+  input  wire              spi_cs_ni,
+  input  wire              spi_copi_i,
+  output wire              spi_cipo_o,
+  output wire              spi_cipo_oe_o,
+  output wire              frame_ready_o
 );
 
-  localparam ROW_BITS    = (ROWS > 1) ? $clog2(ROWS) : 1;
-  localparam SYNC_CLOCKS = (SYNC_LATCH != 0) ? 1 : 2;
+  // Bytes of a frame with all slots: header 8, CRC 2, and a slot number, codes and overflow bits for each slot.
+  localparam CODE_BYTES = (CODE_BITS > 8) ? 2 : 1;
+  localparam BANK_BYTES = 10 + (ROWS + 4) * (1 + COLS * CODE_BYTES + (COLS + 7) / 8);
 
   // A shorter settle lets the charge of a slot's last sample reach into the next gate. Verilog-2005 has no elaboration
   // $error: a module that does not exist is one line naming the rule in Icarus, Verilator and Yosys alike.
   generate
-    if (SETTLE_CLOCKS < 2) begin : gen_settle_error
-      dermis_error_settle_clocks_must_be_2_or_more u_error ();
+    if (BREAK_CLOCKS < 1) begin : gen_break_error
+      dermis_error_break_clocks_must_be_1_or_more u_error ();
     end
-    if (GATE_CLOCKS < 1) begin : gen_gate_error
-      dermis_error_gate_clocks_must_be_1_or_more u_error ();
+    if (SETTLE_CLOCKS < BREAK_CLOCKS + 2 || SETTLE_CLOCKS > 65535) begin : gen_settle_error
+      dermis_error_settle_clocks_must_be_break_clocks_and_2_to_65535 u_error ();
     end
-    if (ROWS < 1 || COLS < 1 || CODE_BITS < 1) begin : gen_size_error
-      dermis_error_rows_cols_and_code_bits_must_be_1_or_more u_error ();
+    if (GATE_CLOCKS < 1 || GATE_CLOCKS > 65535) begin : gen_gate_error
+      dermis_error_gate_clocks_must_be_1_to_65535 u_error ();
+    end
+    if (ROWS < 1 || COLS < 1 || ROWS > 128 || COLS > 128) begin : gen_size_error
+      dermis_error_rows_and_cols_must_be_1_to_128 u_error ();
+    end
+    if (CODE_BITS < 1 || CODE_BITS > 16) begin : gen_code_error
+      dermis_error_code_bits_must_be_1_to_16 u_error ();
     end
   endgenerate
 
-  wire                      gate;
-  wire                      slot_done;
-  wire [ROW_BITS-1:0]       done_row;
-  wire                      done_last;
-  wire [COLS*CODE_BITS-1:0] counts;
-  wire                      gate_count;
-  wire                      load;
+  wire                      rst_n;
+  wire                      enable;
 
-  dermis_row_scanner #(
+  wire                      continuous;
+  wire                      shot;
+  wire                      test;
+  wire                      dark;
+  wire [1:0]                pedestal_mode;
+  wire                      range_per_column;
+  wire [15:0]               settle;
+  wire [15:0]               gate;
+  wire [1:0]                range;
+  wire [2*COLS-1:0]         range_column;
+  wire [15:0]               test_rate;
+  wire [15:0]               dark_max;
+  wire [15:0]               full_min;
+  wire [ROWS-1:0]           row_mask;
+  wire [COLS*CODE_BITS-1:0] pedestal;
+
+  wire                      scanning;
+  wire                      busy;
+  wire                      row_valid;
+  wire [7:0]                slot;
+  wire                      first;
+  wire                      last;
+  wire                      test_frame;
+  wire                      dark_frame;
+  wire [15:0]               gate_clocks;
+  wire                      count_shift;
+  wire [CODE_BITS:0]        count;
+  wire [CODE_BITS:0]        test_count;
+  wire [16:0]               test_count_wide;
+  wire [ROWS-1:0]           row_fault_now;
+
+  wire                      column_valid;
+  wire [6:0]                column;
+  wire [CODE_BITS:0]        column_count;
+  wire [7:0]                column_slot;
+  wire [ROWS-1:0]           row_fault;
+  wire [COLS-1:0]           inject_fault;
+  wire [COLS-1:0]           dark_fault;
+  wire [COLS-1:0]           full_fault;
+  wire                      fault;
+  wire                      test_done;
+
+  wire [15:0]               frame_number;
+  wire                      frame_begin;
+  wire                      frame_we;
+  wire [7:0]                frame_byte;
+  wire                      frame_end;
+  wire [15:0]               lost;
+
+  wire                      hold_toggle;
+  wire                      hold_ack;
+  wire [15:0]               frame_address;
+  wire [7:0]                frame_data;
+  wire [15:0]               frame_length;
+
+  wire                      request_toggle;
+  wire                      request_write;
+  wire [7:0]                request_address;
+  wire [15:0]               request_wdata;
+  wire                      ack_toggle;
+  wire [15:0]               request_rdata;
+  wire                      request_refused;
+  wire                      error_toggle;
+  wire [15:0]               spi_errors;
+
+  wire                      register_valid;
+  wire                      register_write;
+  wire [7:0]                register_address;
+  wire [15:0]               register_wdata;
+  wire [15:0]               register_rdata;
+  wire                      register_error;
+
+  dermis_reset_sync u_reset_sync (
+    .clk_i  (clk_i),
+    .rst_ni (rst_ni),
+    .rst_no (rst_n)
+  );
+
+  dermis_tech_sync u_enable_sync (
+    .clk_i  (clk_i),
+    .rst_ni (rst_n),
+    .d_i    (enable_i),
+    .q_o    (enable)
+  );
+
+  dermis_reader #(
+    .ROWS         (ROWS),
+    .COLS         (COLS),
+    .CODE_BITS    (CODE_BITS),
+    .BREAK_CLOCKS (BREAK_CLOCKS),
+    .SYNC_LATCH   (SYNC_LATCH)
+  ) u_reader (
+    .clk_i          (clk_i),
+    .rst_ni         (rst_n),
+    .enable_i       (enable),
+    .continuous_i   (continuous),
+    .shot_i         (shot),
+    .test_i         (test),
+    .dark_i         (dark),
+    .settle_i       (settle),
+    .gate_i         (gate),
+    .row_mask_i     (row_mask),
+    .range_i        (range_per_column ? range_column : {COLS{range}}),
+    .test_rate_i    (test_rate),
+    .comp_async_i   (comp_async_i),
+    .row_sense_i    (row_sense_i),
+    .row_select_o   (row_select_o),
+    .preset_o       (preset_o),
+    .charge_o       (charge_o),
+    .range_o        (range_o),
+    .test_current_o (test_current_o),
+    .frame_start_o  (frame_start_o),
+    .scanning_o     (scanning),
+    .busy_i         (busy),
+    .row_valid_o    (row_valid),
+    .slot_o         (slot),
+    .first_o        (first),
+    .last_o         (last),
+    .test_frame_o   (test_frame),
+    .dark_frame_o   (dark_frame),
+    .gate_clocks_o  (gate_clocks),
+    .count_shift_i  (count_shift),
+    .count_o        (count),
+    .test_count_o   (test_count),
+    .row_fault_o    (row_fault_now)
+  );
+
+  dermis_packer #(
+    .COLS      (COLS),
+    .CODE_BITS (CODE_BITS)
+  ) u_packer (
+    .clk_i           (clk_i),
+    .rst_ni          (rst_n),
+    .row_valid_i     (row_valid),
+    .slot_i          (slot),
+    .first_i         (first),
+    .last_i          (last),
+    .test_frame_i    (test_frame),
+    .dark_frame_i    (dark_frame),
+    .gate_clocks_i   (gate_clocks),
+    .count_i         (count),
+    .count_shift_o   (count_shift),
+    .busy_o          (busy),
+    .pedestal_mode_i (pedestal_mode),
+    .pedestal_i      (pedestal),
+    .fault_i         (fault),
+    .frame_number_o  (frame_number),
+    .begin_o         (frame_begin),
+    .we_o            (frame_we),
+    .byte_o          (frame_byte),
+    .end_o           (frame_end),
+    .column_valid_o  (column_valid),
+    .column_o        (column),
+    .column_count_o  (column_count),
+    .column_slot_o   (column_slot)
+  );
+
+  dermis_self_test #(
+    .ROWS      (ROWS),
+    .COLS      (COLS),
+    .CODE_BITS (CODE_BITS)
+  ) u_self_test (
+    .clk_i          (clk_i),
+    .rst_ni         (rst_n),
+    .test_i         (test),
+    .row_valid_i    (row_valid),
+    .first_i        (first),
+    .last_i         (last),
+    .test_frame_i   (test_frame),
+    .row_fault_i    (row_fault_now),
+    .column_valid_i (column_valid),
+    .column_i       (column),
+    .column_count_i (column_count),
+    .column_slot_i  (column_slot),
+    .test_count_i   (test_count),
+    .dark_max_i     (dark_max),
+    .full_min_i     (full_min),
+    .inject_fault_o (inject_fault),
+    .dark_fault_o   (dark_fault),
+    .full_fault_o   (full_fault),
+    .row_fault_o    (row_fault),
+    .fault_o        (fault),
+    .done_o         (test_done)
+  );
+
+  dermis_frame_buffer #(
+    .BANK_BYTES (BANK_BYTES)
+  ) u_frame_buffer (
+    .clk_i         (clk_i),
+    .rst_ni        (rst_n),
+    .begin_i       (frame_begin),
+    .we_i          (frame_we),
+    .byte_i        (frame_byte),
+    .end_i         (frame_end),
+    .frame_ready_o (frame_ready_o),
+    .lost_o        (lost),
+    .cs_ni         (spi_cs_ni),
+    .hold_toggle_i (hold_toggle),
+    .hold_ack_o    (hold_ack),
+    .raddr_i       (frame_address),
+    .rdata_o       (frame_data),
+    .length_o      (frame_length)
+  );
+
+  dermis_registers #(
     .ROWS          (ROWS),
+    .COLS          (COLS),
+    .CODE_BITS     (CODE_BITS),
     .GATE_CLOCKS   (GATE_CLOCKS),
     .SETTLE_CLOCKS (SETTLE_CLOCKS),
-    .ROW_BITS      (ROW_BITS)
-  ) u_scanner (
-    .clk_i        (clk_i),
-    .rst_ni       (rst_ni),
-    .enable_i     (enable_i),
-    .row_select_o (row_select_o),
-    .preset_o     (preset_o),
-    .gate_o       (gate),
-    .slot_done_o  (slot_done),
-    .done_row_o   (done_row),
-    .done_last_o  (done_last)
+    .BREAK_CLOCKS  (BREAK_CLOCKS),
+    .SYNC_LATCH    (SYNC_LATCH)
+  ) u_registers (
+    .clk_i              (clk_i),
+    .rst_ni             (rst_n),
+    .valid_i            (register_valid),
+    .write_i            (register_write),
+    .address_i          (register_address),
+    .wdata_i            (register_wdata),
+    .rdata_o            (register_rdata),
+    .error_o            (register_error),
+    .continuous_o       (continuous),
+    .shot_o             (shot),
+    .test_o             (test),
+    .dark_o             (dark),
+    .pedestal_mode_o    (pedestal_mode),
+    .range_per_column_o (range_per_column),
+    .settle_o           (settle),
+    .gate_o             (gate),
+    .range_o            (range),
+    .test_rate_o        (test_rate),
+    .dark_max_o         (dark_max),
+    .full_min_o         (full_min),
+    .row_mask_o         (row_mask),
+    .range_column_o     (range_column),
+    .pedestal_o         (pedestal),
+    .scanning_i         (scanning),
+    .frame_ready_i      (frame_ready_o),
+    .test_done_i        (test_done),
+    .fault_i            (fault),
+    .frame_number_i     (frame_number),
+    .lost_i             (lost),
+    .spi_errors_i       (spi_errors),
+    .test_count_i       (test_count_wide[15:0]),
+    .row_fault_i        (row_fault),
+    .inject_fault_i     (inject_fault),
+    .dark_fault_i       (dark_fault),
+    .full_fault_i       (full_fault)
   );
 
-  generate
-    if (SYNC_CLOCKS == 1) begin : gen_delay_1
-      reg gate_q;
-      reg done_q;
-      always @(posedge clk_i or negedge rst_ni)
-        if (!rst_ni) {gate_q, done_q} <= 2'b00;
-        else         {gate_q, done_q} <= {gate, slot_done};
-      assign gate_count = gate_q;
-      assign load       = done_q;
-    end else begin : gen_delay_2
-      reg [1:0] gate_q;
-      reg [1:0] done_q;
-      always @(posedge clk_i or negedge rst_ni)
-        if (!rst_ni) begin
-          gate_q <= 2'b00;
-          done_q <= 2'b00;
-        end else begin
-          gate_q <= {gate_q[0], gate};
-          done_q <= {done_q[0], slot_done};
-        end
-      assign gate_count = gate_q[1];
-      assign load       = done_q[1];
-    end
-  endgenerate
-
-  genvar c;
-  generate
-    for (c = 0; c < COLS; c = c + 1) begin : gen_column
-      if (SYNC_LATCH != 0) begin : gen_sync_latch
-        dermis_sync_latch u_sync (
-          .clk_i        (clk_i),
-          .rst_ni       (rst_ni),
-          .inhibit_i    (preset_o),
-          .comp_async_i (comp_async_i[c]),
-          .pulse_o      (charge_o[c])
-        );
-      end else begin : gen_sync_ff
-        dermis_sync_ff u_sync (
-          .clk_i        (clk_i),
-          .rst_ni       (rst_ni),
-          .inhibit_i    (preset_o),
-          .comp_async_i (comp_async_i[c]),
-          .pulse_o      (charge_o[c])
-        );
-      end
-
-      dermis_gated_counter #(
-        .CODE_BITS (CODE_BITS)
-      ) u_counter (
-        .clk_i   (clk_i),
-        .rst_ni  (rst_ni),
-        .gate_i  (gate_count),
-        .pulse_i (charge_o[c]),
-        .count_o (counts[c*CODE_BITS +: CODE_BITS])
-      );
-    end
-  endgenerate
-
-  dermis_row_buffer #(
-    .COLS      (COLS),
-    .CODE_BITS (CODE_BITS),
-    .ROW_BITS  (ROW_BITS)
-  ) u_buffer (
-    .clk_i        (clk_i),
-    .rst_ni       (rst_ni),
-    .load_i       (load),
-    .last_i       (done_last),
-    .row_i        (done_row),
-    .counts_i     (counts),
-    .codes_o      (codes_o),
-    .row_o        (codes_row_o),
-    .valid_o      (codes_valid_o),
-    .frame_done_o (frame_done_o)
+  dermis_register_port u_register_port (
+    .clk_i            (clk_i),
+    .rst_ni           (rst_n),
+    .request_toggle_i (request_toggle),
+    .write_i          (request_write),
+    .address_i        (request_address),
+    .wdata_i          (request_wdata),
+    .ack_toggle_o     (ack_toggle),
+    .rdata_o          (request_rdata),
+    .refused_o        (request_refused),
+    .error_toggle_i   (error_toggle),
+    .errors_o         (spi_errors),
+    .valid_o          (register_valid),
+    .write_o          (register_write),
+    .address_o        (register_address),
+    .wdata_o          (register_wdata),
+    .rdata_i          (register_rdata),
+    .error_i          (register_error)
   );
+
+  // The pin's own reset: without a transfer no SCK comes, so there is no edge to let go of it at.
+  dermis_spi u_spi (
+    .rst_ni           (rst_ni),
+    .sck_i            (spi_sck_i),
+    .cs_ni            (spi_cs_ni),
+    .copi_i           (spi_copi_i),
+    .cipo_o           (spi_cipo_o),
+    .cipo_oe_o        (spi_cipo_oe_o),
+    .request_toggle_o (request_toggle),
+    .write_o          (request_write),
+    .address_o        (request_address),
+    .wdata_o          (request_wdata),
+    .ack_toggle_i     (ack_toggle),
+    .rdata_i          (request_rdata),
+    .refused_i        (request_refused),
+    .hold_toggle_o    (hold_toggle),
+    .hold_ack_i       (hold_ack),
+    .frame_address_o  (frame_address),
+    .frame_data_i     (frame_data),
+    .frame_length_i   (frame_length),
+    .error_toggle_o   (error_toggle)
+  );
+
+  // A gate of at most 65535 clocks holds at most 32768 pulses.
+  assign test_count_wide = {{(16-CODE_BITS){1'b0}}, test_count};
+
+  wire unused_test_count;
+  assign unused_test_count = test_count_wide[16];
 
 endmodule
 

@@ -10,6 +10,7 @@ rtl/dermis_sync_latch.v
 rtl/dermis_gated_counter.v
 rtl/dermis_row_scanner.v
 rtl/dermis_row_buffer.v
+rtl/dermis_reader.v
 rtl/dermis_crc16.v
 rtl/dermis_crc8.v
 rtl/dermis_frame_buffer.v

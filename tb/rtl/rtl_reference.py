@@ -40,9 +40,14 @@ def ones(x: Duty, gate_clocks: int, w_preset: Duty = (-1, 2)) -> list[int]:
     return decisions
 
 
+def count(x: Duty, gate_clocks: int, count_bits: int, w_preset: Duty = (-1, 2)) -> int:
+    """What the counter of one taxel holds: the ones of the gate, saturated at its width."""
+    return min(2**count_bits - 1, sum(ones(x, gate_clocks, w_preset)))
+
+
 def code(x: Duty, gate_clocks: int, code_bits: int, w_preset: Duty = (-1, 2)) -> int:
     """Code of one taxel: the ones of the gate, saturated at full scale."""
-    return min(2**code_bits - 1, sum(ones(x, gate_clocks, w_preset)))
+    return count(x, gate_clocks, code_bits, w_preset)
 
 
 def code_closed(x: Duty, gate_clocks: int, code_bits: int) -> int:
@@ -58,6 +63,9 @@ def duty_of_resistance(r_ohm: Duty) -> Duty:
     return (250 * r_ohm[1], r_ohm[0])
 
 
+FULL_SCALE: Duty = (1, 2)
+
+
 class AnalogColumns:
     """Ideal integrators and comparators of all columns, advanced half a clock at a time in integers.
 
@@ -69,29 +77,51 @@ class AnalogColumns:
         Duty of each taxel.
     w_preset : [cols] of (int, int), optional
         Stored charge the preset forces, in packets; -1/2 by default.
+    open_columns : columns whose currents do not arrive
+    shorted_columns : pairs of columns that share their currents equally
     """
 
-    def __init__(self, x: Sequence[Sequence[Duty]], w_preset: Sequence[Duty] | None = None) -> None:
+    def __init__(
+        self,
+        x: Sequence[Sequence[Duty]],
+        w_preset: Sequence[Duty] | None = None,
+        open_columns: Sequence[int] = (),
+        shorted_columns: Sequence[tuple[int, int]] = (),
+    ) -> None:
         cols = len(x[0])
         preset = list(w_preset) if w_preset is not None else [(-1, 2)] * cols
         self.half_packet: list[int] = []
         self.preset: list[int] = []
         self.half_step: list[list[int]] = [[0] * cols for _ in x]
-        for c in range(cols):
-            packet = 2 * lcm(preset[c][1], *(row[c][1] for row in x))
+        self.half_full: list[int] = []
+        # A factor of two for half clocks, and one for currents that halve where columns are shorted.
+        units = [4 * lcm(FULL_SCALE[1], preset[c][1], *(row[c][1] for row in x)) for c in range(cols)]
+        for a, b in shorted_columns:
+            units[a] = units[b] = lcm(units[a], units[b])
+        for c, packet in enumerate(units):
             self.half_packet.append(packet // 2)
             self.preset.append(preset[c][0] * (packet // preset[c][1]))
+            self.half_full.append(FULL_SCALE[0] * (packet // 2 // FULL_SCALE[1]))
             for r, row in enumerate(x):
                 self.half_step[r][c] = row[c][0] * (packet // 2 // row[c][1])
-        self.rest = [0] * cols
+        self.open_columns = list(open_columns)
+        self.shorted_columns = list(shorted_columns)
         self.w = list(self.preset)
 
-    def half_clock(self, row_select: int, preset: int, charge: int) -> None:
-        """Advance half a clock with the switches as given (bit vectors; at most one row driven)."""
+    def half_clock(self, row_select: int, preset: int, charge: int, test_current: int = 0) -> None:
+        """Advance half a clock with the switches as given (bit vectors); several rows driven add their currents."""
         if preset:
             self.w = list(self.preset)
             return
-        step = self.half_step[row_select.bit_length() - 1] if row_select else self.rest
+        step = [full if test_current >> c & 1 else 0 for c, full in enumerate(self.half_full)]
+        while row_select:
+            r = row_select.bit_length() - 1
+            row_select ^= 1 << r
+            step = [a + b for a, b in zip(step, self.half_step[r], strict=True)]
+        for a, b in self.shorted_columns:
+            step[a] = step[b] = (step[a] + step[b]) // 2
+        for c in self.open_columns:
+            step[c] = 0
         self.w = [
             w + i - (h if charge >> c & 1 else 0)
             for c, (w, i, h) in enumerate(zip(self.w, step, self.half_packet, strict=True))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,15 @@ from dermis.lint import rtl_sources
 TRAPS = Path(__file__).resolve().parent / "traps"
 
 
-def _build(simulator: str, toplevel: str, parameters: Mapping[str, int], trap: str | Path | None) -> Path:
+def _build(
+    simulator: str,
+    toplevel: str,
+    parameters: Mapping[str, int],
+    trap: str | Path | None,
+    around: Sequence[Path],
+) -> Path:
     """Directory of the build, with a trap in the place of the module it names."""
-    sources = list(rtl_sources())
+    sources = [*rtl_sources(), *around]
     if trap is not None:
         wrong = trap if isinstance(trap, Path) else TRAPS / f"{trap}.v"
         replaced = wrong.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
@@ -40,6 +46,7 @@ def simulate(
     parameters: Mapping[str, int] | None = None,
     scenario: Mapping[str, Any] | None = None,
     trap: str | Path | None = None,
+    around: Sequence[Path] = (),
 ) -> Any:
     """Run one cocotb test and return what it reported.
 
@@ -56,13 +63,15 @@ def simulate(
         Handed to the bench as JSON.
     trap : str or Path, optional
         Name of a file in traps/, or a path, whose module takes the place of the right one.
+    around : sequence of Path
+        Verilog files of the bench, e.g. of a toplevel that joins several modules.
 
     Raises
     ------
     AssertionError
         The build failed, the test failed or did not run; with the end of the log.
     """
-    build = _build(simulator, toplevel, parameters or {}, trap)
+    build = _build(simulator, toplevel, parameters or {}, trap, around)
     runs = ROOT / "build" / "rtl" / "runs"
     runs.mkdir(parents=True, exist_ok=True)
     # A directory of its own: the same test may run twice at a time in one tree. Kept when the test fails.

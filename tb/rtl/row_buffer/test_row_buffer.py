@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Claims about the holding register of a row of codes."""
+"""Claims about the holding register of a row of counts."""
 
 from __future__ import annotations
 
@@ -9,12 +9,21 @@ from rtl_run import simulate
 pytestmark = pytest.mark.timeout(120)
 
 
-def test_codes_change_at_a_load_only_and_valid_marks_it(simulator: str) -> None:
-    seen = simulate(simulator, "bench_row_buffer", "dermis_row_buffer", "random_loads")
-    codes = row = 0
-    for (load, last, row_in, counts), outputs in seen:
+@pytest.mark.parametrize(("cols", "bits"), [(16, 9), (1, 2), (5, 3)])
+def test_columns_come_out_in_order_behind_a_load_and_valid_marks_it(
+    simulator: str, cols: int, bits: int
+) -> None:
+    p = {"COLS": cols, "COUNT_BITS": bits}
+    seen = simulate(simulator, "bench_row_buffer", "dermis_row_buffer", "random_loads", p)
+    words = [0] * cols
+    loads = emptied = 0
+    for (load, shift, counts), outputs in seen:
         if load:
-            codes, row = counts, row_in
-        assert outputs == [codes, row, load, load & last]
-    loads = sum(inputs[0] for inputs, _ in seen)
-    assert 100 < loads < 300
+            words = [counts >> (c * bits) & (1 << bits) - 1 for c in range(cols)]
+            loads += 1
+        elif shift:
+            words = [*words[1:], 0]
+            emptied += not any(words)
+        assert outputs == [words[0], load]
+    assert loads > 100
+    assert cols > 5 or emptied > 10

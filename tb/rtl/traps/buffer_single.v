@@ -5,38 +5,33 @@
 `default_nettype none
 
 module dermis_row_buffer #(
-  parameter COLS      = `DERMIS_COLS,
-  parameter CODE_BITS = `DERMIS_CODE_BITS,
-  parameter ROW_BITS  = (`DERMIS_ROWS > 1) ? $clog2(`DERMIS_ROWS) : 1
+  parameter COLS       = `DERMIS_COLS,
+  parameter COUNT_BITS = `DERMIS_CODE_BITS + 1
 ) (
-  input  wire                      clk_i,
-  input  wire                      rst_ni,
-  input  wire                      load_i,
-  input  wire                      last_i,
-  input  wire [ROW_BITS-1:0]       row_i,
-  input  wire [COLS*CODE_BITS-1:0] counts_i,
-  output wire [COLS*CODE_BITS-1:0] codes_o,
-  output wire [ROW_BITS-1:0]       row_o,
-  output wire                      valid_o,
-  output wire                      frame_done_o
+  input  wire                       clk_i,
+  input  wire                       rst_ni,
+  input  wire                       load_i,
+  input  wire                       shift_i,
+  input  wire [COLS*COUNT_BITS-1:0] counts_i,
+  output wire [COUNT_BITS-1:0]      count_o,
+  output wire                       valid_o
 );
 
-  reg valid_q;
-  reg frame_done_q;
+  reg [7:0] column_q;
+  reg       valid_q;
 
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) begin
-      valid_q      <= 1'b0;
-      frame_done_q <= 1'b0;
+      column_q <= 8'd0;
+      valid_q  <= 1'b0;
     end else begin
-      valid_q      <= load_i;
-      frame_done_q <= load_i & last_i;
+      valid_q <= load_i;
+      if (load_i)       column_q <= 8'd0;
+      else if (shift_i) column_q <= column_q + 8'd1;
     end
 
-  assign codes_o      = counts_i;
-  assign row_o        = row_i;
-  assign valid_o      = valid_q;
-  assign frame_done_o = frame_done_q;
+  assign count_o = counts_i[column_q*COUNT_BITS +: COUNT_BITS];
+  assign valid_o = valid_q;
 
 endmodule
 

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about dermis_packer: the bytes of frames against a reference written from docs/rtl.md alone."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rtl_run import ROOT, simulate
+
+pytestmark = pytest.mark.timeout(120)
+
+DARK, FULL_EVEN = 0xF1, 0xF2
+SIZES = [(16, 8), (1, 1), (5, 10), (3, 16), (9, 4)]
+
+Row = dict[str, Any]
+
+
+def crc16(data: list[int]) -> int:
+    """CRC-16/CCITT-FALSE, a bit at a time."""
+    crc = 0xFFFF
+    for byte in data:
+        for bit in range(7, -1, -1):
+            top = (crc >> 15) ^ (byte >> bit & 1)
+            crc = (crc << 1 & 0xFFFF) ^ (0x1021 if top else 0)
+    return crc
+
+
+def pack(rows: list[Row], cols: int, code_bits: int) -> list[list[int]]:
+    """Frames of bytes."""
+    frames: list[list[int]] = []
+    data: list[int] = []
+    full = 2**code_bits - 1
+    dark = [0] * cols
+    mode = number = 0
+    for row in rows:
+        if row["first_i"]:
+            number = (number + 1) % 2**16
+            mode = row.get("pedestal_mode_i", 0) % 3
+            flags = row.get("fault_i", 0) << 4 | row.get("dark_frame_i", 0) << 3 | mode << 1
+            flags |= row.get("test_frame_i", 0)
+            data = [
+                1,
+                flags,
+                *number.to_bytes(2, "big"),
+                cols,
+                code_bits,
+                *row["gate_clocks_i"].to_bytes(2, "big"),
+            ]
+        pedestals = [[0] * cols, row.get("pedestals"), dark][mode if row["slot_i"] < 0xF0 else 0]
+        net = [max(n - p, 0) for n, p in zip(row["counts"], pedestals, strict=True)]
+        codes = [min(n, full) for n in net]
+        over = sum((n > full) << c for c, n in enumerate(net))
+        data.append(row["slot_i"])
+        for code in codes:
+            data += code.to_bytes(2 if code_bits > 8 else 1, "big")
+        data += over.to_bytes((cols + 7) // 8, "little")
+        if row["slot_i"] == DARK:
+            dark = codes
+        if row["last_i"]:
+            frames.append([*data, *crc16(data).to_bytes(2, "big")])
+    return frames
+
+
+def random_rows(cols: int, code_bits: int, frames: int, seed: int) -> list[Row]:
+    """Frames of one to five slots, dark and test ones among them, with counts and pedestals at and near their ends."""
+    rng = random.Random(seed)
+    full, most = 2**code_bits - 1, 2 ** (code_bits + 1) - 1
+
+    def count() -> int:
+        return rng.choice([0, 1, full - 1, full, full + 1, most, rng.randint(0, most)]) & most
+
+    rows: list[Row] = []
+    for _ in range(frames):
+        slots = [*([DARK] if rng.random() < 0.5 else []), *([FULL_EVEN] if rng.random() < 0.2 else [])]
+        slots += sorted(rng.sample(range(128), rng.randint(0 if slots else 1, 3)))
+        common = {
+            "test_frame_i": rng.randint(0, 1),
+            "dark_frame_i": rng.randint(0, 1),
+            "gate_clocks_i": rng.randint(1, 65535),
+        }
+        for n, slot in enumerate(slots):
+            rows.append(
+                common
+                | {
+                    "slot_i": slot,
+                    "first_i": int(n == 0),
+                    "last_i": int(n == len(slots) - 1),
+                    "fault_i": rng.randint(0, 1),
+                    "pedestal_mode_i": rng.randint(0, 3),
+                    "pedestals": [rng.choice([0, 1, full, rng.randint(0, full)]) for _ in range(cols)],
+                    "counts": [count() for _ in range(cols)],
+                }
+            )
+    return rows
+
+
+def run(simulator: str, rows: list[Row], cols: int, code_bits: int, trap: Path | None = None) -> Any:
+    p = {"COLS": cols, "CODE_BITS": code_bits}
+    return simulate(simulator, "bench_packer", "dermis_packer", "rows", p, {"rows": rows}, trap=trap)
+
+
+def test_the_reference_has_the_published_check_value_of_its_crc() -> None:
+    assert crc16(list(b"123456789")) == 0x29B1
+
+
+@pytest.mark.parametrize(("cols", "code_bits"), SIZES)
+def test_random_frames_have_the_bytes_of_the_reference(simulator: str, cols: int, code_bits: int) -> None:
+    rows = random_rows(cols, code_bits, 40, seed=11)
+    result = run(simulator, rows, cols, code_bits)
+    wanted = pack(rows, cols, code_bits)
+    assert len(wanted) == 40
+    assert result["frames"] == wanted
+    assert not result["open"]
+    # As they are taken, columns are shown raw and in order.
+    shown = [[row["slot_i"], c, n, 1] for row in rows for c, n in enumerate(row["counts"])]
+    assert result["columns"] == shown
+    # One byte a clock, and never longer than dermis_reader reckons with.
+    wide = 2 if code_bits > 8 else 1
+    body = 1 + cols * wide + (cols + 7) // 8
+    assert result["busy"] == [8 * r["first_i"] + body + 2 * r["last_i"] for r in rows]
+    assert result["numbers"] == [n + 1 for n, frame in enumerate(frames_of(rows)) for _ in frame]
+
+
+def frames_of(rows: list[Row]) -> list[list[Row]]:
+    frames: list[list[Row]] = []
+    for row in rows:
+        if row["first_i"]:
+            frames.append([])
+        frames[-1].append(row)
+    return frames
+
+
+def row_of(slot: int, counts: list[int], first: int, last: int, **more: Any) -> Row:
+    return {"slot_i": slot, "counts": counts, "first_i": first, "last_i": last, "gate_clocks_i": 510, **more}
+
+
+def test_overflow_bit_says_that_a_corrected_count_does_not_fit_its_code(simulator: str) -> None:
+    counts = [255, 256, 511, 300, 0, 10, 265, 266]
+    pedestals = [0, 0, 255, 45, 5, 10, 10, 10]
+    more = {"pedestals": pedestals, "pedestal_mode_i": 1}
+    result = run(simulator, [row_of(0, counts, 1, 1, **more)], 8, 8)
+    assert result["frames"][0][8:-2] == [0, 255, 255, 255, 255, 0, 0, 255, 255, 0b10000110]
+
+
+def test_the_last_dark_slot_is_the_pedestal_of_rows_until_the_next_and_of_no_special_slot(
+    simulator: str,
+) -> None:
+    auto = {"pedestal_mode_i": 2}
+    rows = [
+        row_of(DARK, [3, 300, 0], 1, 0, **auto),
+        row_of(7, [10, 400, 5], 0, 1),
+        row_of(9, [2, 256, 5], 1, 0, **auto),
+        row_of(FULL_EVEN, [9, 9, 9], 0, 1),
+        row_of(DARK, [1, 2, 3], 1, 1, **auto),
+        row_of(1, [5, 5, 5], 1, 1, **auto),
+        row_of(1, [5, 5, 5], 1, 1),
+    ]
+    result = run(simulator, rows, 3, 8)
+    slots = [frame[8:-2] for frame in result["frames"]]
+    assert slots == [
+        [DARK, 3, 255, 0, 0b010, 7, 7, 145, 5, 0],
+        [9, 0, 1, 5, 0, FULL_EVEN, 9, 9, 9, 0],
+        [DARK, 1, 2, 3, 0],
+        [1, 4, 3, 2, 0],
+        [1, 5, 5, 5, 0],
+    ]
+
+
+def test_the_pedestal_mode_changes_between_frames_only_and_3_is_none(simulator: str) -> None:
+    rows = [
+        row_of(0, [9], 1, 0, pedestals=[4], pedestal_mode_i=1),
+        row_of(1, [9], 0, 1, pedestals=[4], pedestal_mode_i=0),
+        row_of(0, [9], 1, 1, pedestals=[4], pedestal_mode_i=3),
+    ]
+    result = run(simulator, rows, 1, 1 + 7)
+    assert [f[1] for f in result["frames"]] == [0b010, 0]
+    assert [f[8:-2] for f in result["frames"]] == [[0, 5, 0, 1, 5, 0], [0, 9, 0]]
+
+
+def test_a_frame_that_is_cut_never_ends_and_the_next_is_whole(simulator: str) -> None:
+    rows = [row_of(0, [1, 2], 1, 0), row_of(1, [3, 4], 0, 0), row_of(0, [5, 6], 1, 1)]
+    result = run(simulator, rows, 2, 8)
+    assert result["frames"] == pack(rows, 2, 8)
+    assert result["frames"][0][2:4] == [0, 2]
+
+
+SEEDED = {
+    "overflow bit at full scale": (
+        "dermis_packer",
+        "& difference[CODE_BITS];",
+        "& (difference[CODE_BITS] | (&code));",
+    ),
+    "special slots corrected": ("dermis_packer", "if (special) ", "if (1'b0) "),
+    "mode within a frame": ("dermis_packer", "mode_q == 2'd1", "pedestal_mode_i == 2'd1"),
+    "CRC polynomial": ("dermis_crc16", "{3'd0, x, 5'd0}", "{4'd0, x, 4'd0}"),
+    "bytes of a code swapped": (
+        "dermis_packer",
+        "taken ? code_wide[7:0] : code_wide[15:8]",
+        "taken ? code_wide[15:8] : code_wide[7:0]",
+    ),
+    "ring kept by special slots": ("dermis_packer", "(slot_i == DARK) ?", "(special) ?"),
+}
+
+
+@pytest.mark.parametrize("fault", SEEDED)
+def test_the_reference_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
+    module, old, new = SEEDED[fault]
+    right = (ROOT / "rtl" / f"{module}.v").read_text()
+    assert right.count(old) == 1, fault
+    wrong = tmp_path / "wrong.v"
+    wrong.write_text(right.replace(old, new))
+    rows = random_rows(5, 10, 40, seed=11)
+    try:
+        frames = run("icarus", rows, 5, 10, trap=wrong)["frames"]
+    except AssertionError:
+        return
+    assert frames != pack(rows, 5, 10)

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about dermis_reader: counts against the exact charge balance, slot timing, modes, reset and enable."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from rtl_reference import SHORT, Duty, code_closed, count, duty_of_resistance, ones
+from rtl_run import simulate
+
+from dermis.lint import header_values
+
+pytestmark = pytest.mark.timeout(120)
+
+HEADER = header_values()
+DEFAULT = {
+    "ROWS": HEADER["DERMIS_ROWS"],
+    "COLS": HEADER["DERMIS_COLS"],
+    "CODE_BITS": HEADER["DERMIS_CODE_BITS"],
+    "BREAK_CLOCKS": HEADER["DERMIS_BREAK_CLOCKS"],
+    "gate": HEADER["DERMIS_GATE_CLOCKS"],
+    "settle": HEADER["DERMIS_SETTLE_CLOCKS"],
+}
+SYNCHRONIZERS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
+INJECT, DARK, FULL_EVEN, FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
+
+
+def read(
+    simulator: str, x: list[list[Duty]], shape: dict[str, int], slots: int | None = None, **scenario: Any
+) -> Any:
+    """Simulate `slots` slots (one frame by default) of the array `x`.
+
+    `shape` has Verilog parameters in capitals, and gate and settle, which are inputs.
+    """
+    p = DEFAULT | shape
+    assert (len(x), len(x[0])) == (p["ROWS"], p["COLS"])
+    slots = p["ROWS"] if slots is None else slots
+    limit = slots * (p["gate"] + p["settle"] + p["COLS"] + 12) + 20
+    away = {key: value for key, value in shape.items() if key.isupper() and DEFAULT.get(key, 0) != value}
+    settings = {"gate_i": p["gate"], "settle_i": p["settle"]} | scenario.pop("settings", {})
+    played = {"x": x, "slots": slots, "limit": limit, "settings": settings, **scenario}
+    return simulate(simulator, "bench_reader", "dermis_reader", "frames", away, played)
+
+
+def counts(result: Any) -> list[list[int]]:
+    return [slot["counts"] for slot in result["slots"]]
+
+
+def expected(x: list[list[Duty]], p: dict[str, int]) -> list[list[int]]:
+    return [[count(taxel, p["gate"], p["CODE_BITS"] + 1) for taxel in row] for row in x]
+
+
+def random_duties(rows: int, cols: int, seed: int, top: float = 0.5) -> list[list[Duty]]:
+    """Duties from 0 to `top` with denominators to 10^6, half of them near the bottom of the range."""
+    rng = random.Random(seed)
+
+    def duty() -> Duty:
+        q = rng.randint(1, 10**6)
+        p = rng.randint(0, int(q * top))
+        return (p, q * 100) if rng.random() < 0.5 else (p, q)
+
+    return [[duty() for _ in range(cols)] for _ in range(rows)]
+
+
+@SYNCHRONIZERS
+def test_duty_c_over_510_reads_code_c_for_every_code(simulator: str, sync_latch: int) -> None:
+    values = random.Random(2).sample(range(256), 256)  # no code stands beside its neighbour
+    table = [values[16 * r : 16 * r + 16] for r in range(16)]
+    result = read(simulator, [[(c, 510) for c in row] for row in table], {"SYNC_LATCH": sync_latch})
+    assert counts(result) == table
+
+
+@SYNCHRONIZERS
+def test_random_duties_read_the_exact_charge_balance(simulator: str, sync_latch: int) -> None:
+    x = random_duties(16, 16, seed=3)
+    assert expected(x, DEFAULT) == [[code_closed(taxel, 510, 8) for taxel in row] for row in x]
+    result = read(simulator, x, {"SYNC_LATCH": sync_latch})
+    assert counts(result) == expected(x, DEFAULT)
+
+
+@SYNCHRONIZERS
+def test_half_a_count_either_side_of_each_code_boundary_is_resolved(simulator: str, sync_latch: int) -> None:
+    """x = (c - 1/2)/510 is the lowest duty that reads c; a ten-millionth of a count below it reads c - 1."""
+    fine = 10**7
+    edges = list(range(1, 256, 2))  # 128 boundaries, each from both sides
+    flat = [d for c in edges for d in ((2 * c - 1, 1020), (fine * (2 * c - 1) - 2, 1020 * fine))]
+    x = [flat[16 * r : 16 * r + 16] for r in range(16)]
+    result = read(simulator, x, {"SYNC_LATCH": sync_latch})
+    wanted = [v for c in edges for v in (c, c - 1)]
+    assert counts(result) == [wanted[16 * r : 16 * r + 16] for r in range(16)]
+
+
+@SYNCHRONIZERS
+def test_taxels_below_500_ohm_read_full_scale_and_leave_the_next_row_alone(
+    simulator: str, sync_latch: int
+) -> None:
+    """Duties from just above 1/2 to a short circuit, in every other row; the rows between hold small codes."""
+    over = [(1001, 2000), (2, 3), duty_of_resistance((312, 1)), (1, 1), (3, 2), (100, 1), SHORT, (256, 510)]
+    x = [[over[(r // 2 + c) % 8] if r % 2 == 0 else ((r + c) % 4, 510) for c in range(16)] for r in range(16)]
+    result = read(simulator, x, {"SYNC_LATCH": sync_latch}, slots=17)
+    wanted = [[255 if r % 2 == 0 else (r + c) % 4 for c in range(16)] for r in range(16)]
+    assert counts(result) == [*wanted, wanted[0]]
+
+
+SHAPES: dict[str, dict[str, int]] = {
+    "8x8": {"ROWS": 8, "COLS": 8},
+    "16x1": {"ROWS": 16, "COLS": 1},
+    "1x1": {"ROWS": 1, "COLS": 1},
+    "3x4_10bit_2046": {"ROWS": 3, "COLS": 4, "CODE_BITS": 10, "gate": 2046, "settle": 30},
+    "5x3_shortest_settle": {"ROWS": 5, "COLS": 3, "CODE_BITS": 4, "gate": 30, "settle": 3},
+    "1x2_shortest_slot": {"ROWS": 1, "COLS": 2, "CODE_BITS": 1, "gate": 1, "settle": 3},
+    "2x3_break_of_5": {"ROWS": 2, "COLS": 3, "BREAK_CLOCKS": 5, "gate": 60, "settle": 20},
+}
+
+
+@SYNCHRONIZERS
+@pytest.mark.parametrize("shape", SHAPES)
+def test_other_sizes_read_the_exact_charge_balance(simulator: str, sync_latch: int, shape: str) -> None:
+    p = DEFAULT | SHAPES[shape]
+    x = random_duties(p["ROWS"], p["COLS"], seed=4, top=0.8)
+    x[0][0] = SHORT
+    x[-1][-1] = (1, 2) if p["gate"] > 1 else (1, 2 * 10**6)
+    slots = 2 * p["ROWS"] + 1
+    result = read(simulator, x, SHAPES[shape] | {"SYNC_LATCH": sync_latch}, slots=slots)
+    wanted = expected(x, p)
+    assert counts(result) == [wanted[s % p["ROWS"]] for s in range(slots)]
+    last = p["ROWS"] - 1
+    for s, slot in enumerate(result["slots"]):
+        row = s % p["ROWS"]
+        seen = [slot[key] for key in ("slot", "first", "last", "test", "dark", "gate", "row_fault")]
+        assert seen == [row, row == 0, row == last, 0, 0, p["gate"], 0]
+
+
+@SYNCHRONIZERS
+@pytest.mark.parametrize("shape", ["16x16", "1x1", "2x3_break_of_5"])
+def test_switches_and_rows_move_on_the_stated_edges(simulator: str, sync_latch: int, shape: str) -> None:
+    """e0: row off, preset; e0 + break: row; e0 + settle: gate; the next e0 a gate later; counts SYNC_CLOCKS + 1 on."""
+    p = DEFAULT | SHAPES.get(shape, {})
+    x = random_duties(p["ROWS"], p["COLS"], seed=5)
+    slots = p["ROWS"] + 2
+    result = read(simulator, x, SHAPES.get(shape, {}) | {"SYNC_LATCH": sync_latch}, slots=slots)
+    e0 = 6  # ReaderBench.reset makes six edges
+    slot = p["settle"] + p["gate"]
+    wanted = [[0, 0, 1]]
+    for s in range(slots):
+        row, start = 1 << s % p["ROWS"], e0 + s * slot
+        wanted += [[start, 0, 1]] if s else []
+        wanted += [[start + p["BREAK_CLOCKS"], row, 1], [start + p["settle"], row, 0]]
+    delay = 2 if sync_latch else 3
+    edges = [e0 + (s + 1) * slot + delay for s in range(slots)]
+    assert [s["edge"] for s in result["slots"]] == edges
+    assert [w for w in result["switches"] if w[0] < edges[-1] - delay] == wanted
+    assert result["frame_starts"][:2] == [e0, e0 + p["ROWS"] * slot]
+
+
+@SYNCHRONIZERS
+@pytest.mark.parametrize("comparators", ["ones", "random"])
+def test_comparators_that_chatter_during_preset_change_no_code(
+    simulator: str, sync_latch: int, comparators: str
+) -> None:
+    p = SHAPES["8x8"]
+    x = random_duties(8, 8, seed=6, top=0.6)
+    result = read(simulator, x, p | {"SYNC_LATCH": sync_latch}, slots=9, comp_in_preset=comparators)
+    wanted = expected(x, DEFAULT | p)
+    assert counts(result) == [*wanted, wanted[0]]
+
+
+@SYNCHRONIZERS
+def test_every_sample_of_the_gate_counts_and_no_other(simulator: str, sync_latch: int) -> None:
+    """Preset charges that put the single one of a gate at its first and at its last sample, and one sample too late."""
+    p = {"ROWS": 1, "COLS": 4, "CODE_BITS": 4, "gate": 30, "settle": 3, "SYNC_LATCH": sync_latch}
+    # With x = 1/1000 the only one comes at sample n when the preset is -n/1000.
+    preset = [(-1, 1000), (-30, 1000), (-31, 1000), (0, 1)]
+    x = [[(1, 1000)] * 4]
+    assert [ones(x[0][0], 30, w).index(1) if any(ones(x[0][0], 30, w)) else None for w in preset] == [
+        0,
+        29,
+        None,
+        0,
+    ]
+    result = read(simulator, x, p, slots=3, w_preset=preset)
+    assert counts(result) == [[1, 1, 0, 1]] * 3
+
+
+@SYNCHRONIZERS
+def test_a_dark_slot_counts_what_flows_without_a_row(simulator: str, sync_latch: int) -> None:
+    """A preset above zero stands for an offset: one count in every slot, with or without a row."""
+    p = {"ROWS": 2, "COLS": 2, "gate": 62, "settle": 10, "SYNC_LATCH": sync_latch}
+    x: list[list[Duty]] = [[(10, 62), (0, 1)], [(0, 1), (31, 62)]]
+    settings = {"dark_i": 1, "row_mask_i": 0b11}
+    result = read(simulator, x, p, slots=4, settings=settings, w_preset=[(-1, 2), (1, 4)])
+    assert [(s["slot"], s["dark"]) for s in result["slots"]] == [(DARK, 1), (0, 1), (1, 1), (DARK, 1)]
+    # (0, 1) with w = 1/4 at t0 pulses once at the first sample; (31, 62) then ends half a packet short.
+    assert counts(result) == [[0, 1], [10, 1], [0, count((31, 62), 62, 9, (1, 4))], [0, 1]]
+
+
+@SYNCHRONIZERS
+@pytest.mark.parametrize("rate", [0, 1, 0x4000, 0x5555, 0x8000, 0xFFFF])
+def test_a_self_test_frame_injects_the_same_pulses_everywhere(
+    simulator: str, sync_latch: int, rate: int
+) -> None:
+    """Level of sample n: the carry of add n - 1; a synchronizer takes every second of consecutive ones at most."""
+    p = {"ROWS": 2, "COLS": 5, "gate": 400, "settle": 10, "SYNC_LATCH": sync_latch}
+    settings = {"continuous_i": 0, "test_rate_i": rate}
+    x = random_duties(2, 5, seed=7)
+    result = read(simulator, x, p, slots=6, settings=settings, changes=[[0, {"test_i": 1}]])
+    total = q = 0
+    for n in range(1, 401):
+        level = n > 1 and (n - 1) * rate // 2**16 > (n - 2) * rate // 2**16
+        q = int(level and not q)
+        total += q
+    assert [s["slot"] for s in result["slots"]] == [INJECT, DARK, FULL_EVEN, FULL_ODD, 0, 1]
+    assert all(s["test"] and s["dark"] for s in result["slots"])
+    half = 200  # full scale is x = 1/2
+    wanted = [[total] * 5, [0] * 5, [half, 0] * 2 + [half], [0, half] * 2 + [0], *expected(x, DEFAULT | p)]
+    assert counts(result) == wanted
+    assert {s["test_count"] for s in result["slots"]} == {total}
+    assert not result["scanning"]
+
+
+def test_row_read_back_that_differs_is_named_at_its_slot(simulator: str) -> None:
+    """The bench reads back what is driven, so a healthy scan shows none; test_self_test.py has the faults."""
+    p = {"ROWS": 3, "COLS": 2, "gate": 40, "settle": 10}
+    result = read(simulator, [[(1, 3)] * 2] * 3, p, slots=6)
+    assert {s["row_fault"] for s in result["slots"]} == {0}
+
+
+def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) -> None:
+    p = {"ROWS": 3, "COLS": 2, "gate": 60, "settle": 20}
+    x: list[list[Duty]] = [[(1, 2), (1, 3)], [(1, 4), (1, 5)], [(1, 6), (1, 7)]]
+    changed = {"gate_i": 90, "settle_i": 9, "row_mask_i": 0b101, "range_i": 0b1001, "dark_i": 1}
+    result = read(simulator, x, p, slots=9, changes=[[1, changed]])
+    slots = result["slots"]
+    assert [s["slot"] for s in slots] == [0, 1, 2, DARK, 0, 2, DARK, 0, 2]
+    assert [s["gate"] for s in slots] == [60] * 3 + [90] * 6
+    assert [s["range"] for s in slots][:2] == [0, 0]
+    assert [s["range"] for s in slots][3:] == [0b1001] * 6
+    assert counts(result)[:3] == [[count(d, 60, 9) for d in row] for row in x]
+    assert counts(result)[3:6] == [[0, 0], *([count(d, 90, 9) for d in x[r]] for r in (0, 2))]
+    edges = [s["edge"] for s in slots]
+    assert [b - a for a, b in pairwise(edges)] == [80, 80, *[99] * 6]
+
+
+@SYNCHRONIZERS
+def test_dropped_enable_ends_the_slot_at_once_and_starts_again_at_row_0(
+    simulator: str, sync_latch: int
+) -> None:
+    p = {"ROWS": 3, "COLS": 2, "CODE_BITS": 4, "SYNC_LATCH": sync_latch}
+    gate, settle = 22, 5  # from COLS + 1 + 16 on, nothing waits for the taker
+    slot = gate + settle
+    x: list[list[Duty]] = [[(1, 2), (1, 6)], [(1, 3), (0, 1)], [SHORT, (2, 6)]]
+    wanted = expected(x, DEFAULT | p | {"gate": gate})
+    played = {
+        "x": x,
+        "longest": 3 * slot + 2,
+        "off_clocks": [1, 2, 7],
+        "then_clocks": 4 * slot + 8,
+        "settings": {"gate_i": gate, "settle_i": settle},
+    }
+    outcomes = simulate(simulator, "bench_reader", "dermis_reader", "enable_dropped", p, played)
+    assert len(outcomes) == 3 * (3 * slot + 2)
+    delay = 2 if sync_latch else 3
+    for o in outcomes:
+        when = f"after {o['on_clocks']} clocks"
+        assert (o["row_select"], o["preset"]) == (0, 1), when
+        # A slot is whole when its last sample was taken, even by the very edge that saw enable low.
+        whole = o["on_clocks"] // slot
+        rows = [s % 3 for s in range(whole)] + [0, 1, 2, 0]
+        assert [s["slot"] for s in o["slots"]] == rows, when
+        assert [s["counts"] for s in o["slots"]] == [wanted[r] for r in rows], when
+        assert [s["edge"] - o["again"] for s in o["slots"][whole:]] == [
+            n * slot + delay for n in (1, 2, 3, 4)
+        ], when
+        firsts = [r == 0 for r in rows[:whole]] + [True, False, False, True]
+        assert [bool(s["first"]) for s in o["slots"]] == firsts, when
+
+
+@SYNCHRONIZERS
+def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sync_latch: int) -> None:
+    p = {"ROWS": 3, "COLS": 2, "CODE_BITS": 4, "SYNC_LATCH": sync_latch}
+    played = {"x": [[SHORT, SHORT]] * 3, "into_slot": 7, "settings": {"gate_i": 40, "settle_i": 3}}
+    seen = simulate(simulator, "bench_reader", "dermis_reader", "power_up", p, played)
+    assert len(seen) == 15
+    for what, *outputs in seen:
+        assert outputs == ["000", "1", "00", "00", "0"], what

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about the self-test: every fault it says it can find, found and named, and none in a healthy array."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rtl_run import ROOT, simulate
+
+pytestmark = pytest.mark.timeout(120)
+
+CHAIN = Path(__file__).resolve().parent / "self_test_chain.v"
+ROWS, COLS = 4, 5
+SETTINGS = {"gate_i": 62, "dark_max_i": 2, "full_min_i": 28}  # full scale is 31
+NO_SENSOR = [[(0, 1)] * COLS] * ROWS
+PRESSED = [[(1, 2)] * COLS] * ROWS
+
+# fault: what is found
+FAULTS: list[tuple[dict[str, Any], dict[str, list[int]]]] = [
+    ({}, {}),
+    ({"comparators_high": [3]}, {"dark": [3]}),
+    ({"comparators_low": [2]}, {"full": [2]}),
+    ({"open_columns": [4]}, {"full": [4]}),
+    ({"open_columns": [0, 1]}, {"full": [0, 1]}),
+    ({"shorted_columns": [[1, 2]]}, {"dark": [1, 2], "full": [1, 2]}),
+    ({"shorted_columns": [[0, 3]]}, {"dark": [0, 3], "full": [0, 3]}),
+    ({"rows_high": [2]}, {"row": [2]}),
+    ({"rows_low": [0]}, {"row": [0]}),
+    ({"rows_low": [1, 3]}, {"row": [1, 3]}),
+    ({"shorted_rows": [[0, 3]]}, {"row": [0, 3]}),
+    ({"rows_low": [1], "comparators_high": [0]}, {"row": [1], "dark": [0]}),
+    # What two halves of the columns cannot tell apart: both carry their own full current.
+    ({"shorted_columns": [[0, 2]]}, {}),
+]
+
+
+def self_test(
+    simulator: str, x: Any, faults: list[Any], trap: Path | None = None, case: str = "faults"
+) -> Any:
+    scenario = {"x": x, "faults": faults, "settings": SETTINGS, "limit": (ROWS + 4) * 68 + 60}
+    return simulate(
+        simulator, "bench_self_test", "self_test_chain", case, {}, scenario, trap=trap, around=[CHAIN]
+    )
+
+
+def test_each_fault_is_found_and_named_without_a_sensor(simulator: str) -> None:
+    found = self_test(simulator, NO_SENSOR, [fault for fault, _ in FAULTS])
+    for (fault, wanted), seen in zip(FAULTS, found, strict=True):
+        assert seen == wanted, fault
+
+
+def test_pressing_the_array_changes_nothing_but_what_a_stuck_row_lets_through(simulator: str) -> None:
+    faults = [f for f in FAULTS if "rows_high" not in f[0]]
+    found = self_test(simulator, PRESSED, [fault for fault, _ in faults])
+    assert found == [wanted for _, wanted in faults]
+    # A row that stays on lights every column in the dark slot, and in the full slots those without current.
+    [stuck] = self_test(simulator, PRESSED, [{"rows_high": [2]}])
+    assert stuck == {"row": [2], "dark": [0, 1, 2, 3, 4]}
+
+
+BROKEN = {
+    # change in dermis_reader: (what the counter of column 2 does, what is found)
+    "stays at zero": (
+        ".rst_ni  (rst_ni),\n        .gate_i  (gate_count)",
+        ".rst_ni  (rst_ni & (c != 2)),\n        .gate_i  (gate_count)",
+        {"inject": [2], "full": [2]},
+    ),
+    "misses its gate": (
+        ".gate_i  (gate_count)",
+        ".gate_i  (gate_count & (c != 2))",
+        {"inject": [2], "full": [2]},
+    ),
+    "counts without pause": (
+        ".pulse_i (charge_o[c])",
+        ".pulse_i (charge_o[c] | (c == 2 && clocks_q[0]))",
+        {"inject": [2], "dark": [2]},
+    ),
+    "sees the gate a clock late": (".gate_i  (gate_count)", ".gate_i  ((c == 2) ? late_q : gate_count)", {}),
+}
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_broken_counter_is_named(simulator: str, how: str, tmp_path: Path) -> None:
+    old, new, wanted = BROKEN[how]
+    text = (ROOT / "rtl" / "dermis_reader.v").read_text()
+    assert text.count(old) == 1
+    text = text.replace(old, new).replace(
+        "  genvar c;\n",
+        "  reg [1:0] clocks_q;\n  reg late_q;\n  always @(posedge clk_i or negedge rst_ni)\n"
+        "    if (!rst_ni) {clocks_q, late_q} <= 3'd0;\n"
+        "    else {clocks_q, late_q} <= {clocks_q + 2'd1, gate_count};\n  genvar c;\n",
+    )
+    wrong = tmp_path / "reader_broken_counter.v"
+    wrong.write_text(text)
+    [found] = self_test(simulator, NO_SENSOR, [{}], trap=wrong)
+    assert found == wanted
+
+
+def test_masks_stay_until_the_next_test_and_a_dark_slot_adds_to_them(simulator: str) -> None:
+    found = self_test(simulator, NO_SENSOR, [{"comparators_high": [1], "rows_low": [3]}], case="over_time")
+    fault = {"dark": [1], "row": [3]}
+    assert found == [{}, fault, {}, fault, {}]
+
+
+SEEDED = {
+    "a short is not looked for": ("(full & ~driven)", "(full & 1'b0)"),
+    "even and odd exchanged": ("(column_slot_i[0] == column_i[0])", "(column_slot_i[0] != column_i[0])"),
+    "rows behind the first slot not looked at": ("row_fault_q | row_fault_i", "row_fault_q"),
+    "masks never cleared": ("else if (begins) begin", "else if (1'b0) begin"),
+}
+
+
+@pytest.mark.parametrize("fault", SEEDED)
+def test_the_faults_above_find_a_seeded_one_in_the_self_test(fault: str, tmp_path: Path) -> None:
+    right = (ROOT / "rtl" / "dermis_self_test.v").read_text()
+    old, new = SEEDED[fault]
+    assert right.count(old) == 1, fault
+    wrong = tmp_path / "wrong.v"
+    wrong.write_text(right.replace(old, new))
+    cases = [f for f, _ in FAULTS]
+    found = self_test("icarus", NO_SENSOR, cases, trap=wrong)
+    later = self_test("icarus", NO_SENSOR, [{"comparators_high": [1]}], trap=wrong, case="over_time")
+    assert (found, later) != ([w for _, w in FAULTS], [{}, {"dark": [1]}, {}, {"dark": [1]}, {}])
