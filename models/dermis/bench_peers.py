@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import bench_vfc
+from dermis import bench_vfc, hdl
 from dermis.bench_vfc import Circuit, Floats
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
@@ -306,18 +306,7 @@ def cocotbext_ams(
 
 
 def _ams_main(where: Path) -> None:
-    from cocotb_tools.runner import get_runner
-
-    get_runner("icarus").test(
-        test_module="dermis.bench_peers",
-        hdl_toplevel="bench_peer",
-        hdl_toplevel_lang="verilog",
-        build_dir=where,
-        test_dir=where,
-        results_xml=str(where / "results.xml"),
-        log_file=where / "hdl.log",
-        extra_env={"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_REWRITE_ASSERTION_FILES": ""},
-    )
+    hdl.run_cocotb("icarus", where, "bench_peer", "dermis.bench_peers", where, {})
 
 
 async def _ams_run(dut: Any, where: Path) -> None:

@@ -48,6 +48,7 @@ OPTIONS = netlist.options(pole=False)
 class Circuit:
     """The converter that others were measured on: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
 
+    The circuit starts where the row is driven, `break_clocks` after the slot of the chip.
     There is no preset: the integrator starts so far above half a packet that it stands there, w = -1/2, when the gate
     opens. With `preset` it is held at half a packet until then, as on the chip.
     """
@@ -59,6 +60,7 @@ class Circuit:
     t_edge_s: float = 1e-9
     settle_clocks: int = 8
     gate_clocks: int = 1000
+    break_clocks: int = 1
     preset: bool = False
 
     @property
@@ -66,28 +68,29 @@ class Circuit:
         """One row slot; the counter has 12 bits, so it never saturates."""
         return Timing(
             f_clk_hz=self.f_clk_hz,
-            slot_clocks=self.clocks,
-            settle_clocks=self.settle_clocks,
+            slot_clocks=self.break_clocks + self.clocks,
+            settle_clocks=self.break_clocks + self.settle_clocks,
             gate_clocks=self.gate_clocks,
             code_max=2**12 - 1,
             rows=1,
+            break_clocks=self.break_clocks,
         )
 
     @property
     def clocks(self) -> int:
-        """Clocks of a run."""
+        """Clocks of a run of the circuit."""
         return self.settle_clocks + self.gate_clocks
 
     @property
     def parameters(self) -> dict[str, int]:
         """Parameters of dermis_top."""
-        gate, settle = self.gate_clocks, self.settle_clocks
         return {
             "ROWS": 1,
             "COLS": 1,
             "CODE_BITS": 12,
-            "GATE_CLOCKS": gate,
-            "SETTLE_CLOCKS": settle,
+            "GATE_CLOCKS": self.gate_clocks,
+            "SETTLE_CLOCKS": self.break_clocks + self.settle_clocks,
+            "BREAK_CLOCKS": self.break_clocks,
             "SYNC_LATCH": 0,
         }
 
@@ -333,7 +336,7 @@ def ngspice_half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0
         deck(circuit, levels, job.packet_error),
         t_edge_s=circuit.t_edge_s,
         t_max_step_s=job.t_max_step_s,
-        t_stop_s=circuit.timing.frame_s,
+        t_stop_s=bridge.analog_s(circuit.timing),
         log=where / "ngspice.log",
         use_ic=not circuit.preset,
     )
@@ -387,26 +390,8 @@ def main(where: Path) -> int:
         if job.simulator is None:
             _alone(job, where)
             return 0
-        from cocotb_tools.runner import get_runner
-
-        hdl.prepare(job.simulator)
-        get_runner(job.simulator).test(
-            test_module="dermis.bench_vfc",
-            hdl_toplevel="dermis_top",
-            hdl_toplevel_lang="verilog",
-            build_dir=job.build,
-            test_dir=where,
-            results_xml=str(where / "results.xml"),
-            seed=1,
-            timescale=("1ns", "1ps"),
-            log_file=where / "hdl.log",
-            # Without the last, cocotb has pytest rewrite every module that is imported: 1.3 s.
-            extra_env={
-                JOB_VARIABLE: str(where),
-                "COCOTB_LOG_LEVEL": "WARNING",
-                "COCOTB_REWRITE_ASSERTION_FILES": "",
-            },
-        )
+        told = {JOB_VARIABLE: str(where)}
+        hdl.run_cocotb(job.simulator, Path(job.build), "dermis_top", "dermis.bench_vfc", where, told)
     except (SimulatorError, RuntimeError, SystemExit) as error:
         if not (where / "error.txt").exists():
             write_atomic(where / "error.txt", f"{error}\n")

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dermis import spi_protocol
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
@@ -28,14 +29,55 @@ if TYPE_CHECKING:
 SIMULATORS = ("icarus", "verilator")
 
 
+MOST_LINES = 128
+"""Rows, and columns, that dermis_top scans at most: the register map has room for no more."""
+
+MOST_CLOCKS = 2**16 - 1
+"""Settle and gate are registers of 16 bits."""
+
+
+PACK_MARGIN_CLOCKS = 15
+"""Clocks that packing a row takes beside its bytes, a byte a clock (PACK_CLOCKS in dermis_row_scanner)."""
+
+
+def beyond_the_chip(plan: Plan) -> InputError | None:
+    """What of a plan dermis_top is not made for, or None."""
+    timing = plan.timing
+    shortest = 2 + timing.break_clocks
+    bits = timing.code_max.bit_length()
+    # A shorter gate makes the chip wait for the row before to be packed, so that its slots get longer than planned.
+    packing = spi_protocol.slot_bytes(plan.cols, bits) + PACK_MARGIN_CLOCKS
+    limits = [
+        ("array.rows", plan.rows, 1, MOST_LINES, "rows"),
+        ("array.cols", plan.cols, 1, MOST_LINES, "columns"),
+        ("timing.gate_clocks", timing.gate_clocks, packing, MOST_CLOCKS, "clocks of a gate"),
+        ("timing.settle_clocks", timing.settle_clocks, shortest, MOST_CLOCKS, "clocks from row to gate"),
+        ("timing.code_bits", bits, 1, 16, "bits of a code"),
+    ]
+    for key, value, least, most, what in limits:
+        if not least <= value <= most:
+            allowed = f"the chip does {least} to {most} {what}; engine closed or event does more"
+            return InputError(plan.scene.path, key, value, allowed)
+    return None
+
+
 def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
-    """Parameters of dermis_top for a plan."""
+    """Parameters of dermis_top for a plan.
+
+    Raises
+    ------
+    InputError
+        The chip is not made for it.
+    """
+    if error := beyond_the_chip(plan):
+        raise error
     return {
         "ROWS": plan.rows,
         "COLS": plan.cols,
         "CODE_BITS": plan.timing.code_max.bit_length(),
         "GATE_CLOCKS": plan.timing.gate_clocks,
         "SETTLE_CLOCKS": plan.timing.settle_clocks,
+        "BREAK_CLOCKS": plan.timing.break_clocks,
         "SYNC_LATCH": int(sync_latch),
     }
 
@@ -123,7 +165,8 @@ def build(
         if simulator == "verilator":
             # Unknowns become random, not zero: what Icarus shows as X must not pass here by luck.
             arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
-            arguments += ["-CFLAGS", "-O2" if optimise else "-O0"]
+            # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
+            arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
             _reuse_runtime(runtime, target)
         try:
             get_runner(simulator).build(
@@ -147,6 +190,52 @@ def build(
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
         make,
     )
+
+
+def run_cocotb(
+    simulator: str,
+    build: Path,
+    toplevel: str,
+    module: str,
+    work: Path,
+    environment: Mapping[str, str],
+    *,
+    testcase: str | None = None,
+) -> Path:
+    """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
+
+    Parameters
+    ----------
+    simulator, build, toplevel : as given to, and returned by, `build`
+    module : Python module with the test
+    work : directory of the run; hdl.log and results.xml are left there
+    environment : what the test is told
+    testcase : one test of the module instead of all
+
+    Raises
+    ------
+    RuntimeError, SystemExit
+        The simulator did not start or ended badly; cocotb's runner raises either.
+    """
+    from cocotb_tools.runner import get_runner
+
+    prepare(simulator)
+    results = work / "results.xml"
+    get_runner(simulator).test(
+        test_module=module,
+        hdl_toplevel=toplevel,
+        hdl_toplevel_lang="verilog",
+        testcase=testcase,
+        build_dir=build,
+        test_dir=work,
+        results_xml=str(results),
+        seed=1,
+        timescale=("1ns", "1ps"),
+        log_file=work / "hdl.log",
+        # Without the last, cocotb has pytest rewrite every module that is imported: 1.3 s.
+        extra_env={"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_REWRITE_ASSERTION_FILES": "", **environment},
+    )
+    return results
 
 
 PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-store-merging")

@@ -209,7 +209,8 @@ def _bias(plan: Plan, frame: int) -> str:
         return spice_number(level)
     if not drive.f_ripple_hz:  # ngspice would take one period a transient
         return spice_number(level * (1.0 + drive.ripple * math.sin(drive.phase_ripple_rad)))
-    turns = drive.f_ripple_hz * (plan.first_frame + frame) * plan.timing.frame_s
+    late = plan.timing.break_clocks / plan.timing.f_clk_hz
+    turns = drive.f_ripple_hz * ((plan.first_frame + frame) * plan.timing.frame_s + late)
     phase = math.degrees(drive.phase_ripple_rad) + 360.0 * math.fmod(turns, 1.0)
     numbers = (level, drive.ripple * level, drive.f_ripple_hz, 0.0, 0.0, phase)
     return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
@@ -218,6 +219,7 @@ def _bias(plan: Plan, frame: int) -> str:
 def _array(plan: Plan, frame: int, network: Network) -> list[str]:
     """The array of one frame; its taxels move to those of the next frame if the plan says so."""
     slope = None
+    g_taxel_s = network.g_taxel_s
     floor = plan.scene.design.array.r_floor_ohm
     if plan.drive.motion:
         now, then = (
@@ -225,8 +227,9 @@ def _array(plan: Plan, frame: int, network: Network) -> list[str]:
             for g in (network.g_taxel_s, plan.next_conductance_s(slice(frame, frame + 1))[0])
         )
         slope = (then - now) / plan.drive.t_frame_s
+        g_taxel_s = now + slope * (plan.timing.break_clocks / plan.timing.f_clk_hz)
     with np.errstate(divide="ignore"):
-        resistance = np.divide(1.0, network.g_taxel_s)
+        resistance = np.divide(1.0, g_taxel_s)
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
     text = array_subckt(
         network.rows,

@@ -333,6 +333,7 @@ def whole(world: Scene, engine: str | None) -> Plan:
         gate_clocks=design.timing.gate_clocks,
         code_max=design.timing.code_max,
         rows=rows,
+        break_clocks=design.timing.break_clocks,
     )
     contribution = effects.gather(world.effects, _setting(world))
     sensor = make_sensor(table.sensor)

@@ -22,13 +22,11 @@ from dermis.plan import Plan
 def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times [points] in seconds over all frames of a record and integrator voltages [cols, points] in volt."""
     times, volts = [], []
-    offset = 0.0
     frame = 0
     while f"wave{frame}_time_s" in record:
         time = record[f"wave{frame}_time_s"]
-        times.append(time + offset)
+        times.append(time + float(record[f"wave{frame}_begin_s"]))
         volts.append([record[f"wave{frame}_{integrator_node(c)}"] for c in range(cols)])
-        offset += time[-1]
         frame += 1
     if not times:
         return np.zeros(0), np.zeros((cols, 0))

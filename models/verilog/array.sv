@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The array as the converters see it: the column currents of the driven row, solved beforehand (dermis.array), one frame after the other.
-// Interface: row_select_i and preset_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 what course.sv makes
+// Interface: row_select_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 what course.sv makes
 // a current of), value[N c + n] run-time value n of column c (values.vh), all as the bits of a double and read from outside by name: Icarus 11 has
 // no ports that are arrays.
-// Timing: i_column changes where a slot begins (preset and a driven row), and a frame is read from currents.bin where row 0 is driven.
-// Why the edge of a slot and not the clock: whatever hangs on these currents alone is then worked out once a slot, not once a clock.
+// Timing: i_column changes where a row is driven, which rows never are without a break between them; a frame is read where row 0 is driven.
+// Why the edge of a row and not the clock: whatever hangs on these currents alone is then worked out once a slot, not once a clock.
 `include "values.vh"
 `default_nettype none
 
@@ -15,7 +15,6 @@ module array #(
   parameter EFFECTS = 0
 ) (
   input  wire [ROWS-1:0] row_select_i,
-  input  wire            preset_i,
   output integer         frames_o
 );
 
@@ -53,10 +52,10 @@ module array #(
     read_values;
   end
 
-  wire slot;
-  assign slot = preset_i & (|row_select_i);
+  wire driven;
+  assign driven = |row_select_i;
 
-  always @(posedge slot) begin
+  always @(posedge driven) begin
     if (row_select_i[0]) reading = frame < frames_o;
     if (row_select_i[0] && reading) begin
       frame = frame + 1;

@@ -17,4 +17,5 @@ models/verilog/channel_direct.sv
 models/verilog/channel_conveyor_mirror.sv
 models/verilog/channel_conveyor_mirror_inverted.sv
 models/verilog/channel_multi_output_conveyor.sv
+models/verilog/spi_host.sv
 models/verilog/skin.sv

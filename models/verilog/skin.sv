@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole reader: the chip of rtl/ as it is, a channel a column and the array, reading currents.bin and writing codes.txt.
+// The whole reader: the chip of rtl/ as it is, a channel a column, the array and a host on its SPI pins, reading currents.bin and writing frames.txt.
 // Interface: every change of go_i runs BURST clocks, all at one instant of simulated time; nothing else goes in or out but the two files.
+// frames.txt has a line a frame: what the chip answered, in hex, from the token to the last byte (docs/spi.md).
 // Why the clock is made here: leaving and entering a Verilator model costs as much as a clock of it. Why with nonblocking assignments: each
 // level of the clock has settled before the next, in any simulator.
 // TERMS, MODES, DARK: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
@@ -14,13 +15,13 @@ module skin #(
   parameter CODE_BITS     = `DERMIS_CODE_BITS,
   parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,
   parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
+  parameter BREAK_CLOCKS  = `DERMIS_BREAK_CLOCKS,
   parameter SYNC_LATCH    = 0,
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
   parameter MODES         = 0,
   parameter DARK          = 0,
-  parameter BREAK_CLOCKS  = 0,
   parameter BURST         = `DERMIS_SLOT_CLOCKS
 ) (
   input wire go_i
@@ -29,28 +30,51 @@ module skin #(
   localparam CELL     = (1 + DARK)*TERMS + 2*MODES;
   localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
   localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
-  localparam ROW_BITS = (ROWS > 1) ? $clog2(ROWS) : 1;
 
-  reg       clk;
+  // Ticks of the host a clock of the chip, so that it reads a frame in less than 0.8 of the next one's time.
+  localparam FRAME_BITS = 8*(24 + ROWS*(1 + COLS*((CODE_BITS > 8) ? 2 : 1) + (COLS + 7)/8));
+  localparam TICKS      = 1 + 5*FRAME_BITS/(2*ROWS*(SETTLE_CLOCKS + GATE_CLOCKS));
+
+  reg       tick;
+  wire      clk;
   reg       rst_n;
   reg       enable;
   reg [1:0] started_q;
   integer   levels;
 
   initial begin
-    clk       = 1'b0;
+    tick      = 1'b0;
     rst_n     = 1'b1;
     enable    = 1'b0;
     started_q = 2'd0;
     levels    = 0;
   end
 
-  always @(posedge go_i or negedge go_i or posedge clk or negedge clk)
-    if (levels == 2*BURST) levels <= 0;
+  always @(posedge go_i or negedge go_i or posedge tick or negedge tick)
+    if (levels == 2*TICKS*BURST) levels <= 0;
     else begin
       levels <= levels + 1;
-      clk    <= ~clk;
+      tick   <= ~tick;
     end
+
+  generate
+    if (TICKS == 1) begin : gen_clk_is_tick
+      assign clk = tick;
+    end else begin : gen_clk_divided
+      reg     clk_q;
+      integer ticks_q;
+      initial begin
+        clk_q   = 1'b0;
+        ticks_q = 0;
+      end
+      always @(posedge tick or negedge tick)
+        if (ticks_q == TICKS - 1) begin
+          ticks_q <= 0;
+          clk_q   <= ~clk_q;
+        end else ticks_q <= ticks_q + 1;
+      assign clk = clk_q;
+    end
+  endgenerate
 
   // Reset falls with the first falling edge and rises with the second; enable rises with the third.
   always @(negedge clk)
@@ -60,15 +84,20 @@ module skin #(
       enable    <= started_q == 2'd2;
     end
 
-  wire [COLS-1:0]           comp;
-  wire [ROWS-1:0]           row_select;
-  wire                      preset;
-  wire [COLS-1:0]           charge;
-  wire [COLS*CODE_BITS-1:0] codes;
-  wire [ROW_BITS-1:0]       codes_row;
-  wire                      codes_valid;
-  wire                      frame_done;
-  integer                   frames;
+  wire [COLS-1:0]   comp;
+  wire [ROWS-1:0]   row_select;
+  wire              preset;
+  wire [COLS-1:0]   charge;
+  wire [2*COLS-1:0] range_unused;
+  wire [COLS-1:0]   test_current_unused;
+  wire              frame_start_unused;
+  wire              sck;
+  wire              cs_n;
+  wire              copi;
+  wire              cipo;
+  wire              cipo_oe_unused;
+  wire              frame_ready;
+  integer           frames;
 
   dermis_top #(
     .ROWS          (ROWS),
@@ -76,24 +105,47 @@ module skin #(
     .CODE_BITS     (CODE_BITS),
     .GATE_CLOCKS   (GATE_CLOCKS),
     .SETTLE_CLOCKS (SETTLE_CLOCKS),
+    .BREAK_CLOCKS  (BREAK_CLOCKS),
     .SYNC_LATCH    (SYNC_LATCH)
   ) u_top (
-    .clk_i         (clk),
+    .clk_i          (clk),
+    .rst_ni         (rst_n),
+    .enable_i       (enable),
+    .comp_async_i   (comp),
+    .row_sense_i    (row_select),
+    .row_select_o   (row_select),
+    .preset_o       (preset),
+    .charge_o       (charge),
+    .range_o        (range_unused),
+    .test_current_o (test_current_unused),
+    .frame_start_o  (frame_start_unused),
+    .spi_sck_i      (sck),
+    .spi_cs_ni      (cs_n),
+    .spi_copi_i     (copi),
+    .spi_cipo_o     (cipo),
+    .spi_cipo_oe_o  (cipo_oe_unused),
+    .frame_ready_o  (frame_ready)
+  );
+
+  wire [7:0] host_byte;
+  wire       host_valid;
+  wire       host_done;
+
+  spi_host u_host (
+    .clk_i         (tick),
     .rst_ni        (rst_n),
-    .enable_i      (enable),
-    .comp_async_i  (comp),
-    .row_select_o  (row_select),
-    .preset_o      (preset),
-    .charge_o      (charge),
-    .codes_o       (codes),
-    .codes_row_o   (codes_row),
-    .codes_valid_o (codes_valid),
-    .frame_done_o  (frame_done)
+    .frame_ready_i (frame_ready),
+    .sck_o         (sck),
+    .cs_no         (cs_n),
+    .copi_o        (copi),
+    .cipo_i        (cipo),
+    .byte_o        (host_byte),
+    .byte_valid_o  (host_valid),
+    .done_o        (host_done)
   );
 
   array #(.ROWS(ROWS), .COLS(COLS), .CELL(CELL), .EFFECTS(EFFECTS)) u_array (
     .row_select_i (row_select),
-    .preset_i     (preset),
     .frames_o     (frames)
   );
 
@@ -177,16 +229,16 @@ module skin #(
   integer done;
   initial begin
     done = 0;
-    file = $fopen("codes.txt", "w");
+    file = $fopen("frames.txt", "w");
   end
-  always @(posedge codes_valid) begin
-    $fwrite(file, "%h %h\n", codes_row, codes);
-    if (frame_done) begin
-      done <= done + 1;
-      if (done + 1 == frames) begin
-        $fclose(file);
-        $finish;
-      end
+  always @(posedge host_valid) $fwrite(file, "%h", host_byte);
+  always @(posedge host_done) begin
+    $fwrite(file, "\n");
+    $fflush(file);
+    done <= done + 1;
+    if (done + 1 == frames) begin
+      $fclose(file);
+      $finish;
     end
   end
 

@@ -9,13 +9,13 @@ module skin_alone #(
   parameter CODE_BITS     = `DERMIS_CODE_BITS,
   parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,
   parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,
+  parameter BREAK_CLOCKS  = `DERMIS_BREAK_CLOCKS,
   parameter SYNC_LATCH    = 0,
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
   parameter MODES         = 0,
-  parameter DARK          = 0,
-  parameter BREAK_CLOCKS  = 0
+  parameter DARK          = 0
 );
 
   reg go;
@@ -28,13 +28,13 @@ module skin_alone #(
     .CODE_BITS     (CODE_BITS),
     .GATE_CLOCKS   (GATE_CLOCKS),
     .SETTLE_CLOCKS (SETTLE_CLOCKS),
+    .BREAK_CLOCKS  (BREAK_CLOCKS),
     .SYNC_LATCH    (SYNC_LATCH),
     .TOPOLOGY      (TOPOLOGY),
     .EFFECTS       (EFFECTS),
     .TERMS         (TERMS),
     .MODES         (MODES),
-    .DARK          (DARK),
-    .BREAK_CLOCKS  (BREAK_CLOCKS)
+    .DARK          (DARK)
   ) u_skin (
     .go_i (go)
   );

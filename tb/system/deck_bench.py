@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import netlist
+from dermis.bridge import analog_s
 from dermis.engines import cosim
 from dermis.ngspice import Deck, NgspiceHalf
 from dermis.plan import Plan, Timing
@@ -30,7 +31,7 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
         deck,
         t_edge_s=solver.t_edge_s,
         t_max_step_s=solver.t_max_step_s,
-        t_stop_s=timing.frame_s,
+        t_stop_s=analog_s(timing),
         log=log,
     )
     rows, t_clk = timing.rows, 1.0 / timing.f_clk_hz
@@ -41,8 +42,9 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
     )  # the two flip-flops of each column
     edges: list[tuple[float, int, float]] = []
     half.advance(0.0, [])
-    for clock in range(1, rows * timing.slot_clocks + 1):
-        now = clock * t_clk
+    # The deck starts where row 0 is driven.
+    for clock in range(timing.break_clocks + 1, rows * timing.slot_clocks + 1):
+        now = (clock - timing.break_clocks) * t_clk
         comparator = half.advance(now, edges)[:cols] > 0.0
         row, at = divmod(clock - 1, timing.slot_clocks)
         counting = at >= timing.settle_clocks  # the preset has been let go before this edge
@@ -52,8 +54,11 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
         edges = [(now, rows + 1 + int(c), float(charge[c])) for c in np.flatnonzero(charge != before)]
         if at + 1 == timing.settle_clocks:
             edges.append((now, rows, 0.0))
-        if at + 1 == timing.slot_clocks and row + 1 < rows:
-            edges += [(now, rows, 1.0), (now, row, 0.0), (now, row + 1, 1.0)]
+        if at + 1 == timing.slot_clocks:
+            edges += [(now, rows, 1.0), (now, row, 0.0)]
+            at, row = -1, row + 1
+        if at + 1 == timing.break_clocks and 0 < row < rows:
+            edges.append((now, row, 1.0))
     statistics = half.statistics
     half.close()
     return np.minimum(counts, timing.code_max), statistics

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from system_bench import MakePlan
 
-from dermis import regression
+from dermis import engines, hdl, lint, regression
 from dermis.analog import ExactHalf
 from dermis.design import TOPOLOGIES
 from dermis.engines import Result, closed, cosim, event
+from dermis.errors import InputError, SimulatorError
 from dermis.netlist import integrator_node
 from dermis.waves import trace
 
@@ -38,6 +40,109 @@ def test_verilog_counts_what_charge_balance_says(
     made = resistance_plan(ohm)
     got = cosim.run(made, simulator=simulator, sync_latch=sync_latch, analog="exact").codes
     assert np.array_equal(got, closed.run(made).codes)
+
+
+def test_a_host_reads_wide_arrays_in_time(resistance_plan: MakePlan) -> None:
+    """100 columns are 912 bits in 625 clocks: the clock of the host is faster than that of the chip."""
+    made = resistance_plan(300 * 300 ** np.random.default_rng(8).random((3, 1, 100)))
+    assert np.array_equal(cosim.run(made, analog="exact").codes, closed.run(made).codes)
+
+
+FAULTY_CHIPS = {
+    # file, right, wrong, what the run says
+    "crc": (
+        "dermis_packer.v",
+        "16'hFFFF",
+        "16'h0000",
+        "read-out 1 of 1 through SPI: frame of 38 bytes: CRC .* does not match",
+    ),
+    "frame_number": (
+        "dermis_packer.v",
+        "frame_number_q + 16'd1",
+        "frame_number_q + 16'd2",
+        "the chip handed over number 2 in place of 1",
+    ),
+    "slot_number": (
+        "dermis_packer.v",
+        "data = slot_i",
+        "data = slot_i ^ 8'd1",
+        r"slots \(1, 0\) in place of",
+    ),
+    "never_ready": (
+        "dermis_frame_buffer.v",
+        "assign frame_ready_o = ready_q;",
+        "assign frame_ready_o = 1'b0;",
+        "never says that a frame is ready",
+    ),
+    "cipo_at_1": (
+        "dermis_spi.v",
+        "assign cipo_o           = cipo_q;",
+        "assign cipo_o = 1'b1;",
+        "0xFF is no token",
+    ),
+    "cipo_at_0": (
+        "dermis_spi.v",
+        "assign cipo_o           = cipo_q;",
+        "assign cipo_o = 1'b0;",
+        "no answer after",
+    ),
+    "no_scan": (
+        "dermis_row_scanner.v",
+        "assign row_select_o  = row_select_q;",
+        "assign row_select_o = {ROWS{1'b0}};",
+        "does not begin with row 0 driven",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTY_CHIPS)
+def test_a_faulty_chip_is_a_simulator_error(
+    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    """Whatever the host gets that is not every frame, once and whole, ends the run with what was received."""
+    file, right, wrong, said = FAULTY_CHIPS[fault]
+    sources = lint.rtl_sources()
+    at = next(i for i, source in enumerate(sources) if source.name == file)
+    text = sources[at].read_text()
+    assert text.count(right) == 1, "the fault no longer fits the chip"
+    sources[at] = tmp_path / file
+    sources[at].write_text(text.replace(right, wrong))
+    monkeypatch.setattr(hdl, "rtl_sources", lambda: sources)
+    with pytest.raises(SimulatorError, match=said):
+        cosim.run(resistance_plan(np.full((2, 2, 11), 700.0)), analog="exact", work=tmp_path / "work")
+
+
+REFUSED = {
+    "array.rows": ({}, (129, 1)),
+    "array.cols": ({}, (1, 129)),
+    "timing.gate_clocks": ({"gate_clocks": 65536, "slot_clocks": 65651}, (2, 2)),
+    "timing.settle_clocks": ({"settle_clocks": 2, "slot_clocks": 512}, (2, 2)),
+    "timing.code_bits": ({"code_max": 2**17 - 1}, (2, 2)),
+}
+
+
+@pytest.mark.parametrize("engine", ["rtl", "cosim"])
+@pytest.mark.parametrize("key", REFUSED)
+def test_what_the_chip_is_not_made_for_is_refused_in_one_line(
+    resistance_plan: MakePlan, key: str, engine: str
+) -> None:
+    timing, shape = REFUSED[key]
+    made = resistance_plan(np.full(shape, 1000.0))
+    made = replace(made, engine=engine, timing=replace(made.timing, **timing))
+    with pytest.raises(InputError, match=rf"{key} = \d+: the chip does \d+ to \d+ ") as caught:
+        engines.check(made)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match=key):
+        engines.runner(engine)(made)
+
+
+def test_a_gate_too_short_to_pack_a_row_is_refused(resistance_plan: MakePlan) -> None:
+    """The chip would lengthen its slots: 16 columns of one byte take 34 clocks."""
+    made = resistance_plan(np.full((2, 16), 1000.0))
+    made = replace(made, timing=replace(made.timing, code_max=15, gate_clocks=33, slot_clocks=148))
+    with pytest.raises(InputError, match=r"timing\.gate_clocks = 33: the chip does 34 to 65535"):
+        engines.check(made)
+    engines.check(replace(made, timing=replace(made.timing, gate_clocks=34, slot_clocks=149)))
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)

@@ -12,13 +12,14 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from effects_campaign import scene
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis import effects, engines, hdl, lint
+from dermis import effects, engines, hdl, lint, spi_protocol
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
@@ -124,6 +125,12 @@ def test_ideal_scenes_equal_the_closed_formula_and_the_event_engine(resistance_p
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (3, 7), (2, 20)])
 def test_any_size_reads_the_same(resistance_plan: MakePlan, shape: tuple[int, int]) -> None:
     made = resistance_plan(random_ohm(2, 3, *shape))
+    assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
+
+
+def test_a_host_reads_wide_arrays_in_time(resistance_plan: MakePlan) -> None:
+    """128 columns are 1160 bits in 625 clocks: the clock of the host is faster than that of the chip."""
+    made = resistance_plan(random_ohm(15, 3, 1, 128))
     assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
 
 
@@ -341,45 +348,72 @@ def test_lint_sees_a_fault_in_a_model(tmp_path: Path) -> None:
     assert {row["status"] for row in lint.lint_models()} == {"PASS"}
 
 
-GOOD = "0 0201\n1 0403\n"
+def frame(number: int = 1, **other: Any) -> spi_protocol.Frame:
+    """A frame of 2 x 2 taxels as the chip sends it."""
+    codes = np.array([[1, 2], [3, 4]], dtype=np.uint16)
+    said = {
+        "cols": 2,
+        "code_bits": 8,
+        "gate_clocks": 510,
+        "slots": (0, 1),
+        "codes": codes,
+        "overflow": codes > 4,
+    }
+    return spi_protocol.Frame(number, **{**said, **other})
+
+
+def line(data: bytes) -> str:
+    """What the host writes of a frame."""
+    return f"a5{len(data):04x}{data.hex()}\n"
+
+
+GOOD = line(spi_protocol.pack_frame(frame()))
+BIT_LOST = GOOD.replace("0102", "0103")
+
+
+def writes(text: str) -> str:
+    """A program in the simulator's place."""
+    return f"open('frames.txt', 'w').write({text!r})"
 
 
 @pytest.mark.parametrize(
-    ("writes", "said"),
+    ("program", "said"),
     [
         ("raise SystemExit(1)", "exit code 1"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "exit code -11"),
-        ("pass", "left no codes"),
-        (f"open('codes.txt', 'w').write({GOOD[:-1]!r})", "rows instead of 2"),
-        (f"open('codes.txt', 'w').write({GOOD * 2!r})", "4 rows instead of 2"),
-        (
-            "open('codes.txt', 'w').write('1 0403\\n0 0201\\n')",
-            "frame 0: the chip handed over row 1 in place of row 0",
-        ),
-        ("open('codes.txt', 'w').write('0 0201\\n1 04xx\\n')", "frame 0, row 1: '1 04xx' is not a row"),
-        ("open('codes.txt', 'w').write('0 0201\\n1-0403\\n')", "frame 0, row 1: '1-0403' is not a row"),
+        ("pass", "left no frames"),
+        (writes(GOOD[:-1]), "0 whole frames instead of 1"),
+        (writes(GOOD * 2), "2 whole frames instead of 1"),
+        (writes("e2\n"), "frame 0: the chip answers FRAME with e2"),
+        (writes("a50000\n"), "frame 0: no frame was stored since reset"),
+        (writes(GOOD[:-3] + "\n"), "frame 0: the chip answers FRAME with a500"),
+        (writes(GOOD[:-3] + "xx\n"), "is not what a host receives"),
+        (writes(BIT_LOST), "frame 0: frame of 18 bytes: CRC"),
+        (writes(line(spi_protocol.pack_frame(frame(2)))), "handed over number 2 in place of 1"),
+        (writes(line(spi_protocol.pack_frame(frame(slots=(1, 0))))), "slots (1, 0) in place of (0, 1)"),
+        (writes(line(spi_protocol.pack_frame(frame(gate_clocks=509)))), "gate_clocks 509 in place of 510"),
+        (writes(line(spi_protocol.pack_frame(frame(fault=True)))), "fault True in place of False"),
     ],
 )
 def test_a_bad_result_is_a_simulator_error(
-    resistance_plan: MakePlan, tmp_path: Path, writes: str, said: str
+    resistance_plan: MakePlan, tmp_path: Path, program: str, said: str
 ) -> None:
     made = resistance_plan(random_ohm(12, 2, 2))
     with pytest.raises(SimulatorError, match=re.escape(said)):
-        rtl.simulate(made, [sys.executable, "-c", writes], tmp_path, 1, lambda rows: None)
+        rtl.simulate(made, [sys.executable, "-c", program], tmp_path, 1, lambda rows: None)
 
 
 def test_a_good_result_is_read_column_0_first(resistance_plan: MakePlan, tmp_path: Path) -> None:
     made = resistance_plan(random_ohm(12, 2, 2))
-    program = f"open('codes.txt', 'w').write({GOOD!r})"
-    codes = rtl.simulate(made, [sys.executable, "-c", program], tmp_path, 1, lambda rows: None)
+    codes = rtl.simulate(made, [sys.executable, "-c", writes(GOOD)], tmp_path, 1, lambda rows: None)
     assert codes.tolist() == [[[1, 2], [3, 4]]]
 
 
 def test_a_simulator_that_stops_answering_is_ended(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rtl, "SLOT_LIMIT_S", 0.5)
-    with pytest.raises(SimulatorError, match="wrote no row"):
+    monkeypatch.setattr(rtl, "FRAME_LIMIT_S", 0.5)
+    with pytest.raises(SimulatorError, match="wrote no frame"):
         rtl.simulate(
             resistance_plan(random_ohm(12, 2, 2)),
             [sys.executable, "-c", f"import time; time.sleep(60)  # {tmp_path}"],

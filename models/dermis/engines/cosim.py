@@ -43,6 +43,11 @@ EFFECTS_PATIENCE = 5.0
 """Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 
 
+def refuses(plan: Plan) -> InputError | None:
+    """What the chip is not made for, or None."""
+    return hdl.beyond_the_chip(plan)
+
+
 @dataclass(frozen=True)
 class Solver:
     """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s."""
@@ -99,7 +104,7 @@ def run(
     Raises
     ------
     InputError
-        An effect that the exact half would have to ignore.
+        An effect that the exact half would have to ignore, or an array or timing that the chip is not made for.
     SimulatorError
         Either simulator failed, stopped answering or left no result.
     """

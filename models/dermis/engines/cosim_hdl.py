@@ -35,31 +35,14 @@ JOB_VARIABLE = "DERMIS_COSIM_JOB"
 
 def main(job_dir: Path) -> int:
     """Run the HDL simulator on a job; its exit code says nothing, the files it leaves do."""
-    from cocotb_tools.runner import get_runner
-
     from dermis import hdl
 
     job = load(job_dir)
     if os.getpgrp() == os.getpid():  # not when started by hand, in somebody else's group
         threading.Thread(target=_end_with_parent, args=(job.parent,), daemon=True).start()
-    hdl.prepare(job.simulator)
+    module = __name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl"
     try:
-        get_runner(job.simulator).test(
-            test_module=__name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl",
-            hdl_toplevel="dermis_top",
-            hdl_toplevel_lang="verilog",
-            build_dir=job.build,
-            test_dir=job_dir,
-            results_xml=str(job_dir / "results.xml"),
-            seed=1,
-            timescale=("1ns", "1ps"),
-            log_file=job_dir / "hdl.log",
-            extra_env={
-                JOB_VARIABLE: str(job_dir),
-                "COCOTB_LOG_LEVEL": "WARNING",
-                "COCOTB_REWRITE_ASSERTION_FILES": "",  # 1.3 s a process
-            },
-        )
+        hdl.run_cocotb(job.simulator, job.build, "dermis_top", module, job_dir, {JOB_VARIABLE: str(job_dir)})
     except (RuntimeError, SystemExit) as error:
         print(f"the HDL simulator: {error}", file=sys.stderr)
         return 1
@@ -106,7 +89,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 deck,
                 t_edge_s=job.solver.t_edge_s,
                 t_max_step_s=job.solver.t_max_step_s,
-                t_stop_s=plan.timing.frame_s,
+                t_stop_s=bridge.analog_s(plan.timing),
                 log=job_dir / "ngspice.log",
                 record=job.record,
             )
@@ -128,6 +111,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         arrays["trace_charge_delay_clocks"] = chip.charge_delay_clocks
         for i, (time, probes) in enumerate(waveforms):
             arrays[f"wave{i}_time_s"] = time
+            arrays[f"wave{i}_begin_s"] = chip.trace.begins[i] / plan.timing.f_clk_hz
             arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
     scratch = job_dir / "result.partial.npz"
     np.savez(scratch, **arrays)

@@ -23,11 +23,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import hdl
+from dermis import hdl, read_out, spi_protocol
 from dermis.array import column_currents
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import Result, event, event_input, event_loops
-from dermis.errors import SimulatorError
+from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources
 from dermis.plan import Plan
 
@@ -35,15 +35,18 @@ Floats = NDArray[np.float64]
 
 # Everything that is not random: what a real-number model would draw is drawn by engine event alone.
 HONOURS = event.HONOURS - event.RANDOM
-refuses = event_input.refuses
-
 MODELS = ROOT / "models" / "verilog"
 
 _VALUES_AT_ONCE = 1 << 19
 """Currents in one file: 2048 frames of 16x16 in 4 MB."""
 
-SLOT_LIMIT_S = 120.0
-"""Longest wait for further rows; sixteen columns take 30 us a row in Verilator and 30 ms in Icarus."""
+FRAME_LIMIT_S = 120.0
+"""Longest wait for a further frame; 16 x 16 take 0.6 ms in Verilator and 0.5 s in Icarus."""
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What the chip is not made for, or the currents cannot be worked out for; None if nothing."""
+    return hdl.beyond_the_chip(plan) or event_input.refuses(plan)
 
 
 def run(
@@ -75,6 +78,8 @@ def run(
 
     Raises
     ------
+    InputError
+        The chip is not made for such an array or timing.
     SimulatorError
         The simulator failed, stopped answering or left no proper result.
     """
@@ -317,9 +322,9 @@ def simulate(
     plan: Plan, command: list[str], work: Path, frames: int, on_rows: Callable[[int], None]
 ) -> NDArray[np.uint16]:
     """Run the reader on work/currents.bin and return what it wrote, [frames, rows, cols]."""
-    out, log = work / "codes.txt", work / "simulator.log"
+    out, log = work / "frames.txt", work / "simulator.log"
     out.unlink(missing_ok=True)
-    width = len(_line_template(plan))
+    width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
     with log.open("wb") as console:
         child = subprocess.Popen(
             command,
@@ -339,9 +344,9 @@ def simulate(
             now = out.stat().st_size if out.exists() else 0
             if now != size:
                 size, since = now, time.monotonic()
-                on_rows(min(size // width, frames * plan.rows))
-            elif time.monotonic() - since > SLOT_LIMIT_S:
-                raise SimulatorError(f"{Path(command[0]).name} wrote no row for {SLOT_LIMIT_S:g} s", log)
+                on_rows(min(size // width, frames) * plan.rows)
+            elif time.monotonic() - since > FRAME_LIMIT_S:
+                raise SimulatorError(f"{Path(command[0]).name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
     finally:
         hdl.end_session(child)
     if code != 0:
@@ -360,52 +365,57 @@ def _end_with_parent() -> None:
         _LIBC.prctl(1, signal.SIGKILL)
 
 
-def _line_template(plan: Plan) -> str:
-    """One row as skin.sv writes it: its number, then the codes from the last column to the first, in hex."""
-    row_bits = max(1, (plan.rows - 1).bit_length())
-    bits = plan.cols * plan.timing.code_max.bit_length()
-    return "0" * -(-row_bits // 4) + " " + "0" * -(-bits // 4) + "\n"
-
-
-_NIBBLE = np.full(256, 255, dtype=np.uint8)
-_NIBBLE[np.frombuffer(b"0123456789abcdef", dtype=np.uint8)] = np.arange(16)
+ANSWER_BYTES = 3
+"""Token and length stand before a frame."""
 
 
 def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uint16]:
-    """Read what the reader wrote, [frames, rows, cols].
+    """Read the answers that the host wrote, a line a frame; return codes [frames, rows, cols].
 
     Raises
     ------
     SimulatorError
-        Anything but every row of every frame once, in order.
+        Anything but every frame once, whole and in order.
     """
-    template = _line_template(plan)
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        text = path.read_bytes()
     except OSError:
-        raise SimulatorError("the simulator left no codes", log) from None
-    if data.size != frames * plan.rows * len(template):
-        rows = data.size / len(template)
-        raise SimulatorError(f"the simulator left {rows:g} rows instead of {frames * plan.rows}", path)
-    lines = data.reshape(frames * plan.rows, len(template))
-    gap = template.index(" ")
-    digits = _NIBBLE[np.delete(lines, [gap, len(template) - 1], axis=1)]
-    bad = (digits > 15).any(axis=1) | (lines[:, gap] != ord(" ")) | (lines[:, -1] != ord("\n"))
-    if bad.any():
-        at = int(np.argmax(bad))
-        text = lines[at].tobytes().decode(errors="replace").strip()
-        raise SimulatorError(
-            f"frame {at // plan.rows}, row {at % plan.rows}: {text!r} is not a row of codes", path
-        )
-    number = digits[:, :gap].astype(np.int64) @ 16 ** np.arange(gap - 1, -1, -1)
-    if (number != np.tile(np.arange(plan.rows), frames)).any():
-        at = int(np.argmax(number != np.tile(np.arange(plan.rows), frames)))
-        raise SimulatorError(
-            f"frame {at // plan.rows}: the chip handed over row {number[at]} in place of row {at % plan.rows}",
-            path,
-        )
-    width = plan.timing.code_max.bit_length()
-    nibbles = digits[:, gap:][:, ::-1, np.newaxis]
-    bits = np.unpackbits(nibbles, axis=2, bitorder="little")[:, :, :4]
-    bits = bits.reshape(len(lines), -1)[:, : plan.cols * width].reshape(frames, plan.rows, plan.cols, width)
-    return (bits @ (1 << np.arange(width))).astype(np.uint16)
+        raise SimulatorError("the simulator left no frames", log) from None
+    size = read_out.frame_bytes(plan.timing, plan.cols)
+    width = 2 * (ANSWER_BYTES + size) + 1
+    if len(text) == frames * width and not any(text[width - 1 :: width].strip(b"\n")):
+        try:
+            data = np.frombuffer(bytes.fromhex(text.decode()), dtype=np.uint8)
+        except ValueError:
+            data = np.zeros(0, dtype=np.uint8)
+        if data.size == frames * (ANSWER_BYTES + size):
+            answers = data.reshape(frames, -1)
+            head = np.frombuffer(
+                spi_protocol.TOKEN_DATA.to_bytes(1, "big") + size.to_bytes(2, "big"), np.uint8
+            )
+            codes = read_out.codes_of_frames(answers[:, ANSWER_BYTES:], plan.timing, plan.cols)
+            if codes is not None and (answers[:, :ANSWER_BYTES] == head).all():
+                return codes
+    return _one_by_one(plan, text, frames, path)
+
+
+def _one_by_one(plan: Plan, text: bytes, frames: int, path: Path) -> NDArray[np.uint16]:
+    """Take the lines apart with care, to say what is wrong."""
+    lines = text.decode(errors="replace").split("\n")
+    if lines.pop() or len(lines) != frames:
+        raise SimulatorError(f"the simulator left {len(lines)} whole frames instead of {frames}", path)
+    codes = []
+    for frame, line in enumerate(lines):
+        try:
+            answer = bytes.fromhex(line)
+        except ValueError:
+            said = f"frame {frame}: {line[:40]!r} is not what a host receives"
+            raise SimulatorError(said, path) from None
+        head, data = answer[:ANSWER_BYTES], answer[ANSWER_BYTES:]
+        if head[:1] != bytes([spi_protocol.TOKEN_DATA]) or int.from_bytes(head[1:], "big") != len(data):
+            raise SimulatorError(f"frame {frame}: the chip answers FRAME with {line[:40]}", path)
+        try:
+            codes.append(read_out.codes_of_frame(data, frame, plan.timing, plan.cols))
+        except SimulatorError as error:
+            raise SimulatorError(f"frame {frame}: {error.what}", path) from None
+    return np.array(codes)
