@@ -1,0 +1,520 @@
+# SPDX-License-Identifier: Apache-2.0
+"""cocotb tests of dermis_top through its pins; test_top.py says what each claims."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import cocotb
+from cocotb.triggers import RisingEdge, Timer
+from cocotb.utils import get_sim_time
+from rtl_bench import report, scenario
+from spi_client import Client, Pins
+from top_bench import Chip, RegisterModel, exact_codes, reset_values
+
+from dermis import register_map as rm
+from dermis import spi_protocol as spi
+
+CONTINUOUS, SHOT, TEST = rm.CONTROL_CONTINUOUS_MASK, rm.CONTROL_SHOT_MASK, rm.CONTROL_TEST_MASK
+DARK, PER_COLUMN = rm.CONTROL_DARK_MASK, rm.CONTROL_RANGE_PER_COLUMN_MASK
+READY, FAULT, TEST_DONE = rm.STATUS_FRAME_READY_MASK, rm.STATUS_FAULT_MASK, rm.STATUS_TEST_DONE_MASK
+
+
+def pedestal_mode(mode: int) -> int:
+    """CONTROL bits of a pedestal mode."""
+    return mode << rm.CONTROL_PEDESTAL_MODE_SHIFT
+
+
+def own_pattern(frame: int, row: int) -> int:
+    """Levels that tell frames and rows apart."""
+    return (frame * 0x9E3779B1 ^ (row + 1) * 0x85EBCA6B) >> 7
+
+
+async def wait_ready(chip: Chip, limit_clocks: float) -> None:
+    """Wait for a new frame."""
+    for _ in range(int(limit_clocks / 2)):
+        if int(chip.dut.frame_ready_o.value):
+            return
+        await chip.clocks(2)
+    raise AssertionError(f"no frame within {limit_clocks} clocks")
+
+
+def same(frame: bytes, expected: spi.Frame) -> None:
+    """A burst is, byte by byte, the frame it must be."""
+    wanted = spi.pack_frame(expected)
+    assert frame == wanted, f"got  {frame.hex(' ')}\nwant {wanted.hex(' ')}"
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def client(dut: Any) -> None:
+    """Identity, every register and frames of charge-balance columns, all with the client library."""
+    s = scenario()
+    p, gate = s["parameters"], s["gate"]
+    chip = Chip(dut, p, x=s["x"])
+    host = Client(dut, s["sck_hz"])
+    await chip.reset(enable=False)
+
+    async def read(address: int) -> int:
+        return await host.run(spi.read_register(address), 8)
+
+    async def write(address: int, value: int) -> int:
+        return await host.run(spi.write_register(address, value), 4)
+
+    assert await read(rm.ID) == 0xDE01
+    assert await read(rm.GEOMETRY) == p["ROWS"] << 8 | p["COLS"]
+    assert await read(rm.FORMAT) == 1 << 9 | p.get("SYNC_LATCH", 0) << 8 | chip.code_bits
+    await write(rm.GATE, gate)
+    await write(rm.SETTLE, 6)
+    expected = exact_codes([[tuple(d) for d in row] for row in s["x"]], gate, chip.code_bits)
+    dut.enable_i.value = 1
+    frames = []
+    for number in (1, 2):
+        await wait_ready(chip, 2 * p["ROWS"] * (gate + 6) + 200)
+        length = spi.frame_bytes(p["ROWS"], p["COLS"], chip.code_bits)
+        data = await host.run(spi.read_frame_bytes(), 2 + 3 + length)
+        same(data, chip.expected(number, gate))
+        frame = spi.parse_frame(data)
+        assert frame.codes.tolist() == expected
+        frames.append(frame.codes.tolist())
+    report({"codes": frames[0], "overflow": frame.overflow.tolist()})
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def registers(dut: Any) -> None:
+    """Every address: reset value, what a write leaves, what is refused."""
+    p = scenario()["parameters"]
+    rng = random.Random(3)
+    chip = Chip(dut, p)
+    host = Pins(dut, chip.clock_ps * 2)
+    await chip.reset(enable=False)
+    model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
+
+    async def write(address: int, value: int) -> None:
+        try:
+            await host.run(spi.write_register(address, value))
+            done = True
+        except spi.NoSuchRegister:
+            done = False
+        assert done == model.write(address, value), f"write of {value:04X} to {address:02X}: {done}"
+
+    async def read(address: int) -> int | None:
+        try:
+            return await host.run(spi.read_register(address))
+        except spi.NoSuchRegister:
+            return None
+
+    async def compare(addresses: Any) -> None:
+        for address in addresses:
+            got = await read(address)
+            assert (got is not None) == model.exists(address), f"register {address:02X}: {got}"
+            if address in model.values:
+                assert got == model.values[address], (
+                    f"{address:02X}: {got:04X}, not {model.values[address]:04X}"
+                )
+
+    await compare(range(256))
+    for address in range(256):
+        await write(address, 0xFFFF & ~(SHOT | TEST) if address == rm.CONTROL else 0xFFFF)
+    await compare(model.values)
+    for address in rng.sample(sorted(model.values), len(model.values)):
+        await write(address, rng.getrandbits(16))
+    await compare(model.values)
+    refused = await host.run(spi.read_register(rm.SPI_ERRORS))
+    assert refused == 512 - 2 * len(model.values) - len(model.read_only), refused
+    # Reset brings every one of them back.
+    await chip.reset(enable=False)
+    model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
+    await compare(model.values)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def configuration(dut: Any) -> None:
+    """Settle, gate, mask, dark slot, pedestals, range, single shot: times measured, codes exact."""
+    p = scenario()["parameters"]
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps)
+    rows, cols, break_clocks = chip.rows, chip.cols, 1
+
+    async def write(address: int, value: int) -> None:
+        await host.run(spi.write_register(address, value))
+
+    async def frame_clocks() -> float:
+        """Clocks from frame to frame, of the second frame behind now."""
+        await RisingEdge(dut.frame_start_o)
+        await RisingEdge(dut.frame_start_o)
+        begun = get_sim_time("ps")
+        await RisingEdge(dut.frame_start_o)
+        return (get_sim_time("ps") - begun) / chip.clock_ps
+
+    async def frame(**expected: Any) -> spi.Frame:
+        """The next frame that begins behind now."""
+        number = chip.frame + 1
+        while True:
+            await wait_ready(chip, 4000)
+            data = await host.run(spi.read_frame_bytes())
+            got = spi.parse_frame(data)
+            if got.number >= number:
+                same(data, chip.expected(got.number, **expected))
+                return got
+
+    await chip.reset()
+    gate, settle = p["GATE_CLOCKS"], p["SETTLE_CLOCKS"]
+    times = {"default": await frame_clocks()}
+    assert times["default"] == rows * (settle + gate)
+    await frame(gate=gate)
+    await write(rm.GATE, 50)
+    await write(rm.SETTLE, 20)
+    assert await frame_clocks() == rows * 70
+    await frame(gate=50)
+    await write(rm.SETTLE, 0)
+    assert await frame_clocks() == rows * (50 + 2 + break_clocks)
+    await frame(gate=50)
+    await write(rm.ROW_MASK, 0b0101)
+    times["two rows"] = await frame_clocks()
+    assert times["two rows"] == 2 * (50 + 2 + break_clocks)
+    await frame(gate=50, row_mask=0b0101)
+    await write(rm.CONTROL, CONTINUOUS | DARK)
+    assert await frame_clocks() == 3 * (50 + 2 + break_clocks)
+    await frame(gate=50, row_mask=0b0101, dark=True)
+    pedestals = [3 * c for c in range(cols)]
+    for c, pedestal in enumerate(pedestals):
+        await write(rm.PEDESTAL + c, pedestal)
+    await write(rm.CONTROL, CONTINUOUS | pedestal_mode(1))
+    await frame(gate=50, row_mask=0b0101, pedestal_mode=1, pedestals=pedestals)
+    await write(rm.CONTROL, CONTINUOUS | DARK | pedestal_mode(2))
+    got = await frame(gate=50, row_mask=0b0101, dark=True, pedestal_mode=2)
+    assert not got.slot(spi.SLOT_DARK).any()
+    # A gate so long that the count passes full scale: the code stays there and the bit says so.
+    await write(rm.CONTROL, CONTINUOUS)
+    await write(rm.GATE, 600)
+    got = await frame(gate=600, row_mask=0b0101)
+    assert got.overflow.any()
+    assert (got.codes[got.overflow] == 255).all()
+
+    # Range: all columns alike, then each its own; with the start of a frame.
+    await write(rm.GATE, 50)
+    assert int(dut.range_o.value) == int("10" * cols, 2)
+    await write(rm.RANGE, 1)
+    await frame_clocks()
+    assert int(dut.range_o.value) == int("01" * cols, 2)
+    words = [rng_word(n) & ((1 << 2 * min(8, cols - 8 * n)) - 1) for n in range((cols + 7) // 8)]
+    for n, word in enumerate(words):
+        await write(rm.RANGE_COLUMN + n, word)
+    await write(rm.CONTROL, CONTINUOUS | PER_COLUMN)
+    await frame_clocks()
+    assert int(dut.range_o.value) == sum(word << 16 * n for n, word in enumerate(words))
+
+    # Single shots: one frame each, and none by itself.
+    await write(rm.CONTROL, 0)
+    await write(rm.ROW_MASK, (1 << rows) - 1)
+    await chip.clocks(rows * 60 + 200)
+    await host.run(spi.read_frame_bytes())
+    begun = chip.frame
+    await chip.clocks(rows * 100)
+    assert chip.frame == begun
+    assert not int(dut.frame_ready_o.value)
+    for _ in range(2):
+        await write(rm.CONTROL, SHOT)
+        await wait_ready(chip, rows * 60 + 100)
+        begun += 1
+        assert (chip.frame, await host.run(spi.read_register(rm.FRAME_NUMBER))) == (begun, begun)
+        same(await host.run(spi.read_frame_bytes()), chip.expected(begun, gate=50))
+        assert not await host.run(spi.read_register(rm.STATUS)) & READY
+        await chip.clocks(rows * 100)
+        assert chip.frame == begun
+    report(times)
+
+
+def rng_word(n: int) -> int:
+    """Ranges that differ from column to column."""
+    return 0x1B4E >> n | 0x1B4E << 16 - n
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def self_test(dut: Any) -> None:
+    """A self-test frame finds what is broken outside, and nothing where nothing is."""
+    p = scenario()["parameters"]
+    chip = Chip(dut, p)
+    host = Pins(dut, chip.clock_ps)
+
+    async def read(address: int) -> int:
+        return await host.run(spi.read_register(address))
+
+    async def masks() -> dict[str, int]:
+        await host.run(spi.write_register(rm.CONTROL, TEST))
+        for _ in range(200):
+            await chip.clocks(50)
+            if await read(rm.STATUS) & TEST_DONE:
+                break
+        else:
+            raise AssertionError("the self-test does not end")
+        await wait_ready(chip, 100)
+        frame = await host.run(spi.read_frame())
+        assert frame.test
+        assert frame.slots[:4] == spi.SPECIAL_SLOTS
+        assert (frame.slot(spi.SLOT_INJECT) == await read(rm.TEST_COUNT)).all()
+        names = ("ROW_FAULT", "INJECT_FAULT", "DARK_FAULT", "FULL_FAULT")
+        found = {name: await read(getattr(rm, name)) for name in names}
+        assert bool(await read(rm.STATUS) & FAULT) == any(found.values())
+        return found
+
+    await chip.reset()
+    await host.run(spi.write_register(rm.CONTROL, 0))
+    await host.run(spi.write_register(rm.FULL_MIN, p["GATE_CLOCKS"] // 2 - 1))
+    await chip.clocks(p["ROWS"] * (p["GATE_CLOCKS"] + p["SETTLE_CLOCKS"]))
+    clean = await masks()
+    assert not any(clean.values()), clean
+    chip.broken_rows = 0b0100
+    assert (await masks())["ROW_FAULT"] == 0b0100
+    chip.broken_rows = 0
+    assert not any((await masks()).values())
+    report(clean)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def ratios(dut: Any) -> None:
+    """Registers and frames at each ratio of SCK to clk; how many wait bytes come."""
+    s = scenario()
+    p, gate = s["parameters"], 20
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps)
+    await chip.reset()
+    rng = random.Random(5)
+    waits: list[dict[str, Any]] = []
+    for ratio in s["ratios"]:
+        host.period_ps = round(chip.clock_ps / ratio) // 2 * 2
+        await chip.clocks(10)
+        seen: dict[str, list[int]] = {"write": [], "read": [], "frame": []}
+        for _ in range(s["repeats"]):
+            await Timer(rng.randrange(1, chip.clock_ps), "ps")
+            value = rng.getrandbits(16)
+            seen["write"].append(await host.run(spi.write_register(rm.TEST_RATE, value)))
+            await Timer(rng.randrange(1, chip.clock_ps), "ps")
+            assert await host.run(spi.read_register(rm.TEST_RATE)) == value
+            seen["read"].append(len(host.received) - 2 - 4)
+        await host.run(spi.write_register(rm.GATE, gate))
+        await host.run(spi.write_register(rm.CONTROL, CONTINUOUS))
+        before = chip.frame
+        while chip.frame < before + 2:
+            await RisingEdge(dut.frame_start_o)
+        last = 0
+        for _ in range(s["frames"]):
+            await wait_ready(chip, 10_000)
+            data = await host.run(spi.read_frame_bytes())
+            number = spi.parse_frame(data).number
+            assert number > last, f"frame {number} behind {last} at ratio {ratio}"
+            last = number
+            same(data, chip.expected(number, gate=gate))
+            seen["frame"].append(len(host.received) - 1 - 3 - len(data))
+        waits.append({"ratio": ratio} | {name: [min(n), max(n)] for name, n in seen.items()})
+    report(waits)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def slow_reader(dut: Any) -> None:
+    """A read that lasts several frames sees one frame; what was missed meanwhile is counted."""
+    s = scenario()
+    p = s["parameters"]
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps * s["slowness"])
+    await chip.reset()
+    gate, frames, begun_during = p["GATE_CLOCKS"], [], []
+    for _ in range(s["reads"]):
+        await wait_ready(chip, 5000)
+        begun = chip.frame
+        data = await host.run(spi.read_frame_bytes())
+        begun_during.append(chip.frame - begun)
+        frames.append(spi.parse_frame(data).number)
+        same(data, chip.expected(frames[-1], gate=gate))
+    assert min(begun_during) >= 3, begun_during
+    host.period_ps = chip.clock_ps
+    lost = await host.run(spi.read_register(rm.LOST))
+    # Of the frames that end during a read all but the last are overwritten; one more may begin or end at either rim.
+    assert sum(begun_during) - 2 * len(frames) <= lost <= sum(begun_during), (lost, begun_during)
+    assert frames == sorted(set(frames))
+    report({"frames": frames, "lost": lost, "begun during a read": begun_during})
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def cuts(dut: Any) -> None:
+    """Reset and CS at any moment of a transaction: nothing is written by what was cut, and the next one works."""
+    p = scenario()["parameters"]
+    rng = random.Random(scenario()["seed"])
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps)
+    await chip.reset()
+    value = reset_values(p)["SETTLE"]
+    for _ in range(scenario()["cuts"]):
+        host.period_ps = round(chip.clock_ps * 10 ** rng.uniform(-1, 1)) // 2 * 2
+        new = rng.getrandbits(16)
+        command = spi.write_command(rm.SETTLE, new)
+        await host.select()
+        whole = rng.randrange(5)
+        await host.exchange(command[:whole])
+        await host.bits(command[whole], rng.randrange(8))  # up to 7 of 8 bits, so never the whole command
+        if rng.random() < 0.5:
+            # A CS pulse, some of them far shorter than a clock, with SCK at either level.
+            host.sck.value = rng.randrange(2)
+            await host.half
+            host.cs.value = 1
+            await Timer(rng.choice((1_000, 20_000, 3 * chip.clock_ps)), "ps")
+            host.sck.value = 0
+            await Timer(1_000, "ps")
+            host.cs.value = 0
+            await host.half
+            assert not any(await host.exchange(b"\x03")), "CIPO moved during a command"
+            await host.exchange(bytes((rm.SETTLE,)))
+            for _ in range(400):
+                if (token := await host.exchange(b"\x00")) != b"\x00":
+                    break
+            assert token == b"\xa5", token
+            high, low, check = await host.exchange(bytes(3))
+            assert check == spi.crc8((3, rm.SETTLE, high, low))
+            assert high << 8 | low == value
+        else:
+            # Reset falls into it, and what is left of it comes behind the reset: no command, whatever it spells.
+            dut.rst_ni.value = 0
+            await Timer(rng.randrange(5_000, 300_000), "ps")
+            dut.rst_ni.value = 1
+            chip.frame = 0
+            assert not any(await host.exchange(spi.write_command(rm.SETTLE, new)))
+            assert not any(await host.exchange(bytes(8)))
+            value = reset_values(p)["SETTLE"]
+        await host.deselect(max(2 * host.period_ps, 8 * chip.clock_ps))
+        assert await host.run(spi.read_register(rm.SETTLE)) == value
+        if rng.random() < 0.3:
+            value = rng.randrange(4, 40)
+            await host.run(spi.write_register(rm.SETTLE, value))
+    # And frames still come, whole.
+    host.period_ps = chip.clock_ps
+    await wait_ready(chip, 5000)
+    spi.parse_frame(await host.run(spi.read_frame_bytes()))
+
+
+@cocotb.test(timeout_time=20, timeout_unit="sec")
+async def traffic(dut: Any) -> None:
+    """Random SPI traffic, most of it wrong, while frames run."""
+    s = scenario()
+    p = s["parameters"]
+    rng = random.Random(s["seed"])
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps)
+    await chip.reset()
+    model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
+    # Left alone by accepted writes, so that every frame can be foretold: what a frame is made with.
+    fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
+    free = sorted(set(model.values) - fixed)
+    done = dict.fromkeys(("write", "refused", "read", "frame", "crc", "cut", "opcode", "stop", "bounce"), 0)
+    gate = p["GATE_CLOCKS"]
+    last_frame = 0
+
+    async def check_frame() -> None:
+        nonlocal last_frame
+        data = await host.run(spi.read_frame_bytes())
+        if data:
+            number = spi.parse_frame(data).number
+            assert number >= last_frame, f"frame {number} behind {last_frame}"
+            last_frame = number
+            same(data, chip.expected(number, gate=gate))
+
+    async def patiently(make: Any) -> Any:
+        """Busy means that a request of a transaction that was cut is still crossing: ask again."""
+        for _ in range(50):
+            try:
+                return await host.run(make())
+            except spi.Busy:
+                continue
+        raise AssertionError("busy for ever")
+
+    async def write(address: int, value: int) -> bool:
+        try:
+            await patiently(lambda: spi.write_register(address, value))
+        except spi.NoSuchRegister:
+            return False
+        return True
+
+    for step in range(s["transactions"]):
+        if step % 16 == 0:
+            host.period_ps = round(chip.clock_ps * 10 ** rng.uniform(-1, s["slowest"])) // 2 * 2
+        kind = rng.choices(list(done), s["weights"])[0]
+        done[kind] += 1
+        if kind == "write":
+            address, value = rng.choice(free), rng.getrandbits(16)
+            assert await write(address, value)
+            assert model.write(address, value)
+        elif kind == "refused":
+            address = rng.choice([a for a in range(256) if a not in model.values])
+            assert not await write(address, rng.getrandbits(16))
+        elif kind == "read":
+            address = rng.choice(sorted(model.values))
+            got = await patiently(lambda a=address: spi.read_register(a))
+            assert got == model.values[address], f"{address:02X}: {got:04X}, not {model.values[address]:04X}"
+        elif kind == "frame":
+            await check_frame()
+        elif kind == "crc":
+            command = bytearray(spi.write_command(rng.choice(sorted(model.values)), rng.getrandbits(16)))
+            command[rng.randrange(1, 5)] ^= 1 << rng.randrange(8)
+            await host.select()
+            await host.exchange(bytes(command))
+            assert await host.exchange(bytes(2)) == bytes((spi.TOKEN_CRC, 0))
+            await host.deselect()
+        elif kind == "cut":
+            # Any command, broken off within any byte; a write stops before its CRC is whole.
+            command = rng.choice(
+                (
+                    spi.write_command(rng.choice(sorted(model.values)), rng.getrandbits(16)),
+                    spi.read_command(rng.randrange(256)) + bytes(4),
+                    spi.frame_command() + bytes(12),
+                )
+            )
+            bits = rng.randrange(8 * len(command))
+            await host.select()
+            await host.exchange(command[: bits // 8])
+            await host.bits(command[bits // 8], bits % 8)
+            await host.deselect(rng.choice((1_000, None)))
+        elif kind == "opcode":
+            opcode = rng.choice([n for n in range(256) if n not in (2, 3, 0x0B)])
+            await host.select()
+            await host.exchange(bytes((opcode,)))
+            answer = await host.exchange(rng.randbytes(rng.randrange(1, 6)))
+            assert answer == bytes((spi.TOKEN_OPCODE,)) + bytes(len(answer) - 1)
+            await host.deselect()
+        elif kind == "stop":
+            # SCK stands in the middle of a word for a frame or so; then the rest comes, as if nothing had been.
+            address, value = rng.choice(free), rng.getrandbits(16)
+            command = spi.write_command(address, value)
+            at = rng.randrange(5)
+            await host.select()
+            await host.exchange(command[:at])
+            part = rng.randrange(1, 8)
+            await host.bits(command[at], part)
+            await chip.clocks(rng.randrange(1, 600))
+            await host.bits(command[at] << part & 0xFF, 8 - part)
+            await host.exchange(command[at + 1 :])
+            for _ in range(400):
+                if (token := (await host.exchange(b"\x00"))[0]) != spi.WAIT:
+                    break
+            await host.deselect()
+            assert token in (spi.TOKEN_DONE, spi.TOKEN_BUSY), token
+            if token == spi.TOKEN_DONE:
+                assert model.write(address, value)
+        else:
+            # CS bounces as it falls and as it rises, SCK with it.
+            for _ in range(rng.randrange(1, 6)):
+                host.cs.value = 0
+                await Timer(rng.randrange(1, 50_000), "ps")
+                if rng.random() < 0.3:
+                    await host.bits(rng.randrange(256), rng.randrange(1, 4))
+                host.cs.value = 1
+                await Timer(rng.randrange(1, 50_000), "ps")
+    host.period_ps = chip.clock_ps
+    await host.deselect(8 * chip.clock_ps)
+    for address, value in model.values.items():
+        assert await host.run(spi.read_register(address)) == value
+    before = chip.frame
+    while chip.frame < before + 2:
+        await RisingEdge(dut.frame_start_o)
+    await wait_ready(chip, 5000)
+    await check_frame()
+    report({"done": done, "frames": chip.frame})

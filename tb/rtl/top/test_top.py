@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about dermis_top through its pins alone, so that they hold for a netlist as well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rtl_reference import SHORT, Duty
+from rtl_run import simulate
+
+pytestmark = pytest.mark.timeout(170)
+
+SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
+"""One build serves most tests: five columns are no power of two, and a frame lasts 264 clocks."""
+
+WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
+
+
+def run(simulator: str, testcase: str, parameters: dict[str, int] = SMALL, **scenario: Any) -> Any:
+    """One cocotb test of bench_top on a chip of these parameters."""
+    return simulate(
+        simulator, "bench_top", "dermis_top", testcase, parameters, {"parameters": parameters, **scenario}
+    )
+
+
+def c_over_510(codes: list[int]) -> list[Duty]:
+    return [(c, 510) for c in codes]
+
+
+@pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
+def test_the_client_library_reads_codes_that_are_exact(simulator: str, sync_latch: int) -> None:
+    x = [c_over_510([0, 1, 2, 127, 128]), c_over_510([254, 255, 100, 3, 37])]
+    parameters = SMALL | {"ROWS": 2} | ({"SYNC_LATCH": 1} if sync_latch else {})
+    got = run(simulator, "client", parameters, x=x, gate=510, sck_hz=2.5e6)
+    assert got["codes"] == [[0, 1, 2, 127, 128], [254, 255, 100, 3, 37]]
+    assert not any(map(any, got["overflow"]))
+
+
+def test_a_short_reads_full_scale_with_its_overflow_bit(simulator: str) -> None:
+    x = [[SHORT, (1, 2), (1, 4), (0, 1), (3, 1000)], [(1, 510)] * 5]
+    got = run(simulator, "client", SMALL | {"ROWS": 2}, x=x, gate=516, sck_hz=5e6)
+    assert got["codes"][0][0] == got["codes"][0][1] == 255
+    assert got["overflow"] == [[False] * 5] * 2 or got["overflow"][0][:2] == [True, True]
+    assert got["overflow"][0] == [True, True, False, False, False]
+
+
+def test_every_register_reads_what_was_written_and_no_other_address_answers(simulator: str) -> None:
+    run(simulator, "registers")
+
+
+def test_configuration_changes_frames_and_their_rate(simulator: str) -> None:
+    times = run(simulator, "configuration")
+    assert times == {"default": 264, "two rows": 106}
+
+
+def test_self_test_through_the_pins(simulator: str) -> None:
+    run(simulator, "self_test")
+
+
+RATIOS = [0.02, 0.1, 0.25, 0.5, 0.8, 0.95, 1.0, 1.05, 2.0, 5.0, 10.0]
+
+
+def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
+    waits = run(simulator, "ratios", ratios=RATIOS, repeats=4, frames=2)
+    for row in waits:
+        if row["ratio"] <= 0.8:
+            assert max(row["write"][1], row["read"][1], row["frame"][1]) <= 1, row
+
+
+def test_a_slow_reader_sees_whole_frames_and_is_told_what_it_missed(simulator: str) -> None:
+    # A frame of 4 slots is 38 bytes: at 8 clocks a bit a read lasts 2700 clocks, ten frames.
+    run(simulator, "slow_reader", slowness=8, reads=4)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cut_transactions_write_nothing(simulator: str, seed: int) -> None:
+    run(simulator, "cuts", seed=seed, cuts=60)
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str, seed: int) -> None:
+    transactions = 600 if simulator == "verilator" else 200
+    run(simulator, "traffic", seed=seed, transactions=transactions, slowest=0.7, weights=WEIGHTS)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""dermis_top through its pins: clock, what stands for the analog side, and the registers as a model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import cocotb
+import numpy as np
+from cocotb.clock import Clock
+from cocotb.triggers import First, RisingEdge, Timer, ValueChange
+from rtl_reference import AnalogColumns, Duty, code, ones
+
+from dermis import register_map as rm
+from dermis.spi_protocol import SLOT_DARK, Frame
+
+CLOCK_PS = 200_000
+"""5 MHz."""
+
+Levels = Callable[[int, int], int]
+"""(number of the frame, row) -> comparators while that row is driven, a bit vector."""
+
+
+class Chip:
+    """Clock, reset and analog side of dermis_top; the SPI pins are left to a client.
+
+    Parameters
+    ----------
+    dut : cocotb handle
+    parameters : mapping
+        Those of dermis_top.
+    levels : callable, optional
+        Comparators that stand still during a slot: a column at 1 counts every second sample. Fast, and exact.
+    x : [rows][cols] of Duty, optional
+        Duties for charge-balance columns instead.
+    """
+
+    def __init__(
+        self,
+        dut: Any,
+        parameters: Mapping[str, int],
+        levels: Levels | None = None,
+        x: Sequence[Sequence[Duty]] | None = None,
+        clock_ps: int = CLOCK_PS,
+    ) -> None:
+        self.dut, self.clock_ps = dut, clock_ps
+        self.rows, self.cols = parameters["ROWS"], parameters["COLS"]
+        self.code_bits = parameters.get("CODE_BITS", 8)
+        self.levels = levels or (lambda _frame, row: row * 0x55 + 1)
+        self.x = [[tuple(d) for d in row] for row in x] if x else None
+        self.frame = 0
+        self.broken_rows = 0
+        dut.rst_ni.value = 0
+        dut.enable_i.value = 0
+        dut.comp_async_i.value = 0
+        dut.row_sense_i.value = 0
+        for task in (self._count_frames, self._follow_rows):
+            cocotb.start_soon(task())
+        if self.x:
+            cocotb.start_soon(self._charge_balance())
+        else:
+            Clock(dut.clk_i, clock_ps, "ps").start()
+
+    async def clocks(self, count: float) -> None:
+        """Wait so many clock periods."""
+        await Timer(int(count * self.clock_ps), "ps")
+
+    async def reset(self, enable: bool = True) -> None:
+        """Power up."""
+        self.dut.rst_ni.value = 0
+        await self.clocks(3.3)
+        self.dut.rst_ni.value = 1
+        self.frame = 0
+        self.dut.enable_i.value = int(enable)
+        await self.clocks(4)
+
+    async def _count_frames(self) -> None:
+        while True:
+            await RisingEdge(self.dut.frame_start_o)
+            self.frame += 1
+            self._drive()
+
+    async def _follow_rows(self) -> None:
+        dut = self.dut
+        changes = [ValueChange(dut.row_select_o), ValueChange(dut.test_current_o)]
+        while True:
+            await First(*changes)
+            self._drive()
+
+    def _drive(self) -> None:
+        driven, test_current = self._level(self.dut.row_select_o), self._level(self.dut.test_current_o)
+        self.dut.row_sense_i.value = driven & ~self.broken_rows
+        if self.x is None:
+            level = self.levels(self.frame, driven.bit_length() - 1) if driven else 0
+            self.dut.comp_async_i.value = (level | test_current) & ((1 << self.cols) - 1)
+
+    @staticmethod
+    def _level(handle: Any) -> int:
+        """Value of an output; nothing is driven before the first reset has told the flops."""
+        value = handle.value
+        return int(value) if value.is_resolvable else 0
+
+    async def _charge_balance(self) -> None:
+        """The clock with ideal converters around it, half a clock at a time."""
+        # The comparators move a nanosecond in front of the edge that samples them, not with it.
+        dut, before = self.dut, Timer(1, "ns")
+        half, rest = Timer(self.clock_ps // 2, "ps"), Timer(self.clock_ps // 2 - 1000, "ps")
+        analog = AnalogColumns(self.x)
+        dut.clk_i.value = 0
+        await half
+        while True:
+            dut.clk_i.value = 1
+            await half
+            rows, preset = self._level(dut.row_select_o), self._level(dut.preset_o)
+            analog.half_clock(rows, preset, self._level(dut.charge_o))
+            dut.clk_i.value = 0
+            await rest
+            analog.half_clock(rows, preset, self._level(dut.charge_o))
+            dut.comp_async_i.value = analog.comparators()
+            await before
+
+    def expected(
+        self,
+        number: int,
+        gate: int,
+        row_mask: int | None = None,
+        dark: bool = False,
+        pedestal_mode: int = 0,
+        pedestals: Sequence[int] | None = None,
+    ) -> Frame:
+        """What frame `number` must hold."""
+        full = 2**self.code_bits - 1
+        mask = (1 << self.rows) - 1 if row_mask is None else row_mask
+        rows = [r for r in range(self.rows) if mask >> r & 1]
+        counts = [[0] * self.cols] * dark + [self._counts(number, r, gate) for r in rows]
+        off = np.zeros((len(counts), self.cols), dtype=np.int64)
+        if pedestal_mode == 1:
+            off[int(dark) :] = pedestals
+        net = np.array(counts) - off
+        return Frame(
+            number=number,
+            cols=self.cols,
+            code_bits=self.code_bits,
+            gate_clocks=gate,
+            slots=(SLOT_DARK,) * dark + tuple(rows),
+            codes=np.clip(net, 0, full).astype(np.uint16),
+            overflow=net > full,
+            dark=dark,
+            pedestal_mode=pedestal_mode,
+        )
+
+    def _counts(self, number: int, row: int, gate: int) -> list[int]:
+        most = 2 ** (self.code_bits + 1) - 1
+        if self.x is not None:
+            return [min(most, sum(ones(x, gate))) for x in self.x[row]]
+        level = self.levels(number, row)
+        return [min(most, (gate + 1) // 2) if level >> c & 1 else 0 for c in range(self.cols)]
+
+
+class RegisterModel:
+    """The registers that a host can write, as the map says."""
+
+    def __init__(self, rows: int, cols: int, code_bits: int, resets: Mapping[str, int]) -> None:
+        self.bits: dict[int, int] = {}  # address -> bits that exist and stay as written
+        self.read_only: set[int] = set()
+        self.values: dict[int, int] = {}
+        for name, register in rm.REGISTERS.items():
+            for n, exist in enumerate(register.words(rows, cols, code_bits)):
+                address = register.address + n
+                if register.writable:
+                    self.bits[address] = register.writable & exist
+                    self.values[address] = resets.get(name, register.reset) & exist
+                else:
+                    self.read_only.add(address)
+
+    def exists(self, address: int) -> bool:
+        """Whether a read is answered."""
+        return address in self.bits or address in self.read_only
+
+    def write(self, address: int, value: int) -> bool:
+        """Write; False where the chip refuses."""
+        if address not in self.bits:
+            return False
+        self.values[address] = value & self.bits[address]
+        return True
+
+
+def reset_values(parameters: Mapping[str, int]) -> dict[str, int]:
+    """Reset values that follow from the parameters of dermis_top, reckoned apart from the map's expressions."""
+    full = 2 ** parameters.get("CODE_BITS", 8)
+    return {
+        "SETTLE": parameters["SETTLE_CLOCKS"],
+        "GATE": parameters["GATE_CLOCKS"],
+        "DARK_MAX": full // 32,
+        "FULL_MIN": full - full // 16,
+    }
+
+
+def exact_codes(x: Sequence[Sequence[Duty]], gate: int, code_bits: int) -> list[list[int]]:
+    """Codes of an array by the charge balance."""
+    return [[code(d, gate, code_bits) for d in row] for row in x]
