@@ -204,13 +204,15 @@ def _tools() -> dict[str, str]:
     }
 
 
-def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: str | None) -> str:
+def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: Sequence[str]) -> str:
     values = {**proof.parameters, **(proof.small if mode != "prove" else {})}
     parameters = " ".join(f"-chparam {key} {value}" for key, value in values.items())
     # Covers and counterexamples are searched clock by clock: neither needs an invariant.
     engine = "smtbmc z3"
-    if proof.engine == "pdr" and mode != "cover":
-        engine = "abc pdr" if mode == "prove" else "abc bmc3"
+    if mode == "prove" and proof.engine == "pdr":
+        engine = "abc pdr"
+    elif mode in ("bmc", "theorems"):
+        mode, engine = "bmc", "abc bmc3"
     lines = ["[options]", f"mode {mode}", f"timeout {int(proof.limit_s)}"]
     if engine.startswith("abc"):
         lines.append("aigsmt z3")
@@ -223,11 +225,9 @@ def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: 
     lines += [f"hierarchy -check -top {proof.check} {parameters}", "proc", "flatten"]
     lines += [f"connect -set {wire} {inside}" for wire, inside in proof.taps.items()]
     lines.append(f"prep -top {proof.check}")
-    if only is None and mode == "prove":
-        lines.append(f"chformal -assert -remove {proof.check}/never_*")
-    elif only is not None:
-        # The counterexample must be one of this theorem, also where another one fails earlier.
-        lines.append(f"chformal -assert -remove {proof.check}/* {proof.check}/{only} %d")
+    # A search must find a counterexample of this theorem, also where another one, or a lemma, fails earlier.
+    keep = " ".join(f"{proof.check}/{label} %d" for label in only)
+    lines.append(f"chformal -assert -remove {proof.check}/{'* ' + keep if only else 'never_*'}")
     lines += ["[files]", *(str(path) for path in sources)]
     lines += [str(path) for path in sorted((ROOT / "rtl").glob("*.vh"))]
     return "\n".join(lines) + "\n"
@@ -246,7 +246,8 @@ def run(
     Parameters
     ----------
     proof : Proof
-    mode : "prove", "cover" or "bmc"
+    mode : "prove", "cover", "bmc" or "theorems"
+        The last is a search for a counterexample of any theorem.
     fault : Fault, optional
         Put into a copy of the source first.
     rtl : Path
@@ -261,7 +262,7 @@ def run(
     InputError
         A tool is missing, or the text that a fault replaces is not there once.
     """
-    tools = _tools()
+    _tools()
     name = f"{proof.name}.{fault.name if fault else mode}{suffix}"
     work = ROOT / "build" / where / name
     shutil.rmtree(work, ignore_errors=True)
@@ -283,15 +284,19 @@ def run(
     depth = {
         "prove": proof.depth,
         "cover": proof.cover_depth,
+        "theorems": proof.cover_depth,
         "bmc": (fault.depth if fault else 0) or proof.cover_depth,
     }[mode]
+    only = [fault.breaks] if fault else list(proof.theorems) if mode == "theorems" else []
     job = work / f"{proof.check}.sby"
-    job.write_text(
-        _script(
-            proof, mode, depth, [ROOT / PLACE / f"{proof.check}.v", *sources], fault.breaks if fault else None
-        )
-    )
-    options = [word for option, path in tools.items() for word in (f"--{option}", path)]
+    job.write_text(_script(proof, mode, depth, [ROOT / PLACE / f"{proof.check}.v", *sources], only))
+    return run_sby(job, work, proof.limit_s)
+
+
+def run_sby(job: Path, work: Path, limit_s: float) -> Outcome:
+    """Run one job file of sby in `work`; it ends within its limit, whatever it started."""
+    options = [word for option, path in _tools().items() for word in (f"--{option}", path)]
+    work.mkdir(parents=True, exist_ok=True)
     command = [
         str(Path(sys.executable).parent / "yowasp-sby"),
         *options,
@@ -316,7 +321,7 @@ def run(
             start_new_session=True,
         )
         try:
-            child.wait(proof.limit_s + GRACE_S)
+            child.wait(limit_s + GRACE_S)
         except subprocess.TimeoutExpired:
             pass
         finally:
