@@ -151,14 +151,19 @@ class Pins:
         self.received += back
         return back
 
-    async def run(self, transaction: Transaction[Result]) -> Result:
-        """A whole transaction, with CS around it."""
-        await self.select()
+    async def answer(self, transaction: Transaction[Result]) -> Result:
+        """A transaction while CS is low; it stays low."""
         try:
             send = next(transaction)
             while True:
                 send = transaction.send(await self.exchange(send))
         except StopIteration as done:
             return done.value
+
+    async def run(self, transaction: Transaction[Result]) -> Result:
+        """A whole transaction, with CS around it."""
+        await self.select()
+        try:
+            return await self.answer(transaction)
         finally:
             await self.deselect()

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about the host's side of the SPI protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dermis import spi_protocol as spi
+
+
+def answering(answer: bytes) -> Callable[[bytes], bytes]:
+    """An exchange that gives nothing during the command, then `answer`, then zeros."""
+    left = bytearray(answer)
+    commanded = False
+
+    def exchange(data: bytes) -> bytes:
+        nonlocal commanded
+        if not commanded:
+            commanded = True
+            return bytes(len(data))
+        got = bytes(left[: len(data)])
+        del left[: len(data)]
+        return got + bytes(len(data) - len(got))
+
+    return exchange
+
+
+def test_the_crcs_are_those_of_the_catalogue() -> None:
+    assert spi.crc8(b"123456789") == 0xF4
+    assert spi.crc16(b"123456789") == 0x29B1
+    assert spi.crc16(b"123456789" + bytes((0x29, 0xB1))) == 0
+
+
+def test_commands_are_these_bytes() -> None:
+    assert spi.write_command(0x04, 0x0073) == bytes.fromhex("02040073d9")
+    assert spi.read_command(0x80) == b"\x03\x80"
+    assert spi.frame_command() == b"\x0b"
+
+
+@pytest.mark.parametrize("waits", [0, 1, 7])
+def test_an_answer_is_found_behind_any_number_of_wait_bytes(waits: int) -> None:
+    assert spi.run(spi.write_register(4, 115), answering(bytes(waits) + b"\x5a")) == waits
+    good = b"\xa5\x12\x34" + bytes((spi.crc8((3, 9, 0x12, 0x34)),))
+    assert spi.run(spi.read_register(9), answering(bytes(waits) + good)) == 0x1234
+
+
+@pytest.mark.parametrize(
+    ("token", "error"),
+    [
+        (0xE0, spi.UnknownCommand),
+        (0xE1, spi.BadCommandCrc),
+        (0xE2, spi.Busy),
+        (0xE3, spi.NoSuchRegister),
+        (0xFF, spi.BadToken),
+        (0xA5, spi.BadToken),
+    ],
+)
+def test_each_refusal_is_an_error_of_its_own(token: int, error: type[spi.SpiError]) -> None:
+    with pytest.raises(error):
+        spi.run(spi.write_register(4, 1), answering(bytes((0, token))))
+
+
+def test_silence_ends() -> None:
+    with pytest.raises(spi.NoAnswer):
+        spi.run(spi.read_register(0, wait_limit=20), answering(b""))
+
+
+def test_a_damaged_answer_is_no_value() -> None:
+    with pytest.raises(spi.BadAnswerCrc):
+        spi.run(spi.read_register(9), answering(b"\xa5\x12\x34\x00"))
+    # The right bytes of another register: the address is under the CRC.
+    with pytest.raises(spi.BadAnswerCrc):
+        spi.run(spi.read_register(8), answering(b"\xa5\x12\x34" + bytes((spi.crc8((3, 9, 0x12, 0x34)),))))
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> spi.Frame:
+    cols, code_bits = draw(st.integers(1, 20)), draw(st.integers(1, 16))
+    slots = draw(
+        st.lists(st.sampled_from([*range(128), *spi.SPECIAL_SLOTS]), min_size=1, max_size=6, unique=True)
+    )
+    seed = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    return spi.Frame(
+        number=draw(st.integers(0, 65535)),
+        cols=cols,
+        code_bits=code_bits,
+        gate_clocks=draw(st.integers(0, 65535)),
+        slots=tuple(slots),
+        codes=seed.integers(0, 2**code_bits, (len(slots), cols)).astype(np.uint16),
+        overflow=seed.random((len(slots), cols)) < 0.3,
+        test=draw(st.booleans()),
+        pedestal_mode=draw(st.integers(0, 2)),
+        dark=draw(st.booleans()),
+        fault=draw(st.booleans()),
+    )
+
+
+@given(frames())
+def test_a_packed_frame_is_read_as_it_was(frame: spi.Frame) -> None:
+    data = spi.pack_frame(frame)
+    assert len(data) == spi.frame_bytes(len(frame.slots), frame.cols, frame.code_bits)
+    got = spi.run(spi.read_frame(), answering(b"\x00\xa5" + len(data).to_bytes(2, "big") + data))
+    for field in dataclasses.fields(spi.Frame):
+        assert np.array_equal(getattr(got, field.name), getattr(frame, field.name)), field.name
+    assert set(got.rows()) == {s for s in frame.slots if s < 128}
+
+
+@given(frames(), st.data())
+def test_no_burst_of_errors_up_to_16_bits_passes(frame: spi.Frame, data: st.DataObject) -> None:
+    packed = int.from_bytes(raw := spi.pack_frame(frame), "big")
+    burst = data.draw(st.integers(1, 0xFFFF))
+    place = data.draw(st.integers(0, 8 * len(raw) - burst.bit_length()))
+    with pytest.raises(spi.BadFrameCrc):
+        spi.parse_frame((packed ^ burst << place).to_bytes(len(raw), "big"))
+
+
+def sealed(body: bytes) -> bytes:
+    return body + spi.crc16(body).to_bytes(2, "big")
+
+
+def test_what_is_no_frame_is_refused_by_kind() -> None:
+    header = bytes((1, 0, 0, 1, 2, 8, 1, 0xFE))
+    slot = bytes((3, 10, 20, 0))
+    assert spi.parse_frame(sealed(header + slot)).slot(3).tolist() == [10, 20]
+    with pytest.raises(spi.EmptyFrame):
+        spi.parse_frame(b"")
+    for length in ((header + slot)[:-1], header, header + slot + b"\x04", b"\x01"):
+        with pytest.raises(spi.BadFrameLength):
+            spi.parse_frame(sealed(length))
+    wrong = [
+        b"\x02" + header[1:] + slot,  # another format
+        bytes((1, 0x20)) + header[2:] + slot,  # a flag there is not
+        header[:4] + b"\x00" + header[5:] + slot,  # no columns
+        header[:5] + b"\x11" + header[6:] + slot,  # 17 bits
+        header + bytes((0x80, 10, 20, 0)),  # a slot there is not
+        header + slot + slot,  # a row twice
+        header + bytes((3, 10, 20, 4)),  # overflow of a third column
+        header[:5] + b"\x04" + header[6:] + slot,  # codes above 4 bits
+    ]
+    for body in wrong:
+        with pytest.raises(spi.BadFrameFormat):
+            spi.parse_frame(sealed(body))
+    with pytest.raises(KeyError):
+        spi.parse_frame(sealed(header + slot)).slot(4)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about dermis_spi and dermis_crc8 alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rtl_run import simulate
+
+from dermis.design import ROOT
+
+
+def test_every_command_and_every_answer(simulator: str) -> None:
+    simulate(simulator, "bench_spi", "dermis_spi", "commands", {}, {"seed": 1, "rounds": 15})
+
+
+def test_a_request_that_never_comes_back_blocks_nothing(simulator: str) -> None:
+    simulate(simulator, "bench_spi", "dermis_spi", "busy")
+
+
+def test_no_part_of_a_command_is_one(simulator: str) -> None:
+    simulate(simulator, "bench_spi", "dermis_spi", "bits_and_resets")
+
+
+def test_crc8(simulator: str) -> None:
+    simulate(simulator, "bench_crc8", "dermis_crc8", "every_pair")
+
+
+FAULTS = {
+    "no look at the CRC": (
+        "commands",
+        "assign crc_good     = (byte_in == crc_q);",
+        "assign crc_good     = 1'b1;",
+    ),
+    "the payload of a busy command": ("busy", "if (state_q == OPCODE) busy_q <= ~request_idle;", ""),
+    "another's grant is taken": (
+        "busy",
+        "state_d = hold_idle ? FRAME_CLAIMED : FRAME_CLAIM;",
+        "state_d = FRAME_CLAIMED;",
+    ),
+    "the rest of a command behind a reset": ("bits_and_resets", "if (!begun_q) ", "if (1'b0) "),
+    "CIPO with the rising edge": ("commands", "always @(negedge sck_i", "always @(posedge sck_i"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_checks_see(fault: str, tmp_path: Path) -> None:
+    testcase, right, wrong = FAULTS[fault]
+    text = (ROOT / "rtl" / "dermis_spi.v").read_text()
+    assert text.count(right) == 1
+    trap = tmp_path / "dermis_spi.v"
+    trap.write_text(text.replace(right, wrong))
+    with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
+        simulate("icarus", "bench_spi", "dermis_spi", testcase, {}, {"seed": 1, "rounds": 3}, trap=trap)
