@@ -9,7 +9,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,18 @@ import click
 from dermis import hdl, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
+from dermis.hdl import run_logged
 from dermis.synth import default_size, place, technologies
 from dermis.synth_cells import OSU035, TECHNOLOGIES, Technology
-from dermis.synth_map import TOP, Netlist, Size, map_design
+from dermis.synth_map import TOP, Netlist, Size, map_once
 from dermis.verdict import Row
 
 BENCHES = ROOT / "tb" / "rtl"
 PIN_BENCH = "bench_gate_level"
+TOP_BENCH = "bench_top"
+# The longest takes a fifth of it on an idle machine.
+RUN_LIMIT_S = 300.0
+WHOLE_LIMIT_S = 1200.0
 # A gate of 16 clocks instead of 510: the netlist's counters count all the same, and Icarus is done in seconds.
 SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 
@@ -81,6 +86,7 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
 class Design:
     """What a bench runs on: files and parameters of dermis_top; no files: those of rtl/files.f."""
 
+    name: str
     sources: tuple[Path, ...] | None
     parameters: Mapping[str, int]
 
@@ -88,57 +94,67 @@ class Design:
 def netlist_design(netlist: Netlist) -> Design:
     """A netlist with its cells; its parameters are fixed."""
     cells = cell_models(netlist.technology, netlist.kinds, netlist.directory / "cells.v")
-    return Design((cells, netlist.verilog), {})
+    return Design(f"the netlist in {netlist.technology.name}", (cells, netlist.verilog), {})
 
 
-def run_bench(design: Design, module: str, testcase: str, scenario: Mapping[str, Any]) -> Any:
-    """Run one cocotb test on Icarus; return what it reported.
+def run_bench(
+    design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
+) -> Any:
+    """Run one cocotb test on Icarus, in a process of its own; return what it reported.
 
     Raises
     ------
     SimulatorError
-        The build failed, or the test failed or did not run.
+        The build failed, the test failed, did not run or took too long.
     """
-    from cocotb_tools.check_results import get_results
-    from cocotb_tools.runner import get_runner
-
-    sys.path[:0] = [
-        p
-        for p in [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir())]
-        if p not in sys.path
-    ]
     build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
     runs = ROOT / "build" / "gl" / "runs"
     runs.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f"{module}-{testcase}-", dir=runs))
-    result, xml, log = work / "result.json", work / "results.xml", work / "sim.log"
+    result, log = work / "result.json", work / "sim.log"
+    request = {"module": module, "testcase": testcase, "build": str(build), "work": str(work)}
+    request["environment"] = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
+    file = work / "request.json"
+    file.write_text(json.dumps(request))
+    what = f"{module}.{testcase} on {design.name}"
+    run_logged([sys.executable, "-m", "dermis.gate_level", str(file)], work, log, limit_s, what)
+    from cocotb_tools.check_results import get_results
+
     try:
-        get_runner("icarus").test(
-            test_module=module,
-            hdl_toplevel=TOP,
-            hdl_toplevel_lang="verilog",
-            testcase=testcase,
-            build_dir=build,
-            test_dir=work,
-            results_xml=str(xml),
-            seed=1,
-            timescale=("1ns", "1ps"),
-            log_file=log,
-            extra_env={"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)},
-        )
-        ran, failed = get_results(xml)
-    except (RuntimeError, SystemExit, OSError) as error:
-        raise SimulatorError(f"{module}.{testcase}: {one_line(str(error))}", log) from None
+        ran, failed = get_results(work / "results.xml")
+    except (RuntimeError, OSError) as error:
+        raise SimulatorError(f"{what} left no results: {one_line(str(error))}", log) from None
     if ran != 1 or failed:
-        raise SimulatorError(f"{module}.{testcase}: {ran} ran, {failed} failed", log)
+        raise SimulatorError(f"{what}: {ran} ran, {failed} failed", log)
     reported = json.loads(result.read_text()) if result.exists() else None
     shutil.rmtree(work)
     return reported
 
 
+def _run_request(file: Path) -> None:
+    """The child of `run_bench`: cocotb's runner, which knows no time limit."""
+    from cocotb_tools.runner import get_runner
+
+    request = json.loads(file.read_text())
+    # A plain `python -m` has the directory it was started in on its path.
+    sys.path[:] = [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir()), *sys.path]
+    get_runner("icarus").test(
+        test_module=request["module"],
+        hdl_toplevel=TOP,
+        hdl_toplevel_lang="verilog",
+        testcase=request["testcase"],
+        build_dir=request["build"],
+        test_dir=request["work"],
+        results_xml=str(Path(request["work"]) / "results.xml"),
+        seed=1,
+        timescale=("1ns", "1ps"),
+        extra_env=request["environment"],
+    )
+
+
 def pin_rows(netlist: Netlist, size: Size, suffix: str, scenario: Mapping[str, Any] = SCENARIO) -> list[Row]:
     """Judge the same stimulus on the Verilog and on the netlist: frames, registers, every pin in every clock."""
-    wanted = run_bench(Design(None, size.parameters), PIN_BENCH, "reads_frames", scenario)
+    wanted = run_bench(Design("the Verilog", None, size.parameters), PIN_BENCH, "reads_frames", scenario)
     got = run_bench(netlist_design(netlist), PIN_BENCH, "reads_frames", scenario)
     unlike = sum(
         abs(len(a) - len(b)) // 2
@@ -160,34 +176,102 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, scenario: Mapping[str, A
     ]
 
 
-# Tests of tb/rtl/top that use nothing but pins: (module, test, scenario).
-TOP_TESTS: Sequence[tuple[str, str, Mapping[str, Any]]] = ()
+@dataclass(frozen=True)
+class TopTest:
+    """A test of tb/rtl/top/bench_top.py: it uses pins only, and says what it found."""
+
+    testcase: str
+    scenario: Mapping[str, Any]
 
 
-def top_rows(netlist: Netlist, suffix: str, tests: Sequence[tuple[str, str, Mapping[str, Any]]]) -> list[Row]:
-    """Judge the tests of the top on the netlist: how many fail."""
-    design = netlist_design(netlist)
+# A small array with short slots, on which every test of the top runs in seconds.
+SMALL = Size(4, 5)
+SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
+
+
+def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
+    """Duties c/510 of columns in charge balance: with a gate of 510 clocks each must read c."""
+    last = 2**size.code_bits - 1
+    x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
+    return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz})
+
+
+def small_tests() -> list[TopTest]:
+    """All tests of the top, as tb/rtl/top/test_top.py runs them."""
+    ratios = [0.02, 0.1, 0.25, 0.5, 0.8, 0.95, 1.0, 1.05, 2.0, 5.0, 10.0]
+    return [
+        _charge_balance(SMALL, 510, 2.5e6),
+        TopTest("registers", {}),
+        TopTest("configuration", {}),
+        TopTest("self_test", {}),
+        TopTest("ratios", {"ratios": ratios, "repeats": 4, "frames": 2}),
+        TopTest("slow_reader", {"slowness": 8, "reads": 4}),
+        TopTest("cuts", {"seed": 1, "cuts": 60}),
+        TopTest(
+            "traffic",
+            {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]},
+        ),
+    ]
+
+
+def whole_tests(size: Size) -> list[TopTest]:
+    """The tests that the full array is given: its codes, and its registers."""
+    return [_charge_balance(size, 510, 2.5e6), TopTest("registers", {})]
+
+
+def top_rows(
+    netlist: Netlist,
+    parameters: Mapping[str, int],
+    suffix: str,
+    tests: Sequence[TopTest],
+    limit_s: float = RUN_LIMIT_S,
+) -> list[Row]:
+    """Judge the tests of the top on the netlist: how many fail, and how many say something else than on the Verilog."""
+    designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
     failed: list[str] = []
-    for module, testcase, scenario in tests:
+    unlike: list[str] = []
+    for test in tests:
+        scenario = {"parameters": dict(parameters), **test.scenario}
         try:
-            run_bench(design, module, testcase, scenario)
+            wanted, got = (
+                run_bench(design, TOP_BENCH, test.testcase, scenario, limit_s) for design in designs
+            )
         except SimulatorError as error:
             failed.append(str(error))
-    note = failed[0] if failed else f"{len(tests)} tests passed"
-    return [verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300))]
+            continue
+        if wanted != got:
+            unlike.append(f"{test.testcase}: {one_line(str(got), 100)}, not {one_line(str(wanted), 100)}")
+    note = failed[0] if failed else f"{', '.join(test.testcase for test in tests)}"
+    return [
+        verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300)),
+        verdict.judge(f"gl.unlike_results.{suffix}", len(unlike), one_line("; ".join(unlike), 300)),
+    ]
 
 
-def gate_level(technology: Technology, size: Size, *, top_tests: bool = True) -> list[Row]:
-    """Map a size and run the benches on its netlist."""
-    suffix = f"{technology.name}.{size.name}"
-    rows: list[Row] = []
+def _attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
     try:
-        netlist = map_design(technology, size.parameters, place(technology, size))
-        rows += pin_rows(netlist, size, suffix)
-        if top_tests and TOP_TESTS:
-            rows += top_rows(netlist, suffix, TOP_TESTS)
+        rows += work()
     except SimulatorError as error:
-        rows.append(verdict.error(f"gl.failed_tests.{suffix}", one_line(str(error), 300)))
+        rows.append(verdict.error(name, one_line(str(error), 300)))
+
+
+def gate_level(technology: Technology, size: Size) -> list[Row]:
+    """Run all benches: every test of the top on a small netlist, the pins, codes and registers of the whole one."""
+    rows: list[Row] = []
+
+    def small() -> list[Row]:
+        parameters = SMALL.parameters | SMALL_SLOTS
+        netlist = map_once(technology, parameters, place(technology, SMALL, "_gl"))
+        return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", small_tests())
+
+    def whole() -> list[Row]:
+        suffix = f"{technology.name}.{size.name}"
+        netlist = map_once(technology, size.parameters, place(technology, size, "_gl"))
+        made = pin_rows(netlist, size, suffix)
+        return made + top_rows(netlist, size.parameters, suffix, whole_tests(size), WHOLE_LIMIT_S)
+
+    _attempt(rows, f"gl.failed_tests.{technology.name}.{SMALL.name}", small)
+    _attempt(rows, f"gl.failed_tests.{technology.name}.{size.name}", whole)
     return rows
 
 
@@ -207,3 +291,7 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool) 
     verdict.write_rows("gl", judged)
     verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
     return verdict.exit_code(judged)
+
+
+if __name__ == "__main__":
+    _run_request(Path(sys.argv[1]))

@@ -27,7 +27,7 @@ class Technology:
     latch : the library's latch, of which there is one in every dermis_tech_latch
     buffer : cell, input pin, output pin; drives up to `fanout` inputs
     driver : cell that ABC takes as the driver of every flip-flop output and input pin
-    load_ff : load ABC takes behind every output
+    load_ff : load ABC takes behind every output: a flop's input and its wire
     wire_ff, wire_ff_per_sink : stated capacitance of a net before there is a layout: its first and each further sink
     tie_high, tie_low : cell and pin of a constant; None where the library has no such cell and constants stay
     dont_use : cells of the Liberty that mapping must leave alone
@@ -74,6 +74,11 @@ class Technology:
         """The Verilog that stands in the place of rtl/dermis_tech_latch.v."""
         return SYNTH / self.name / "dermis_tech_latch.v"
 
+    def functions(self) -> list[Path]:
+        """Verilog of cells whose Liberty Yosys does not read rightly, each file named like its cell."""
+        own = self.latch_source()
+        return sorted(path for path in own.parent.glob("*.v") if path != own)
+
 
 # Wire capacitance: about 0.2 fF a um on thin metal in both, and 40 um (0.13 um rules) or 100 um (0.35 um rules) to the
 # next sink of a block of some thousand cells. A guess until there is a layout; docs/synthesis.md shows what it moves.
@@ -86,7 +91,7 @@ TECHNOLOGIES: Mapping[str, Technology] = {
         latch="sky130_fd_sc_hd__dlrtn_1",
         buffer=("sky130_fd_sc_hd__buf_4", "A", "X"),
         driver="sky130_fd_sc_hd__inv_2",
-        load_ff=30.0,
+        load_ff=10.0,
         wire_ff=8.0,
         wire_ff_per_sink=8.0,
         tie_high=("sky130_fd_sc_hd__conb_1", "HI"),
@@ -103,7 +108,7 @@ TECHNOLOGIES: Mapping[str, Technology] = {
         latch="LATCH",
         buffer=("BUFX4", "A", "Y"),
         driver="INVX2",
-        load_ff=100.0,
+        load_ff=35.0,
         wire_ff=20.0,
         wire_ff_per_sink=20.0,
         tie_high=None,

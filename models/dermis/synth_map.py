@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -195,7 +196,7 @@ def map_design(
     name = "hierarchical" if hierarchical else "netlist"
     counts = directory / f"{name}_latches.txt"
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
-    for stale in (counts, netlist.verilog, netlist.json):
+    for stale in (counts, netlist.verilog, netlist.json, directory / "made_from"):
         stale.unlink(missing_ok=True)
     abc = (
         "strash;ifraig;scorr;dc2;strash;&get,-n;&dch,-f;&nf;&put;"
@@ -242,6 +243,29 @@ def map_design(
         raise SimulatorError("Yosys did not count latches", directory / f"{name}.log")
     netlist.inferred_latches = int(inferred.group(1))
     read_netlist(netlist, top, library)
+    return netlist
+
+
+def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
+    """Changes with whatever a netlist depends on."""
+    digest = hashlib.sha256(json.dumps([technology.name, dict(parameters)], sort_keys=True).encode())
+    headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
+    own = [Path(__file__), technology.latch_source(), technology.liberty(technology.corners[0])]
+    for path in [*rtl_sources(), *headers, *own]:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def map_once(technology: Technology, parameters: Mapping[str, int], directory: Path) -> Netlist:
+    """As `map_design`, but what lies in the directory already is taken if it was made from the same things."""
+    mark, key = directory / "made_from", _key(technology, parameters)
+    netlist = Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
+    if mark.is_file() and mark.read_text() == key and netlist.verilog.is_file() and netlist.json.is_file():
+        read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
+        return netlist
+    mark.unlink(missing_ok=True)
+    netlist = map_design(technology, parameters, directory)
+    mark.write_text(key)
     return netlist
 
 

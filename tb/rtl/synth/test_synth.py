@@ -55,6 +55,25 @@ def added(text: str) -> Edit:
     return lambda verilog: verilog.replace("endmodule", f"{text}\nendmodule")
 
 
+def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(synth, "place", lambda technology, size, what="": tmp_path / f"{size.name}{what}")
+    outcome = synth.synthesise(OSU035, SIZE, blocks=False)
+    assert [row for row in outcome.rows if row["status"] != "PASS"] == []
+    names = status(outcome.rows)
+    assert {
+        "latch_count_error",
+        "unreset_flop_error",
+        "not_equivalent",
+        "setup_slack_ns",
+        "hold_slack_ns",
+    } <= set(names)
+    assert outcome.flat is not None
+    assert outcome.flat.unreset == SIZE.memory_bits
+    assert outcome.flat.fanout[0] > 4
+
+
 def test_a_block_passes_every_count(tmp_path: Path) -> None:
     made = block(tmp_path)
     assert set(judged(made).values()) == {"PASS"}
@@ -68,6 +87,18 @@ def test_the_latch_of_the_synchronizer_is_the_library_s(tmp_path: Path) -> None:
     assert set(judged(made, latches=1).values()) == {"PASS"}
     # Liberty says 0 of it; its LEF does not.
     assert areas(OSU035, cells(OSU035.liberty("typical")))["LATCH"] == pytest.approx(11.2 * 20)
+
+
+@pytest.mark.parametrize(("module", "latch", "flop"), [(COUNTER, 0, "dfrtp_1"), (SYNC, 1, "dfrtp_1")])
+def test_a_block_maps_to_sky130_and_is_proved_equal(
+    tmp_path: Path, module: str, latch: int, flop: str
+) -> None:
+    sky130 = TECHNOLOGIES["sky130"]
+    made = map_design(sky130, {}, tmp_path, top=module)
+    assert made.kinds["sky130_fd_sc_hd__dlrtn_1"] == made.latches == latch
+    assert made.kinds[f"sky130_fd_sc_hd__{flop}"] == made.flops
+    assert set(judged(made, latches=latch).values()) == {"PASS"}
+    assert prove(sky130, {}, made.verilog, made.json, tmp_path / "proof", top=module).proved is True
 
 
 def test_an_inferred_latch_is_seen(tmp_path: Path) -> None:

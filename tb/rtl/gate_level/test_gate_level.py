@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about `dermis gl`: a small netlist does on its pins what the Verilog does, and a fault in it is seen."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from dermis import gate_level, verdict
+from dermis.errors import InputError, SimulatorError
+from dermis.synth_cells import TECHNOLOGIES
+from dermis.synth_map import Netlist, Size, map_design
+
+pytestmark = pytest.mark.timeout(240)
+OSU035 = TECHNOLOGIES["osu035"]
+SIZE = Size(2, 2, sync_latch=True)
+
+
+@pytest.fixture(scope="module")
+def netlist(tmp_path_factory: pytest.TempPathFactory) -> Netlist:
+    return map_design(OSU035, SIZE.parameters, tmp_path_factory.mktemp("netlist"))
+
+
+def status(rows: list[verdict.Row]) -> dict[str, str]:
+    return {row["name"].split(".")[1]: row["status"] for row in rows}
+
+
+def changed(netlist: Netlist, directory: Path, pattern: str, new: str) -> Netlist:
+    """The netlist with one change."""
+    text, number = re.subn(pattern, new, netlist.verilog.read_text(), count=1)
+    assert number == 1, pattern
+    wrong = directory / "wrong.v"
+    wrong.write_text(text)
+    return dataclasses.replace(netlist, verilog=wrong)
+
+
+def test_the_netlist_does_on_its_pins_what_the_verilog_does(netlist: Netlist) -> None:
+    rows = gate_level.pin_rows(netlist, SIZE, "x")
+    assert status(rows) == {"unlike_codes": "PASS", "unlike_pins": "PASS", "unknown_pins": "PASS"}
+    said = next(row["note"] for row in rows if "unlike_codes" in row["name"])
+    assert said.startswith(f"{sum_of_bytes(rows)} bytes of 4 frames")
+
+
+def sum_of_bytes(rows: list[verdict.Row]) -> int:
+    """A frame of two rows, one with a dark slot and a self-test frame are at least this long."""
+    octets = int(rows[0]["note"].split()[0])
+    assert octets >= 4 * (10 + 2 * 4)
+    return octets
+
+
+def test_a_flop_that_is_not_reset_shows_as_unknown(netlist: Netlist, tmp_path: Path) -> None:
+    # The output register of a row line, its reset pin tied off.
+    wrong = changed(netlist, tmp_path, r"(\.Q\(row_select_o\[0\]\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)")
+    assert status(gate_level.pin_rows(wrong, SIZE, "x"))["unknown_pins"] == "FAIL"
+
+
+def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(netlist: Netlist, tmp_path: Path) -> None:
+    swapped = r"(\.Q\(preset_o\),\s*)\.R\(([^)]*)\),(\s*)\.S\(([^)]*)\)"
+    wrong = changed(netlist, tmp_path, swapped, r"\1.R(\4),\3.S(\2)")
+    assert status(gate_level.pin_rows(wrong, SIZE, "x"))["unlike_pins"] == "FAIL"
+
+
+def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlist, tmp_path: Path) -> None:
+    # A gate of 510 clocks, so that a frame is read before the next but one.
+    x = [[(1, 510), (1, 3)], [(0, 1), (1, 2)]]
+    tests = [gate_level.TopTest("client", {"x": x, "gate": 510, "sck_hz": 5e6})]
+    rows = gate_level.top_rows(netlist, SIZE.parameters, "x", tests)
+    assert status(rows) == {"failed_tests": "PASS", "unlike_results": "PASS"}
+    # CIPO stuck: no answer ever comes.
+    wrong = changed(netlist, tmp_path, r"\.D\([^)]*\)(,\s*\.Q\(spi_cipo_o\))", r".D(1'h0)\1")
+    rows = gate_level.top_rows(wrong, SIZE.parameters, "x", tests)
+    assert status(rows)["failed_tests"] == "FAIL"
+
+
+def test_a_simulation_that_does_not_end_is_an_error(netlist: Netlist) -> None:
+    with pytest.raises(SimulatorError, match="took more than"):
+        gate_level.run_bench(
+            gate_level.netlist_design(netlist),
+            gate_level.PIN_BENCH,
+            "reads_frames",
+            gate_level.SCENARIO,
+            limit_s=0.1,
+        )
+
+
+def test_models_of_sky130_cells_are_collected_once_each(tmp_path: Path) -> None:
+    kinds = ["sky130_fd_sc_hd__dfrtp_1", "sky130_fd_sc_hd__dfrtn_1", "sky130_fd_sc_hd__nand2_1"]
+    text = gate_level.cell_models(TECHNOLOGIES["sky130"], kinds, tmp_path / "cells.v").read_text()
+    for kind in kinds:
+        assert len(re.findall(rf"^module {kind}\b", text, re.MULTILINE)) == 1
+    assert len(re.findall(r"^primitive \S*udp_dff\$PR ", text, re.MULTILINE)) == 1
+    with pytest.raises(InputError, match="nosuch"):
+        gate_level.cell_models(TECHNOLOGIES["sky130"], ["sky130_fd_sc_hd__nosuch_1"], tmp_path / "cells.v")
