@@ -31,7 +31,7 @@ ELSEWHERE = {
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
     "gl": ("dermis.gate_level", "The cocotb tests of the top on the mapped netlist."),
-    "liberty": ("dermis.liberty", "Liberty of the SKY130 cells in use, from their SPICE netlists."),
+    "liberty": ("dermis.liberty", "Make, or check, the Liberty files of the SKY130 cells."),
     "mutate": ("dermis.mutate", "Mutants of the RTL against its tests, proofs and an equivalence check."),
     "plan": (
         "dermis.plan_table",
@@ -151,11 +151,11 @@ def run(
 
 @cli.command()
 def lint() -> int:
-    """Lint the Verilog with Icarus, Verilator and Yosys, and its real-number models with the first two."""
+    """Lint the Verilog and its wrapper with Icarus, Verilator and Yosys, the real-number models with the first two."""
     from dermis import lint as linter
     from dermis import verdict
 
-    rows = linter.run_lint() + linter.lint_models()
+    rows = linter.run_lint() + linter.lint_wrapper() + linter.lint_models()
     verdict.write_rows("lint", rows)
     verdict.print_rows(rows, "Lint of rtl/ and models/verilog/")
     return verdict.exit_code(rows)

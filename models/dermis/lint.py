@@ -21,9 +21,11 @@ ROOT = Path(__file__).resolve().parents[2]
 TOP = "dermis_top"
 FILE_LIST = "rtl/files.f"
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
-TIME_LIMIT_S = 180.0  # the slowest, Yosys at 128 x 128, takes 10 s; a tool that hangs is an ERROR row, not a hang
+TIME_LIMIT_S = (
+    180.0  # the slowest, Yosys at 128 x 128, takes 10 s; a tool that hangs is an ERROR row, not a hang
+)
 
-# Width arithmetic goes wrong at the ends: one row, one column, one bit, the shortest slot, no power of two, most of all.
+# Width arithmetic goes wrong at the ends: one row, one column, one bit, the shortest slot, no power of two, the most.
 CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "sync_ff": {"SYNC_LATCH": 0},
     "sync_latch": {"SYNC_LATCH": 1},
@@ -44,6 +46,8 @@ CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     },
     "128x128_16bit": {"ROWS": 128, "COLS": 128, "CODE_BITS": 16, "SYNC_LATCH": 0},
 }
+
+WRAPPER = ("rtl/harden/dermis_analog_front_end.v", "rtl/harden/user_analog_project_wrapper.v")
 
 # The real-number models of models/verilog with the chip below them; bits of EFFECTS are in values.vh.
 MODELS_FILE_LIST = "models/verilog/files.f"
@@ -343,6 +347,42 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
     for tool in (_lint_icarus, _lint_verilator, _lint_yosys):
         for configuration in configurations or CONFIGURATIONS:
             rows += tool(root, configuration, CONFIGURATIONS[configuration])
+    return rows
+
+
+def lint_wrapper(root: Path = ROOT) -> list[dict[str, Any]]:
+    """The Caravel-style wrapper of rtl/harden, with and without power pins, in all three tools; rows as `run_lint`."""
+    place = verilator_root()
+    sources = " ".join([*(str(s.relative_to(root)) for s in rtl_sources(root)), *WRAPPER])
+    includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
+    top = Path(WRAPPER[-1]).stem
+    rows = []
+    for form, define in (("wrapper", []), ("wrapper_power_pins", ["-DUSE_POWER_PINS"])):
+        with tempfile.TemporaryDirectory() as scratch:
+            out, counts = Path(scratch) / "design.vvp", Path(scratch) / "counts.json"
+            command = [_tool("iverilog"), "-g2005", "-Wall", *define, "-o", str(out), "-s", top]
+            icarus = _run([*command, "-c", FILE_LIST, *WRAPPER], root)
+            made = out.is_file() and f'"{top}"' in out.read_text()
+            script = [
+                f"read_verilog {includes} {' '.join(define)} {sources}",
+                f"hierarchy -check -top {top}",
+                "proc",
+                "check -assert",
+                f"tee -q -o {counts} stat -json",
+            ]
+            yosys = _run([_tool("yosys"), "-Q", "-T", "-p", "; ".join(script)], root)
+            counted = counts.is_file()
+        command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", *define, "--top-module", top]
+        verilator = _run([*command, WAIVERS, "-f", FILE_LIST, *WRAPPER], root, {"VERILATOR_ROOT": str(place)})
+        done = bool(_VERILATOR_DONE.search(verilator.output))
+        said = [line for line in icarus.output.splitlines() if line.strip()]
+        warned = list(dict.fromkeys(_YOSYS_MESSAGE.findall(yosys.output)))
+        complaints = _VERILATOR_MESSAGE.findall(verilator.output)
+        rows += [
+            _message_row(f"lint.icarus.{form}", icarus, said, made),
+            _message_row(f"lint.verilator.{form}", verilator, complaints, done),
+            _message_row(f"lint.yosys.{form}", yosys, warned, counted),
+        ]
     return rows
 
 

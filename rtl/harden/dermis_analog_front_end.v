@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// Black box of the analog front end: row drivers, and a channel (conveyor, mirror, charge-balance converter) a column.
+// Interface: the pins of row_driver, mirror and channel_conveyor_mirror in spice/behavioural, a bus where there is one of each a row or
+// column; d_range is d_k1, d_k0 of each column. d_test and d_sense have no circuit in spice/ yet (docs/handover.md).
+// Timing: comp is asynchronous; d_row, d_preset and d_charge come from registers of dermis_top.
+// Why empty: the layout is drawn, not synthesized; a LEF and a GDS of the same pins take its place.
+`default_nettype none
+
+(* blackbox *)
+module dermis_analog_front_end #(
+  parameter ROWS = 8,
+  parameter COLS = 8
+) (
+`ifdef USE_POWER_PINS
+  inout  wire              vdd,
+  inout  wire              vss,
+  inout  wire              vdd_d,
+  inout  wire              vss_d,
+`endif
+  inout  wire [ROWS-1:0]   row,
+  inout  wire [COLS-1:0]   col,
+  inout  wire              vbias,
+  inout  wire              ibias,
+  input  wire [ROWS-1:0]   d_row,
+  output wire [ROWS-1:0]   d_sense,
+  input  wire              d_preset,
+  input  wire [COLS-1:0]   d_charge,
+  input  wire [2*COLS-1:0] d_range,
+  input  wire [COLS-1:0]   d_test,
+  output wire [COLS-1:0]   comp
+);
+endmodule
+
+`default_nettype wire
