@@ -78,7 +78,8 @@ class OtherSide:
 async def start(dut: Any) -> tuple[Pins, OtherSide]:
     """Power up."""
     dut.rst_ni.value = 0
-    host, other = Pins(dut, PERIOD_PS, prefix=""), OtherSide(dut)
+    mode = scenario().get("mode", 0)
+    host, other = Pins(dut, PERIOD_PS, prefix="", mode=mode), OtherSide(dut)
     await Timer(PERIOD_PS, "ps")
     dut.rst_ni.value = 1
     await Timer(PERIOD_PS, "ps")

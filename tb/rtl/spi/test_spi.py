@@ -12,7 +12,11 @@ from dermis.design import ROOT
 
 
 def test_every_command_and_every_answer(simulator: str) -> None:
-    simulate(simulator, "bench_spi", "dermis_spi", "commands", {}, {"seed": 1, "rounds": 15})
+    simulate(simulator, "bench_spi", "dermis_spi", "commands", {}, {"seed": 1, "rounds": 8})
+
+
+def test_mode_3_works_as_well() -> None:
+    simulate("icarus", "bench_spi", "dermis_spi", "commands", {}, {"seed": 2, "rounds": 4, "mode": 3})
 
 
 def test_a_request_that_never_comes_back_blocks_nothing(simulator: str) -> None:
