@@ -84,6 +84,8 @@ class Proof:
         Of the checker; `small` ones take their place in covers and faults, which are searched clock by clock.
     also : sequence of mappings
         Further sizes that it is proved at, each in a run of its own.
+    models : sequence of str
+        Modules below rtl/formal that stand for cells of the same name.
     engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
     depth : int
         Clocks of the induction; of a search for a counterexample where a fault gives none.
@@ -103,6 +105,7 @@ class Proof:
     parameters: Mapping[str, int] = field(default_factory=dict)
     small: Mapping[str, int] = field(default_factory=dict)
     also: Sequence[Mapping[str, int]] = ()
+    models: Sequence[str] = ()
     engine: str = "induction"
     depth: int = 4
     cover_depth: int = 20
@@ -268,6 +271,7 @@ def run(
     shutil.rmtree(work, ignore_errors=True)
     (work / "sources").mkdir(parents=True)
     sources = [rtl / f"{module}.v" for module in proof.modules]
+    sources += [ROOT / PLACE / f"{module}.v" for module in proof.models]
     if fault is not None and fault.module:
         path = rtl / f"{fault.module}.v"
         text = path.read_text()
