@@ -94,7 +94,7 @@ NAMES: tuple[str, ...] = tuple(
     nand2_1 nand2_2 nand2_4 nand3_1 nand4_1 nand2b_1 nor2_1 nor2_2 nor2_4 nor3_1 nor4_1 nor2b_1
     and2_1 and3_1 and2b_1 or2_1 or3_1 or2b_1 xor2_1 xnor2_1
     a21oi_1 a21o_1 o21ai_1 o21a_1 a22oi_1 a22o_1 o22ai_1 a31oi_1 o31ai_1 a211oi_1 o211ai_1 a221oi_1
-    mux2_1 mux4_1 maj3_1 conb_1
+    mux2_1 maj3_1 conb_1
     dfrtp_1 dfrtn_1 dfstp_1 dfxtp_1 dlrtn_1
     """.split()
 )
