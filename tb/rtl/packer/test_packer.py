@@ -13,7 +13,7 @@ from rtl_run import ROOT, simulate
 pytestmark = pytest.mark.timeout(120)
 
 DARK, FULL_EVEN = 0xF1, 0xF2
-SIZES = [(16, 8), (1, 1), (5, 10), (3, 16), (9, 4)]
+SIZES = [(9, 8), (1, 1), (16, 16), (5, 10)]
 
 Row = dict[str, Any]
 
@@ -134,15 +134,24 @@ def frames_of(rows: list[Row]) -> list[list[Row]]:
 
 
 def row_of(slot: int, counts: list[int], first: int, last: int, **more: Any) -> Row:
+    """A row of nine columns, the last ones empty."""
+    counts = [*counts, *[0] * (9 - len(counts))]
     return {"slot_i": slot, "counts": counts, "first_i": first, "last_i": last, "gate_clocks_i": 510, **more}
 
 
+def slots_of(frame: list[int], columns: int) -> list[list[int]]:
+    """Number, first codes and overflow bits of each slot of a frame of nine columns of a byte."""
+    body = frame[8:-2]
+    assert len(body) % 12 == 0
+    slots = [body[n : n + 12] for n in range(0, len(body), 12)]
+    return [[s[0], *s[1 : 1 + columns], s[10] | s[11] << 8] for s in slots]
+
+
 def test_overflow_bit_says_that_a_corrected_count_does_not_fit_its_code(simulator: str) -> None:
-    counts = [255, 256, 511, 300, 0, 10, 265, 266]
-    pedestals = [0, 0, 255, 45, 5, 10, 10, 10]
-    more = {"pedestals": pedestals, "pedestal_mode_i": 1}
-    result = run(simulator, [row_of(0, counts, 1, 1, **more)], 8, 8)
-    assert result["frames"][0][8:-2] == [0, 255, 255, 255, 255, 0, 0, 255, 255, 0b10000110]
+    counts = [255, 256, 511, 300, 0, 10, 265, 266, 511]
+    more = {"pedestals": [0, 0, 255, 45, 5, 10, 10, 10, 0], "pedestal_mode_i": 1}
+    result = run(simulator, [row_of(0, counts, 1, 1, **more)], 9, 8)
+    assert slots_of(result["frames"][0], 9) == [[0, 255, 255, 255, 255, 0, 0, 255, 255, 255, 0b110000110]]
 
 
 def test_the_last_dark_slot_is_the_pedestal_of_rows_until_the_next_and_of_no_special_slot(
@@ -158,32 +167,32 @@ def test_the_last_dark_slot_is_the_pedestal_of_rows_until_the_next_and_of_no_spe
         row_of(1, [5, 5, 5], 1, 1, **auto),
         row_of(1, [5, 5, 5], 1, 1),
     ]
-    result = run(simulator, rows, 3, 8)
-    slots = [frame[8:-2] for frame in result["frames"]]
-    assert slots == [
-        [DARK, 3, 255, 0, 0b010, 7, 7, 145, 5, 0],
-        [9, 0, 1, 5, 0, FULL_EVEN, 9, 9, 9, 0],
-        [DARK, 1, 2, 3, 0],
-        [1, 4, 3, 2, 0],
-        [1, 5, 5, 5, 0],
+    result = run(simulator, rows, 9, 8)
+    assert [slots_of(frame, 3) for frame in result["frames"]] == [
+        [[DARK, 3, 255, 0, 0b010], [7, 7, 145, 5, 0]],
+        [[9, 0, 1, 5, 0], [FULL_EVEN, 9, 9, 9, 0]],
+        [[DARK, 1, 2, 3, 0]],
+        [[1, 4, 3, 2, 0]],
+        [[1, 5, 5, 5, 0]],
     ]
 
 
 def test_the_pedestal_mode_changes_between_frames_only_and_3_is_none(simulator: str) -> None:
+    fours = {"pedestals": [4] * 9}
     rows = [
-        row_of(0, [9], 1, 0, pedestals=[4], pedestal_mode_i=1),
-        row_of(1, [9], 0, 1, pedestals=[4], pedestal_mode_i=0),
-        row_of(0, [9], 1, 1, pedestals=[4], pedestal_mode_i=3),
+        row_of(0, [9], 1, 0, pedestal_mode_i=1, **fours),
+        row_of(1, [9], 0, 1, pedestal_mode_i=0, **fours),
+        row_of(0, [9], 1, 1, pedestal_mode_i=3, **fours),
     ]
-    result = run(simulator, rows, 1, 1 + 7)
-    assert [f[1] for f in result["frames"]] == [0b010, 0]
-    assert [f[8:-2] for f in result["frames"]] == [[0, 5, 0, 1, 5, 0], [0, 9, 0]]
+    result = run(simulator, rows, 9, 8)
+    assert [frame[1] for frame in result["frames"]] == [0b010, 0]
+    assert [slots_of(f, 1) for f in result["frames"]] == [[[0, 5, 0], [1, 5, 0]], [[0, 9, 0]]]
 
 
 def test_a_frame_that_is_cut_never_ends_and_the_next_is_whole(simulator: str) -> None:
     rows = [row_of(0, [1, 2], 1, 0), row_of(1, [3, 4], 0, 0), row_of(0, [5, 6], 1, 1)]
-    result = run(simulator, rows, 2, 8)
-    assert result["frames"] == pack(rows, 2, 8)
+    result = run(simulator, rows, 9, 8)
+    assert result["frames"] == pack(rows, 9, 8)
     assert result["frames"][0][2:4] == [0, 2]
 
 

@@ -82,7 +82,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("how", BROKEN)
-def test_a_broken_counter_is_named(simulator: str, how: str, tmp_path: Path) -> None:
+def test_a_broken_counter_is_named(how: str, tmp_path: Path) -> None:
     old, new, wanted = BROKEN[how]
     text = (ROOT / "rtl" / "dermis_reader.v").read_text()
     assert text.count(old) == 1
@@ -94,7 +94,7 @@ def test_a_broken_counter_is_named(simulator: str, how: str, tmp_path: Path) -> 
     )
     wrong = tmp_path / "reader_broken_counter.v"
     wrong.write_text(text)
-    [found] = self_test(simulator, NO_SENSOR, [{}], trap=wrong)
+    [found] = self_test("icarus", NO_SENSOR, [{}], trap=wrong)
     assert found == wanted
 
 
