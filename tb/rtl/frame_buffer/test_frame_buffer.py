@@ -33,6 +33,10 @@ def test_ready_waiting_and_lost(simulator: str) -> None:
     simulate(simulator, "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE)
 
 
+def test_the_count_of_lost_frames_stops_at_its_end() -> None:
+    simulate("verilator", "bench_frame_buffer", "dermis_frame_buffer", "many_lost", SIZE)
+
+
 # CS always seen a clock late: the worst that a metastable flop may do to the order of CS and claim.
 LATE = """
 module late_sync (input wire clk_i, input wire rst_ni, input wire d_i, output wire q_o);
