@@ -99,7 +99,7 @@ FAULTS = {
     "mirror_in_time": ("mirror_lag", r"out_q_lag_c=1e-10", ""),
     "leak_outwards": ("mux_leakage", r"(ileak\d) 0 (col\d)", r"\1 \2 0"),
     "columns_without_capacitance": ("line_capacitance", r"(ccolumn\d \S+ 0) 1e-06", r"\1 1e-12"),
-    "ripple_out_of_phase": ("supply_ripple", r"(vbias .*) 29\.99\d*\)", r"\1 210.0)"),
+    "ripple_out_of_phase": ("supply_ripple", r"(vbias .*) 30\.2\d*\)", r"\1 210.0)"),
     "motion_backwards": (
         "motion",
         r"i = v\((.*)\)\*\((\S+) \+ \((\S+)\)\*time\)",
