@@ -86,6 +86,8 @@ class Proof:
         Further sizes that it is proved at, each in a run of its own.
     models : sequence of str
         Modules below rtl/formal that stand for cells of the same name.
+    search : "abc" or "z3"
+        What looks for counterexamples of faults: abc is quicker, but takes neither memories nor undefined bits.
     engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
     depth : int
         Clocks of the induction; of a search for a counterexample where a fault gives none.
@@ -106,6 +108,7 @@ class Proof:
     small: Mapping[str, int] = field(default_factory=dict)
     also: Sequence[Mapping[str, int]] = ()
     models: Sequence[str] = ()
+    search: str = "abc"
     engine: str = "induction"
     depth: int = 4
     cover_depth: int = 20
@@ -179,7 +182,7 @@ def proofs(root: Path = ROOT) -> dict[str, Proof]:
 
 def labels(text: str, kind: str) -> list[str]:
     """The labels of the assertions (`kind` "assert") or covers of a checker's source."""
-    return re.findall(rf"^\s*(\w+)\s*:\s*{kind}\s*\(", text, re.MULTILINE)
+    return re.findall(rf"\b(\w+)\s*:\s*{kind}\s*\(", text)
 
 
 def _tools() -> dict[str, str]:
@@ -215,7 +218,7 @@ def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: 
     if mode == "prove" and proof.engine == "pdr":
         engine = "abc pdr"
     elif mode in ("bmc", "theorems"):
-        mode, engine = "bmc", "abc bmc3"
+        mode, engine = "bmc", "smtbmc z3" if proof.search == "z3" else "abc bmc3"
     lines = ["[options]", f"mode {mode}", f"timeout {int(proof.limit_s)}"]
     if engine.startswith("abc"):
         lines.append("aigsmt z3")
@@ -358,11 +361,11 @@ def _row(name: str, seconds: float | None, limit_s: float, status: str, note: st
     }
 
 
-def prove(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
+def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
     """Rows of the theorems of one proof: PASS proved at every size, FAIL with a counterexample, ERROR neither."""
     sizes = [proof.parameters, *({**proof.parameters, **size} for size in proof.also)]
     outcomes = [
-        run(dataclasses.replace(proof, parameters=size), rtl=rtl, suffix=f"_{n}")
+        run(dataclasses.replace(proof, parameters=size), rtl=rtl, where=where, suffix=f"_{n}")
         for n, size in enumerate(sizes)
     ]
     seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
@@ -387,7 +390,7 @@ def prove(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
     return rows
 
 
-def cover(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
+def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
     """One row: how many of the checker's covers are reached; one that is not makes a theorem vacuous.
 
     Where states lie too deep for the clock-by-clock search of sby's covers, the checker claims instead that they are
@@ -401,14 +404,14 @@ def cover(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
     if error:
         notes.append("the checker has no cover")
     if wanted:
-        outcome = run(proof, "cover", rtl=rtl)
+        outcome = run(proof, "cover", rtl=rtl, where=where)
         seconds += outcome.seconds
         reached += len(wanted) if outcome.status == "PASS" else outcome.covered
         error |= outcome.status not in ("PASS", "FAIL")
         notes += [outcome.note] if outcome.note else []
     for label in never:
         fault = Fault(name=label, module="", old="", new="", breaks=label, depth=proof.cover_depth)
-        outcome = run(proof, "bmc", fault, rtl=rtl)
+        outcome = run(proof, "bmc", fault, rtl=rtl, where=where)
         seconds += outcome.seconds
         reached += outcome.status == "FAIL" and label in outcome.failed
         error |= outcome.status not in ("PASS", "FAIL")
@@ -426,9 +429,11 @@ def cover(proof: Proof, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
     return [{**row, "status": status, "note": note}]
 
 
-def break_it(proof: Proof, fault: Fault, rtl: Path = ROOT / "rtl") -> list[verdict.Row]:
+def break_it(
+    proof: Proof, fault: Fault, rtl: Path = ROOT / "rtl", where: str = "formal"
+) -> list[verdict.Row]:
     """One row: PASS when the seeded fault gives a counterexample of the theorem that it was made for."""
-    outcome = run(proof, "bmc", fault, rtl=rtl)
+    outcome = run(proof, "bmc", fault, rtl=rtl, where=where)
     name = f"formal.{proof.name}.fault.{fault.name}"
     traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:

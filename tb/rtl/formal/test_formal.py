@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims about `dermis formal`: theorems stand in their checkers, faults break them, and no answer is not a proof."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from dermis import formal
+from dermis.design import ROOT
+from dermis.errors import InputError
+
+pytestmark = pytest.mark.timeout(150)
+PROOFS = formal.proofs()
+QUICK = [(proof, fault) for proof in PROOFS.values() for fault in proof.faults if fault.quick]
+
+
+@pytest.mark.parametrize("name", PROOFS)
+def test_each_theorem_is_an_assertion_and_each_assertion_a_theorem_or_a_lemma(name: str) -> None:
+    proof = PROOFS[name]
+    text = (ROOT / formal.PLACE / f"{proof.check}.v").read_text()
+    asserted = formal.labels(text, "assert")
+    assert len(asserted) == len(re.findall(r"\bassert\s*\(", text)), "an assertion without a label"
+    named = {label for label in asserted if not label.startswith(("lemma_", "never_"))}
+    assert named == set(proof.theorems)
+    never = [label for label in asserted if label.startswith("never_")]
+    assert formal.labels(text, "cover") or never
+
+
+@pytest.mark.parametrize("name", PROOFS)
+def test_each_proof_has_faults_and_each_stands_once_in_its_module(name: str) -> None:
+    proof = PROOFS[name]
+    assert proof.faults
+    for fault in proof.faults:
+        assert fault.breaks in proof.theorems
+        assert fault.module in proof.modules
+        text = (ROOT / "rtl" / f"{fault.module}.v").read_text()
+        assert text.count(fault.old) == 1, fault.name
+        assert fault.new != fault.old
+
+
+def test_no_checker_is_left_out_of_the_table() -> None:
+    found = {path.stem for path in (ROOT / formal.PLACE).glob("check_*.v")}
+    assert found == {proof.check for proof in PROOFS.values()}
+    assert {path.stem for path in (ROOT / formal.PLACE / "faults").glob("*.toml")} <= set(PROOFS)
+
+
+def test_a_proof_passes_by_induction() -> None:
+    rows = formal.prove(PROOFS["counter"], where="formal_test")
+    assert {row["status"] for row in rows} == {"PASS"}
+    assert len(rows) == len(PROOFS["counter"].theorems)
+    log = (ROOT / "build" / "formal_test" / "counter.prove_0" / "sby.log").read_text()
+    assert "successful proof by k-induction" in log
+
+
+@pytest.mark.parametrize(("proof", "fault"), QUICK, ids=[f"{p.name}.{f.name}" for p, f in QUICK])
+def test_seeded_fault_gives_a_counterexample(proof: formal.Proof, fault: formal.Fault) -> None:
+    (row,) = formal.break_it(proof, fault, where="formal_test")
+    assert row["status"] == "PASS", row["note"]
+
+
+def test_a_fault_that_changes_nothing_is_a_miss() -> None:
+    fault = formal.Fault(
+        "nothing", "dermis_sync_ff", "assign sample_d =", "assign  sample_d =", "no_two_ones"
+    )
+    (row,) = formal.break_it(PROOFS["sync_ff"], fault, where="formal_test")
+    assert row["status"] == "FAIL"
+    assert row["note"] == "the fault is not seen"
+
+
+def test_a_cover_that_is_not_reached_is_a_miss() -> None:
+    shallow = dataclasses.replace(PROOFS["sync_ff"], cover_depth=2)
+    (row,) = formal.cover(shallow, where="formal_test")
+    assert row["status"] == "FAIL"
+    assert row["value"] < row["min"]
+
+
+@pytest.mark.parametrize(
+    ("text", "status"),
+    [
+        ("", "TIMEOUT"),
+        ("Status: passed\n", "TIMEOUT"),
+        ("DONE (UNKNOWN, rc=4)", "UNKNOWN"),
+        ("DONE (ERROR, rc=16)", "ERROR"),
+        ("DONE (PASS, rc=0)", "PASS"),
+    ],
+)
+def test_only_the_last_word_of_the_tool_counts(text: str, status: str) -> None:
+    assert formal._outcome(text, 1.0, Path("work")).status == status
+
+
+def test_a_run_without_an_answer_is_an_error_for_every_theorem(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = formal.Outcome("TIMEOUT", (), 1.0, ROOT / "build", "")
+    monkeypatch.setattr(formal, "run", lambda *_, **__: said)
+    assert {row["status"] for row in formal.prove(PROOFS["counter"])} == {"ERROR"}
+    assert formal.cover(PROOFS["counter"])[0]["status"] == "ERROR"
+
+
+def test_a_name_that_no_proof_has_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match="counter") as caught:
+        formal.chosen(["nonsense"])
+    assert "\n" not in str(caught.value)
