@@ -32,8 +32,8 @@ from dermis.lint import TOP, rtl_sources
 EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
 KINDS = ("line", "toggle")
 RUN_LIMIT_S = 1500.0
-SIZES = ("ROWS", "COLS", "CODE_BITS")
-"""Points of other sizes than the default are not asked for: bit 63 of a row mask is there only at 64 rows."""
+SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
+"""The size at which the top is tested. Its points are asked for: bit 63 of a row mask is there only at 64 rows."""
 
 
 class Point(NamedTuple):
@@ -128,7 +128,7 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
-    """Sum what the runs left in `place`: points of the top at its default sizes, reached by any run at any size."""
+    """Sum what the runs left in `place`: points of the top at `SIZES`, reached by any run at any size."""
     modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()
@@ -137,7 +137,7 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
         about = json.loads(run.read_text())
         data = run.with_suffix(".dat")
         counts = read(data, modules)
-        if about["top"] == TOP and not set(about["parameters"]) & set(SIZES):
+        if about["top"] == TOP and SIZES.items() <= about["parameters"].items():
             asked |= counts.keys()
         reached.update({point: count for point, count in counts.items() if count})
     listed = list(exclusions)
