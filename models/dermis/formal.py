@@ -23,6 +23,7 @@ import click
 from dermis import verdict
 from dermis.design import ROOT
 from dermis.errors import InputError
+from dermis.files import write_between
 from dermis.hdl import end_session
 
 PLACE = Path("rtl/formal")
@@ -493,6 +494,40 @@ def run_all(
     return rows
 
 
+BEGIN, END = "<!-- dermis formal --docs: begin -->", "<!-- end -->"
+
+
+def table(rows: Sequence[verdict.Row]) -> str:
+    """The tables of docs/formal.md from the rows of a whole run: a theorem stands as proved only if it was."""
+    found = {row["name"]: row for row in rows}
+    lines: list[str] = []
+    for proof in proofs().values():
+        sizes = [proof.parameters, *({**proof.parameters, **size} for size in proof.also)]
+        said = "; ".join(", ".join(f"{key} {value}" for key, value in size.items()) for size in sizes if size)
+        mode = "PDR" if proof.engine == "pdr" else f"induction, {proof.depth} steps"
+        first = found.get(f"formal.{proof.name}.{next(iter(proof.theorems))}")
+        seconds = "not run" if first is None else f"{first['value']:.0f} s"
+        covers = found.get(f"formal.{proof.name}.covers")
+        reached = "not run" if covers is None else f"{covers['value']} of {covers['min']} covers reached"
+        lines += [f"### {proof.name}", ""]
+        lines.append(
+            f"`{'`, `'.join(proof.modules)}`; {said or 'no parameters'}; {mode}; {seconds}; {reached}."
+        )
+        lines += ["", "| theorem | it says | | seeded faults that break it |", "|---|---|---|---|"]
+        for label, claim in proof.theorems.items():
+            row = found.get(f"formal.{proof.name}.{label}")
+            status = {None: "not run", "PASS": "proved"}.get(row and row["status"], "NOT PROVED")
+            seen = []
+            for fault in proof.faults:
+                result = found.get(f"formal.{proof.name}.fault.{fault.name}")
+                if fault.breaks == label:
+                    missed = "" if result is not None and result["status"] == "PASS" else " (NOT SEEN)"
+                    seen.append(f"{fault.name}{missed}")
+            lines.append(f"| {label} | {claim} | {status} | {', '.join(seen)} |")
+        lines.append("")
+    return "\n".join(lines).rstrip()
+
+
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option(
@@ -500,6 +535,7 @@ def run_all(
 )
 @click.option("--proofs", "only", flag_value="proofs", help="Only the proofs and their covers.")
 @click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
+@click.option("--docs", is_flag=True, help="Write the tables of docs/formal.md (with all proofs and faults).")
 @click.option(
     "--rtl",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
@@ -509,10 +545,12 @@ def run_all(
     "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Runs at a time."
 )
 def formal_command(
-    names: tuple[str, ...], only: str | None, listing: bool, rtl: Path | None, workers: int
+    names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path | None, workers: int
 ) -> int:
     """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded faults."""
     which = chosen(names)
+    if docs and (names or only or rtl):
+        raise InputError("command line", "--docs", "a part of the proofs", "all proofs and faults of rtl/")
     if listing:
         for proof in which:
             for label, claim in proof.theorems.items():
@@ -527,4 +565,6 @@ def formal_command(
     )
     verdict.write_rows("formal", rows)
     verdict.print_rows(rows, "Proofs")
+    if docs:
+        write_between(ROOT / "docs" / "formal.md", BEGIN, END, table(rows))
     return verdict.exit_code(rows)
