@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import settling
+from dermis.settling import BRISK_CLOCKS
 from dermis.vfc import W_PRESET, Y_MIN
 
 if TYPE_CHECKING:
@@ -280,6 +282,12 @@ def trace(_: Any, e: Extent) -> Bound:
     return e.amperes(i)
 
 
+def _slowest_clocks(e: Extent) -> float:
+    if not math.isfinite(e.net.r_row_grounded_ohm):
+        return math.inf
+    return settling.slowest_s(e.net) * e.converter.f_clk_hz
+
+
 def line_capacitance(_: Any, e: Extent) -> Bound:
     """What a row slot starts away from rest has decayed when the gate opens, at the slowest rate there can be."""
     net, c = e.net, e.converter
@@ -294,7 +302,9 @@ def line_capacitance(_: Any, e: Extent) -> Bound:
     if tau == 0 and not e.drive.active_fields():
         return Bound(0.0)
     rest = math.exp(-e.settle / c.f_clk_hz / tau) if tau else 0.0
-    if not rest < 0.25:
+    # A slow mirror also keeps what has settled by then, unless lines are so brisk that event lets it pass.
+    kept = c.q_mirror_c.any() and _slowest_clocks(e) > BRISK_CLOCKS
+    if kept or not rest < 0.25:
         return Bound(np.inf)
     volts = 4.0 * (e.v + e.d)
     farads = e.rows * net.c_row_f + e.cols * net.c_column_f + 4 * e.rows * e.cols * net.c_taxel_f

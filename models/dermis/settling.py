@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 _G_MAX_S = 1e4
 # What conducts less takes longer than anything lasts.
 _G_MIN_S = 1e-60
+# Time constant in clocks up to which nobody feels lines settle before the gate: what they hold back is less than this
+# part of what flows in a clock.
+BRISK_CLOCKS = 0.05
 
 
 class Unsupported(ValueError):
@@ -51,10 +54,18 @@ class Transients:
         [frames, rows, cols, modes].
     decay : ndarray
         [frames, rows, modes], the factor from one clock to the next.
+    driven_c : ndarray or None
+        [frames, rows, cols, modes], if asked for: as `charge_c`, in the first clock in which the row is driven.
+    break_c, break_decay : ndarray or None
+        [frames, rows, cols, modes] and [frames, rows, modes], if asked for: the same of the break in front of each
+        row, from its first clock on.
     """
 
     charge_c: Floats
     decay: Floats
+    driven_c: Floats | None = None
+    break_c: Floats | None = None
+    break_decay: Floats | None = None
 
     def per_clock(self, clocks: int) -> Floats:
         """Extra charge in every clock, [frames, rows, cols, clocks], in coulomb."""
@@ -103,6 +114,15 @@ def _tau_by_share(network: Network, g: Floats) -> float:
     return float(max(at_row * to_row.max(), at_column * to_column.max()))
 
 
+def slowest_s(network: Network, g_frames_s: ArrayLike | None = None) -> float:
+    """Bound the slowest time constant that settles a slot in seconds; see bound_c."""
+    if not (network.c_row_f or network.c_column_f or network.c_taxel_f):
+        return 0.0
+    network = in_range(network)
+    g = _frames(network, g_frames_s)
+    return min(_tau_by_sum(network, *_paths(network, g, 1, 1)), _tau_by_share(network, g))
+
+
 def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> Floats:
     """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf where it says nothing.
 
@@ -137,8 +157,8 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
     amplitude += (np.abs(network.i_leak_a) * network.r_column_ohm).sum()
     if not np.isfinite(network.r_row_grounded_ohm) and (g.sum(axis=2) == 0).any():
         amplitude *= 2
-    to_row, to_column = _paths(network, g, 1, 1)
-    tau = min(_tau_by_sum(network, to_row, to_column), _tau_by_share(network, g))
+    to_row, _ = _paths(network, g, 1, 1)
+    tau = slowest_s(network, g)
     if tau == 0.0:
         return np.zeros(cols)
     if tau > 2 * t_start:
@@ -157,7 +177,11 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
 
 
 def transients(
-    network: Network, g_frames_s: ArrayLike | None, timing: Timing, negligible_c: float
+    network: Network,
+    g_frames_s: ArrayLike | None,
+    timing: Timing,
+    negligible_c: float,
+    before_c: float | None = None,
 ) -> Transients | None:
     """Find the exponentials that are left when the gate opens.
 
@@ -171,6 +195,9 @@ def transients(
         ended, after a break in which no row is driven.
     negligible_c : float
         Extra charge in a whole gate that counts as nothing, in coulomb.
+    before_c : float, optional
+        What flows before the gate is asked for as well, and this much of it counts as nothing. It is left out where
+        it cannot be followed and has settled when the gate opens.
 
     Returns
     -------
@@ -183,8 +210,24 @@ def transients(
         The bound does not exclude a transient, and trace resistance is on (every node of every line would
         be a state) or a floating row hangs on capacitances alone.
     """
-    if not (bound_c(network, g_frames_s, timing) > negligible_c).any():
+    settled = not (bound_c(network, g_frames_s, timing) > negligible_c).any()
+    if settled and before_c is None:
         return None
+    try:
+        return _follow(network, g_frames_s, timing, negligible_c, before_c)
+    except Unsupported:
+        if settled:
+            return None
+        raise
+
+
+def _follow(
+    network: Network,
+    g_frames_s: ArrayLike | None,
+    timing: Timing,
+    negligible_c: float,
+    before_c: float | None,
+) -> Transients | None:
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         raise Unsupported(
             "on together with trace, and not settled when the gate opens",
@@ -199,7 +242,7 @@ def transients(
             "grounded rows, lines that settle before the gate, or engine cosim",
         )
     try:
-        return _Slots(in_range(network), g, timing).transients(negligible_c)
+        return _Slots(in_range(network), g, timing).transients(negligible_c, before_c)
     except np.linalg.LinAlgError:
         raise Unsupported(
             "on between conductances too far apart to solve for modes",
@@ -261,66 +304,97 @@ class _Slots:
         matrix[:, nodes, nodes] = np.where(total > 0, total, 1.0)
         return to_source, voltage, matrix
 
-    def transients(self, negligible_c: float) -> Transients | None:
+    def _inflow(self, phase: _Phase) -> Floats:
+        """Current into each column's input for one volt of each mode, [frames, cols, modes].
+
+        What taxel capacitances bring to a column that is held is the change of their charge.
+        """
+        network, rows, cols = self.network, self.network.rows, self.network.cols
+        tau, shape = phase.modes.tau, phase.modes.shape
+        out = np.zeros((self.g.shape[0], cols, tau.shape[1]))
+        held = np.isinf(phase.to_source[rows:])
+        position = {int(node): i for i, node in enumerate(phase.free)}
+        for c in range(cols):
+            if not held[c]:
+                out[:, c] = shape[:, position[rows + c]] * phase.to_source[rows + c]
+        if held.any():
+            live = np.array([i for i, node in enumerate(phase.free) if node < rows], dtype=int)
+            rows_shape = shape[:, live]
+            through = np.matmul(self.g[:, phase.free[live]].transpose(0, 2, 1), rows_shape)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                lag = np.where(phase.lasting, network.c_taxel_f / tau, 0.0)
+            through -= (lag * rows_shape.sum(axis=1))[:, np.newaxis]
+            beside = phase.matrix[:, rows:, rows:][:, held][:, :, ~held]
+            free_columns = np.array([position[rows + c] for c in np.flatnonzero(~held)], dtype=int)
+            out[:, held] = through[:, held] - np.matmul(beside, shape[:, free_columns])
+        return out
+
+    def transients(self, negligible_c: float, before_c: float | None) -> Transients | None:
         network, timing = self.network, self.timing
-        rows, cols, frames = network.rows, network.cols, self.g.shape[0]
         t_clk = 1.0 / timing.f_clk_hz
+        t_break = timing.break_clocks * t_clk
         t_start = (timing.settle_clocks - timing.break_clocks) * t_clk
         t_end = (timing.slot_clocks - timing.break_clocks) * t_clk
         same = network.r_row_driven_ohm == network.r_row_grounded_ohm
-        tau_all, charge_all, size = [], [], 0
+        gate, driven, pause = _Sums(self), _Sums(self), _Sums(self)
         dark: _Phase | None = None
         modes: _Modes | None = None
         voltage_now: Floats | None = None
-        for row in range(rows):
+        for row in range(network.rows):
             phase = self._phase(row, modes)
             modes = phase.modes if same else None
             if voltage_now is None:
                 voltage_now = phase.rest
             elif timing.break_clocks:
                 dark = dark or self._phase(None, modes)
-                voltage_now = dark.after(timing.break_clocks * t_clk, dark.strength(voltage_now))
-            to_source, free, matrix = phase.to_source, phase.free, phase.matrix
-            tau, shape, lasting = phase.modes.tau, phase.modes.shape, phase.lasting
-            strength = phase.strength(voltage_now)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                at_gate = np.where(lasting, strength / tau * np.exp(-t_start / tau), 0.0)
-                decay = np.where(lasting, np.exp(-t_clk / tau), 0.0)
-                lost = np.where(lasting, -tau * np.expm1(-t_clk / tau), 0.0)
-            # Current into each column's input for one volt of each mode; what taxel capacitances bring to a
-            # column that is held is the change of their charge.
-            out = np.zeros((frames, cols, tau.shape[1]))
-            held = np.isinf(to_source[rows:])
-            position = {int(node): i for i, node in enumerate(free)}
-            for c in range(cols):
-                if not held[c]:
-                    out[:, c] = shape[:, position[rows + c]] * to_source[rows + c]
-            live = np.array([i for i, node in enumerate(free) if node < rows], dtype=int)
-            if held.any():
-                rows_shape = shape[:, live]
-                through = np.matmul(self.g[:, free[live]].transpose(0, 2, 1), rows_shape)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    lag = np.where(lasting, network.c_taxel_f / tau, 0.0)
-                through -= (lag * rows_shape.sum(axis=1))[:, np.newaxis]
-                beside = matrix[:, rows:, rows:][:, held][:, :, ~held]
-                free_columns = np.array([position[rows + c] for c in np.flatnonzero(~held)], dtype=int)
-                out[:, held] = through[:, held] - np.matmul(beside, shape[:, free_columns])
-            charge_all.append(out * (at_gate * lost)[:, np.newaxis])
-            tau_all.append(decay)
+                strength = dark.strength(voltage_now)
+                if before_c is not None:
+                    pause.put(row, self._inflow(dark), *dark.clocks(0.0, t_clk, strength))
+                voltage_now = dark.after(t_break, strength)
+            strength, inflow = phase.strength(voltage_now), self._inflow(phase)
+            gate.put(row, inflow, *phase.clocks(t_start, t_clk, strength))
+            if before_c is not None:
+                driven.put(row, inflow, *phase.clocks(0.0, t_clk, strength))
             voltage_now = phase.after(t_end, strength)
-            size = max(size, tau.shape[1])
-        charge, decay = np.zeros((frames, rows, cols, size)), np.zeros((frames, rows, size))
-        for row in range(rows):
-            n = tau_all[row].shape[1]
-            charge[:, row, :, :n], decay[:, row, :n] = charge_all[row], tau_all[row]
-        if not size:
+        # The whole share of each mode; those that share less than all may lose are left out.
+        kept = gate.above(timing.gate_clocks, negligible_c)
+        if before_c is None:
+            return Transients(gate.charge[..., kept], gate.decay[..., kept]) if kept.any() else None
+        kept |= driven.above(timing.slot_clocks, before_c)
+        lasts = pause.above(timing.break_clocks, before_c)
+        if not kept.any() and not lasts.any():
             return None
-        # The whole gate's share of each mode; those that share less than all may lose are left out.
-        whole = (
-            np.abs(charge) * ((1 - decay**timing.gate_clocks) / np.maximum(1 - decay, _EPS))[:, :, np.newaxis]
+        return Transients(
+            gate.charge[..., kept],
+            gate.decay[..., kept],
+            driven.charge[..., kept],
+            pause.charge[..., lasts],
+            pause.decay[..., lasts],
         )
-        kept = (whole > negligible_c / size).any(axis=(0, 1, 2))
-        return Transients(charge[..., kept], decay[..., kept]) if kept.any() else None
+
+
+class _Sums:
+    """Exponentials of every row side by side; rows may have unlike numbers of them."""
+
+    def __init__(self, slots: _Slots) -> None:
+        frames, nodes = slots.g.shape[0], slots.network.rows + slots.network.cols
+        self.charge = np.zeros((frames, slots.network.rows, slots.network.cols, nodes))
+        self.decay = np.zeros((frames, slots.network.rows, nodes))
+        self.size = 0
+
+    def put(self, row: int, inflow: Floats, first: Floats, decay: Floats) -> None:
+        """Take a row's modes: current for one volt of each, its integral over a clock, and what is left then."""
+        count = decay.shape[1]
+        self.charge[:, row, :, :count] = inflow * first[:, np.newaxis]
+        self.decay[:, row, :count] = decay
+        self.size = max(self.size, count)
+
+    def above(self, clocks: int, charge_c: float) -> NDArray[np.bool_]:
+        """Which modes bring more in so many clocks than their part of `charge_c`, somewhere."""
+        whole = (1 - self.decay**clocks) / np.maximum(1 - self.decay, _EPS)
+        return (np.abs(self.charge) * whole[:, :, np.newaxis] > charge_c / max(self.size, 1)).any(
+            axis=(0, 1, 2)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,6 +418,17 @@ class _Phase:
         # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
         moved = np.matmul(voltage - self.rest, self.capacitance)[:, self.free]
         return np.matmul(self.modes.shape.transpose(0, 2, 1), moved[..., np.newaxis])[..., 0]
+
+    def clocks(self, t: float, t_clk: float, strength: Floats) -> tuple[Floats, Floats]:
+        """Integral of each mode over the clock that begins a time t later, and what is left of it a clock later."""
+        tau = self.modes.tau
+        with np.errstate(divide="ignore", invalid="ignore"):
+            decay = np.where(self.lasting, np.exp(-t_clk / tau), 0.0)
+            if t == 0.0:  # whole, however fast it is over
+                return strength * np.where(self.lasting, -np.expm1(-t_clk / tau), 1.0), decay
+            at = np.where(self.lasting, strength / tau * np.exp(-t / tau), 0.0)
+            lost = np.where(self.lasting, -tau * np.expm1(-t_clk / tau), 0.0)
+        return at * lost, decay
 
     def after(self, t: float, strength: Floats) -> Floats:
         """Voltages [frames, nodes] a time t later."""

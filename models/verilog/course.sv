@@ -1,25 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 // The course of one column current: its mean over the clock that leads to the coming edge, and its value where the slot began.
 // Interface: cell_i holds TERMS coefficients of the functions of time in basis_i (drive.sv), then MODES charges that the line capacitances still
-// deliver in the first clock of the gate, then what is left of each a clock later, then with DARK TERMS coefficients for the break behind the row.
-// Why a break is looked at with MEMORY only: the preset holds the integrator, but a slow mirror goes on; without DARK there is no current then.
+// deliver in the first clock of the gate, then what is left of each a clock later. With DARK follow TERMS coefficients for the break behind the row.
+// With FADE the charges are those of the first clock in which the row is driven, and MODES more with what is left of each belong to that break.
+// Why a break is looked at with MEMORY only: the preset holds the integrator, but a slow mirror goes on; without DARK there is no settled current.
 `default_nettype none
 
 module course #(
   parameter TERMS  = 1,
   parameter MODES  = 0,
   parameter MEMORY = 0,
-  parameter DARK   = 0
+  parameter DARK   = 0,
+  parameter FADE   = 0
 ) (
-  input  wire                                     clk_i,
-  input  wire                                     preset_i,
-  input  wire                                     dark_i,
-  input  wire [64*((1+DARK)*TERMS+2*MODES)-1:0]   cell_i,
-  input  wire [64*TERMS-1:0]                      basis_i,
-  input  wire [64*TERMS-1:0]                      basis_begin_i,
-  output real                                     i_mean,
-  output real                                     i_begin
+  input  wire                                            clk_i,
+  input  wire                                            preset_i,
+  input  wire                                            dark_i,
+  input  wire                                            row_start_i,
+  input  wire                                            break_start_i,
+  input  wire [64*((1+DARK)*TERMS+2*(1+FADE)*MODES)-1:0] cell_i,
+  input  wire [64*TERMS-1:0]                             basis_i,
+  input  wire [64*TERMS-1:0]                             basis_begin_i,
+  output real                                            i_mean,
+  output real                                            i_begin
 );
+
+  localparam BEHIND = (1+DARK)*TERMS + 2*MODES;
 
   wire [64*TERMS-1:0] factors;
   real                settled;
@@ -51,13 +57,21 @@ module course #(
     end
     for (k = 0; k < MODES; k = k + 1) begin : gen_mode
       real left_q;
+      real left;
       real sum;
-      always @(posedge clk_i)
-        left_q <= preset_i ? $bitstoreal(cell_i[64*(TERMS+k) +: 64]) : left_q * $bitstoreal(cell_i[64*(TERMS+MODES+k) +: 64]);
+      if (FADE != 0) begin : gen_fade
+        assign left = row_start_i ? $bitstoreal(cell_i[64*(TERMS+k) +: 64]) : break_start_i ? $bitstoreal(cell_i[64*(BEHIND+k) +: 64]) : left_q;
+        always @(posedge clk_i)
+          left_q <= left * (dark_i ? $bitstoreal(cell_i[64*(BEHIND+MODES+k) +: 64]) : $bitstoreal(cell_i[64*(TERMS+MODES+k) +: 64]));
+      end else begin : gen_gate
+        assign left = left_q;
+        always @(posedge clk_i)
+          left_q <= preset_i ? $bitstoreal(cell_i[64*(TERMS+k) +: 64]) : left_q * $bitstoreal(cell_i[64*(TERMS+MODES+k) +: 64]);
+      end
       if (k == 0) begin : gen_first
-        assign sum = left_q;
+        assign sum = left;
       end else begin : gen_next
-        assign sum = gen_mode[k-1].sum + left_q;
+        assign sum = gen_mode[k-1].sum + left;
       end
     end
     if (MEMORY != 0 && DARK == 0) begin : gen_break
@@ -69,7 +83,7 @@ module course #(
     end
     if (MODES > 0) begin : gen_settling
       wire gate;
-      assign gate   = ~preset_i;
+      assign gate   = (FADE != 0) ? 1'b1 : ~preset_i;
       assign i_mean = settled + gate * gen_mode[MODES-1].sum;
     end else begin : gen_settled
       assign i_mean = settled;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What changes in time (supply, motion): the mean of every function of time over each clock of a slot, from basis.bin, which has
 // their values where a row is driven first. A column current is a sum of them with coefficients of its own (course.sv).
-// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock in which row 0 is driven, dark_o while no row is.
+// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock in which row 0 is driven, row_start_o for any row, break_start_o in the first clock
+// of a break, dark_o while no row is driven.
 // Timing: a slot begins with the preset, its row is driven BREAK_CLOCKS later. Of a first slot after a pause only the row is seen.
 `default_nettype none
 
@@ -17,23 +18,25 @@ module drive #(
   output wire [64*TERMS-1:0] basis_o,
   output wire [64*TERMS-1:0] basis_begin_o,
   output wire                frame_start_o,
+  output wire                row_start_o,
+  output wire                break_start_o,
   output wire                dark_o
 );
 
   localparam CLOCK_BITS = $clog2(SLOT_CLOCKS + 1);
 
   wire                  settling;
-  wire                  row_start;
   reg                   preset_q;
   reg                   settling_q;
   reg  [CLOCK_BITS-1:0] clock_q;
   wire [CLOCK_BITS-1:0] now;
 
   assign settling      = preset_i & driven_i;
-  assign row_start     = settling & ~settling_q;
-  assign now           = row_start ? BREAK_CLOCKS[CLOCK_BITS-1:0] : (preset_i & ~preset_q) ? {CLOCK_BITS{1'b0}} : clock_q;
-  assign frame_start_o = row_start & first_row_i;
   assign dark_o        = ~driven_i;
+  assign row_start_o   = settling & ~settling_q;
+  assign break_start_o = preset_i & ~preset_q & dark_o;
+  assign frame_start_o = row_start_o & first_row_i;
+  assign now           = row_start_o ? BREAK_CLOCKS[CLOCK_BITS-1:0] : break_start_o ? {CLOCK_BITS{1'b0}} : clock_q;
 
   initial begin
     preset_q   = 1'b0;

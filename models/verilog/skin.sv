@@ -4,7 +4,7 @@
 // frames.txt has a line a frame: what the chip answered, in hex, from the token to the last byte (docs/spi.md).
 // Why the clock is made here: leaving and entering a Verilator model costs as much as a clock of it. Why with nonblocking assignments: each
 // level of the clock has settled before the next, in any simulator.
-// TERMS, MODES, DARK: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
+// TERMS, MODES, DARK, FADE: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
 `include "dermis_design.vh"
 `include "values.vh"
 `default_nettype none
@@ -22,12 +22,13 @@ module skin #(
   parameter TERMS         = 1,
   parameter MODES         = 0,
   parameter DARK          = 0,
+  parameter FADE          = 0,
   parameter BURST         = `DERMIS_SLOT_CLOCKS
 ) (
   input wire go_i
 );
 
-  localparam CELL     = (1 + DARK)*TERMS + 2*MODES;
+  localparam CELL     = (1 + DARK)*TERMS + 2*(1 + FADE)*MODES;
   localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
   localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
 
@@ -156,6 +157,8 @@ module skin #(
   wire [64*TERMS-1:0] basis_begin;
   wire                frame_start;
   wire                dark;
+  wire                row_start;
+  wire                break_start;
   generate
     if (VARIES) begin : gen_drive
       drive #(.TERMS(TERMS), .SLOT_CLOCKS(SETTLE_CLOCKS + GATE_CLOCKS), .BREAK_CLOCKS(BREAK_CLOCKS)) u_drive (
@@ -166,6 +169,8 @@ module skin #(
         .basis_o       (basis),
         .basis_begin_o (basis_begin),
         .frame_start_o (frame_start),
+        .row_start_o   (row_start),
+        .break_start_o (break_start),
         .dark_o        (dark)
       );
     end else begin : gen_still
@@ -173,6 +178,8 @@ module skin #(
       assign basis_begin = {(64*TERMS){1'b0}};
       assign frame_start = 1'b0;
       assign dark        = 1'b0;
+      assign row_start   = 1'b0;
+      assign break_start = 1'b0;
     end
   endgenerate
 
@@ -188,10 +195,12 @@ module skin #(
       for (v = 0; v < CELL; v = v + 1) begin : gen_cell
         assign i_bits[64*v +: 64] = u_array.i_column[CELL*c + v];
       end
-      course #(.TERMS(TERMS), .MODES(MODES), .MEMORY(MEMORY), .DARK(DARK)) u_course (
+      course #(.TERMS(TERMS), .MODES(MODES), .MEMORY(MEMORY), .DARK(DARK), .FADE(FADE)) u_course (
         .clk_i         (clk),
         .preset_i      (preset),
         .dark_i        (dark),
+        .row_start_i   (row_start),
+        .break_start_i (break_start),
         .cell_i        (i_bits),
         .basis_i       (basis),
         .basis_begin_i (basis_begin),

@@ -15,7 +15,8 @@ module skin_alone #(
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
   parameter MODES         = 0,
-  parameter DARK          = 0
+  parameter DARK          = 0,
+  parameter FADE          = 0
 );
 
   reg go;
@@ -34,7 +35,8 @@ module skin_alone #(
     .EFFECTS       (EFFECTS),
     .TERMS         (TERMS),
     .MODES         (MODES),
-    .DARK          (DARK)
+    .DARK          (DARK),
+    .FADE          (FADE)
   ) u_skin (
     .go_i (go)
   );

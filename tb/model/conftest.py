@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the model tests share: floating point that complains, and scenes written on the spot."""
+"""What the model tests share: floating point that complains, scenes written on the spot, helpers beside it."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 from dermis.design import ROOT
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 
 @pytest.fixture(autouse=True)

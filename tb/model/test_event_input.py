@@ -11,10 +11,11 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
+from lines_reference import charge_reference
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from dermis import auto, scene, settling
+from dermis import auto, bounds, scene, settling
 from dermis import plan as planning
 from dermis.array import Network, column_currents
 from dermis.design import ROOT
@@ -169,9 +170,12 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
         for row in range(3):
             # The input is the mean of each clock, as everywhere; the mirror's equation is solved by a library.
             x = np.maximum(slots.basis @ slots.terms[row, :, col], Y_MIN)
-            if inverse is None:
-                inverse = 1 / max(slots.begin @ slots.terms[row, :, col], Y_MIN)
+            x[: plan.timing.break_clocks] = Y_MIN
             for n, x_n in enumerate(x):
+                if inverse is None and n == plan.timing.break_clocks:
+                    inverse = 1 / max(slots.begin @ slots.terms[row, :, col], Y_MIN)
+                if inverse is None:
+                    continue
                 way = solve_ivp(
                     lambda t, z: [(1 - x_n * z[0]) / kappa, 1 / z[0]],  # noqa: B023
                     (0, 1),
@@ -299,6 +303,55 @@ def test_a_break_changes_nothing_that_has_no_memory(tmp_path: Path, effects: dic
     plan = made(tmp_path, ohms(6, 3, 4, 3), effects)
     assert (event.run(with_break(plan, 1)).info["x"] == event.run(plan).info["x"]).all()
     assert (event.run(with_break(plan, 1)).codes == event.run(plan).codes).all()
+
+
+@pytest.mark.parametrize("clocks", [0, 1, 4])
+def test_a_slow_mirror_feels_slow_lines_from_the_first_clock_of_a_slot(tmp_path: Path, clocks: int) -> None:
+    ohm = np.array([[[5e3, 3e5], [8e5, 6e2], [2e4, np.inf]]])
+    lines = {
+        "row_driver": {"r_ohm": 60.0, "grounded_r_ohm": 90.0},
+        "column_input": {"r_ohm": 70.0},
+        "mux_leakage": {"i_a": 3e-6},
+        "line_capacitance": {"c_row_f": 2e-8, "c_column_f": 9e-9, "c_taxel_f": 1e-10},
+    }
+    q_c = 6e-11
+    plan = with_break(made(tmp_path, ohm, {"mirror_lag": {"q_c": q_c}, **lines}), clocks)
+    timing, unit = plan.timing, plan.converter.k * plan.converter.i0_a
+    found, extra = charges(plan)[0], charge_reference(plan.network(0), timing) * timing.f_clk_hz / unit[0]
+    lit, dark = column_currents(plan.network(0)) / unit, dark_at(plan, plan.conductance_s(0)) / unit
+    alone = mirror_in_many_digits(plan, clocks, q_c)
+    assert np.abs(found - alone).sum(axis=2).max() > 1  # counts that this is about
+    with mpmath.workdps(50):
+        kappa = mpmath.mpf(q_c) / (mpmath.mpf(plan.converter.i0_a[0]) / mpmath.mpf(timing.f_clk_hz))
+        for col in range(2):
+            y = mpmath.mpf(lit[0, col])
+            for row in range(3):
+                for n in range(clocks if row == 0 else 0, timing.slot_clocks):
+                    x = max(
+                        mpmath.mpf((dark[col] if n < clocks else lit[row, col]) + extra[row, col, n]), Y_MIN
+                    )
+                    if n >= timing.settle_clocks:
+                        charge = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
+                        assert abs(found[row, col, n - timing.settle_clocks] - charge) < 1e-12
+                    y = after(y, x, 1 / kappa)
+
+
+def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
+    lag, at = {"mirror_lag": {"q_c": 1e-12}}, 1.0 / made(tmp_path, ohms(1, 1, 2, 2), {}).timing.f_clk_hz
+    for part, felt in ((0.5, False), (2.0, True)):
+        farad = part * settling.BRISK_CLOCKS * at / 10.0
+        lines = {
+            "row_driver": {"r_ohm": 10.0},
+            "line_capacitance": {"c_row_f": farad, "c_column_f": 0.0, "c_taxel_f": 0.0},
+        }
+        plan = made(tmp_path, ohms(1, 1, 3, 2), lag | lines)
+        assert settling.slowest_s(plan.network(0)) == pytest.approx(
+            part * settling.BRISK_CLOCKS * at, rel=0.1
+        )
+        assert (Slots(plan, slice(0, 1)).onset is not None) == felt
+        # and the certificate agrees: what is felt is never left out
+        bound = bounds.line_capacitance(None, bounds.Extent(plan, 6.0))
+        assert np.isinf(bound.lsb).any() == felt
 
 
 # --- settling --------------------------------------------------------------------------------------------------------

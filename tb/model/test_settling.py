@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
+from lines_reference import charge_reference
 from numpy.typing import NDArray
 
 from dermis import settling
@@ -17,80 +16,6 @@ from dermis.plan import Timing
 from dermis.settling import Unsupported, bound_c, transients
 
 TIMING = Timing(f_clk_hz=5e6, slot_clocks=40, settle_clocks=8, gate_clocks=32, code_max=255, rows=3)
-
-
-def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
-    """Extra charge of every clock, [rows, cols, clocks], from the matrix exponential in 80 digits.
-
-    Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node without
-    capacitance as 1e-28 F, which moves charges by the same small part.
-    """
-    rows, cols = network.rows, network.cols
-    n = rows + cols
-    out = np.zeros((rows, cols, timing.gate_clocks))
-    with mpmath.workdps(80):
-        exact = mpmath.mpf
-        c = mpmath.zeros(n, n)
-        for k in range(n):
-            c[k, k] += exact(network.c_row_f if k < rows else network.c_column_f) + exact("1e-28")
-        for r, k in itertools.product(range(rows), range(cols)):
-            stamp(c, r, rows + k, exact(network.c_taxel_f))
-        clock, now = exact(1) / exact(timing.f_clk_hz), None
-        for row in range(rows):
-            if now is not None and timing.break_clocks:
-                rest, rate, _ = settles(network, None, c)
-                per_clock = mpmath.expm(rate * clock, method="taylor")
-                for _ in range(timing.break_clocks):
-                    now = rest + per_clock * (now - rest)
-            rest, rate, ohm = settles(network, row, c)
-            distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
-            per_clock = mpmath.expm(rate * clock, method="taylor")
-            for _ in range(timing.settle_clocks - timing.break_clocks):
-                distance = per_clock * distance
-            for tick in range(timing.gate_clocks):
-                later = per_clock * distance
-                integral = mpmath.lu_solve(rate, later - distance)
-                for k in range(cols):
-                    # Current through the input resistance of column k is (v - offset) / r.
-                    out[row, k, tick] = float(integral[rows + k] / ohm[rows + k])
-                distance = later
-            now = rest + distance
-    return out
-
-
-def settles(
-    network: Network, driven: int | None, c: mpmath.matrix
-) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
-    """Settled voltages, the matrix of their rate of change and the resistance behind each node."""
-    rows, cols, exact = network.rows, network.cols, mpmath.mpf
-    n = rows + cols
-    g, push, behind = mpmath.zeros(n, n), mpmath.zeros(n, 1), []
-    for k in range(n):
-        if k >= rows:
-            ohm, volt = network.r_column_ohm[k - rows], network.v_column_offset_v[k - rows]
-            push[k] += exact(float(network.i_leak_a[k - rows]))
-        elif k == driven:
-            ohm, volt = network.r_row_driven_ohm, network.v_bias_v
-        else:
-            ohm, volt = network.r_row_grounded_ohm, 0.0
-        behind.append(exact(max(float(ohm), 1e-13)))
-        if ohm != np.inf:
-            g[k, k] += 1 / behind[k]
-            push[k] += exact(float(volt)) / behind[k]
-    for r, k in itertools.product(range(rows), range(cols)):
-        stamp(g, r, rows + k, exact(float(network.g_taxel_s[r, k])))
-    for k in range(cols - 1):
-        stamp(g, rows + k, rows + k + 1, exact(rows * network.g_lateral_row_s))
-    for r in range(rows):
-        g[r, r] += exact("1e-40")  # a floating row on which nothing hangs must rest somewhere
-    return mpmath.lu_solve(g, push), -mpmath.inverse(c) * g, behind
-
-
-def stamp(matrix: mpmath.matrix, a: int, b: int, value: mpmath.mpf) -> None:
-    matrix[a, a] += value
-    matrix[b, b] += value
-    matrix[a, b] -= value
-    matrix[b, a] -= value
 
 
 def random_network(rng: np.random.Generator) -> Network:
@@ -124,7 +49,7 @@ def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
     solved = bounded = missed = 0
     for draw in range(60):
         network, timing = random_network(rng), replace(TIMING, break_clocks=(0, 1, 3)[draw % 3])
-        reference = charge_reference(network, timing)
+        reference = charge_reference(network, timing)[..., timing.settle_clocks :]
         largest = np.abs(reference).max()
 
         def extra(timing: Timing) -> NDArray[np.float64]:
@@ -143,6 +68,26 @@ def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
     assert solved > 20  # transients that matter did occur,
     assert bounded > 3  # bounds that say something beside something to bound,
     assert missed > 10  # and breaks that matter
+
+
+@pytest.mark.parametrize("pause", [0, 1, 3])
+def test_what_flows_before_the_gate_is_the_matrix_exponential_too(pause: int) -> None:
+    rng, timing = np.random.default_rng(8), replace(TIMING, break_clocks=pause)
+    for grounded in (50.0, 400.0, np.inf):
+        g = 1 / np.exp(rng.uniform(np.log(100), np.log(1e5), (3, 2)))
+        ohm = {"r_row_driven_ohm": 50.0, "r_row_grounded_ohm": grounded, "r_column_ohm": [30.0, 2e3]}
+        farad = {"c_row_f": 4e-10, "c_column_f": 1e-9, "c_taxel_f": 1e-10 if pause else 0.0}
+        network = Network(g, 0.5, **ohm, v_column_offset_v=1e-3, i_leak_a=1e-6, g_lateral_row_s=1e-5, **farad)
+        reference = charge_reference(network, timing)
+        found = transients(network, None, timing, 1e-35, 1e-35)
+        assert found is not None
+        n = np.arange(TIMING.slot_clocks)
+        got = np.matmul(found.driven_c, found.decay[..., None] ** np.maximum(n - pause, 0))[0]
+        got[..., :pause] = np.matmul(found.break_c, found.break_decay[..., None] ** n[:pause])[0]
+        largest = np.abs(reference).max()
+        assert largest > 1e-12
+        assert np.abs(got - reference).max() < 1e-12 * largest
+        assert np.abs(reference[1:, :, :pause]).max(initial=largest if pause == 0 else 0.0) > 1e-3 * largest
 
 
 def test_one_column_behind_a_resistance_settles_as_a_textbook_rc() -> None:

@@ -55,6 +55,8 @@ _NEGLIGIBLE = 1e-18
 # hundredth of what certified codes allow for rounding (auto.ROUNDING_LSB), so they hold with it and an engine that
 # was chosen within a budget takes the scene. Where it can be followed, it is.
 _UNFOLLOWED = 1e-6
+# Packets in a whole slot of an exponential that a slow mirror does not feel.
+_UNFELT = 1e-6
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
 # in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
 # in a gate.
@@ -310,14 +312,18 @@ def _through_frame(
 
 
 def _transients(plan: Plan, part: slice, per_c: Floats) -> settling.Transients | None:
-    network = plan.network(0)
+    network, g = plan.network(0), plan.conductance_s(part)
     if not network.active_fields() & _CAPACITANCES:
         return None
-    charge_c = float(_NEGLIGIBLE / np.abs(per_c).max())
+    most = float(np.abs(per_c).max())
+    felt = "q_mirror_c" in plan.active_fields()
+    felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
     try:
-        return settling.transients(network, plan.conductance_s(part), plan.timing, charge_c)
+        return settling.transients(
+            network, g, plan.timing, _NEGLIGIBLE / most, _UNFELT / most if felt else None
+        )
     except settling.Unsupported as error:
-        left_c = settling.bound_c(network, plan.conductance_s(part), plan.timing)
+        left_c = settling.bound_c(network, g, plan.timing)
         if (left_c * np.abs(per_c)).max() < _UNFOLLOWED:
             return None
         raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
@@ -372,6 +378,9 @@ class Slots:
     extra, decay : ndarray or None
         What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
         modes, frames * cols].
+    onset, fade, fade_decay : ndarray or None
+        What a slow mirror feels of it: the charge in the first clock in which the row is driven, in the first clock of
+        the break before, and what is left of that a clock later, shaped alike.
     offset : ndarray
         Added behind compression and mirror, packets a clock, [rows, frames * cols].
     coupling : Coupling or None
@@ -448,7 +457,7 @@ class Slots:
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
             self.dark = self._dark(found if same else course(plan, part, dark=True), drive, per_a, finite)
-        self.extra = self.decay = None
+        self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
         self._settling(plan, part, per_a * timing.f_clk_hz)
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
@@ -467,11 +476,21 @@ class Slots:
         found = _transients(plan, part, per_c)
         if found is None:
             return
-        modes = found.decay.shape[-1]
-        extra = found.charge_c * per_c[:, None]
-        self.extra = np.ascontiguousarray(extra.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
-        decay = np.repeat(found.decay[:, :, None, :], self.cols, axis=2)
-        self.decay = np.ascontiguousarray(decay.transpose(1, 3, 0, 2).reshape(self.rows, modes, -1))
+
+        cells = self.frames * self.cols
+
+        def by_row(charge_c: Floats) -> Floats:
+            charge = charge_c * per_c[:, None]
+            return np.ascontiguousarray(charge.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
+
+        def across(decay: Floats) -> Floats:
+            each = np.repeat(decay[:, :, None, :], self.cols, axis=2)
+            return np.ascontiguousarray(each.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
+
+        self.extra, self.decay = by_row(found.charge_c), across(found.decay)
+        if found.driven_c is not None:
+            self.onset = by_row(found.driven_c)
+            self.fade, self.fade_decay = by_row(found.break_c), across(found.break_decay)
 
     def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
         """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
@@ -486,7 +505,8 @@ class Slots:
                     out = np.empty(out.shape)
                 charge = charges(
                     row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra, self.decay,
-                    self._squeeze, self._lag, self._slow, self._break, self.dark, self.offset, out, mean,
+                    self.onset, self.fade, self.fade_decay, self._squeeze, self._lag, self._slow, self._break,
+                    self.dark, self.offset, out, mean,
                 )  # fmt: skip
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
@@ -587,6 +607,9 @@ def charges(  # type: ignore
     terms,
     extra,
     decay,
+    onset,
+    fade,
+    fade_decay,
     squeeze,
     lag,
     slow,
@@ -608,6 +631,8 @@ def charges(  # type: ignore
         Their coefficients, packets a clock.
     extra, decay : [rows, modes, cells] or None
         Charge in the first clock of the gate that has not settled, and what is left of it a clock later.
+    onset, fade, fade_decay : [rows, modes, cells] or None
+        The same from where the row is driven, and in the pause before; for the mirror.
     squeeze : [cells] or None
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
@@ -634,6 +659,9 @@ def charges(  # type: ignore
         added[c] = offset[row_number, first + c]
     if extra is not None:
         late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
+    if onset is not None:
+        early, fading = onset[row_number, :, first:behind], fade[row_number, :, first:behind]
+        faded = fade_decay[row_number, :, first:behind]
     if squeeze is not None:
         hard = own[3 * size : 4 * size]
         for c in range(cells):
@@ -659,8 +687,11 @@ def charges(  # type: ignore
                     if dark is not None:
                         for k in range(count):
                             x += basis[n, k] * dark[row_number, k, first + c]
-                        if squeeze is not None:
-                            x = x / (1.0 + abs(x) * hard[c])
+                    if onset is not None:
+                        for k in range(fading.shape[0]):
+                            x += fading[k, c] * faded[k, c] ** n
+                    if squeeze is not None:
+                        x = x / (1.0 + abs(x) * hard[c])
                     x = x if x > Y_MIN else Y_MIN
                     y = output[c]
                     output[c] = x * y / _below(x, y, x * swift[c])
@@ -677,6 +708,10 @@ def charges(  # type: ignore
                 for k in range(late.shape[0]):
                     for c in range(cells):
                         row[c] += late[k, c] * kept[k, c] ** (n - settle)
+            elif onset is not None:
+                for k in range(early.shape[0]):
+                    for c in range(cells):
+                        row[c] += early[k, c] * kept[k, c] ** (n - pause)
         if squeeze is not None:
             for c in range(cells):
                 row[c] = row[c] / (1.0 + abs(row[c]) * hard[c])

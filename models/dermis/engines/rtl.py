@@ -153,6 +153,7 @@ def build(
         "TERMS": currents.terms,
         "MODES": currents.modes,
         "DARK": currents.dark,
+        "FADE": currents.fade,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     sources = [*rtl_sources(), *model_sources(models)]
@@ -175,13 +176,13 @@ class Currents:
     Attributes
     ----------
     cells : ndarray
-        [frames, rows, cols, (1 + dark) terms + 2 modes]: what course.sv makes a current of.
+        [frames, rows, cols, (1 + dark) terms + 2 (1 + fade) modes]: what course.sv makes a current of.
     basis : ndarray
         [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
     terms, modes : int
         1 and 0 where a current is constant in its slot.
-    dark : int
-        1 where a slow mirror sees a current in the break behind a row.
+    dark, fade : int
+        1 where a slow mirror sees a current in the break behind a row, and where it sees lines settle.
     coupling : Coupling or None
         How columns of the direct interface move each other; its current is in `cells` already.
     """
@@ -191,6 +192,7 @@ class Currents:
     terms: int = 1
     modes: int = 0
     dark: int = 0
+    fade: int = 0
     coupling: event_input.Coupling | None = None
 
 
@@ -207,23 +209,28 @@ def currents_of(plan: Plan, part: slice) -> Currents:
             unit = unit + coupled.x
         return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
     slots = event_input.Slots(plan, part)
-    found = [slots.terms]
-    modes = 0
-    if slots.extra is not None:
+    terms, gain, modes = slots.terms.shape[1], np.tile(converter.gain, slots.frames), 0
+    found = [slots.terms / gain]
+    behind = [] if slots.dark is None else [slots.dark / gain]
+    if slots.extra is not None and slots.decay is not None:
         # A power of two, so that few builds serve all scenes.
-        modes = 1 << (slots.extra.shape[1] - 1).bit_length()
-        pad = ((0, 0), (0, modes - slots.extra.shape[1]), (0, 0))
-        found += [np.pad(slots.extra, pad), np.pad(slots.decay, pad)]
-    terms, gain = slots.terms.shape[1], np.tile(converter.gain, slots.frames)
-    if slots.dark is not None:
-        found.append(np.roll(slots.dark, -1, axis=0) / gain)  # behind a row the break of the next one
-    cells = np.concatenate(found, axis=1)
-    cells[:, : terms + modes] /= gain
+        fading = 0 if slots.fade is None else slots.fade.shape[1]
+        modes = 1 << (max(slots.extra.shape[1], fading, 1) - 1).bit_length()
+
+        def padded(values: Floats) -> Floats:
+            return np.pad(values, ((0, 0), (0, modes - values.shape[1]), (0, 0)))
+
+        found += [padded(slots.extra if slots.onset is None else slots.onset) / gain, padded(slots.decay)]
+        if slots.fade is not None and slots.fade_decay is not None:
+            behind += [padded(slots.fade) / gain, padded(slots.fade_decay)]
+    # A row is followed by the break in front of the next one.
+    cells = np.concatenate([*found, *(np.roll(values, -1, axis=0) for values in behind)], axis=1)
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
     basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
-    return Currents(cells, basis, terms, modes, int(slots.dark is not None), slots.coupling)
+    glows, fades = int(slots.dark is not None), int(slots.onset is not None)
+    return Currents(cells, basis, terms, modes, glows, fades, slots.coupling)
 
 
 def write_inputs(
