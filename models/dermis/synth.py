@@ -22,7 +22,7 @@ from dermis.files import write_between
 from dermis.synth_cells import TECHNOLOGIES, Technology
 from dermis.synth_equivalence import prove
 from dermis.synth_map import RAM, Netlist, Size, map_design
-from dermis.synth_timing import CLOCKS, SDC, Path_, analyse, highest
+from dermis.synth_timing import CLOCKS, SDC, Path_, analyse, highest, unargued
 from dermis.verdict import Row
 
 DOCS = "docs/synthesis.md"
@@ -119,6 +119,8 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
         fast = analyse(
             technology, technology.fast, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
         )
+    left = unargued(technology, technology.slow, netlist.directory)
+    rows.append(verdict.judge(f"synth.untimed_pins.{suffix}", len(left), ", ".join(left[:3])))
     for clock in CLOCKS:
         for name, kind, paths, corner in (
             ("setup", "max", slow, technology.slow),

@@ -66,7 +66,7 @@ def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(netlist: Netli
 def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlist, tmp_path: Path) -> None:
     # A gate of 510 clocks, so that a frame is read before the next but one.
     x = [[(1, 510), (1, 3)], [(0, 1), (1, 2)]]
-    tests = [gate_level.TopTest("client", {"x": x, "gate": 510, "sck_hz": 5e6})]
+    tests = [gate_level.TopTest("client", {"x": x, "gate": 510, "sck_hz": 5e6, "frames": 1})]
     rows = gate_level.top_rows(netlist, SIZE.parameters, "x", tests)
     assert status(rows) == {"failed_tests": "PASS", "unlike_results": "PASS"}
     # CIPO stuck: no answer ever comes.

@@ -283,3 +283,15 @@ def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> N
     assert not left["DFFPOSX1"].reset
     assert left["NAND2X1"].inputs == {"A", "B"}
     assert dataclasses.asdict(full["INVX1"]) == dataclasses.asdict(left["INVX1"])
+
+
+def test_a_pin_that_nothing_constrains_is_listed_unless_it_is_argued(tmp_path: Path) -> None:
+    log = tmp_path / "sta_typical.log"
+    said = "Warning: There is 1 unclocked register/latch pin.\n  u_spi.begun_q_reg/CLK\n"
+    log.write_text(f"...\nsetup check\n{said}sta ended\n")
+    assert synth_timing.unargued(OSU035, "typical", tmp_path) == []
+    log.write_text(f"...\nsetup check\n{said}  u_packer.index_q_reg/CLK\nsta ended\n")
+    assert synth_timing.unargued(OSU035, "typical", tmp_path) == ["u_packer.index_q_reg/CLK"]
+    log.write_text(said)
+    with pytest.raises(SimulatorError):
+        synth_timing.unargued(OSU035, "typical", tmp_path)
