@@ -105,7 +105,7 @@ def test_taxels_below_500_ohm_read_full_scale_and_leave_the_next_row_alone(
     assert counts(result) == [*wanted, wanted[0]]
 
 
-SMALL = {"ROWS": 3, "COLS": 5, "CODE_BITS": 4}
+SMALL = {"ROWS": 3, "COLS": 5}
 
 # Each with one synchronizer: what depends on both, size and form, the lint and test_shortest_slots see.
 SHAPES: dict[str, dict[str, int]] = {
@@ -222,7 +222,7 @@ def test_a_dark_slot_counts_what_flows_without_a_row(simulator: str, sync_latch:
     assert [(s["slot"], s["dark"]) for s in result["slots"]] == [(DARK, 1), (0, 1), (1, 1), (DARK, 1)]
     # (0, 1) with w >= 0 at t0 pulses once at the first sample.
     dark = [0, 1, 0, 0, 1]
-    rows = [[count(d, 30, 5, w) for d, w in zip(x[r], w_preset, strict=True)] for r in (0, 1)]
+    rows = [[count(d, 30, 9, w) for d, w in zip(x[r], w_preset, strict=True)] for r in (0, 1)]
     assert counts(result) == [dark, *rows, dark]
 
 
@@ -267,8 +267,8 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
     assert [s["gate"] for s in slots] == [40] * 3 + [50] * 6
     assert [s["range"] for s in slots][:2] == [0, 0]
     assert [s["range"] for s in slots][3:] == [0b1001] * 6
-    assert counts(result)[:3] == [[count(d, 40, 5) for d in row] for row in x]
-    assert counts(result)[3:6] == [[0] * 5, *([count(d, 50, 5) for d in x[r]] for r in (0, 2))]
+    assert counts(result)[:3] == [[count(d, 40, 9) for d in row] for row in x]
+    assert counts(result)[3:6] == [[0] * 5, *([count(d, 50, 9) for d in x[r]] for r in (0, 2))]
     edges = [s["edge"] for s in slots]
     assert [b - a for a, b in pairwise(edges)] == [60, 60, *[59] * 6]
 
@@ -315,3 +315,11 @@ def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sy
     assert len(seen) == 15
     for what, *outputs in seen:
         assert outputs == ["000", "1", "00000", "00000", "0"], what
+
+
+def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_idle(simulator: str) -> None:
+    """Comparators that are always high give a pulse every second clock: 32768 in 65535 clocks."""
+    seen = simulate(simulator, "bench_reader", "dermis_reader", "long_gate", SMALL)
+    assert seen["gates"] == [65535, 2047, 1]
+    assert seen["counts"] == [[511] * 5, [511] * 5, [1] * 5]
+    assert seen["test_counts"][1] == 511

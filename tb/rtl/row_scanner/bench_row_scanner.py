@@ -90,7 +90,10 @@ async def play(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def lengths(dut: Any) -> None:
-    """Let the clock run by itself; report the clocks from enable to the gate and of the gate."""
+    """Let the clock run by itself; report the clocks from enable to the gate and of the gate.
+
+    Settle and gate go to zero meanwhile, so that the next slot is the shortest.
+    """
     for name, value in (dict.fromkeys(INPUTS, 0) | scenario()["inputs"] | {"enable_i": 0}).items():
         getattr(dut, name).value = value
     dut.rst_ni.value = 0
@@ -102,8 +105,11 @@ async def lengths(dut: Any) -> None:
     dut.enable_i.value = 1
     await RisingEdge(dut.clk_i)
     edges = [get_sim_time("ns")]
-    await FallingEdge(dut.preset_o)
-    edges.append(get_sim_time("ns"))
-    await RisingEdge(dut.preset_o)
-    edges.append(get_sim_time("ns"))
+    for _ in range(2):
+        await FallingEdge(dut.preset_o)
+        edges.append(get_sim_time("ns"))
+        dut.settle_i.value = 0
+        dut.gate_i.value = 0
+        await RisingEdge(dut.preset_o)
+        edges.append(get_sim_time("ns"))
     report([round((b - a) / 10) for a, b in pairwise(edges)])

@@ -263,13 +263,13 @@ def test_settle_is_at_least_break_and_two_and_gate_at_least_one(
     assert {o["done_gate"] for _, o in played if o["slot_done"]} == {max(gate, 1)}
 
 
-def test_the_longest_settle_and_gate_are_65535_clocks(simulator: str) -> None:
+def test_the_longest_settle_and_gate_are_65535_clocks_and_the_shortest_3_and_1(simulator: str) -> None:
     settings = on(settle=65535, gate=65535, row_mask=1)
     p = {"ROWS": 1, "PACK_CLOCKS": PACK_CLOCKS}
     clocks = simulate(
         simulator, "bench_row_scanner", "dermis_row_scanner", "lengths", p, {"inputs": settings}
     )
-    assert clocks == [65535, 65535]
+    assert clocks == [65535, 65535, 3, 1]
 
 
 def test_a_short_slot_waits_in_preset_for_the_taker_and_a_long_one_does_not(simulator: str) -> None:

@@ -104,6 +104,51 @@ def test_masks_stay_until_the_next_test_and_a_dark_slot_adds_to_them(simulator: 
     assert found == [{}, fault, {}, fault, {}]
 
 
+COLUMNS, ROW_LINES = 5, 4
+
+
+def masks_by_the_words(seen: list[Any]) -> list[list[int]]:
+    """Outputs behind each edge, from the table of docs/rtl.md."""
+    inject, dark, full, rows = set(), set(), set(), 0
+    done = 0
+    wanted = []
+    for i, _ in seen:
+        begins = i["row_valid_i"] and i["first_i"] and i["test_frame_i"]
+        if begins:
+            inject, dark, full, rows = set(), set(), set(), 0
+        if i["row_valid_i"]:
+            rows |= i["row_fault_i"]
+        c, n, slot = i["column_i"], i["column_count_i"], i["column_slot_i"]
+        if i["column_valid_i"]:
+            lit = {0xF2: c % 2 == 0, 0xF3: c % 2 == 1}.get(slot)
+            if slot == 0xF0 and n != i["test_count_i"]:
+                inject.add(c)
+            if (slot == 0xF1 or lit is False) and n > i["dark_max_i"]:
+                dark.add(c)
+            if lit and n < i["full_min_i"]:
+                full.add(c)
+        if i["column_valid_i"] and i["test_frame_i"] and i["last_i"] and c == COLUMNS - 1:
+            done = 1
+        if i["test_i"] or begins:
+            done = 0
+        masks = [sum(1 << c for c in mask) for mask in (inject, dark, full)] + [rows]
+        wanted.append([*masks, int(any(masks)), done])
+    return wanted
+
+
+def random_columns(simulator: str, trap: Path | None = None) -> list[Any]:
+    p = {"ROWS": ROW_LINES, "COLS": COLUMNS}
+    return simulate(simulator, "bench_self_test", "dermis_self_test", "random_columns", p, trap=trap)
+
+
+def test_masks_follow_the_table_at_counts_around_every_limit(simulator: str) -> None:
+    seen = random_columns(simulator)
+    assert [outputs for _, outputs in seen] == masks_by_the_words(seen)
+    for mask, lines in enumerate((COLUMNS, COLUMNS, COLUMNS, ROW_LINES)):
+        levels = [outputs[mask] for _, outputs in seen]
+        assert all({v >> n & 1 for v in levels} == {0, 1} for n in range(lines))
+
+
 SEEDED = {
     "a short is not looked for": ("(full & ~driven)", "(full & 1'b0)"),
     "even and odd exchanged": ("(column_slot_i[0] == column_i[0])", "(column_slot_i[0] != column_i[0])"),
@@ -113,7 +158,7 @@ SEEDED = {
 
 
 @pytest.mark.parametrize("fault", SEEDED)
-def test_the_faults_above_find_a_seeded_one_in_the_self_test(fault: str, tmp_path: Path) -> None:
+def test_faults_and_table_find_a_seeded_one_in_the_self_test(fault: str, tmp_path: Path) -> None:
     right = (ROOT / "rtl" / "dermis_self_test.v").read_text()
     old, new = SEEDED[fault]
     assert right.count(old) == 1, fault
@@ -123,3 +168,5 @@ def test_the_faults_above_find_a_seeded_one_in_the_self_test(fault: str, tmp_pat
     found = self_test("icarus", NO_SENSOR, cases, trap=wrong)
     later = self_test("icarus", NO_SENSOR, [{"comparators_high": [1]}], trap=wrong, case="over_time")
     assert (found, later) != ([w for _, w in FAULTS], [{}, {"dark": [1]}, {}, {"dark": [1]}, {}])
+    seen = random_columns("icarus", wrong)
+    assert [outputs for _, outputs in seen] != masks_by_the_words(seen)
