@@ -28,7 +28,7 @@ import click
 from dermis import formal, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError
-from dermis.files import write_atomic
+from dermis.files import write_atomic, write_between
 from dermis.hdl import end_session
 
 KILLED_MIN = 95.0
@@ -419,6 +419,34 @@ def _row(module: str, results: Sequence[Mapping[str, Any]]) -> verdict.Row:
     }
 
 
+BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
+
+
+def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
+    """The table of docs/mutation.md and the list of what survives; `every` is how many mutants a module has."""
+    lines = [
+        "| module | mutants | tried | killed by a proof | killed by a test | equivalent | survive | killed |"
+    ]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    left: list[str] = []
+    for module, count in every.items():
+        mine = [r for r in results if r["module"] == module and r["fate"] != "stillborn"]
+        proof = sum(r["fate"] == "killed" and str(r["by"]).startswith("proof") for r in mine)
+        test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in mine)
+        same = sum(r["fate"] == "equivalent" for r in mine)
+        over = [r for r in mine if r["fate"] in ("survives", "undecided")]
+        judged = proof + test + len(over)
+        rate = f"{100 * (proof + test) / judged:.0f} %" if judged else "not run"
+        lines.append(
+            f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over)} | {rate} |"
+        )
+        left += [f"- `rtl/{module}.v:{r['line']}` ({r['fate']}, {r['what']}): `{r['shown']}`" for r in over]
+    killed = sum(r["fate"] == "killed" for r in results)
+    judged = killed + sum(r["fate"] in ("survives", "undecided") for r in results)
+    lines += ["", f"{killed} of {judged} mutants that are not equivalent are killed.", "", *left]
+    return "\n".join(lines).rstrip()
+
+
 @click.command()
 @click.argument("modules", nargs=-1, metavar="[MODULE]...")
 @click.option(
@@ -440,6 +468,7 @@ def _row(module: str, results: Sequence[Mapping[str, Any]]) -> verdict.Row:
     show_default=True,
     help="Seconds; the rest is done by the next call.",
 )
+@click.option("--docs", is_flag=True, help="Write the table of docs/mutation.md from all results.")
 @click.option("--fresh", is_flag=True, help="Forget earlier results.")
 @click.option(
     "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Mutants at a time."
@@ -456,6 +485,7 @@ def mutate_command(
     fresh: bool,
     workers: int,
     rtl: Path | None,
+    docs: bool,
 ) -> int:
     """Put small faults into the Verilog: proofs or tests must notice each. Results are kept, so that a run goes on."""
     from dermis import progress
@@ -507,6 +537,11 @@ def mutate_command(
                 click.echo(
                     f"{result['fate']}: rtl/{name}.v:{result['line']}: {result['what']}: {result['shown']}"
                 )
+    if docs:
+        texts = {name: (source / f"{name}.v").read_text() for name in chosen}
+        every = {name: len(mutants(name, text)) for name, text in texts.items()}
+        tried = [known[m.key] for m in wanted if m.key in known]
+        write_between(ROOT / "docs" / "mutation.md", BEGIN, END, table(every, tried))
     verdict.write_rows("mutate", rows)
     verdict.print_rows(rows, f"Mutants (seed {seed})")
     return verdict.exit_code(rows)

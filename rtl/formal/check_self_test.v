@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// Theorems of the self-test: a mask bit is set by its own fault, stays until a self-test frame begins, and by nothing else.
+// Interface: rows, columns, counts and limits are free at every clock.
+// Timing: one step is one clock.
+// Why one free column and one free row: the masks' bits do not look at each other.
+`default_nettype none
+
+module check_self_test #(
+  parameter ROWS      = 4,
+  parameter COLS      = 5,
+  parameter CODE_BITS = 8
+) (
+  input wire               clk_i,
+  input wire               rst_ni,
+  input wire               test_i,
+  input wire               row_valid_i,
+  input wire               first_i,
+  input wire               last_i,
+  input wire               test_frame_i,
+  input wire [ROWS-1:0]    row_fault_i,
+  input wire               column_valid_i,
+  input wire [6:0]         column_i,
+  input wire [CODE_BITS:0] column_count_i,
+  input wire [7:0]         column_slot_i,
+  input wire [CODE_BITS:0] test_count_i,
+  input wire [15:0]        dark_max_i,
+  input wire [15:0]        full_min_i
+);
+
+  wire [COLS-1:0] inject_fault;
+  wire [COLS-1:0] dark_fault;
+  wire [COLS-1:0] full_fault;
+  wire [ROWS-1:0] row_fault;
+  wire            fault;
+  wire            done;
+
+  dermis_self_test #(.ROWS (ROWS), .COLS (COLS), .CODE_BITS (CODE_BITS)) u_dut (
+    .clk_i          (clk_i),
+    .rst_ni         (rst_ni),
+    .test_i         (test_i),
+    .row_valid_i    (row_valid_i),
+    .first_i        (first_i),
+    .last_i         (last_i),
+    .test_frame_i   (test_frame_i),
+    .row_fault_i    (row_fault_i),
+    .column_valid_i (column_valid_i),
+    .column_i       (column_i),
+    .column_count_i (column_count_i),
+    .column_slot_i  (column_slot_i),
+    .test_count_i   (test_count_i),
+    .dark_max_i     (dark_max_i),
+    .full_min_i     (full_min_i),
+    .inject_fault_o (inject_fault),
+    .dark_fault_o   (dark_fault),
+    .full_fault_o   (full_fault),
+    .row_fault_o    (row_fault),
+    .fault_o        (fault),
+    .done_o         (done)
+  );
+
+  (* anyconst *) wire [6:0] one;
+  (* anyconst *) wire [6:0] row;
+
+  reg started_q = 1'b0;
+  reg inject_q;
+  reg dark_q;
+  reg full_q;
+  reg row_q;
+  reg done_q;
+  wire begins = row_valid_i & first_i & test_frame_i;
+  wire mine   = column_valid_i & (column_i == one);
+  // Full scale of the even columns is slot F2, of the odd ones F3; a column has current in its own.
+  wire even   = ~one[0];
+  wire lit    = even ? column_slot_i == 8'hF2 : column_slot_i == 8'hF3;
+  wire unlit  = even ? column_slot_i == 8'hF3 : column_slot_i == 8'hF2;
+
+  always @(posedge clk_i) started_q <= 1'b1;
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) {inject_q, dark_q, full_q, row_q, done_q} <= 5'd0;
+    else begin
+      if (begins) {inject_q, dark_q, full_q} <= 3'd0;
+      else if (mine) begin
+        if (column_slot_i == 8'hF0 && column_count_i != test_count_i) inject_q <= 1'b1;
+        if (column_slot_i == 8'hF1 && column_count_i > dark_max_i)    dark_q   <= 1'b1;
+        if (unlit && column_count_i > dark_max_i)                     dark_q   <= 1'b1;
+        if (lit && column_count_i < full_min_i)                       full_q   <= 1'b1;
+      end
+      if (row_valid_i) row_q <= row_fault_i[row] | (row_q & ~begins);
+      if (test_i || begins) done_q <= 1'b0;
+      else if (column_valid_i && column_i == COLS - 1 && last_i && test_frame_i) done_q <= 1'b1;
+    end
+
+  always @* begin
+    if (!started_q) assume (!rst_ni);
+    assume (one < COLS && row < ROWS);
+    injects: assert (inject_fault[one] == inject_q);
+    darkness: assert (dark_fault[one] == dark_q);
+    full_scale: assert (full_fault[one] == full_q);
+    rows: assert (row_fault[row] == row_q);
+    any_of_them: assert (fault == (inject_fault != 0 || dark_fault != 0 || full_fault != 0 || row_fault != 0));
+    ends: assert (done == done_q);
+
+    finds_all: cover (rst_ni && inject_q && dark_q && full_q && row_q && done_q);
+    clears: cover (rst_ni && started_q && row_valid_i && begins && dark_q && !fault == 1'b0 && done_q);
+  end
+
+endmodule
+
+`default_nettype wire
