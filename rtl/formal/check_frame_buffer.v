@@ -154,7 +154,7 @@ module check_frame_buffer #(
     end
     if (rst_ni && held_q) no_write_to_the_held_bank: assert (!(tap_front ? tap_we1 : tap_we0) || (grant | deselected_q[1]));
     whole_frame: assert (length == shown_length_q && (address >= length || rdata == shown_byte_q));
-    never_past_the_bank: assert (length <= BANK_BYTES);
+    inside_the_bank: assert (length <= BANK_BYTES);
     acknowledges: assert (ack == ack_q);
     counts_lost: assert (lost == lost_q);
     tells_a_new_frame: assert (ready == new_q);

@@ -58,7 +58,7 @@ module check_gated_counter #(
   always @* begin
     if (!started_q) assume (!rst_ni);
     counts_edges: assert (count == ((edges_q > FULL) ? FULL[CODE_BITS-1:0] : edges_q[CODE_BITS-1:0]));
-    if (inside_q && rst_ni) never_falls: assert (count >= last_q);
+    if (inside_q && rst_ni) does_not_fall: assert (count >= last_q);
     full_scale: cover (rst_ni && edges_q > FULL);
     held_behind_the_gate: cover (rst_ni && !gate_q && count == 2);
     second_gate: cover (rst_ni && inside_q && last_q == 1 && count == 2);
