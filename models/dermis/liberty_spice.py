@@ -279,7 +279,9 @@ class Bench:
 
     def models(self) -> str:
         """Name of the file of transistor models, written on first use."""
-        path = self.directory / f"models_{self.corner.process}.spice"
+        # Named by content: a directory may be older than the models.
+        digest = models_digest(self.corner.process)[:16]
+        path = self.directory / f"models_{self.corner.process}_{digest}.spice"
         if not path.exists():
             self.directory.mkdir(parents=True, exist_ok=True)
             path.write_text(_models(self.corner.process))

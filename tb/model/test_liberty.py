@@ -122,6 +122,24 @@ def test_a_table_scaled_by_two_is_caught(libraries, tmp_path):
     assert liberty_verify.sample_error(library, at, "nand2_1", tmp_path) > 0.3
 
 
+@pytest.mark.skipif(shutil.which("sta") is None, reason="OpenSTA (Debian package opensta) is not installed")
+def test_opensta_finds_the_delay_of_a_chain_that_ngspice_finds(tmp_path):
+    at = liberty_spice.CORNERS["tt"]
+    for spice, sta in liberty_verify.chain_delays(path_of("tt"), at, "inverters", tmp_path).values():
+        assert sta == pytest.approx(spice, rel=0.1)
+    text = path_of("tt").read_text()
+    head, cell, rest = re.split(r'(?s)(cell \("sky130_fd_sc_hd__inv_1"\).*?\n  })', text, maxsplit=1)
+    twice = re.sub(r"(cell_(?:rise|fall) .*?values )(\(.*?\))", _doubled, cell, flags=re.DOTALL)
+    wrong = tmp_path / "wrong.lib"
+    wrong.write_text(head + twice + rest)
+    for spice, sta in liberty_verify.chain_delays(wrong, at, "inverters", tmp_path).values():
+        assert sta > 1.5 * spice
+
+
+def _doubled(found):
+    return found[1] + re.sub(r"[-\d.e]+", lambda number: f"{2 * float(number[0]):g}", found[2])
+
+
 def test_flops_have_every_constraint_and_setup_comes_before_hold(libraries):
     for library in libraries.values():
         for base, how in liberty_cells.SEQUENTIAL.items():
