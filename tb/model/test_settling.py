@@ -47,7 +47,7 @@ def random_network(rng: np.random.Generator) -> Network:
 def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
     rng = np.random.default_rng(6)
     solved = bounded = missed = 0
-    for draw in range(60):
+    for draw in range(45):
         network, timing = random_network(rng), replace(TIMING, break_clocks=(0, 1, 3)[draw % 3])
         reference = charge_reference(network, timing)[..., timing.settle_clocks :]
         largest = np.abs(reference).max()
@@ -65,9 +65,9 @@ def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
         # A row that is driven while the one before is let go, as a fault.
         at_once = np.abs(extra(replace(timing, break_clocks=0)) - reference).max()
         missed += bool(timing.break_clocks and largest > 1e-20 and at_once > 1e-4 * largest)
-    assert solved > 20  # transients that matter did occur,
-    assert bounded > 3  # bounds that say something beside something to bound,
-    assert missed > 10  # and breaks that matter
+    assert solved > 15  # transients that matter did occur,
+    assert bounded > 2  # bounds that say something beside something to bound,
+    assert missed > 8  # and breaks that matter
 
 
 @pytest.mark.parametrize("pause", [0, 1, 3])
