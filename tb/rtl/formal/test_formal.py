@@ -103,3 +103,15 @@ def test_a_name_that_no_proof_has_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="counter") as caught:
         formal.chosen(["nonsense"])
     assert "\n" not in str(caught.value)
+
+
+def test_the_table_says_proved_of_nothing_else_and_shows_a_fault_that_is_not_seen() -> None:
+    row = {"name": "formal.counter.counts_edges", "value": 1.0, "status": "PASS"}
+    seen = {"name": "formal.counter.fault.wraps", "value": 1.0, "status": "PASS"}
+    made = formal.table([row, seen]).splitlines()
+    (line,) = [line for line in made if line.startswith("| counts_edges ")]
+    assert "| proved |" in line
+    assert "wraps," in line
+    assert "not_cleared (NOT SEEN)" in line
+    assert "proved" not in formal.table([{**row, "status": "ERROR"}])
+    assert "NOT PROVED" in formal.table([{**row, "status": "ERROR"}])

@@ -65,3 +65,15 @@ def test_a_counter_that_wraps_is_killed() -> None:
 def test_a_reset_value_that_nothing_can_see_is_equivalent() -> None:
     """The first clock of a gate starts from the count, which the reset made 0, or from 0."""
     assert fate("gate_q  <= 1'b0;", "0 to 1") == "equivalent"
+
+
+def test_the_table_counts_what_is_not_decided_as_surviving() -> None:
+    def result(fate: str, by: str | None) -> dict[str, object]:
+        place = {"module": "dermis_crc8", "line": 3, "what": "+ to -", "shown": "a  ->  b"}
+        return {**place, "fate": fate, "by": by}
+
+    fates = [("killed", "proof spi.states"), ("killed", "test a"), ("equivalent", None), ("undecided", None)]
+    made = mutate.table({"dermis_crc8": 19}, [result(*fate) for fate in fates])
+    assert "| dermis_crc8 | 19 | 4 | 1 | 1 | 1 | 1 | 67 % |" in made
+    assert "2 of 3 mutants" in made
+    assert "- `rtl/dermis_crc8.v:3` (undecided, + to -): `a  ->  b`" in made
