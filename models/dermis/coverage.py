@@ -31,7 +31,7 @@ from dermis.lint import TOP, rtl_sources
 
 EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
 KINDS = ("line", "toggle")
-RUN_LIMIT_S = 1500.0
+RUN_LIMIT_S = 2400.0
 SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
 """The size at which the top is tested. Its points are asked for: bit 63 of a row mask is there only at 64 rows."""
 
@@ -73,6 +73,14 @@ def pytest_configure(config: Any) -> None:
     """Make the tests of this process build and run with coverage, if DERMIS_COVERAGE says so."""
     if place := os.environ.get("DERMIS_COVERAGE"):
         _record(Path(place))
+
+
+def pytest_collection_modifyitems(items: list[Any]) -> None:
+    """Builds with counters take longer than the tests' own time limits allow for."""
+    import pytest
+
+    for item in items:
+        item.add_marker(pytest.mark.timeout(RUN_LIMIT_S), append=False)
 
 
 def _record(place: Path) -> None:
