@@ -27,10 +27,12 @@ from pydantic import BaseModel, ConfigDict
 from dermis import hdl, verdict
 from dermis.design import ROOT
 from dermis.errors import SimulatorError
+from dermis.files import write_between
 from dermis.lint import TOP, rtl_sources
 
 EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
 KINDS = ("line", "toggle")
+BEGIN, END = "<!-- begin: coverage (written by dermis coverage --docs) -->", "<!-- end: coverage -->"
 RUN_LIMIT_S = 2400.0
 SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
 """The size at which the top is tested. Its points are asked for: bit 63 of a row mask is there only at 64 rows."""
@@ -250,10 +252,28 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
         raise SimulatorError(f"a test failed (pytest: {code})", log)
 
 
+def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
+    """The figures as a Markdown table, one line a module."""
+    found = {row["name"]: row for row in table}
+    lines = ["| module | lines | toggle | points excluded |", "|---|---|---|---|"]
+    for module in [*(path.stem for path in rtl_sources()), "all"]:
+        cells = []
+        for kind in KINDS:
+            row = found[f"coverage.{kind}.{module}"]
+            cells.append(
+                "none" if row["value"] is None else f"{row['value']:.1f} %, {row['note'].split(',')[0]}"
+            )
+        excluded = sum(module in (point.module, "all") for point in result.excluded)
+        name = module if module == "all" else f"`{module}`"
+        lines.append(f"| {name} | {' | '.join(cells)} | {excluded} |")
+    return "\n".join(lines) + "\n"
+
+
 @click.command()
+@click.option("--docs", is_flag=True, help="Write the figures into docs/coverage.md.")
 @click.option("--uncovered", "show", is_flag=True, help="Also list every place that no test reaches.")
 @click.option("--keep", is_flag=True, help="Add up the counts of the last run instead of running the tests.")
-def coverage_command(show: bool, keep: bool) -> int:
+def coverage_command(docs: bool, show: bool, keep: bool) -> int:
     """Line and toggle coverage of rtl/ by the cocotb tests in Verilator, a row a module."""
     place = ROOT / "build" / "coverage" / "runs"
     listed = exclusions()
@@ -265,6 +285,8 @@ def coverage_command(show: bool, keep: bool) -> int:
     table = rows(result, [path.stem for path in rtl_sources()])
     verdict.write_rows("coverage", table)
     verdict.print_rows(table, "Coverage of rtl/ by the cocotb tests, Verilator")
+    if docs:
+        write_between(ROOT / "docs" / "coverage.md", BEGIN, END, docs_table(table, result))
     missed = uncovered(result)
     (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
     if show:
