@@ -35,7 +35,7 @@ KINDS = ("line", "toggle")
 BEGIN, END = "<!-- begin: coverage (written by dermis coverage --docs) -->", "<!-- end: coverage -->"
 RUN_LIMIT_S = 2400.0
 SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
-"""The size at which the top is tested. Its points are asked for: bit 63 of a row mask is there only at 64 rows."""
+"""The size at which the top is tested. Points of cores up to it are asked for; bit 63 of a row mask has 64 rows."""
 
 
 class Point(NamedTuple):
@@ -138,7 +138,7 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
-    """Sum what the runs left in `place`: points of the top at `SIZES`, reached by any run at any size."""
+    """Sum what the runs left in `place`: points of the top up to `SIZES`, reached by any run at any size."""
     modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()
@@ -147,7 +147,8 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
         about = json.loads(run.read_text())
         data = run.with_suffix(".dat")
         counts = read(data, modules)
-        if about["top"] == TOP and SIZES.items() <= about["parameters"].items():
+        sizes = about["parameters"]
+        if about["top"] == TOP and all(sizes.get(key, most + 1) <= most for key, most in SIZES.items()):
             asked |= counts.keys()
         reached.update({point: count for point, count in counts.items() if count})
     listed = list(exclusions)
@@ -186,8 +187,10 @@ def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
             total.update(asked=len(asked), hit=hit, excluded=len(points) - len(asked))
             if points:
                 made.append(_share(f"coverage.{kind}.{module}", hit, len(asked), len(points) - len(asked)))
+            elif kind == "line":
+                made.append(verdict.skip(f"coverage.{kind}.{module}", "assignments only"))
             else:
-                made.append(verdict.skip(f"coverage.{kind}.{module}", "nothing of this kind in it"))
+                made.append(verdict.error(f"coverage.{kind}.{module}", "no run of the top holds it"))
         made.append(_share(f"coverage.{kind}.all", total["hit"], total["asked"], total["excluded"]))
     note = "; ".join(f"{e.rule} {e.module}: {e.match}" for e in result.stale)
     made.append(verdict.judge("coverage.stale_exclusions", len(result.stale), note))

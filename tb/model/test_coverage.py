@@ -53,7 +53,7 @@ def test_runs_of_any_size_and_any_module_are_added_to_the_points_of_the_top(tmp_
     left(tmp_path, "c", [point("dermis_top", "row_select_o[63]:0->1", 20, 0)], parameters={"ROWS": 64})
     rows = shares(tmp_path)
     assert rows["coverage.toggle.dermis_spi"]["value"] == 100.0
-    assert rows["coverage.toggle.dermis_top"]["status"] == "SKIP"
+    assert "no run" in rows["coverage.toggle.dermis_top"]["note"]
 
 
 def test_wrong_modules_of_the_tests_do_not_count(tmp_path: Path) -> None:
@@ -74,6 +74,13 @@ def test_an_exclusion_takes_its_points_out_and_is_stale_once_they_are_reached(tm
     stale = shares(tmp_path / "b", NEVER)["coverage.stale_exclusions"]
     assert (stale["value"], stale["status"]) == (1, "FAIL")
     assert "cs_ni" in stale["note"]
+
+
+def test_a_module_that_no_run_of_the_top_holds_is_an_error(tmp_path: Path) -> None:
+    left(tmp_path, "a", [point("dermis_spi", "cs_ni:1->0", 12, 1)])
+    rows = shares(tmp_path)
+    assert rows["coverage.toggle.dermis_sync_latch"]["status"] == "ERROR"
+    assert rows["coverage.line.dermis_sync_latch"]["status"] == "SKIP"
 
 
 def test_no_run_of_the_top_is_an_error_not_a_pass(tmp_path: Path) -> None:
