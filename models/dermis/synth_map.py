@@ -234,6 +234,9 @@ def map_design(
         f"rename -wire -suffix _reg {storing}",
         f"write_json {netlist.json}",
     ]
+    if black_box_memory:
+        # OpenSTA knows no parameters.
+        script.append(f"setparam -unset WORDS t:{RAM}")
     script += ["opt_clean -purge", f"write_verilog -noattr -noexpr -nohex {netlist.verilog}"]
     run_yosys(script, directory, name, limit_s)
     if not netlist.json.is_file() or not netlist.verilog.is_file() or not counts.is_file():

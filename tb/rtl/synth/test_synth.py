@@ -15,7 +15,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_sources
 from dermis.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
 from dermis.synth_equivalence import Proof, prove
-from dermis.synth_map import Netlist, Size, map_design
+from dermis.synth_map import RAM, Netlist, Size, map_design
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
@@ -132,6 +132,16 @@ def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None
     )
     with pytest.raises(SimulatorError, match="check -assert"):
         block(tmp_path, edit=fault)
+
+
+def test_the_memory_can_stay_a_black_box(tmp_path: Path) -> None:
+    made = map_design(OSU035, {"BANK_BYTES": 9}, tmp_path, top="dermis_frame_buffer", black_box_memory=True)
+    assert made.kinds[RAM] == 2
+    assert made.unreset == 0
+    assert made.unmapped == {}
+    assert "#(" not in made.verilog.read_text()
+    whole = map_design(OSU035, {"BANK_BYTES": 9}, tmp_path / "whole", top="dermis_frame_buffer")
+    assert whole.unreset == whole.flops - made.flops == 2 * 9 * 8
 
 
 # ---- equivalence ------------------------------------------------------------------------------------------------
