@@ -129,8 +129,8 @@ def _at_corner(model: str, name: str) -> str:
     """A bin of a model with the corner's oxide, mobility and velocity put in.
 
     The wheel states them on the transistor and has them commented out, for they are no parameters of a transistor in
-    ngspice; without them flops at ss are a fifth faster than the foundry's. In the model they mean the same: a binned parameter is a sum of four
-    terms, and each is scaled.
+    ngspice; without them flops at ss are a fifth faster than the foundry's. In the model they mean the same: a binned
+    parameter is a sum of four terms, and each is scaled.
     """
     device = f"sky130_fd_pr__{name}"
     for word in ("u0", "vsat"):
