@@ -183,7 +183,7 @@ def test_charge_of_a_312_ohm_taxel_fakes_100_counts_with_a_gate_of_512_clocks(
     """The gate FACTS 1.4 seems to have been computed for: its 102 needs 512 clocks and a start above the preset."""
     overload, two = duty_of_resistance((312, 1)), (2, 510)
     timing = {"gate": 512, "settle": 113}
-    x = [[overload], [two]]
+    x = [[overload], [two], [two]]
     right = read(simulator, x, None, 2, {}, **timing)
     assert [s["counts"] for s in right["slots"]] == [[256], [2]]
     wrong = read(simulator, x, presets_once(tmp_path), 2, {}, **timing)
