@@ -68,16 +68,14 @@ async def client(dut: Any) -> None:
     await write(rm.SETTLE, 6)
     expected = exact_codes([[tuple(d) for d in row] for row in s["x"]], gate, chip.code_bits)
     dut.enable_i.value = 1
-    frames = []
-    for number in (1, 2):
+    for number in range(1, s["frames"] + 1):
         await wait_ready(chip, 2 * p["ROWS"] * (gate + 6) + 200)
         length = spi.frame_bytes(p["ROWS"], p["COLS"], chip.code_bits)
         data = await host.run(spi.read_frame_bytes(), 2 + 3 + length)
         same(data, chip.expected(number, gate))
         frame = spi.parse_frame(data)
         assert frame.codes.tolist() == expected
-        frames.append(frame.codes.tolist())
-    report({"codes": frames[0], "overflow": frame.overflow.tolist()})
+    report({"codes": frame.codes.tolist(), "overflow": frame.overflow.tolist()})
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
@@ -117,6 +115,8 @@ async def registers(dut: Any) -> None:
     for address in range(256):
         await write(address, 0xFFFF & ~(SHOT | TEST) if address == rm.CONTROL else 0xFFFF)
     await compare(model.values)
+    for address in model.values:
+        await write(address, 0)
     for address in rng.sample(sorted(model.values), len(model.values)):
         await write(address, rng.getrandbits(16))
     await compare(model.values)
@@ -204,6 +204,10 @@ async def configuration(dut: Any) -> None:
     await write(rm.CONTROL, CONTINUOUS | PER_COLUMN)
     await frame_clocks()
     assert int(dut.range_o.value) == sum(word << 16 * n for n, word in enumerate(words))
+    for n in range(len(words)):
+        await write(rm.RANGE_COLUMN + n, 0)
+    await frame_clocks()
+    assert int(dut.range_o.value) == 0
 
     # Single shots: one frame each, and none by itself.
     await write(rm.CONTROL, 0)
@@ -270,6 +274,39 @@ async def self_test(dut: Any) -> None:
     chip.broken_rows = 0
     assert not any((await masks()).values())
     report(clean)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def size(dut: Any) -> None:
+    """Geometry, the first and the last register of each list, and a whole frame."""
+    p = scenario()["parameters"]
+    chip = Chip(dut, p, levels=own_pattern)
+    host = Pins(dut, chip.clock_ps // 8)
+    await chip.reset()
+    assert await host.run(spi.read_register(rm.GEOMETRY)) == chip.rows << 8 | chip.cols
+    model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
+    for name, register in rm.REGISTERS.items():
+        last = register.address + len(register.words(chip.rows, chip.cols, chip.code_bits)) - 1
+        for address in {register.address, last} & model.values.keys():
+            assert await host.run(spi.read_register(address)) == model.values[address], name
+        if register.lanes and not model.exists(last + 1):
+            try:
+                await host.run(spi.read_register(last + 1))
+                raise AssertionError(f"{name} goes on at {last + 1:02X}")
+            except spi.NoSuchRegister:
+                pass
+    await host.run(spi.write_register(rm.PEDESTAL + chip.cols - 1, 5))
+    await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | pedestal_mode(1)))
+    pedestals = [0] * (chip.cols - 1) + [5]
+    begun = chip.frame
+    while True:
+        await wait_ready(chip, 20_000)
+        data = await host.run(spi.read_frame_bytes())
+        number = spi.parse_frame(data).number
+        if number > begun:
+            break
+    same(data, chip.expected(number, p["GATE_CLOCKS"], pedestal_mode=1, pedestals=pedestals))
+    assert len(data) == spi.frame_bytes(chip.rows, chip.cols, chip.code_bits)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")

@@ -91,7 +91,7 @@ def replay(transaction: Transaction[Result], received: bytes, at: int) -> Result
 
 
 class Pins:
-    """SPI mode 0, pin by pin, with every way to break it off.
+    """SPI mode 0 or 3, pin by pin, with every way to break it off.
 
     Parameters
     ----------
@@ -101,12 +101,15 @@ class Pins:
         Period of SCK.
     prefix : str
         In front of sck_i, cs_ni, copi_i and cipo_o.
+    mode : 0 or 3
+        SCK rests low or high; bits are sampled at its rising edge in both.
     """
 
-    def __init__(self, dut: Any, period_ps: int, prefix: str = "spi_") -> None:
+    def __init__(self, dut: Any, period_ps: int, prefix: str = "spi_", mode: int = 0) -> None:
         self.sck, self.cs = getattr(dut, f"{prefix}sck_i"), getattr(dut, f"{prefix}cs_ni")
         self.copi, self.cipo = getattr(dut, f"{prefix}copi_i"), getattr(dut, f"{prefix}cipo_o")
-        self.sck.value, self.cs.value, self.copi.value = 0, 1, 0
+        self.rest = int(mode == 3)
+        self.sck.value, self.cs.value, self.copi.value = self.rest, 1, 0
         self.period_ps = period_ps
         self.sent = self.received = b""
 
@@ -136,12 +139,13 @@ class Pins:
         """The highest `count` bits of a byte, one way and the other."""
         back = 0
         for n in range(7, 7 - count, -1):
+            self.sck.value = 0
             self.copi.value = value >> n & 1
             await self.half
             back |= int(self.cipo.value) << n
             self.sck.value = 1
             await self.half
-            self.sck.value = 0
+            self.sck.value = self.rest
         return back
 
     async def exchange(self, data: bytes) -> bytes:

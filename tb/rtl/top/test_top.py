@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,11 +18,19 @@ SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS
 WEIGHTS = [5, 2, 4, 2, 2, 5, 2, 1, 2]
 
 
-def run(simulator: str, testcase: str, parameters: dict[str, int] = SMALL, **scenario: Any) -> Any:
+SYNC_RANDOM = Path(__file__).parents[1] / "frame_buffer" / "sync_random.v"
+
+
+def run(
+    simulator: str,
+    testcase: str,
+    parameters: dict[str, int] = SMALL,
+    trap: Path | None = None,
+    **scenario: Any,
+) -> Any:
     """One cocotb test of bench_top on a chip of these parameters."""
-    return simulate(
-        simulator, "bench_top", "dermis_top", testcase, parameters, {"parameters": parameters, **scenario}
-    )
+    scenario["parameters"] = parameters
+    return simulate(simulator, "bench_top", "dermis_top", testcase, parameters, scenario, trap=trap)
 
 
 def c_over_510(codes: list[int]) -> list[Duty]:
@@ -32,16 +41,17 @@ def c_over_510(codes: list[int]) -> list[Duty]:
 def test_the_client_library_reads_codes_that_are_exact(simulator: str, sync_latch: int) -> None:
     x = [c_over_510([0, 1, 2, 127, 128]), c_over_510([254, 255, 100, 3, 37])]
     parameters = SMALL | {"ROWS": 2} | ({"SYNC_LATCH": 1} if sync_latch else {})
-    got = run(simulator, "client", parameters, x=x, gate=510, sck_hz=2.5e6)
+    got = run(
+        simulator, "client", parameters, x=x, gate=510, sck_hz=2.5e6, frames=1 + (simulator == "verilator")
+    )
     assert got["codes"] == [[0, 1, 2, 127, 128], [254, 255, 100, 3, 37]]
     assert not any(map(any, got["overflow"]))
 
 
 def test_a_short_reads_full_scale_with_its_overflow_bit(simulator: str) -> None:
     x = [[SHORT, (1, 2), (1, 4), (0, 1), (3, 1000)], [(1, 510)] * 5]
-    got = run(simulator, "client", SMALL | {"ROWS": 2}, x=x, gate=516, sck_hz=5e6)
+    got = run(simulator, "client", SMALL | {"ROWS": 2}, x=x, gate=516, sck_hz=5e6, frames=1)
     assert got["codes"][0][0] == got["codes"][0][1] == 255
-    assert got["overflow"] == [[False] * 5] * 2 or got["overflow"][0][:2] == [True, True]
     assert got["overflow"][0] == [True, True, False, False, False]
 
 
@@ -58,11 +68,39 @@ def test_self_test_through_the_pins(simulator: str) -> None:
     run(simulator, "self_test")
 
 
-RATIOS = [0.02, 0.1, 0.25, 0.5, 0.8, 0.95, 1.0, 1.05, 2.0, 5.0, 10.0]
+RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
+
+
+# Each size on one of the simulators: to build them takes the time here.
+SIZES = {
+    "8x8": ("icarus", 8, 8, 8),
+    "16x1": ("icarus", 16, 1, 8),
+    "16x16": ("verilator", 16, 16, 8),
+    "64x64x10": ("verilator", 64, 64, 10),
+}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_size_answers_and_sends_exact_frames(size: str) -> None:
+    simulator, rows, cols, code_bits = SIZES[size]
+    run(simulator, "size", SMALL | {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits})
+
+
+RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
+
+
+SIZES = {"8x8": (8, 8, 8), "16x16": (16, 16, 8), "64x64x10": (64, 64, 10), "16x1": (16, 1, 8)}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_size_answers_and_sends_exact_frames(simulator: str, size: str) -> None:
+    rows, cols, code_bits = SIZES[size]
+    parameters = SMALL | {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits}
+    run(simulator, "size", parameters)
 
 
 def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
-    waits = run(simulator, "ratios", ratios=RATIOS, repeats=4, frames=2)
+    waits = run(simulator, "ratios", ratios=RATIOS, repeats=3, frames=2)
     for row in waits:
         if row["ratio"] <= 0.8:
             assert max(row["write"][1], row["read"][1], row["frame"][1]) <= 1, row
@@ -73,12 +111,13 @@ def test_a_slow_reader_sees_whole_frames_and_is_told_what_it_missed(simulator: s
     run(simulator, "slow_reader", slowness=8, reads=4)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1])
 def test_cut_transactions_write_nothing(simulator: str, seed: int) -> None:
-    run(simulator, "cuts", seed=seed, cuts=60)
+    run(simulator, "cuts", seed=seed, cuts=40)
 
 
 @pytest.mark.parametrize("seed", [1])
 def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str, seed: int) -> None:
-    transactions = 600 if simulator == "verilator" else 200
-    run(simulator, "traffic", seed=seed, transactions=transactions, slowest=0.7, weights=WEIGHTS)
+    transactions = 500 if simulator == "verilator" else 150
+    trap = SYNC_RANDOM if simulator == "icarus" else None
+    run(simulator, "traffic", trap=trap, seed=seed, transactions=transactions, slowest=0.7, weights=WEIGHTS)
