@@ -88,7 +88,15 @@ async def power_up(dut: Any) -> None:
 
     async def look(what: str) -> None:
         await Timer(10, "ns")
-        outputs = (dut.row_select_o, dut.preset_o, dut.charge_o, dut.test_current_o, dut.row_valid_o)
+        outputs = (
+            dut.row_select_o,
+            dut.preset_o,
+            dut.charge_o,
+            dut.test_current_o,
+            dut.row_valid_o,
+            dut.range_o,
+            dut.row_fault_o,
+        )
         seen.append([what, *(str(output.value) for output in outputs)])
 
     bench = ReaderBench(dut, s["x"], settings=s["settings"])

@@ -310,11 +310,15 @@ def test_dropped_enable_ends_the_slot_at_once_and_starts_again_at_row_0(
 @SYNCHRONIZERS
 def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sync_latch: int) -> None:
     p = SMALL | {"SYNC_LATCH": sync_latch}
-    played = {"x": [[SHORT] * 5] * 3, "into_slot": 7, "settings": {"gate_i": 40, "settle_i": 3}}
+    played = {
+        "x": [[SHORT] * 5] * 3,
+        "into_slot": 7,
+        "settings": {"gate_i": 40, "settle_i": 3, "range_i": 0x3FF},
+    }
     seen = simulate(simulator, "bench_reader", "dermis_reader", "power_up", p, played)
     assert len(seen) == 15
     for what, *outputs in seen:
-        assert outputs == ["000", "1", "00000", "00000", "0"], what
+        assert outputs == ["000", "1", "00000", "00000", "0", "0" * 10, "000"], what
 
 
 def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_idle(simulator: str) -> None:
