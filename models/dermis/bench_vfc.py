@@ -363,8 +363,9 @@ async def _frames(dut: Any, where: Path) -> None:
         "cpu_seconds": [half.cpu_seconds for half in halves],
     }
     if chip.trace is not None:
-        arrays["charge"] = np.array(chip.trace.charge).reshape(job.frames, -1)
-        arrays["comparator"] = np.array(chip.trace.comparator).reshape(job.frames, -1)
+        for name in ("charge", "comparator"):
+            bits = getattr(chip.trace, name)
+            arrays[name] = np.array([bits[begin : begin + circuit.clocks] for begin in chip.trace.begins])
         arrays["voltage"] = np.array([half.voltage for half in halves])
     _write(where, **arrays)
 

@@ -240,14 +240,16 @@ module skin #(
     done = 0;
     file = $fopen("frames.txt", "w");
   end
-  always @(posedge host_valid) $fwrite(file, "%h", host_byte);
-  always @(posedge host_done) begin
-    $fwrite(file, "\n");
-    $fflush(file);
-    done <= done + 1;
-    if (done + 1 == frames) begin
-      $fclose(file);
-      $finish;
+  always @(posedge tick) begin
+    if (host_valid) $fwrite(file, "%h", host_byte);
+    if (host_done) begin
+      $fwrite(file, "\n");
+      $fflush(file);
+      done <= done + 1;
+      if (done + 1 == frames) begin
+        $fclose(file);
+        $finish;
+      end
     end
   end
 
