@@ -88,7 +88,7 @@ class Proof:
     models : sequence of str
         Modules below rtl/formal that stand for cells of the same name.
     search : "abc" or "z3"
-        What looks for counterexamples of faults: abc is quicker, but takes neither memories nor undefined bits.
+        What looks for counterexamples of faults: abc is quicker, but sby cannot show its way through a memory.
     engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
     depth : int
         Clocks of the induction; of a search for a counterexample where a fault gives none.
@@ -232,6 +232,9 @@ def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: 
     lines += [f"hierarchy -check -top {proof.check} {parameters}", "proc", "flatten"]
     lines += [f"connect -set {wire} {inside}" for wire, inside in proof.taps.items()]
     lines.append(f"prep -top {proof.check}")
+    if engine == "abc bmc3":
+        # An index past the end reads undefined bits, which abc has not got; 0 is one of their values.
+        lines.append("chtype -set $shift t:$shiftx")
     # A search must find a counterexample of this theorem, also where another one, or a lemma, fails earlier.
     keep = " ".join(f"{proof.check}/{label} %d" for label in only)
     lines.append(f"chformal -assert -remove {proof.check}/{'* ' + keep if only else 'never_*'}")
