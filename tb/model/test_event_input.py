@@ -54,7 +54,7 @@ def ohms(seed: int, *shape: int) -> np.ndarray:
 
 def charges(plan: planning.Plan) -> np.ndarray:
     """Charge a clock, [frames, rows, cols, clocks]."""
-    slots = Slots(plan, slice(0, plan.frames))
+    slots = Slots.of(plan, slice(0, plan.frames))
     out = np.empty((plan.frames, plan.rows, plan.cols, plan.timing.gate_clocks))
     for row, block, charge, mean in slots.blocks(5):
         for c in range(block.start, block.stop):
@@ -164,7 +164,7 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
     found = charges(plan)
     kappa = 2e-13 / 5e-12
     offset = (plan.converter.i_offset_a / plan.converter.i0_a)[0]
-    slots = Slots(plan, slice(0, 1))
+    slots = Slots.of(plan, slice(0, 1))
     for col in range(2):
         inverse = None
         for row in range(3):
@@ -282,7 +282,7 @@ def test_dark_current_is_the_network_with_every_row_grounded_at_its_instant(
         ),
         2,
     )
-    slots, drive, timing = Slots(plan, slice(0, 3)), plan.drive, plan.timing
+    slots, drive, timing = Slots.of(plan, slice(0, 3)), plan.drive, plan.timing
     unit = (plan.converter.k * plan.converter.i0_a)[0]
     for frame, row, clock in ((0, 1, 0), (1, 4, 1), (2, 2, 0)):
         share = (row * timing.slot_clocks + clock + 0.5) / (timing.f_clk_hz * drive.t_frame_s)
@@ -348,7 +348,7 @@ def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
         assert settling.slowest_s(plan.network(0)) == pytest.approx(
             part * settling.BRISK_CLOCKS * at, rel=0.1
         )
-        assert (Slots(plan, slice(0, 1)).onset is not None) == felt
+        assert (Slots.of(plan, slice(0, 1)).onset is not None) == felt
         # and the certificate agrees: what is felt is never left out
         bound = bounds.line_capacitance(None, bounds.Extent(plan, 6.0))
         assert np.isinf(bound.lsb).any() == felt
@@ -373,10 +373,10 @@ def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_pa
     ohm = ohms(3, 2, 3, 3)
     series = {"row_driver": {"r_ohm": 1.0}, "column_input": {"r_ohm": 0.5}}
     plan = made(tmp_path, ohm, {"line_capacitance": True, **series})
-    assert Slots(plan, slice(0, 2)).extra is None
+    assert Slots.of(plan, slice(0, 2)).extra is None
     assert (event.run(plan).codes == event.run(made(tmp_path, ohm, series)).codes).all()
     slow = made(tmp_path, ohm, {"line_capacitance": {"c_row_f": 2e-5}, **series})
-    slots = Slots(slow, slice(0, 2))
+    slots = Slots.of(slow, slice(0, 2))
     extra = slots.extra.sum(axis=1)
     settled = charges(made(tmp_path, ohm, series))
     found = charges(slow)
@@ -413,7 +413,7 @@ def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tm
         left = (settling.bound_c(plan.network(0), plan.conductance_s(), plan.timing) * per_c).max()
         if left < auto.ROUNDING_LSB / 100:
             taken += left > 1e-18
-            assert event_input.steady(plan, slice(0, 1))
+            assert event_input.varying(plan, slice(0, 1)) is None
             assert event.refuses(plan) is None
             continue
         refused += 1

@@ -25,7 +25,7 @@ from dermis import noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, event_input, event_loops
 from dermis.engines.event_input import FIELDS as VARYING
-from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, steady
+from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, varying
 from dermis.plan import Drive, Plan
 from dermis.vfc import W_PRESET, Converter
 
@@ -124,8 +124,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         part = slice(first, min(first + step, plan.frames))
         g = plan.conductance_s(part)
         keys = noise.cell_keys(plan.seed, plan.first_frame + first, g.shape) if random else None
-        if active & VARYING and not steady(plan, part):
-            slots = Slots(plan, part)
+        slots = varying(plan, part) if active & VARYING else None
+        if slots is not None:
             counts, w_end[part] = _count_slots(plan, slots, g, keys)
             x_all[part] = slots.mean
         else:

@@ -311,11 +311,17 @@ def _through_frame(
     return out[0], out[1]
 
 
-def _transients(plan: Plan, part: slice, per_c: Floats) -> settling.Transients | None:
-    network, g = plan.network(0), plan.conductance_s(part)
+def _per_c(plan: Plan) -> Floats:
+    """Packets a clock that a coulomb a clock in each column is, [cols]."""
+    return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
+
+
+def _transients(plan: Plan, part: slice) -> settling.Transients | None:
+    network = plan.network(0)
     if not network.active_fields() & _CAPACITANCES:
         return None
-    most = float(np.abs(per_c).max())
+    g, per_c = plan.conductance_s(part), np.abs(_per_c(plan))
+    most = float(per_c.max())
     felt = "q_mirror_c" in plan.active_fields()
     felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
     try:
@@ -323,19 +329,17 @@ def _transients(plan: Plan, part: slice, per_c: Floats) -> settling.Transients |
             network, g, plan.timing, _NEGLIGIBLE / most, _UNFELT / most if felt else None
         )
     except settling.Unsupported as error:
-        left_c = settling.bound_c(network, g, plan.timing)
-        if (left_c * np.abs(per_c)).max() < _UNFOLLOWED:
+        if (settling.bound_c(network, g, plan.timing) * per_c).max() < _UNFOLLOWED:
             return None
         raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
 
 
-def steady(plan: Plan, part: slice) -> bool:
-    """Whether capacitance is all that could make the input change, and has settled before every gate."""
-    if plan.active_fields() & FIELDS - _CAPACITANCES:
-        return False
-    converter = plan.converter
-    per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
-    return _transients(plan, part, per_c) is None
+def varying(plan: Plan, part: slice) -> Slots | None:
+    """The slots of some frames; None where capacitance is all that could change in a gate and has settled before."""
+    found = _transients(plan, part)
+    if found is None and not plan.active_fields() & FIELDS - _CAPACITANCES:
+        return None
+    return Slots(plan, part, found)
 
 
 def glows(plan: Plan) -> bool:
@@ -351,7 +355,7 @@ def refuses(plan: Plan) -> InputError | None:
         return None
     first = plan.fullest_frame()
     try:
-        Slots(plan, slice(first, first + 1))
+        Slots.of(plan, slice(first, first + 1))
     except InputError as error:
         return error
     return None
@@ -365,6 +369,8 @@ class Slots:
     plan : Plan
     part : slice
         Frames.
+    found : settling.Transients or None
+        What has not settled in them; `of` solves for it.
 
     Attributes
     ----------
@@ -389,10 +395,15 @@ class Slots:
         Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
     """
 
-    def __init__(self, plan: Plan, part: slice) -> None:
+    @classmethod
+    def of(cls, plan: Plan, part: slice) -> Slots:
+        """The slots of some frames of a plan, whatever may change in them."""
+        return cls(plan, part, _transients(plan, part))
+
+    def __init__(self, plan: Plan, part: slice, found: settling.Transients | None) -> None:
         converter, timing, drive = plan.converter, plan.timing, plan.drive
-        found = course(plan, part)
-        self.frames, self.rows, self.cols = found.follows_begin.shape
+        ways = course(plan, part)
+        self.frames, self.rows, self.cols = ways.follows_begin.shape
         self.coupling: Coupling | None = None
         cells = self.frames * self.cols
         self._break, self._settle, self._gate = (
@@ -402,7 +413,7 @@ class Slots:
         )
 
         omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
-        bends = found.follows_bend is not None
+        bends = ways.follows_bend is not None
         self.basis, self.begin = _basis(
             self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
         )
@@ -420,18 +431,18 @@ class Slots:
             return np.clip(current, -limit_a, limit_a)
 
         with np.errstate(over="ignore"):
-            follows, moves = finite(found.follows_begin), finite(found.follows_end)
-            terms = [follows + finite(found.rest_begin)]
+            follows, moves = finite(ways.follows_begin), finite(ways.follows_end)
+            terms = [follows + finite(ways.rest_begin)]
             if drive.ripple:
                 terms += [follows * sine, follows * cosine]
             if drive.motion:
                 moves = moves - follows
-                terms += [moves + finite(found.rest_end) - finite(found.rest_begin)]
+                terms += [moves + finite(ways.rest_end) - finite(ways.rest_begin)]
                 if drive.ripple:
                     terms += [moves * sine, moves * cosine]
-            if found.follows_bend is not None:
-                bend = 4.0 * finite(found.follows_bend)
-                terms += [bend + 4.0 * finite(found.rest_bend)]
+            if ways.follows_bend is not None:
+                bend = 4.0 * finite(ways.follows_bend)
+                terms += [bend + 4.0 * finite(ways.rest_bend)]
                 if drive.ripple:
                     terms += [bend * sine, bend * cosine]
         # [rows, terms, frames and cols]
@@ -456,9 +467,10 @@ class Slots:
         if glows(plan):
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
-            self.dark = self._dark(found if same else course(plan, part, dark=True), drive, per_a, finite)
+            self.dark = self._dark(ways if same else course(plan, part, dark=True), drive, per_a, finite)
         self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
-        self._settling(plan, part, per_a * timing.f_clk_hz)
+        if found is not None:
+            self._settling(found, _per_c(plan))
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
     def _dark(self, found: Course, drive: Drive, per_a: Floats, finite: Callable[[Floats], Floats]) -> Floats:
@@ -472,11 +484,7 @@ class Slots:
         cells = self.frames * self.cols
         return np.ascontiguousarray((dark * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
 
-    def _settling(self, plan: Plan, part: slice, per_c: Floats) -> None:
-        found = _transients(plan, part, per_c)
-        if found is None:
-            return
-
+    def _settling(self, found: settling.Transients, per_c: Floats) -> None:
         cells = self.frames * self.cols
 
         def by_row(charge_c: Floats) -> Floats:

@@ -208,7 +208,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
         if coupled is not None:
             unit = unit + coupled.x
         return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
-    slots = event_input.Slots(plan, part)
+    slots = event_input.Slots.of(plan, part)
     terms, gain, modes = slots.terms.shape[1], np.tile(converter.gain, slots.frames), 0
     found = [slots.terms / gain]
     behind = [] if slots.dark is None else [slots.dark / gain]
