@@ -10,6 +10,8 @@ import pytest
 from rtl_reference import SHORT, Duty
 from rtl_run import simulate
 
+from dermis.design import ROOT
+
 pytestmark = pytest.mark.timeout(170)
 
 SMALL = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8, "GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
@@ -106,3 +108,47 @@ def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str) -> No
     transactions = 500 if simulator == "verilator" else 150
     trap = SYNC_RANDOM if simulator == "icarus" else None
     run(simulator, "traffic", trap=trap, seed=1, transactions=transactions, slowest=0.7, weights=WEIGHTS)
+
+
+# What is wrong -> module, right, wrong, the test that must fail and what it is asked for.
+FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
+    "a write without a look at its CRC": (
+        "dermis_spi",
+        "assign crc_good     = (byte_in == crc_q);",
+        "assign crc_good     = 1'b1;",
+        "traffic",
+        {"seed": 1, "transactions": 60, "slowest": 0.0, "weights": WEIGHTS},
+    ),
+    "the rest of a command behind a reset": (
+        "dermis_spi",
+        "if (!begun_q) ",
+        "if (1'b0) ",
+        "cuts",
+        {"seed": 1, "cuts": 10},
+    ),
+    "a bank that is swapped under its reader": (
+        "dermis_frame_buffer",
+        "assign free  = ~held_q | grant | deselected;",
+        "assign free  = 1'b1;",
+        "slow_reader",
+        {"slowness": 8, "reads": 2},
+    ),
+    "a gate one clock too long": (
+        "dermis_register_port",
+        "assign wdata_o      = wdata_i;",
+        "assign wdata_o      = wdata_i | 16'd1;",
+        "configuration",
+        {},
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_checks_see(fault: str, tmp_path: Path) -> None:
+    module, right, wrong, testcase, scenario = FAULTS[fault]
+    text = (ROOT / "rtl" / f"{module}.v").read_text()
+    assert text.count(right) == 1
+    trap = tmp_path / f"{module}.v"
+    trap.write_text(text.replace(right, wrong))
+    with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
+        run("icarus", testcase, trap=trap, **scenario)
