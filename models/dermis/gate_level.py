@@ -152,10 +152,15 @@ def _run_request(file: Path) -> None:
     )
 
 
-def pin_rows(netlist: Netlist, size: Size, suffix: str, scenario: Mapping[str, Any] = SCENARIO) -> list[Row]:
-    """Judge the same stimulus on the Verilog and on the netlist: frames, registers, every pin in every clock."""
-    wanted = run_bench(Design("the Verilog", None, size.parameters), PIN_BENCH, "reads_frames", scenario)
-    got = run_bench(netlist_design(netlist), PIN_BENCH, "reads_frames", scenario)
+def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
+    """Frames, registers and every pin in every clock of a design."""
+    return run_bench(design, PIN_BENCH, "reads_frames", scenario)
+
+
+def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[Row]:
+    """Judge the pins of a netlist against those of the Verilog, `wanted` if they are known."""
+    wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
+    got = pins_of(netlist_design(netlist))
     unlike = sum(
         abs(len(a) - len(b)) // 2
         + sum(x != y for x, y in zip(bytes.fromhex(a), bytes.fromhex(b), strict=False))
