@@ -22,7 +22,7 @@ from dermis.errors import SimulatorError
 from dermis.plan import Timing
 
 START_CLOCKS = 64
-"""More than from enable, or from the end of a frame, to the first driven row but for the settle."""
+"""More than from enable to a frame's first edge, and from there to its first row but for the break."""
 
 SPI_CLOCKS = 1.37
 """Clocks of the chip in one of the host: no ratio of small numbers, so their edges meet in every way."""
@@ -180,7 +180,7 @@ class Bridge:
     async def _first_row(self, frame: int) -> list[float]:
         """Wait until the first row is driven; return the levels there."""
         dut, rows = self._dut, self._timing.rows
-        for _ in range(START_CLOCKS):
+        for _ in range(START_CLOCKS + self._timing.break_clocks):
             levels = self._levels()
             if any(levels[:rows]):
                 break
