@@ -20,6 +20,7 @@ from dermis import hdl, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.hdl import run_logged
+from dermis.lint import header_values
 from dermis.synth import default_size, place, technologies
 from dermis.synth_cells import OSU035, TECHNOLOGIES, Technology
 from dermis.synth_map import TOP, Netlist, Size, map_once
@@ -183,10 +184,15 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> l
 
 @dataclass(frozen=True)
 class TopTest:
-    """A test of tb/rtl/top/bench_top.py: it uses pins only, and says what it found."""
+    """A test of tb/rtl/top/bench_top.py: it uses pins only, and says what it found.
+
+    `alike`: the netlist must report the very same. Not so where the report holds how many wait bytes came: which edge
+    sees a level that crosses depends on the delay of a flop, and the netlist has one.
+    """
 
     testcase: str
     scenario: Mapping[str, Any]
+    alike: bool = True
 
 
 # A small array with short slots, on which every test of the top runs in seconds.
@@ -209,7 +215,7 @@ def small_tests() -> list[TopTest]:
         TopTest("registers", {}),
         TopTest("configuration", {}),
         TopTest("self_test", {}),
-        TopTest("ratios", {"ratios": ratios, "repeats": 3, "frames": 2}),
+        TopTest("ratios", {"ratios": ratios, "repeats": 3, "frames": 2}, alike=False),
         TopTest("slow_reader", {"slowness": 8, "reads": 4}),
         TopTest("cuts", {"seed": 1, "cuts": 40}),
         TopTest(
@@ -244,7 +250,7 @@ def top_rows(
         except SimulatorError as error:
             failed.append(str(error))
             continue
-        if wanted != got:
+        if test.alike and wanted != got:
             unlike.append(f"{test.testcase}: {one_line(str(got), 100)}, not {one_line(str(wanted), 100)}")
     note = failed[0] if failed else f"{', '.join(test.testcase for test in tests)}"
     return [
@@ -273,7 +279,10 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         suffix = f"{technology.name}.{size.name}"
         netlist = map_once(technology, size.parameters, place(technology, size, "_gl"))
         made = pin_rows(netlist, size, suffix)
-        return made + top_rows(netlist, size.parameters, suffix, whole_tests(size), WHOLE_LIMIT_S)
+        # The defaults, said to the bench.
+        header = header_values()
+        slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
+        return made + top_rows(netlist, size.parameters | slots, suffix, whole_tests(size), WHOLE_LIMIT_S)
 
     _attempt(rows, f"gl.failed_tests.{technology.name}.{SMALL.name}", small)
     _attempt(rows, f"gl.failed_tests.{technology.name}.{size.name}", whole)
