@@ -364,7 +364,13 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
     lines = ["[options]", "mode prove", "aigsmt z3", f"timeout {EQUAL_LIMIT_S}"]
     lines += ["multiclock on"] if block.multiclock else []
     lines += ["[engines]", "abc scorr; pdr", "[script]", *(f"read -formal {s.name}" for s in sources)]
-    lines += ["prep -flatten -top check_equal", "[files]", *map(str, sources), str(rtl / "dermis_design.vh")]
+    lines += [
+        "prep -flatten -top check_equal",
+        "chtype -set $shift t:$shiftx",
+        "[files]",
+        *map(str, sources),
+        str(rtl / "dermis_design.vh"),
+    ]
     job = work / "equal.sby"
     job.write_text("\n".join(lines) + "\n")
     outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
@@ -393,8 +399,15 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str]) -> dict[str, Any]:
             if not sure:
                 # A proof is also stopped by a change that only its lemmas see.
                 same = _equivalent(mutant.module, block, rtl, tree, work)
-                if same or killer is None:
-                    fate = "undecided" if same is None else "equivalent" if same else "survives"
+                fate = (
+                    "undecided"
+                    if same is None
+                    else "equivalent"
+                    if same
+                    else "killed"
+                    if killer
+                    else "survives"
+                )
     finally:
         shutil.rmtree(work, ignore_errors=True)
     return {**asdict(mutant), "fate": fate, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
