@@ -34,6 +34,7 @@ module dermis_row_scanner #(
   output wire            frame_load_o,
   output wire            frame_start_o,
   output wire            scanning_o,
+  output wire            test_pending_o,
   output wire            slot_end_o,
   output wire            slot_done_o,
   output wire [7:0]      done_slot_o,
@@ -201,23 +202,24 @@ module dermis_row_scanner #(
       end
     end
 
-  assign row_select_o  = row_select_q;
-  assign preset_o      = preset_q;
-  assign gate_o        = ~preset_q;
-  assign inject_o      = inject_q;
-  assign full_even_o   = full_even_q;
-  assign full_odd_o    = full_odd_q;
-  assign frame_load_o  = frame_load;
-  assign frame_start_o = frame_start_q;
-  assign scanning_o    = active_q;
-  assign slot_end_o    = slot_end;
-  assign slot_done_o   = slot_done_q;
-  assign done_slot_o   = done_slot_q;
-  assign done_first_o  = done_first_q;
-  assign done_last_o   = done_last_q;
-  assign done_test_o   = done_test_q;
-  assign done_dark_o   = done_dark_q;
-  assign done_gate_o   = done_gate_q;
+  assign row_select_o   = row_select_q;
+  assign preset_o       = preset_q;
+  assign gate_o         = ~preset_q;
+  assign inject_o       = inject_q;
+  assign full_even_o    = full_even_q;
+  assign full_odd_o     = full_odd_q;
+  assign frame_load_o   = frame_load;
+  assign frame_start_o  = frame_start_q;
+  assign scanning_o     = active_q;
+  assign test_pending_o = test_q;
+  assign slot_end_o     = slot_end;
+  assign slot_done_o    = slot_done_q;
+  assign done_slot_o    = done_slot_q;
+  assign done_first_o   = done_first_q;
+  assign done_last_o    = done_last_q;
+  assign done_test_o    = done_test_q;
+  assign done_dark_o    = done_dark_q;
+  assign done_gate_o    = done_gate_q;
 
 endmodule
 

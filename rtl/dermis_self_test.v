@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Self-test without a sensor: compares the counts of inject, dark and full-scale slots with limits and keeps sticky fault masks.
 // Interface: the row and column side of the packer in, one mask bit a column or row out; fault_o is any of them. A self-test frame's first
-// row clears all masks. test_i (the request) clears done_o; the last column of a self-test frame sets it.
+// row clears all masks. test_i (the request) clears done_o; end_i of the frame that was asked for last sets it: it is readable then.
 // Timing: a bit is set one clock after its column_valid_i, a row bit one clock after row_valid_i.
 // Why a column without current is checked in the full slots: a short takes half of its neighbour's current, and no other slot shows that.
 `include "dermis_design.vh"
@@ -15,10 +15,11 @@ module dermis_self_test #(
   input  wire               clk_i,
   input  wire               rst_ni,
   input  wire               test_i,
+  input  wire               test_pending_i,
   input  wire               row_valid_i,
   input  wire               first_i,
-  input  wire               last_i,
   input  wire               test_frame_i,
+  input  wire               end_i,
   input  wire [ROWS-1:0]    row_fault_i,
   input  wire               column_valid_i,
   input  wire [6:0]         column_i,
@@ -35,12 +36,11 @@ module dermis_self_test #(
   output wire               done_o
 );
 
-  localparam integer LAST_COLUMN = COLS - 1;
-
   reg [COLS-1:0] inject_fault_q;
   reg [COLS-1:0] dark_fault_q;
   reg [COLS-1:0] full_fault_q;
   reg [ROWS-1:0] row_fault_q;
+  reg            latest_q;
   reg            done_q;
 
   wire            begins;
@@ -84,10 +84,18 @@ module dermis_self_test #(
     if (!rst_ni)          row_fault_q <= {ROWS{1'b0}};
     else if (row_valid_i) row_fault_q <= begins ? row_fault_i : row_fault_q | row_fault_i;
 
+  // A request that still waits when a self-test frame's first row comes, or comes later, is for another frame.
   always @(posedge clk_i or negedge rst_ni)
-    if (!rst_ni)              done_q <= 1'b0;
-    else if (test_i | begins) done_q <= 1'b0;
-    else if (column_valid_i & test_frame_i & last_i & (column_i == LAST_COLUMN[6:0])) done_q <= 1'b1;
+    if (!rst_ni) begin
+      latest_q <= 1'b0;
+      done_q   <= 1'b0;
+    end else begin
+      if (begins)      latest_q <= ~(test_i | test_pending_i);
+      else if (test_i) latest_q <= 1'b0;
+
+      if (test_i | begins)                        done_q <= 1'b0;
+      else if (end_i & test_frame_i & latest_q)   done_q <= 1'b1;
+    end
 
   assign inject_fault_o = inject_fault_q;
   assign dark_fault_o   = dark_fault_q;

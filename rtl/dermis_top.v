@@ -79,6 +79,7 @@ module dermis_top #(
   wire [COLS*CODE_BITS-1:0] pedestal;
 
   wire                      scanning;
+  wire                      test_pending;
   wire                      busy;
   wire                      row_valid;
   wire [7:0]                slot;
@@ -175,6 +176,7 @@ module dermis_top #(
     .test_current_o (test_current_o),
     .frame_start_o  (frame_start_o),
     .scanning_o     (scanning),
+    .test_pending_o (test_pending),
     .busy_i         (busy),
     .row_valid_o    (row_valid),
     .slot_o         (slot),
@@ -227,10 +229,11 @@ module dermis_top #(
     .clk_i          (clk_i),
     .rst_ni         (rst_n),
     .test_i         (test),
+    .test_pending_i (test_pending),
     .row_valid_i    (row_valid),
     .first_i        (first),
-    .last_i         (last),
     .test_frame_i   (test_frame),
+    .end_i          (frame_end),
     .row_fault_i    (row_fault_now),
     .column_valid_i (column_valid),
     .column_i       (column),

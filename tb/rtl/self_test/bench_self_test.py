@@ -139,12 +139,33 @@ async def over_time(dut: Any) -> None:
     report(found)
 
 
+@cocotb.test(timeout_time=1, timeout_unit="sec")
+async def asked_again(dut: Any) -> None:
+    """Ask for a test, and again so many clocks later; report the frames that had ended when each done came."""
+    s = scenario()
+    ended = []
+    for later in s["later"]:
+        array = FaultyArray(dut, s["x"], {})
+        await array.reset(s["settings"])
+        dut.continuous_i.value = 0
+        ends, asked = 0, [0, later]
+        for clock in range(3 * s["limit"]):
+            dut.test_i.value = int(clock in asked)
+            await array.clock()
+            ends += int(dut.end_o.value)
+            if clock > later and int(dut.done_o.value):
+                break
+        ended.append(ends)
+    report(ended)
+
+
 UNIT_INPUTS = (
     "test_i",
+    "test_pending_i",
     "row_valid_i",
     "first_i",
-    "last_i",
     "test_frame_i",
+    "end_i",
     "row_fault_i",
     "column_valid_i",
     "column_i",
@@ -194,9 +215,12 @@ async def random_columns(dut: Any) -> None:
         if rng.random() < 0.3:
             await clock(test_i=1)
         for n, slot in enumerate(slots):
-            inputs |= {"first_i": int(n == 0), "last_i": int(n == len(slots) - 1), "column_slot_i": slot}
+            inputs |= {"first_i": int(n == 0), "column_slot_i": slot}
             fault = rng.getrandbits(rows) if rng.random() < 0.1 else 0
-            await clock(row_valid_i=1, row_fault_i=fault, test_i=int(rng.random() < 0.03))
+            pending = int(rng.random() < 0.2)
+            await clock(
+                row_valid_i=1, row_fault_i=fault, test_i=int(rng.random() < 0.03), test_pending_i=pending
+            )
             for column in range(cols):
                 limit = rng.choice(["test_count_i", "dark_max_i", "full_min_i"])
                 await clock(
@@ -205,4 +229,5 @@ async def random_columns(dut: Any) -> None:
                     column_count_i=near(inputs[limit]),
                     row_fault_i=rng.getrandbits(rows),
                 )
+        await clock(end_i=int(rng.random() < 0.9))
     report(seen)

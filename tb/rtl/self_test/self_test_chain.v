@@ -31,6 +31,7 @@ module self_test_chain #(
   output wire            end_o
 );
 
+  wire               test_pending;
   wire               busy;
   wire               row_valid;
   wire [7:0]         slot;
@@ -74,6 +75,7 @@ module self_test_chain #(
     .test_current_o (test_current_o),
     .frame_start_o  (),
     .scanning_o     (),
+    .test_pending_o (test_pending),
     .busy_i         (busy),
     .row_valid_o    (row_valid),
     .slot_o         (slot),
@@ -126,10 +128,11 @@ module self_test_chain #(
     .clk_i          (clk_i),
     .rst_ni         (rst_ni),
     .test_i         (test_i),
+    .test_pending_i (test_pending),
     .row_valid_i    (row_valid),
     .first_i        (first),
-    .last_i         (last),
     .test_frame_i   (test_frame),
+    .end_i          (end_o),
     .row_fault_i    (row_fault),
     .column_valid_i (column_valid),
     .column_i       (column),

@@ -104,13 +104,50 @@ def test_masks_stay_until_the_next_test_and_a_dark_slot_adds_to_them(simulator: 
     assert found == [{}, fault, {}, fault, {}]
 
 
+def asked_again(simulator: str, trap: Path | None = None) -> list[int]:
+    """Frames that had ended when a test that was asked for twice is done, the second time 1 clock to 1 frame later."""
+    frame = (ROWS + 4) * 68
+    # Before the frame begins, in its first slot, in its middle, while its last row is packed.
+    later = [1, 40, 100, frame // 2, frame - 20, frame - 1, frame + 3, frame + 8]
+    scenario = {"x": NO_SENSOR, "settings": SETTINGS, "limit": frame + 60, "later": later}
+    return simulate(
+        simulator,
+        "bench_self_test",
+        "self_test_chain",
+        "asked_again",
+        {},
+        scenario,
+        trap=trap,
+        around=[CHAIN],
+    )
+
+
+def test_a_test_is_done_when_the_frame_that_was_asked_for_last_is_readable(simulator: str) -> None:
+    assert asked_again(simulator) == [2] * 8
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("latest_q <= ~(test_i | test_pending_i)", "latest_q <= 1'b1"),
+        ("if (test_i) latest_q", "if (1'b0) latest_q"),
+    ],
+)
+def test_a_done_of_an_earlier_frame_is_noticed(old: str, new: str, tmp_path: Path) -> None:
+    right = (ROOT / "rtl" / "dermis_self_test.v").read_text()
+    assert right.count(old) == 1
+    wrong = tmp_path / "wrong.v"
+    wrong.write_text(right.replace(old, new))
+    assert asked_again("icarus", wrong) != [2] * 8
+
+
 COLUMNS, ROW_LINES = 5, 4
 
 
 def masks_by_the_words(seen: list[Any]) -> list[list[int]]:
     """Outputs behind each edge, from the table of docs/rtl.md."""
     inject, dark, full, rows = set(), set(), set(), 0
-    done = 0
+    latest = done = 0
     wanted = []
     for i, _ in seen:
         begins = i["row_valid_i"] and i["first_i"] and i["test_frame_i"]
@@ -127,10 +164,14 @@ def masks_by_the_words(seen: list[Any]) -> list[list[int]]:
                 dark.add(c)
             if lit and n < i["full_min_i"]:
                 full.add(c)
-        if i["column_valid_i"] and i["test_frame_i"] and i["last_i"] and c == COLUMNS - 1:
+        if i["end_i"] and i["test_frame_i"] and latest:
             done = 1
         if i["test_i"] or begins:
             done = 0
+        if begins:
+            latest = not i["test_pending_i"]
+        if i["test_i"]:
+            latest = 0
         masks = [sum(1 << c for c in mask) for mask in (inject, dark, full)] + [rows]
         wanted.append([*masks, int(any(masks)), done])
     return wanted
