@@ -205,7 +205,7 @@ class Frame:
     Attributes
     ----------
     number : int
-        Frames begun since reset, modulo 65536; the first is 1.
+        Frames whose first slot was packed since reset, modulo 65536; the first is 1.
     cols, code_bits, gate_clocks : int
         Geometry, width of a code, and the gate this frame was measured with.
     slots : [n]

@@ -17,8 +17,8 @@ SIZES = {"1x1x1": (1, 1, 1), "17x9x12": (17, 9, 12), "128x128x16": (128, 128, 16
 def every_address(simulator: str, size: str, trap: Path | None = None) -> int:
     rows, cols, code_bits = SIZES[size]
     parameters = {"ROWS": rows, "COLS": cols, "CODE_BITS": code_bits, "GATE_CLOCKS": 300, "SETTLE_CLOCKS": 7}
-    full = 2**code_bits
-    resets = {"GATE": 300, "SETTLE": 7, "DARK_MAX": full // 32, "FULL_MIN": full - full // 16}
+    full = min(150, 2 ** (code_bits + 1) - 1)
+    resets = {"GATE": 300, "SETTLE": 7, "DARK_MAX": -(-full // 32), "FULL_MIN": full - full // 16}
     sizes = {"rows": rows, "cols": cols, "code_bits": code_bits, "sync_latch": 1, "rounds": 1}
     got = simulate(
         simulator,

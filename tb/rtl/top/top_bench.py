@@ -188,11 +188,11 @@ class RegisterModel:
 
 def reset_values(parameters: Mapping[str, int]) -> dict[str, int]:
     """Reset values that follow from the parameters of dermis_top, reckoned apart from the map's expressions."""
-    full = 2 ** parameters.get("CODE_BITS", 8)
+    full = min(parameters["GATE_CLOCKS"] // 2, 2 ** (parameters.get("CODE_BITS", 8) + 1) - 1)
     return {
         "SETTLE": parameters["SETTLE_CLOCKS"],
         "GATE": parameters["GATE_CLOCKS"],
-        "DARK_MAX": full // 32,
+        "DARK_MAX": -(-full // 32),
         "FULL_MIN": full - full // 16,
     }
 
