@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Caravel's analog user area (Caravan): the digital core and the analog front end of an 8x8 array behind Caravan's pads.
-// Interface: Caravan's own ports; docs/handover.md has the table of pads. Clock user_clock2, reset wb_rst_i, host on GPIO 5 to 9.
+// Interface: Caravan's own ports; docs/handover.md has the table of pads. Clock user_clock2, reset wb_rst_i, host on mprj_io[9:5]. With
+// DERMIS_MACRO the core is a hardened 8x8 macro, which has no parameters and, with USE_POWER_PINS, pins for its supply.
 // Timing: rtl/synth/dermis.sdc holds for u_core; nothing but wires is added here.
-// Why 8x8: 16x16 takes 32 analog pads and six digital ones; the padframe has 38 of which five belong to the housekeeping SPI.
+// Why 8x8: 16x16 takes 32 analog pads and Caravan has 29, mprj_io[35:7].
 `default_nettype none
 
 `ifndef MPRJ_IO_PADS
@@ -53,7 +54,8 @@ module user_analog_project_wrapper (
   localparam COLS = 8;
   localparam PADS = `MPRJ_IO_PADS - `ANALOG_PADS;
 
-  // GPIO numbers; gpio_analog[n] shares the pad of GPIO n + 7, so rows are on those of GPIO 14 to 21.
+  // Indices, not pads: io_in[n] is mprj_io[n] up to 13 and mprj_io[n + 11] beyond, gpio_analog[n] is mprj_io[n + 7] up to 6 and
+  // mprj_io[n + 18] beyond, io_analog[n] is mprj_io[n + 14]. Rows on mprj_io[32:25] keep clear of columns and host.
   localparam SCK    = 5;
   localparam CS_N   = 6;
   localparam COPI   = 7;
@@ -74,10 +76,18 @@ module user_analog_project_wrapper (
   wire              cipo_oe;
   wire              frame_ready;
 
+`ifdef DERMIS_MACRO
+  dermis_top u_core (
+`ifdef USE_POWER_PINS
+    .vccd1          (vccd1),
+    .vssd1          (vssd1),
+`endif
+`else
   dermis_top #(
     .ROWS (ROWS),
     .COLS (COLS)
   ) u_core (
+`endif
     .clk_i          (user_clock2),
     .rst_ni         (~wb_rst_i),
     .enable_i       (io_in[ENABLE]),

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
 from rtl_run import simulate
 
 from dermis.design import ROOT
-from dermis.lint import rtl_include_dirs, rtl_sources
+from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
 
 pytestmark = pytest.mark.timeout(120)
 HARDEN = ROOT / "rtl" / "harden"
@@ -104,3 +106,107 @@ def test_fusesoc_core_has_the_one_file_list() -> None:
     assert re.findall(r"^ +- (\w+\.vh) ?: ?\{is_include_file ?: ?true", text, re.MULTILINE) == [
         p.name for d in rtl_include_dirs() for p in sorted(d.glob("*.vh"))
     ]
+
+
+# Caravan's numbering, from the comments in its example project's wrapper: (first and last index, first pad).
+PADS_OF = {
+    "io_in": ((0, 13, 0), (14, 26, 25)),
+    "io_out": ((0, 13, 0), (14, 26, 25)),
+    "gpio_analog": ((0, 6, 7), (7, 17, 25)),
+    "io_analog": ((0, 10, 14),),
+}
+
+
+def pad(port: str, index: int) -> int:
+    """The mprj_io that a bit of one of the wrapper's ports is."""
+    return next(pad + index - first for first, last, pad in PADS_OF[port] if first <= index <= last)
+
+
+def pads_of_wrapper(text: str) -> dict[str, tuple[str, int]]:
+    """What the wrapper has on each pad port: signal -> port and index."""
+    value = {name: int(number) for name, number in re.findall(r"localparam (\w+) += (\d+);", text)}
+    found = {s: ("io_in", value[s]) for s in re.findall(r"\(io_in\[(\w+)\]\)", text)}
+    found |= {s: ("io_out", value[s]) for s in re.findall(r"\(n == (\w+)\) \? (?:cipo|frame_ready)\b", text)}
+    rows = re.search(r"\.row +\(gpio_analog\[(\w+) \+: ROWS\]\)", text)
+    assert rows
+    found |= {f"row {n}": ("gpio_analog", value[rows[1]] + n) for n in range(value["ROWS"])}
+    assert re.search(r"\.col +\(io_analog\[COLS-1:0\]\)", text)
+    found |= {f"column {n}": ("io_analog", n) for n in range(value["COLS"])}
+    for pin, above in re.findall(r"\.([vi]bias) +\(io_analog\[COLS(?:\+(\d+))?\]\)", text):
+        found[pin] = ("io_analog", value["COLS"] + int(above or 0))
+    return found
+
+
+NAMES = {
+    "SCK": "SCK",
+    "CS, low active": "CS_N",
+    "COPI": "COPI",
+    "CIPO": "CIPO",
+    "frame ready": "READY",
+    "enable": "ENABLE",
+    "bias voltage of the rows": "vbias",
+    "bias current": "ibias",
+}
+
+
+def pads_of_table(text: str) -> dict[str, tuple[int, str, int]]:
+    """What docs/handover.md says: signal -> pad, port, index."""
+    lines = re.findall(r"^\| (\d+) \| `(\w+)\[(\d+)\]` \| ([^|]+) \|", text, re.MULTILINE)
+    return {NAMES.get(signal, signal): (int(p), port, int(n)) for p, port, n, signal in lines}
+
+
+def clashes(wrapper: str) -> list[int]:
+    """Pads with two signals, or that the wrapper leaves to the housekeeping SPI."""
+    used = [pad(*where) for where in pads_of_wrapper(wrapper).values()]
+    return sorted({p for p in used if used.count(p) > 1 or p < 5})
+
+
+def test_table_and_wrapper_name_the_same_pads_and_none_twice() -> None:
+    wrapper = pads_of_wrapper(WRAPPER.read_text())
+    assert len(wrapper) == 6 + 2 * 8 + 2
+    table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
+    assert table == {signal: (pad(*where), *where) for signal, where in wrapper.items()}
+    assert clashes(WRAPPER.read_text()) == []
+
+
+def test_rows_on_the_pads_of_the_host_are_seen() -> None:
+    text = WRAPPER.read_text()
+    assert clashes(re.sub(r"(localparam ROW_0 +=) 7", r"\1 1", text)) == [8, 9, 10]
+    # Rows one index higher lie on other pads than the table says, without a clash.
+    table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
+    moved = pads_of_wrapper(re.sub(r"(localparam ROW_0 +=) 7", r"\1 8", text))
+    assert table["row 0"][0] != pad(*moved["row 0"])
+
+
+def macro(text: str) -> str:
+    """An empty 8x8 core with supply pins and without parameters, as a hardened one is."""
+    header = text[text.index(") (") : text.index(");")]
+    sized = re.sub(r"\bROWS\b|\bCOLS\b", "8", header.removeprefix(") ("))
+    return f"module dermis_top (\n  inout wire vccd1,\n  inout wire vssd1,{sized});\nendmodule\n"
+
+
+def test_wrapper_takes_a_hardened_macro(tmp_path: Path) -> None:
+    """With supply pins and without parameters; a supply pin that is not connected is a warning."""
+    core = tmp_path / "dermis_top.v"
+    core.write_text(macro((ROOT / "rtl" / "dermis_top.v").read_text()))
+    place = verilator_root()
+    command = [
+        str(place / "bin" / "verilator_bin"),
+        "--lint-only",
+        "-DDERMIS_MACRO",
+        "--top-module",
+        WRAPPER.stem,
+    ]
+    files = [core, HARDEN / "dermis_analog_front_end.v", WRAPPER]
+
+    def messages(*defines: str) -> list[str]:
+        environment = {**os.environ, "VERILATOR_ROOT": str(place)}
+        done = subprocess.run(
+            [*command, *defines, *files], env=environment, capture_output=True, text=True, timeout=60
+        )
+        return (
+            re.findall(r"^%Warning-(\w+): .*'(\w+)'", done.stderr, re.MULTILINE) or done.stderr.splitlines()
+        )
+
+    assert messages("-DUSE_POWER_PINS") == []
+    assert messages() == [("PINMISSING", "vccd1"), ("PINMISSING", "vssd1")]
