@@ -157,6 +157,7 @@ module check_packer #(
       dark_q    <= {CODE_BITS{1'b0}};
     end else begin
       closes_q <= working_q & (place_q == CRC + 1);
+      if (we) bytes_q <= bytes_q + 16'd1;
       if (row_valid_i) begin
         working_q <= 1'b1;
         place_q   <= first_i ? 10'd0 : 10'd8;
@@ -170,7 +171,6 @@ module check_packer #(
         end
       end else if (working_q) begin
         place_q   <= place_q + 10'd1;
-        bytes_q   <= bytes_q + 16'd1;
         working_q <= (place_q != ends);
         if (place_q == CRC + 1) open_q <= 1'b0;
         if (place_q < CRC) crc_q <= crc16(crc_q, byte_out);
@@ -200,7 +200,7 @@ module check_packer #(
     if (working_q && (place_q < CODES || place_q >= OVERS || number == one)) each_byte: assert (byte_out == wanted);
     if (rst_ni) frame_opens: assert (opens == (row_valid_i && first_i));
     frame_closes: assert (closes == closes_q);
-    if (closes_q) length: assert (bytes_q == 10 + rows_q * (1 + COLS * B + V));
+    if (closes) length: assert (bytes_q == 10 + rows_q * (1 + COLS * B + V));
     takes_each_column_once: assert (shift == (in_codes && low) && column_valid == shift && (!shift || column == number)
       && column_count == count_i && column_slot == slot_i);
     numbers: assert (frame_number == number_q);

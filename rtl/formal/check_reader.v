@@ -119,7 +119,7 @@ module check_reader #(
     if (!started_q) assume (!rst_ni);
     if (row_valid) nothing_is_lost: assert (!busy);
     if (opens) ends_before_the_next: assert (!closes);
-    if (started_q && busy_q && busy && rst_ni) row_rests: assert (row_q == {slot, first, last, test_frame, dark_frame, gate_clocks});
+    if (started_q && busy_q && (busy || closes) && rst_ni) row_rests: assert (row_q == {slot, first, last, test_frame, dark_frame, gate_clocks});
     if (we || closes) bytes_inside_a_frame: assert (open_q);
 
     never_two_frames: assert (!(closes && gate_clocks == 16'd1 && row_q[7:0] == 8'd1));

@@ -125,14 +125,17 @@ module check_registers #(
       || address == 8'h30 || address == 8'h38 || address == 8'h40;
   endfunction
 
+  // A column's count at full scale: every second clock of the gate, as far as the counter goes.
+  localparam FULL = (`DERMIS_GATE_CLOCKS / 2 < (2 << CODE_BITS)) ? `DERMIS_GATE_CLOCKS / 2 : (2 << CODE_BITS) - 1;
+
   // One address, any: what it reads, from what was last written there and came through the mask.
   (* anyconst *) wire [7:0] one;
   reg  [15:0] word_q;
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni)
       word_q <= one == 8'h03 ? 16'h0001 : one == 8'h04 ? `DERMIS_SETTLE_CLOCKS : one == 8'h05 ? `DERMIS_GATE_CLOCKS
-              : one == 8'h06 ? 16'd2 : one == 8'h0B ? 16'h4000 : one == 8'h0D ? (1 << CODE_BITS) / 32
-              : one == 8'h0E ? (1 << CODE_BITS) - (1 << CODE_BITS) / 16
+              : one == 8'h06 ? 16'd2 : one == 8'h0B ? 16'h4000 : one == 8'h0D ? (FULL + 31) / 32
+              : one == 8'h0E ? FULL - FULL / 16
               : one == 8'h20 ? writable(8'h20) : one == 8'h50 ? (16'hAAAA & writable(8'h50)) : 16'h0000;
     else if (valid_i && write_i && address_i == one) word_q <= wdata_i & writable(one);
 

@@ -79,7 +79,7 @@ module check_scanner #(
     .done_gate_o   (done_gate)
   );
 
-  // Shown from inside, for the induction only.
+  // Shown from inside, for the induction and for what the design still has to do.
   wire [15:0]      tap_clocks;
   wire             tap_break;
   wire             tap_short;
@@ -91,6 +91,17 @@ module check_scanner #(
   wire             tap_test_frame;
   wire             tap_dark_frame;
   wire             tap_first;
+
+  // Clocks that the design still has to count in this slot, by its own counter and settings.
+  wire [17:0] left = tap_break ? 18'd2 + tap_clocks + tap_settle + tap_gate
+                   : preset    ? 18'd1 + tap_clocks + tap_gate
+                   :             18'd1 + tap_clocks;
+  reg  [17:0]      left_q;
+  reg  [SLOTS-1:0] slots_q;
+  reg              scanning_q;
+  reg              slot_end_q;
+  reg              load_q;
+  reg              waits_q;
 
   reg started_q = 1'b0;
   always @(posedge clk_i) started_q <= 1'b1;
@@ -175,6 +186,12 @@ module check_scanner #(
 
   always @(posedge clk_i) begin
     out_of_reset_q <= rst_ni;
+    left_q         <= left;
+    slots_q        <= tap_slots;
+    scanning_q     <= scanning;
+    slot_end_q     <= slot_end;
+    load_q         <= frame_load;
+    waits_q        <= preset & ~tap_break & (tap_clocks == 16'd0) & tap_short & busy_i;
     row_select_q   <= row_select;
     ended_q        <= ended;
     enable_q       <= enable_i;
@@ -211,9 +228,11 @@ module check_scanner #(
       || (done_slot == slot_q && {done_first, done_last, done_test, done_dark} == flags_q && done_gate == slot_gate_q)));
     if (settled) marks_the_frame: assert (frame_start == begins_q);
 
-    // No deadlock: a slot's clocks are bounded by the settings (stretch apart), and each slot takes one off a finite list.
-    slot_is_bounded: assert (!run_q || (since_q < settle_q && (!gating_q || gated_q < gate_q)));
-    list_is_not_empty: assert (!run_q || list_q != 0);
+    // No deadlock: a slot's clocks run down one by one but for those of busy, and each slot takes one off a finite list.
+    if (settled && scanning && scanning_q && !slot_end_q) slot_is_bounded: assert (left_q > 1 && left == left_q - !waits_q);
+    if (settled && slot_end) slot_ends_when_none_is_left: assert (left == 1);
+    if (settled && scanning) list_is_not_empty: assert (tap_slots != 0 && (!scanning_q || load_q
+      || tap_slots == (slot_end_q ? slots_q & (slots_q - 1'b1) : slots_q)));
     if (settled && enable_q && enable_i && (continuous_i || shot_q || test_q) && list != 0) always_scans: assert (scanning || frame_load);
     // One request, one frame: without continuous a frame only begins for a pending request, which it consumes.
     if (settled && frame_load && !continuous_i) one_request_one_frame: assert (tap_test || tap_shot);

@@ -13,10 +13,11 @@ module check_self_test #(
   input wire               clk_i,
   input wire               rst_ni,
   input wire               test_i,
+  input wire               test_pending_i,
   input wire               row_valid_i,
   input wire               first_i,
-  input wire               last_i,
   input wire               test_frame_i,
+  input wire               end_i,
   input wire [ROWS-1:0]    row_fault_i,
   input wire               column_valid_i,
   input wire [6:0]         column_i,
@@ -38,10 +39,11 @@ module check_self_test #(
     .clk_i          (clk_i),
     .rst_ni         (rst_ni),
     .test_i         (test_i),
+    .test_pending_i (test_pending_i),
     .row_valid_i    (row_valid_i),
     .first_i        (first_i),
-    .last_i         (last_i),
     .test_frame_i   (test_frame_i),
+    .end_i          (end_i),
     .row_fault_i    (row_fault_i),
     .column_valid_i (column_valid_i),
     .column_i       (column_i),
@@ -67,6 +69,9 @@ module check_self_test #(
   reg full_q;
   reg row_q;
   reg done_q;
+  // A request that no frame since has begun for.
+  reg newer_q;
+  wire tap_latest;
   wire begins = row_valid_i & first_i & test_frame_i;
   wire mine   = column_valid_i & (column_i == one);
   // Full scale of the even columns is slot F2, of the odd ones F3; a column has current in its own.
@@ -76,7 +81,7 @@ module check_self_test #(
 
   always @(posedge clk_i) started_q <= 1'b1;
   always @(posedge clk_i or negedge rst_ni)
-    if (!rst_ni) {inject_q, dark_q, full_q, row_q, done_q} <= 5'd0;
+    if (!rst_ni) {inject_q, dark_q, full_q, row_q, done_q, newer_q} <= 6'b000001;
     else begin
       if (begins) {inject_q, dark_q, full_q} <= 3'd0;
       else if (mine) begin
@@ -87,7 +92,8 @@ module check_self_test #(
       end
       if (row_valid_i) row_q <= row_fault_i[row] | (row_q & ~begins);
       if (test_i || begins) done_q <= 1'b0;
-      else if (column_valid_i && column_i == COLS - 1 && last_i && test_frame_i) done_q <= 1'b1;
+      else if (end_i && test_frame_i && !newer_q) done_q <= 1'b1;
+      newer_q <= test_i | (begins ? test_pending_i : newer_q);
     end
 
   always @* begin
@@ -99,6 +105,7 @@ module check_self_test #(
     rows: assert (row_fault[row] == row_q);
     any_of_them: assert (fault == (inject_fault != 0 || dark_fault != 0 || full_fault != 0 || row_fault != 0));
     ends: assert (done == done_q);
+    lemma_latest: assert (tap_latest == !newer_q);
 
     finds_all: cover (rst_ni && inject_q && dark_q && full_q && row_q && done_q);
     clears: cover (rst_ni && started_q && row_valid_i && begins && dark_q && !fault == 1'b0 && done_q);
