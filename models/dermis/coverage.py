@@ -11,7 +11,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 import tomllib
@@ -26,7 +25,6 @@ from pydantic import BaseModel, ConfigDict
 
 from dermis import hdl, verdict
 from dermis.design import ROOT
-from dermis.errors import SimulatorError
 from dermis.files import write_between
 from dermis.lint import TOP, rtl_sources
 
@@ -235,24 +233,9 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
         A test failed: its counts say nothing.
     """
     command = [sys.executable, "-m", "pytest", "-q", "-p", "dermis.coverage", "-k", "verilator", "-n", "2"]
-    with log.open("wb") as out:
-        child = subprocess.Popen(
-            [*command, *map(str, tests)],
-            cwd=ROOT,
-            env={**os.environ, "DERMIS_COVERAGE": str(place)},
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    try:
-        code = child.wait(RUN_LIMIT_S)
-    except subprocess.TimeoutExpired:
-        raise SimulatorError(f"the tests took more than {RUN_LIMIT_S:g} s", log) from None
-    finally:
-        hdl.end_session(child)
-    if code != 0:
-        raise SimulatorError(f"a test failed (pytest: {code})", log)
+    log.unlink(missing_ok=True)
+    environment = {"DERMIS_COVERAGE": str(place)}
+    hdl.run_logged([*command, *map(str, tests)], ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
 
 
 def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:

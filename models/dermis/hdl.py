@@ -327,29 +327,58 @@ def program(
     return ["vvp", "-n", str(target / "sim.vvp")] if simulator == "icarus" else [str(target / f"V{toplevel}")]
 
 
-def run_logged(command: Sequence[str], directory: Path, log: Path, limit_s: float, what: str) -> None:
-    """Run a command in a session of its own; its output is added to a log.
+def run_child(
+    command: Sequence[str | Path],
+    directory: Path,
+    log: Path,
+    limit_s: float,
+    environment: Mapping[str, str] | None = None,
+) -> int | None:
+    """Run a command in a session of its own and return its exit code, None if it was ended at its limit.
 
-    Raises
-    ------
-    SimulatorError
-        It failed, or ran longer than its limit and was ended with all that it started.
+    Parameters
+    ----------
+    command, directory : what is run, and where
+    log : file that its output is added to
+    limit_s : seconds until it is ended with all that it started
+    environment : variables beside those of this process
     """
     with log.open("ab") as out:
         child = subprocess.Popen(
             command,
             cwd=directory,
+            env={**os.environ, **(environment or {})},
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
     try:
-        code = child.wait(limit_s)
+        return child.wait(limit_s)
     except subprocess.TimeoutExpired:
-        raise SimulatorError(f"{what} took more than {limit_s:g} s", log) from None
+        return None
     finally:
         end_session(child)
+
+
+def run_logged(
+    command: Sequence[str | Path],
+    directory: Path,
+    log: Path,
+    limit_s: float,
+    what: str,
+    environment: Mapping[str, str] | None = None,
+) -> None:
+    """Run a command that must succeed, as `run_child` does.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, or ran longer than its limit.
+    """
+    code = run_child(command, directory, log, limit_s, environment)
+    if code is None:
+        raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
     if code != 0:
         raise SimulatorError(f"{what} failed with exit code {code}", log)
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from dermis.errors import InputError
+from dermis.spi_protocol import SPECIAL_SLOTS, frame_bytes
 
 ROOT = Path(__file__).resolve().parents[2]
 TOP = "dermis_top"
@@ -226,8 +227,7 @@ def _lint_yosys(root: Path, configuration: str, parameters: Mapping[str, int]) -
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
     # Two banks of the longest frame (docs/spi.md); the words of dermis_tech_ram are all that has no reset.
-    slot_bytes = 1 + columns * (2 if bits > 8 else 1) + (columns + 7) // 8
-    words = 2 * (10 + (rows + 4) * slot_bytes)
+    words = 2 * frame_bytes(rows + len(SPECIAL_SLOTS), columns, bits)
     latches = columns if parameters.get("SYNC_LATCH", 0) else 0
     with tempfile.TemporaryDirectory() as scratch:
         counts, memories = Path(scratch) / "counts.json", Path(scratch) / "memories.json"

@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import random
+import subprocess
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rtl_reference import SHORT, Duty, code_closed, count, duty_of_resistance, ones
 from rtl_run import simulate
 
-from dermis.lint import header_values
+from dermis.hdl import PACK_MARGIN_CLOCKS
+from dermis.lint import header_values, rtl_include_dirs, rtl_sources
+from dermis.spi_protocol import slot_bytes
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -327,3 +331,21 @@ def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_
     assert seen["gates"] == [65535, 2047, 1]
     assert seen["counts"] == [[511] * 5, [511] * 5, [1] * 5]
     assert seen["test_counts"][1] == 511
+
+
+def test_a_gate_that_waits_for_packing_is_the_one_that_a_plan_is_refused_for(tmp_path: Path) -> None:
+    """`hdl.beyond_the_chip` and dermis_reader say from which gate on a row is packed in time, at every size."""
+    sizes = [(cols, bits) for cols in (1, 2, 7, 8, 9, 16, 64, 127, 128) for bits in (1, 8, 9, 16)]
+    lines = ["module sizes;"]
+    for n, (cols, bits) in enumerate(sizes):
+        lines.append(f"dermis_reader #(.COLS({cols}), .CODE_BITS({bits})) r{n} ();")
+        lines.append(f'initial $display("%0d", r{n}.PACK_CLOCKS);')
+    top, out = tmp_path / "sizes.v", tmp_path / "sizes.vvp"
+    top.write_text("\n".join([*lines, "initial $finish;", "endmodule", ""]))
+    command = ["iverilog", "-g2005", "-s", "sizes", "-o", str(out), *(f"-I{d}" for d in rtl_include_dirs())]
+    subprocess.run([*command, *map(str, rtl_sources()), str(top)], check=True, timeout=60)
+    said = subprocess.run(
+        ["vvp", "-n", str(out)], check=True, timeout=60, capture_output=True, text=True
+    ).stdout
+    wanted = [slot_bytes(cols, bits) + PACK_MARGIN_CLOCKS for cols, bits in sizes]
+    assert [int(line) for line in said.split()] == wanted
