@@ -9,7 +9,8 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.hdl import run_logged
 from dermis.lint import header_values
-from dermis.synth import default_size, place, technologies
+from dermis.synth import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
 from dermis.synth_cells import OSU035, TECHNOLOGIES, Technology
 from dermis.synth_map import TOP, Netlist, Size, map_once
 from dermis.verdict import Row
@@ -259,13 +260,6 @@ def top_rows(
     ]
 
 
-def _attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
-    try:
-        rows += work()
-    except SimulatorError as error:
-        rows.append(verdict.error(name, one_line(str(error), 300)))
-
-
 def gate_level(technology: Technology, size: Size) -> list[Row]:
     """Run all benches: every test of the top on a small netlist, the pins, codes and registers of the whole one."""
     rows: list[Row] = []
@@ -277,15 +271,19 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 
     def whole() -> list[Row]:
         suffix = f"{technology.name}.{size.name}"
-        netlist = map_once(technology, size.parameters, place(technology, size, "_gl"))
+        netlist = map_once(technology, size.parameters, place(technology, size))
         made = pin_rows(netlist, size, suffix)
         # The defaults, said to the bench.
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         return made + top_rows(netlist, size.parameters | slots, suffix, whole_tests(size), WHOLE_LIMIT_S)
 
-    _attempt(rows, f"gl.failed_tests.{technology.name}.{SMALL.name}", small)
-    _attempt(rows, f"gl.failed_tests.{technology.name}.{size.name}", whole)
+    for work, array in ((small, SMALL), (whole, size)):
+        start = time.perf_counter()
+        attempt(rows, f"gl.failed_tests.{technology.name}.{array.name}", work)
+        seconds = time.perf_counter() - start
+        note = "both sides, and mapping where no netlist was there"
+        rows.append(verdict.report(f"gl.seconds.{technology.name}.{array.name}", seconds, "s", note))
     return rows
 
 
@@ -294,8 +292,11 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 @click.option("--rows", type=click.IntRange(1, 128), help="Default: the design's.")
 @click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
 @click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
-def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool) -> int:
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
     """Run the tests of the top on the mapped netlist, against the Verilog; into build/gl.json."""
+    if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):
+        raise InputError("command line", "--docs", "with a choice", "a whole run")
     base = default_size()
     size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
     judged: list[Row] = []
@@ -304,6 +305,9 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool) 
         judged += gate_level(technology, size)
     verdict.write_rows("gl", judged)
     verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
+    if docs and verdict.exit_code(judged) == 0:
+        write_docs("gl", verdict_table(judged))
+        click.echo(f"written: {DOCS}")
     return verdict.exit_code(judged)
 
 

@@ -21,8 +21,8 @@ from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_between
 from dermis.synth_cells import TECHNOLOGIES, Technology
 from dermis.synth_equivalence import prove
-from dermis.synth_map import RAM, Netlist, Size, map_design
-from dermis.synth_timing import CLOCKS, SDC, Path_, analyse, highest, unargued
+from dermis.synth_map import RAM, Netlist, Size, map_design, map_once
+from dermis.synth_timing import CLOCKS, SDC, Path_, analyse, crossings, highest, unargued
 from dermis.verdict import Row
 
 DOCS = "docs/synthesis.md"
@@ -30,7 +30,10 @@ BLOCKS = "blocks"
 MARKS = {
     name: (f"<!-- begin: {name} (written by dermis synth --docs) -->", f"<!-- end: {name} -->")
     for name in ("synth", BLOCKS)
-} | {"sizes": ("<!-- begin: sizes (written by dermis synth --sizes --docs) -->", "<!-- end: sizes -->")}
+} | {
+    "sizes": ("<!-- begin: sizes (written by dermis synth --sizes --docs) -->", "<!-- end: sizes -->"),
+    "gl": ("<!-- begin: gl (written by dermis gl --docs) -->", "<!-- end: gl -->"),
+}
 # Small, the design's own, large, and one column.
 SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
 # Above this many bits of frame memory, its words as flip-flops take Yosys minutes; it is then left out, and said so.
@@ -66,7 +69,7 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
     return found
 
 
-def _attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
+def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
     """Add the rows of a piece of work, or one ERROR row that says how it ended."""
     try:
         rows += work()
@@ -106,6 +109,13 @@ def _shown(path: Path_) -> str:
     return f"{path.start} to {path.end}, {len(path.cells)} cells"
 
 
+def _corner(technology: Technology, corner: str, kind: str) -> str:
+    """Name of a corner, with the factor its delays have."""
+    early, late = technology.derates(corner)
+    factor = late if kind == "max" else early
+    return f"corner {corner}" + (f", delays x {factor:g}" if factor != 1.0 else "")
+
+
 def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[Row]:
     """Judge setup at the slow corner and hold at the fast one, and report the highest clocks."""
     periods = sdc_periods()
@@ -131,9 +141,15 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
                 verdict.judge(
                     f"synth.{name}_slack_ns.{clock}.{suffix}",
                     path.slack_ns,
-                    f"corner {corner}; {_shown(path)}",
+                    f"{_corner(technology, corner, kind)}; {_shown(path)}",
                 )
             )
+    across = crossings(
+        technology, technology.slow, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
+    )
+    for clock, path in across.items():
+        note = f"{_corner(technology, technology.slow, 'max')}; {_shown(path)}"
+        rows.append(verdict.judge(f"synth.crossing_slack_ns.{clock}.{suffix}", path.slack_ns, note))
     found = highest(
         technology, technology.slow, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
     )
@@ -144,7 +160,7 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
                 f"synth.highest_mhz.{clock}.{suffix}",
                 one.mhz,
                 "MHz",
-                f"corner {technology.slow}; {_shown(one.path)}",
+                f"{_corner(technology, technology.slow, 'max')}; {_shown(one.path)}",
             )
         )
     return rows
@@ -186,7 +202,7 @@ def synthesise(
     start = time.perf_counter()
 
     def make() -> list[Row]:
-        outcome.flat = map_design(technology, size.parameters, place(technology, size))
+        outcome.flat = map_once(technology, size.parameters, place(technology, size), fresh=True)
         return netlist_rows(outcome.flat, size, suffix)
 
     def split() -> list[Row]:
@@ -196,16 +212,16 @@ def synthesise(
         total = outcome.hierarchical.area_um2
         return [verdict.report(f"synth.area_by_blocks_um2.{suffix}", total, "um2", "modules kept apart")]
 
-    _attempt(rows, f"synth.netlist.{suffix}", make)
+    attempt(rows, f"synth.netlist.{suffix}", make)
     flat = outcome.flat
     if flat is not None and timing:
-        _attempt(rows, f"synth.timing.{suffix}", lambda: timing_rows(technology, flat, suffix))
+        attempt(rows, f"synth.timing.{suffix}", lambda: timing_rows(technology, flat, suffix))
     if flat is not None and equivalence:
-        _attempt(
+        attempt(
             rows, f"synth.not_equivalent.{suffix}", lambda: equivalence_rows(technology, flat, size, suffix)
         )
     if blocks:
-        _attempt(rows, f"synth.blocks.{suffix}", split)
+        attempt(rows, f"synth.blocks.{suffix}", split)
     outcome.seconds = time.perf_counter() - start
     rows.append(verdict.report(f"synth.seconds.{suffix}", outcome.seconds, "s", "all of the above"))
     return outcome
@@ -283,7 +299,7 @@ def size_line(technology: Technology, size: Size, limit_s: float) -> tuple[SizeL
             technology,
             technology.slow,
             made.verilog,
-            made.directory,
+            made.directory / "sizes",
             clk_ns=periods["clk"],
             sck_ns=periods["sck"],
             black_boxes=not whole,
@@ -295,13 +311,13 @@ def size_line(technology: Technology, size: Size, limit_s: float) -> tuple[SizeL
         ]
 
     def full() -> list[Row]:
-        made = map_design(technology, size.parameters, place(technology, size), limit_s=limit_s)
+        made = map_once(technology, size.parameters, place(technology, size), limit_s=limit_s)
         return netlist_rows(made, size, suffix) + fmax(made)
 
-    _attempt(rows, f"synth.netlist.{suffix}.no_memory", bare)
-    _attempt(rows, f"synth.memory_um2.{suffix}", memory)
+    attempt(rows, f"synth.netlist.{suffix}.no_memory", bare)
+    attempt(rows, f"synth.memory_um2.{suffix}", memory)
     if whole:
-        _attempt(rows, f"synth.netlist.{suffix}", full)
+        attempt(rows, f"synth.netlist.{suffix}", full)
     return line, rows
 
 

@@ -31,7 +31,8 @@ class Technology:
     wire_ff, wire_ff_per_sink : stated capacitance of a net before there is a layout: its first and each further sink
     tie_high, tie_low : cell and pin of a constant; None where the library has no such cell and constants stay
     dont_use : cells of the Liberty that mapping must leave alone
-    late : factor on every delay of a setup path at the slow corner
+    late, early : factors on delays of our own tables: of setup paths at the slow corner, of hold paths at the
+        fast one
     """
 
     name: str
@@ -49,6 +50,7 @@ class Technology:
     dont_use: str
     fanout: int = 12
     late: float = 1.0
+    early: float = 1.0
     description: str = ""
 
     def liberty(self, corner: str) -> Path:
@@ -71,6 +73,18 @@ class Technology:
         from dermis.liberty import liberty_file
 
         return Path(liberty_file(corner))
+
+    def derates(self, corner: str) -> tuple[float, float]:
+        """Factors on early and late delays of a corner; 1 for a foundry's own Liberty."""
+        if self.name == "sky130":
+            from dermis.liberty import DIRECTORY
+
+            if self.liberty(corner).parent != DIRECTORY:
+                return 1.0, 1.0
+        return (
+            self.early if corner == self.fast else 1.0,
+            self.late if corner == self.slow else 1.0,
+        )
 
     def latch_source(self) -> Path:
         """The Verilog that stands in the place of rtl/dermis_tech_latch.v."""
@@ -100,8 +114,9 @@ TECHNOLOGIES: Mapping[str, Technology] = {
         tie_low=("sky130_fd_sc_hd__conb_1", "LO"),
         # Delay lines, clock cells and latches are no logic.
         dont_use=r"sky130_fd_sc_hd__(dly|clk|dl[rx]|probe|lpflow)\w*",
-        # The tables made here are up to 15 % faster at ss than the foundry's: docs/liberty.md.
+        # The tables made here are up to 15 % faster at ss than the foundry's, and 5 % slower at ff: docs/liberty.md.
         late=1.15,
+        early=0.9,
         description="SkyWater sky130_fd_sc_hd, 130 nm, 1.8 V",
     ),
     "osu035": Technology(

@@ -3,20 +3,25 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import re
 import shutil
+import subprocess
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dermis import synth_cells
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.hdl import run_logged
 from dermis.lint import rtl_include_dirs, rtl_sources
+from dermis.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.synth_cells import Cell, Technology, areas, cells, mapping_liberty
 
 TOP = "dermis_top"
@@ -60,9 +65,8 @@ class Size:
 
     @property
     def bank_bytes(self) -> int:
-        """Bytes of one bank of the frame memory: header, CRC, and rows and special slots with overflow bits."""
-        code_bytes = 2 if self.code_bits > 8 else 1
-        return 10 + (self.rows + 4) * (1 + self.cols * code_bytes + (self.cols + 7) // 8)
+        """Bytes of one bank of the frame memory: a frame of all rows and all special slots."""
+        return frame_bytes(self.rows + len(SPECIAL_SLOTS), self.cols, self.code_bits)
 
     @property
     def memory_bits(self) -> int:
@@ -196,7 +200,7 @@ def map_design(
     name = "hierarchical" if hierarchical else "netlist"
     counts = directory / f"{name}_latches.txt"
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
-    for stale in (counts, netlist.verilog, netlist.json, directory / "made_from"):
+    for stale in (counts, netlist.verilog, netlist.json):
         stale.unlink(missing_ok=True)
     abc = (
         "strash;ifraig;scorr;dc2;strash;&get,-n;&dch,-f;&nf;&put;"
@@ -249,27 +253,59 @@ def map_design(
     return netlist
 
 
+@cache
+def _tools() -> str:
+    """What Yosys says it is, and the ABC it calls, which says nothing of the kind."""
+    said = subprocess.run(
+        [tool("yosys"), "-V"], capture_output=True, text=True, timeout=20, check=False
+    ).stdout
+    return said + hashlib.sha256(Path(tool("berkeley-abc")).read_bytes()).hexdigest()
+
+
 def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     """Changes with whatever a netlist depends on."""
-    digest = hashlib.sha256(json.dumps([technology.name, dict(parameters)], sort_keys=True).encode())
+    what = [repr(technology), dict(parameters), _tools()]
+    digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
-    own = [Path(__file__), technology.latch_source(), technology.liberty(technology.corners[0])]
+    own = [Path(__file__), Path(synth_cells.__file__), technology.latch_source()]
+    own.append(technology.liberty(technology.corners[0]))
     for path in [*rtl_sources(), *headers, *own]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
-def map_once(technology: Technology, parameters: Mapping[str, int], directory: Path) -> Netlist:
-    """As `map_design`, but what lies in the directory already is taken if it was made from the same things."""
-    mark, key = directory / "made_from", _key(technology, parameters)
+def map_once(
+    technology: Technology,
+    parameters: Mapping[str, int],
+    directory: Path,
+    *,
+    fresh: bool = False,
+    limit_s: float = YOSYS_LIMIT_S,
+) -> Netlist:
+    """As `map_design`, but a netlist made from the same things that lies there already is taken, unless `fresh`.
+
+    Of two processes at the same directory one waits until the other is done.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
     netlist = Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
-    if mark.is_file() and mark.read_text() == key and netlist.verilog.is_file() and netlist.json.is_file():
-        read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
+    mark, key = directory / "made_from", _key(technology, parameters)
+
+    def content() -> str:
+        made = (hashlib.sha256(path.read_bytes()).hexdigest() for path in (netlist.verilog, netlist.json))
+        return "\n".join([key, *made])
+
+    with (directory / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        there = mark.is_file() and netlist.verilog.is_file() and netlist.json.is_file()
+        if there and not fresh and mark.read_text() == content():
+            counts = re.match(r"\d+", (directory / "netlist_latches.txt").read_text())
+            netlist.inferred_latches = int(counts.group()) if counts else -1
+            read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
+            return netlist
+        mark.unlink(missing_ok=True)
+        netlist = map_design(technology, parameters, directory, limit_s=limit_s)
+        mark.write_text(content())
         return netlist
-    mark.unlink(missing_ok=True)
-    netlist = map_design(technology, parameters, directory)
-    mark.write_text(key)
-    return netlist
 
 
 def _module_name(name: str) -> str:

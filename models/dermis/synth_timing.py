@@ -8,6 +8,7 @@ added to a copy of the Liberty; wires have no resistance, clocks no skew.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,28 +111,101 @@ def analyse(
     SimulatorError
         OpenSTA failed, complained, or reported no path for one of them.
     """
-    directory.mkdir(parents=True, exist_ok=True)
-    liberty = directory / f"{corner}.lib"
-    if not liberty.is_file():
-        liberty = _liberty(technology, corner, directory)
-    script = directory / f"sta_{corner}.tcl"
     log = directory / f"sta_{corner}.log"
+    reports = [
+        f"report_checks -path_delay {kind} -path_group {clock} -format full_clock_expanded -digits 4"
+        for kind in ("max", "min")
+        for clock in CLOCKS
+    ]
+    constraints = ["set cut_crossings 1", f"source {sdc}"]
+    periods = {"clk": clk_ns, "sck": sck_ns}
+    said = _run(
+        technology, corner, netlist, directory, log, periods, constraints, reports, wires, top, limit_s
+    )
+    # What check_setup lists are warnings too; `unargued` looks at them.
+    complaints = [
+        c for c in _COMPLAINT.findall(said.split("setup check")[0]) if not (black_boxes and "black box" in c)
+    ]
+    if complaints:
+        raise SimulatorError(f"OpenSTA: {complaints[0].strip()}", log)
+    paths = parse(said)
+    missing = [f"{kind} {clock}" for clock in CLOCKS for kind in ("max", "min") if (clock, kind) not in paths]
+    if missing or "sta ended" not in said:
+        raise SimulatorError(f"OpenSTA reported no path for {', '.join(missing) or 'its end'}", log)
+    return paths
+
+
+def crossings(
+    technology: Technology,
+    corner: str,
+    netlist: Path,
+    directory: Path,
+    *,
+    clk_ns: float,
+    sck_ns: float,
+    sdc: Path = SDC,
+    limit_s: float = STA_LIMIT_S,
+) -> dict[str, Path_]:
+    """Longest path from each clock into the other against the bound that hardening has, keyed by the receiving clock.
+
+    Raises
+    ------
+    SimulatorError
+        OpenSTA failed, complained, or reported no path for one of them.
+    """
+    log = directory / f"sta_{corner}_crossings.log"
+    reports = [
+        f'puts "to {receiver}"\nreport_checks -path_delay max -from [get_clocks {sender}] -to [get_clocks {receiver}] '
+        "-format full_clock_expanded -digits 4"
+        for sender, receiver in (CLOCKS, CLOCKS[::-1])
+    ]
+    periods = {"clk": clk_ns, "sck": sck_ns}
+    said = _run(
+        technology, corner, netlist, directory, log, periods, [f"source {sdc}"], reports, True, TOP, limit_s
+    )
+    complaints = _COMPLAINT.findall(said.split("setup check")[0])
+    if complaints:
+        raise SimulatorError(f"OpenSTA: {complaints[0].strip()}", log)
+    found: dict[str, Path_] = {}
+    for receiver in CLOCKS:
+        _, mark, rest = said.partition(f"to {receiver}\n")
+        paths = [path for path in parse(rest.split("\nto ")[0]).values() if path.kind == "max"]
+        if not mark or len(paths) != 1 or "sta ended" not in said:
+            raise SimulatorError(f"OpenSTA reported no path into {receiver}", log)
+        found[receiver] = paths[0]
+    return found
+
+
+def _run(
+    technology: Technology,
+    corner: str,
+    netlist: Path,
+    directory: Path,
+    log: Path,
+    periods: Mapping[str, float],
+    constraints: Sequence[str],
+    reports: Sequence[str],
+    wires: bool,
+    top: str,
+    limit_s: float,
+) -> str:
+    """What OpenSTA printed."""
+    directory.mkdir(parents=True, exist_ok=True)
+    liberty = _liberty(technology, corner, directory)
+    early, late = technology.derates(corner)
+    script = log.with_suffix(".tcl")
     script.write_text(
         "\n".join(
             [
                 f"read_liberty {liberty}",
                 f"read_verilog {netlist}",
                 f"link_design {top}",
-                f"set clk_period {clk_ns!r}",
-                f"set sck_period {sck_ns!r}",
-                f"source {sdc}",
+                *(f"set {clock}_period {period!r}" for clock, period in periods.items()),
+                *constraints,
                 *(["set_wire_load_model -name stated"] if wires else []),
-                f"set_timing_derate -late {technology.late if corner == technology.slow else 1.0}",
-                *(
-                    f"report_checks -path_delay {kind} -path_group {clock} -format full_clock_expanded -digits 4"
-                    for kind in ("max", "min")
-                    for clock in CLOCKS
-                ),
+                f"set_timing_derate -early {early}",
+                f"set_timing_derate -late {late}",
+                *reports,
                 'puts "setup check"',
                 "check_setup -verbose -no_clock -unconstrained_endpoints -loops",
                 'puts "sta ended"',
@@ -147,18 +221,7 @@ def analyse(
         limit_s,
         "OpenSTA",
     )
-    said = log.read_text(errors="replace")
-    # What check_setup lists are warnings too; `unconstrained` looks at them.
-    complaints = [
-        c for c in _COMPLAINT.findall(said.split("setup check")[0]) if not (black_boxes and "black box" in c)
-    ]
-    if complaints:
-        raise SimulatorError(f"OpenSTA: {complaints[0].strip()}", log)
-    paths = parse(said)
-    missing = [f"{kind} {clock}" for clock in CLOCKS for kind in ("max", "min") if (clock, kind) not in paths]
-    if missing or "sta ended" not in said:
-        raise SimulatorError(f"OpenSTA reported no path for {', '.join(missing) or 'its end'}", log)
-    return paths
+    return log.read_text(errors="replace")
 
 
 # Pins that no clock reaches or nothing constrains, by the start of their names, and why that is right.

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dermis import gate_level, verdict
+from dermis import gate_level, synth_cells, verdict
 from dermis.errors import InputError, SimulatorError
 from dermis.synth_cells import TECHNOLOGIES
 from dermis.synth_map import Netlist, Size, map_design
@@ -18,6 +18,10 @@ from dermis.synth_map import Netlist, Size, map_design
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
 SIZE = Size(2, 2, sync_latch=True)
+needs_osu035 = pytest.mark.skipif(
+    not (synth_cells.OSU035 / "osu035_stdcells.v").is_file(),
+    reason="the cells (Debian package qflow-tech-osu035) are not installed",
+)
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +47,7 @@ def changed(netlist: Netlist, directory: Path, pattern: str, new: str) -> Netlis
     return dataclasses.replace(netlist, verilog=wrong)
 
 
+@needs_osu035
 def test_the_netlist_does_on_its_pins_what_the_verilog_does(netlist: Netlist, wanted: Any) -> None:
     rows = gate_level.pin_rows(netlist, SIZE, "x", wanted)
     assert status(rows) == {"unlike_codes": "PASS", "unlike_pins": "PASS", "unknown_pins": "PASS"}
@@ -57,12 +62,14 @@ def sum_of_bytes(rows: list[verdict.Row]) -> int:
     return octets
 
 
+@needs_osu035
 def test_a_flop_that_is_not_reset_shows_as_unknown(netlist: Netlist, wanted: Any, tmp_path: Path) -> None:
     # The output register of a row line, its reset pin tied off.
     wrong = changed(netlist, tmp_path, r"(\.Q\(row_select_o\[0\]\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)")
     assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))["unknown_pins"] == "FAIL"
 
 
+@needs_osu035
 def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(
     netlist: Netlist, wanted: Any, tmp_path: Path
 ) -> None:
@@ -71,6 +78,7 @@ def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(
     assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))["unlike_pins"] == "FAIL"
 
 
+@needs_osu035
 def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlist, tmp_path: Path) -> None:
     # A gate of 510 clocks, so that a frame is read before the next but one.
     x = [[(1, 510), (1, 3)], [(0, 1), (1, 2)]]
@@ -83,6 +91,7 @@ def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlis
     assert status(rows)["failed_tests"] == "FAIL"
 
 
+@needs_osu035
 def test_a_simulation_that_does_not_end_is_an_error(netlist: Netlist) -> None:
     with pytest.raises(SimulatorError, match="took more than"):
         gate_level.run_bench(

@@ -4,24 +4,33 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import shutil
 import stat
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from dermis import synth, synth_timing, verdict
+from dermis import synth, synth_cells, synth_map, synth_timing, verdict
 from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_sources
 from dermis.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
 from dermis.synth_equivalence import Proof, prove
-from dermis.synth_map import RAM, Netlist, Size, map_design
+from dermis.synth_map import RAM, Netlist, Size, map_design, map_once
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
 COUNTER = "dermis_gated_counter"
 SYNC = "dermis_sync_latch"
 SIZE = Size(2, 2)
+needs_osu035 = pytest.mark.skipif(
+    not (synth_cells.OSU035 / "osu035_stdcells.lib").is_file(),
+    reason="the cells (Debian package qflow-tech-osu035) are not installed",
+)
+needs_sta = pytest.mark.skipif(
+    shutil.which("sta") is None, reason="OpenSTA (Debian package opensta) is not installed"
+)
 
 Edit = Callable[[str], str]
 
@@ -55,25 +64,33 @@ def added(text: str) -> Edit:
     return lambda verilog: verilog.replace("endmodule", f"{text}\nendmodule")
 
 
-def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(synth, "place", lambda technology, size, what="": tmp_path / f"{size.name}{what}")
-    outcome = synth.synthesise(OSU035, SIZE, blocks=False)
-    assert [row for row in outcome.rows if row["status"] != "PASS"] == []
-    names = status(outcome.rows)
+@pytest.fixture(scope="module")
+def chip(tmp_path_factory: pytest.TempPathFactory) -> synth.Outcome:
+    """A small chip after all that `dermis synth` does with it."""
+    directory = tmp_path_factory.mktemp("chip")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(synth, "place", lambda technology, size, what="": directory / f"{size.name}{what}")
+        return synth.synthesise(OSU035, SIZE, blocks=False)
+
+
+@needs_osu035
+@needs_sta
+def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(chip: synth.Outcome) -> None:
+    assert [row for row in chip.rows if row["status"] != "PASS"] == []
     assert {
         "latch_count_error",
         "unreset_flop_error",
         "not_equivalent",
         "setup_slack_ns",
         "hold_slack_ns",
-    } <= set(names)
-    assert outcome.flat is not None
-    assert outcome.flat.unreset == SIZE.memory_bits
-    assert outcome.flat.fanout[0] > 4
+        "crossing_slack_ns",
+    } <= set(status(chip.rows))
+    assert chip.flat is not None
+    assert chip.flat.unreset == SIZE.memory_bits
+    assert chip.flat.fanout[0] > 4
 
 
+@needs_osu035
 def test_a_block_passes_every_count(tmp_path: Path) -> None:
     made = block(tmp_path)
     assert set(judged(made).values()) == {"PASS"}
@@ -81,6 +98,7 @@ def test_a_block_passes_every_count(tmp_path: Path) -> None:
     assert made.area_um2 > 10 * 704
 
 
+@needs_osu035
 def test_the_latch_of_the_synchronizer_is_the_library_s(tmp_path: Path) -> None:
     made = block(tmp_path, SYNC)
     assert made.kinds["LATCH"] == made.latches == 1
@@ -101,6 +119,7 @@ def test_a_block_maps_to_sky130_and_is_proved_equal(
     assert prove(sky130, {}, made.verilog, made.json, tmp_path / "proof", top=module).proved is True
 
 
+@needs_osu035
 def test_an_inferred_latch_is_seen(tmp_path: Path) -> None:
     fault = added("reg held; always @* if (gate_i) held = pulse_i; wire seen = held;")
     fault_out = lambda text: fault(text).replace(  # noqa: E731
@@ -110,6 +129,7 @@ def test_an_inferred_latch_is_seen(tmp_path: Path) -> None:
     assert found["inferred_latches"] == "FAIL"
 
 
+@needs_osu035
 def test_a_flop_without_reset_is_seen(tmp_path: Path) -> None:
     fault = added("reg late; always @(posedge clk_i) late <= pulse_i;")
     fault_out = lambda text: fault(text).replace(  # noqa: E731
@@ -120,11 +140,13 @@ def test_a_flop_without_reset_is_seen(tmp_path: Path) -> None:
     assert judged(made)["unreset_flop_error"] == "FAIL"
 
 
+@needs_osu035
 @pytest.mark.parametrize("meant", [0, 2])
 def test_a_wrong_number_of_latches_is_seen(tmp_path: Path, meant: int) -> None:
     assert judged(block(tmp_path, SYNC), latches=meant)["latch_count_error"] == "FAIL"
 
 
+@needs_osu035
 def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None:
     fault = lambda text: text.replace(  # noqa: E731
         "assign rising = pulse_i & ~pulse_q;",
@@ -134,6 +156,7 @@ def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None
         block(tmp_path, edit=fault)
 
 
+@needs_osu035
 def test_the_memory_can_stay_a_black_box(tmp_path: Path) -> None:
     made = map_design(OSU035, {"BANK_BYTES": 9}, tmp_path, top="dermis_frame_buffer", black_box_memory=True)
     assert made.kinds[RAM] == 2
@@ -163,6 +186,7 @@ NETLIST_FAULTS: dict[str, tuple[str, str]] = {
 }
 
 
+@needs_osu035
 def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(tmp_path: Path) -> None:
     made = block(tmp_path)
     right = made.verilog.read_text()
@@ -177,6 +201,7 @@ def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(tmp_path: Path) -> N
     assert tried >= 4
 
 
+@needs_osu035
 def test_the_netlist_s_latch_is_proved_equal_and_an_open_one_is_not(tmp_path: Path) -> None:
     made = block(tmp_path, SYNC)
     right = made.verilog.read_text()
@@ -227,6 +252,7 @@ def fake_sta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str) -> None
     monkeypatch.setattr(synth_timing, "tool", lambda *names: str(program))
 
 
+@needs_osu035
 @pytest.mark.parametrize(
     "says",
     [
@@ -244,7 +270,7 @@ def test_a_report_without_all_paths_is_an_error_and_no_pass(
     fake_sta(tmp_path, monkeypatch, says)
     netlist = Netlist(OSU035, tmp_path, tmp_path / "n.v", tmp_path / "n.json")
     rows: list[verdict.Row] = []
-    synth._attempt(rows, "synth.timing.x", lambda: synth.timing_rows(OSU035, netlist, "x"))
+    synth.attempt(rows, "synth.timing.x", lambda: synth.timing_rows(OSU035, netlist, "x"))
     assert [row["status"] for row in rows] == ["ERROR"]
 
 
@@ -270,6 +296,106 @@ def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch
     assert [row["status"] for row in synth.constraint_rows()] == ["FAIL"]
 
 
+def periods() -> dict[str, float]:
+    return {f"{clock}_ns": period for clock, period in synth.sdc_periods().items()}
+
+
+@needs_osu035
+@needs_sta
+def test_a_crossing_that_takes_longer_than_a_period_is_seen(chip: synth.Outcome, tmp_path: Path) -> None:
+    assert chip.flat is not None
+    found = synth_timing.crossings(
+        OSU035, "typical", chip.flat.verilog, tmp_path, clk_ns=1.0, sck_ns=periods()["sck_ns"]
+    )
+    assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
+    assert found["sck"].start.startswith("u_frame_buffer.")
+    # Cut, as for the other rows, no path is left between the two.
+    sdc = tmp_path / "cut.sdc"
+    sdc.write_text(f"set cut_crossings 1\n{synth_timing.SDC.read_text()}")
+    with pytest.raises(SimulatorError, match="no path into"):
+        synth_timing.crossings(OSU035, "typical", chip.flat.verilog, tmp_path, **periods(), sdc=sdc)
+
+
+@needs_osu035
+@needs_sta
+def test_a_liberty_that_changed_changes_the_slack(
+    chip: synth.Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert chip.flat is not None
+    netlist, run = chip.flat.verilog, tmp_path / "run"
+    first = synth_timing.analyse(OSU035, "typical", netlist, run, **periods())
+    text = OSU035.liberty("typical").read_text()
+    slower = re.sub(
+        r"values \([^)]*\)", lambda m: re.sub(r"\d+\.\d+", lambda n: f"{2 * float(n[0]):g}", m[0]), text
+    )
+    assert slower != text
+    (tmp_path / "osu035_stdcells.lib").write_text(slower)
+    monkeypatch.setattr(synth_cells, "OSU035", tmp_path)
+    second = synth_timing.analyse(OSU035, "typical", netlist, run, **periods())
+    assert second["sck", "max"].slack_ns < first["sck", "max"].slack_ns - 2
+    assert second["clk", "min"].slack_ns != first["clk", "min"].slack_ns
+
+
+@needs_osu035
+@needs_sta
+def test_derates_take_slack_of_setup_and_of_hold(chip: synth.Outcome, tmp_path: Path) -> None:
+    assert chip.flat is not None
+    plain = synth_timing.analyse(OSU035, "typical", chip.flat.verilog, tmp_path, **periods())
+    careful = dataclasses.replace(OSU035, early=0.5, late=2.0)
+    derated = synth_timing.analyse(careful, "typical", chip.flat.verilog, tmp_path, **periods())
+    assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
+
+
+def test_only_the_tables_made_here_are_derated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sky130 = TECHNOLOGIES["sky130"]
+    monkeypatch.delenv("PDK_ROOT", raising=False)
+    assert [sky130.derates(corner) for corner in ("ss", "tt", "ff")] == [(1.0, 1.15), (1.0, 1.0), (0.9, 1.0)]
+    library = tmp_path / "sky130A" / "libs.ref" / "sky130_fd_sc_hd" / "lib"
+    library.mkdir(parents=True)
+    for corner in ("ss", "ff"):
+        shutil.copy(sky130.liberty(corner), library)
+    monkeypatch.setenv("PDK_ROOT", str(tmp_path))
+    assert sky130.derates("ss") == sky130.derates("ff") == (1.0, 1.0)
+
+
+def test_a_netlist_is_taken_again_only_if_all_it_was_made_from_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sky130 = TECHNOLOGIES["sky130"]
+    made: list[str] = []
+
+    def fake(
+        technology: synth_cells.Technology, parameters: dict[str, int], directory: Path, limit_s: float
+    ) -> Netlist:
+        made.append(technology.name)
+        (directory / "netlist_latches.txt").write_text("3 objects.\n")
+        for name in ("netlist.v", "netlist.json"):
+            (directory / name).write_text("{}")
+        return Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
+
+    monkeypatch.setattr(synth_map, "map_design", fake)
+    monkeypatch.setattr(synth_map, "read_netlist", lambda *a: None)
+
+    def again(technology: synth_cells.Technology = sky130, rows: int = 2, fresh: bool = False) -> int:
+        before = len(made)
+        map_once(technology, {"ROWS": rows}, tmp_path, fresh=fresh)
+        return len(made) - before
+
+    assert again() == 1
+    assert again() == 0
+    assert map_once(sky130, {"ROWS": 2}, tmp_path).inferred_latches == 3
+    assert again(fresh=True) == 1
+    assert again(rows=3) == 1
+    for change in ({"dont_use": "x"}, {"fanout": 5}, {"load_ff": 99.0}):
+        assert again(dataclasses.replace(sky130, **change)) == 1, change
+    assert again() == 1
+    (tmp_path / "netlist.v").write_text("{ }")
+    assert again() == 1
+    monkeypatch.setattr(synth_map, "_tools", lambda: "another Yosys")
+    assert again() == 1
+    assert again() == 0
+
+
 # ---- libraries --------------------------------------------------------------------------------------------------
 
 
@@ -283,6 +409,7 @@ def test_a_library_that_is_not_there_is_an_input_error(
         OSU035.liberty("ss")
 
 
+@needs_osu035
 def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> None:
     full = cells(OSU035.liberty("typical"))
     left = cells(mapping_liberty(OSU035, OSU035.liberty("typical"), tmp_path / "map.lib"))
