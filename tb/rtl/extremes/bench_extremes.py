@@ -6,10 +6,12 @@ from __future__ import annotations
 from typing import Any
 
 import cocotb
-from cocotb.triggers import RisingEdge
+from cocotb.clock import Clock
+from cocotb.triggers import RisingEdge, Timer
+from cocotb.utils import get_sim_time
 from rtl_bench import report, scenario
 from spi_client import Pins
-from top_bench import Chip
+from top_bench import CLOCK_PS, Chip
 
 from dermis import register_map as rm
 from dermis import spi_protocol as spi
@@ -122,3 +124,53 @@ async def rates(dut: Any) -> None:
         assert await host.run(spi.read_register(rm.INJECT_FAULT)) == 0
         counts.append(count)
     report(counts)
+
+
+async def reset(dut: Any) -> None:
+    """Power up, with nothing in Python that follows the rows: millions of clocks go by."""
+    dut.rst_ni.value = 0
+    await Timer(3 * CLOCK_PS, "ps")
+    dut.rst_ni.value = 1
+    await Timer(10 * CLOCK_PS, "ps")
+
+
+@cocotb.test(timeout_time=10, timeout_unit="sec")
+async def counters(dut: Any) -> None:
+    """Frames beside a host that holds one, then commands that there are not."""
+    frames = commands = scenario()["many"]
+    Clock(dut.clk_i, CLOCK_PS, "ps").start()
+    host = Pins(dut, CLOCK_PS)
+    dut.enable_i.value = dut.comp_async_i.value = dut.row_sense_i.value = 0
+    await reset(dut)
+    for address, value in ((rm.SETTLE, 0), (rm.GATE, 1), (rm.ROW_MASK, 1)):
+        await host.run(spi.write_register(address, value))
+    dut.enable_i.value = 1
+    starts = []
+    for _ in range(4):
+        await RisingEdge(dut.frame_start_o)
+        starts.append(get_sim_time("ps"))
+    slot_ps = starts[-1] - starts[-2]
+    await host.select()
+    await host.exchange(next(spi.read_frame_bytes()) + bytes(4))
+    await Timer(frames * slot_ps, "ps")
+    await host.deselect()
+    dut.enable_i.value = 0
+    seen = {"number": await host.run(spi.read_register(rm.FRAME_NUMBER))}
+    seen["lost"] = await host.run(spi.read_register(rm.LOST))
+    await reset(dut)
+    seen["lost_after_reset"] = await host.run(spi.read_register(rm.LOST))
+    # 24 clocks a command, 20 of them with CS low; its edges lie between those of SCK.
+    dut.spi_copi_i.value = 1
+    sck = Clock(dut.spi_sck_i, CLOCK_PS, "ps")
+    sck.start()
+    await Timer(3 * CLOCK_PS // 4, "ps")
+    cs = Clock(dut.spi_cs_ni, 24 * CLOCK_PS, "ps", period_high=4 * CLOCK_PS)
+    cs.start()
+    await Timer(24 * CLOCK_PS * commands, "ps")
+    cs.stop()
+    sck.stop()
+    await host.deselect()
+    seen["errors"] = await host.run(spi.read_register(rm.SPI_ERRORS))
+    await reset(dut)
+    seen["errors_after_reset"] = await host.run(spi.read_register(rm.SPI_ERRORS))
+    report(seen)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import pytest
@@ -30,3 +31,14 @@ def test_injected_rate_is_counted_exactly(simulator: str) -> None:
     counts = run(simulator, "rates")
     assert counts[0] in (499, 500)
     assert counts[1] == 0
+
+
+def test_counters_of_16_bits_wrap_or_stop_in_verilator() -> None:
+    """FRAME_NUMBER wraps, LOST and SPI_ERRORS stop at their top; that far only in `make coverage`."""
+    many = 70_000 if "DERMIS_COVERAGE" in os.environ else 700
+    seen = run("verilator", "counters", many=many)
+    most = 2**16 - 1
+    assert many <= seen["number"] + 2**16 * (many > most) <= many + 10
+    assert min(many - 2, most) <= seen["lost"] <= min(many + 10, most)
+    assert min(many - 1, most) <= seen["errors"] <= min(many + 2, most)
+    assert seen["lost_after_reset"] == seen["errors_after_reset"] == 0
