@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import subprocess
 import sys
 import time
 import traceback
@@ -428,22 +427,12 @@ def call(
     SimulatorError
         It ran longer than its limit and was ended, with all that it started.
     """
-    with (where / log).open("wb") as out:
-        child = subprocess.Popen(
-            [str(word) for word in command],
-            cwd=where,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment},
-            start_new_session=True,
-        )
-    try:
-        return child.wait(limit_s)
-    except subprocess.TimeoutExpired:
-        raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log) from None
-    finally:
-        hdl.end_session(child)
+    (where / log).unlink(missing_ok=True)
+    words = [str(word) for word in command]
+    code = hdl.run_child(words, where, where / log, limit_s, {"OPENBLAS_NUM_THREADS": "1", **environment})
+    if code is None:
+        raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log)
+    return code
 
 
 def measure(job: Job, where: Path, limit_s: float, replay: Run | None = None) -> Run:
