@@ -113,13 +113,17 @@ def run_bench(
     runs = ROOT / "build" / "gl" / "runs"
     runs.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f"{module}-{testcase}-", dir=runs))
-    result, log = work / "result.json", work / "sim.log"
+    result, log = work / "result.json", work / "hdl.log"
     request = {"module": module, "testcase": testcase, "build": str(build), "work": str(work)}
     request["environment"] = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
     file = work / "request.json"
     file.write_text(json.dumps(request))
     what = f"{module}.{testcase} on {design.name}"
-    run_logged([sys.executable, "-m", "dermis.gate_level", str(file)], work, log, limit_s, what)
+    console = work / "console.log"
+    try:
+        run_logged([sys.executable, "-m", "dermis.gate_level", str(file)], work, console, limit_s, what)
+    except SimulatorError as error:
+        raise SimulatorError(error.what, log if log.exists() else console) from None
     from cocotb_tools.check_results import get_results
 
     try:
@@ -134,23 +138,13 @@ def run_bench(
 
 
 def _run_request(file: Path) -> None:
-    """The child of `run_bench`: cocotb's runner, which knows no time limit."""
-    from cocotb_tools.runner import get_runner
-
+    """The child of `run_bench`: cocotb's runner knows no time limit."""
     request = json.loads(file.read_text())
     # A plain `python -m` has the directory it was started in on its path.
     sys.path[:] = [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir()), *sys.path]
-    get_runner("icarus").test(
-        test_module=request["module"],
-        hdl_toplevel=TOP,
-        hdl_toplevel_lang="verilog",
-        testcase=request["testcase"],
-        build_dir=request["build"],
-        test_dir=request["work"],
-        results_xml=str(Path(request["work"]) / "results.xml"),
-        seed=1,
-        timescale=("1ns", "1ps"),
-        extra_env=request["environment"],
+    build, work = Path(request["build"]), Path(request["work"])
+    hdl.run_cocotb(
+        "icarus", build, TOP, request["module"], work, request["environment"], testcase=request["testcase"]
     )
 
 
