@@ -14,26 +14,27 @@ import os
 import random
 import re
 import shutil
-import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
-from dermis import formal, verdict
+from dermis import formal, hdl, verdict
 from dermis.design import ROOT
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic, write_between
-from dermis.hdl import end_session
 
-KILLED_MIN = 95.0
-"""Per cent of the mutants that are not equivalent; what survives is listed and argued in docs/mutation.md."""
-TEST_LIMIT_S = 90.0
+SAMPLE = 12
+"""Mutants a module that a run without --sample tries, and so those of docs/mutation.md."""
+# A module's tests on a mutant may take so many times what they take on the right module, and never less than so long.
+TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
+CONTROL_LIMIT_S = 300.0
+COMPILE_LIMIT_S = 60.0
 SEARCH_LIMIT_S = 20.0
 EQUAL_LIMIT_S = 40
 
@@ -55,6 +56,8 @@ class Block:
     clocked : bool
         False for a combinational module.
     multiclock : bool
+    tests_first : bool
+        Where the proofs' searches take longer than the tests.
     """
 
     proofs: tuple[str, ...] = ()
@@ -63,19 +66,42 @@ class Block:
     parameters: Mapping[str, int] | None = None
     clocked: bool = True
     multiclock: bool = False
+    tests_first: bool = False
 
 
 BLOCKS: Mapping[str, Block] = {
+    "dermis_tech_dff": Block(("sync_ff",), ("tech_sync",)),
+    "dermis_tech_latch": Block(("sync_latch",), ("synchronizer",), clocked=False),
+    "dermis_tech_ram": Block(("frame_buffer",), ("frame_buffer",), (), {"WORDS": 3}),
+    "dermis_tech_sync": Block(("register_port",), ("tech_sync",), ("dermis_tech_dff",), tests_first=True),
+    "dermis_reset_sync": Block((), ("tech_sync",), ("dermis_tech_dff",)),
     "dermis_sync_ff": Block(("sync_ff",), ("synchronizer",), ("dermis_tech_dff",)),
     "dermis_sync_latch": Block(
         ("sync_latch",), ("synchronizer",), ("dermis_tech_dff", "dermis_tech_latch"), multiclock=True
     ),
     "dermis_gated_counter": Block(("counter",), ("gated_counter",), (), {"CODE_BITS": 3}),
     "dermis_row_scanner": Block(("scanner",), ("row_scanner",), (), {"ROWS": 2, "BREAK_CLOCKS": 2}),
-    "dermis_row_buffer": Block(("row_buffer",), ("row_buffer",), (), {"COLS": 2}),
-    "dermis_packer": Block(("packer",), ("packer",), ("dermis_crc16",), {"COLS": 2, "CODE_BITS": 3}),
-    "dermis_crc16": Block(("packer",), ("packer",), (), clocked=False),
-    "dermis_crc8": Block(("spi",), ("spi",), (), clocked=False),
+    "dermis_row_buffer": Block((), ("row_buffer",), (), {"COLS": 2}),
+    "dermis_reader": Block(
+        ("reader",),
+        ("reader", "self_test"),
+        (
+            "dermis_row_scanner",
+            "dermis_row_buffer",
+            "dermis_gated_counter",
+            "dermis_sync_ff",
+            "dermis_sync_latch",
+            "dermis_tech_dff",
+            "dermis_tech_latch",
+        ),
+        {"ROWS": 1, "COLS": 2, "CODE_BITS": 2},
+        tests_first=True,
+    ),
+    "dermis_packer": Block(
+        ("packer",), ("packer",), ("dermis_crc16",), {"COLS": 2, "CODE_BITS": 3}, tests_first=True
+    ),
+    "dermis_crc16": Block(("packer",), ("packer",), (), clocked=False, tests_first=True),
+    "dermis_crc8": Block(("spi",), ("spi",), (), clocked=False, tests_first=True),
     "dermis_self_test": Block(("self_test",), ("self_test",), (), {"ROWS": 2, "COLS": 3, "CODE_BITS": 3}),
     "dermis_frame_buffer": Block(
         ("frame_buffer",),
@@ -88,7 +114,11 @@ BLOCKS: Mapping[str, Block] = {
     ),
     "dermis_registers": Block(("registers",), ("registers",), (), {"ROWS": 2, "COLS": 2, "CODE_BITS": 2}),
     "dermis_spi": Block(
-        ("spi",), ("spi",), ("dermis_crc8", "dermis_tech_sync", "dermis_tech_dff"), multiclock=True
+        ("spi",),
+        ("spi",),
+        ("dermis_crc8", "dermis_tech_sync", "dermis_tech_dff"),
+        multiclock=True,
+        tests_first=True,
     ),
 }
 
@@ -142,6 +172,7 @@ _OPERATORS: Sequence[tuple[str, str, str]] = (
     ("0 to 1", r"\b(1'[bd]0)\b", "1'b1"),
     ("1 to 0", r"\b(1'[bd]1)\b", "1'b0"),
 )
+_PIN = re.compile(r"\.(\w+_n?i)\s*\((\w+)\)")
 _CONSTANT = re.compile(r"\b(\d+)'([dh])([0-9A-Fa-f]+)\b")
 _CONDITION = re.compile(r"\bif (\()")
 _ASSIGNMENT = re.compile(r"(?<=[\s)])(\w+(?:\[[^\]]*\])? +<= [^;]+;)")
@@ -160,8 +191,14 @@ def _closing(text: str, opening: int) -> int:
 def mutants(module: str, text: str) -> list[Mutant]:
     """Every mutant of a module's source: its statements only, not its ports, parameters, checks or comments."""
     body = text.index(");\n", text.index("module ")) + 2
-    # Comments and declarations are blanked, so that places stay where they are.
+    # Comments and declarations are blanked, so that places stay where they are; so is what only simulations switch on.
     plain = re.sub(r"//[^\n]*", lambda m: " " * len(m.group()), text)
+    plain = re.sub(
+        r"^`ifdef .*?^`else$",
+        lambda m: re.sub(r"\S", " ", m.group()),
+        plain,
+        flags=re.MULTILINE | re.DOTALL,
+    )
     plain = re.sub(
         r"^ *(?:localparam|parameter|integer|genvar|input|output)\b[^;]*;",
         lambda m: re.sub(r"\S", " ", m.group()),
@@ -180,6 +217,10 @@ def mutants(module: str, text: str) -> list[Mutant]:
     found: list[tuple[str, int, int, str]] = []
     for what, pattern, new in _OPERATORS:
         found += [(what, m.start(1), m.end(1), new) for m in re.finditer(pattern, plain)]
+    for m in _PIN.finditer(plain):
+        found.append(("pin to 0", m.start(2), m.end(2), "1'b0"))
+        if m.group(1) != "clk_i":
+            found.append(("pin negated", m.start(2), m.end(2), f"~{m.group(2)}"))
     for m in _CONSTANT.finditer(plain):
         size, base, digits = int(m.group(1)), m.group(2), m.group(3)
         if size > 1:
@@ -222,24 +263,43 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
     return [every[n] for n in sorted(chosen)]
 
 
-def _compiles(source: Path, rtl: Path, block: Block) -> bool:
+def judges(module: str, rtl: Path) -> str:
+    """Digest of what decides about a module's mutants beside it: tests, proofs, other sources, this file."""
+    block = BLOCKS[module]
+    bench = ROOT / "tb" / "rtl"
+    files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
+    for test in block.tests:
+        files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
+    files += [rtl / f"{other}.v" for other in block.modules]
+    files += rtl.glob("*.vh")
+    text = hashlib.sha256()
+    for name in block.proofs:
+        proof = formal.proofs()[name]
+        text.update(repr(dataclasses.replace(proof, faults=())).encode())
+        files += [ROOT / formal.PLACE / f"{other}.v" for other in (proof.check, *proof.models)]
+        files += [rtl / f"{other}.v" for other in proof.modules if other != module]
+    for content in sorted(f"{path.name}\0".encode() + path.read_bytes() + b"\0" for path in set(files)):
+        text.update(content)
+    return text.hexdigest()[:16]
+
+
+def _compiles(source: Path, rtl: Path, block: Block, work: Path) -> bool | None:
     command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
     command += [str(rtl / f"{module}.v") for module in block.modules]
-    done = subprocess.run(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=30, check=False
-    )
-    return done.returncode == 0
+    code = formal.run_child(command, work / "compile.log", COMPILE_LIMIT_S, work)
+    return None if code is None else code == 0
 
 
-def _overlay(rtl: Path, mutant: Mutant, work: Path) -> Path:
-    """A directory of sources that differs from rtl/ in the one module."""
+def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
+    """A directory of sources that differs from rtl/ in the one module, or in none."""
     tree = work / "rtl"
     tree.mkdir(parents=True)
     for path in [*rtl.glob("*.v"), *rtl.glob("*.vh")]:
         (tree / path.name).symlink_to(path.resolve())
-    target = tree / f"{mutant.module}.v"
-    target.unlink()
-    target.write_text(mutant.apply((rtl / target.name).read_text()))
+    if mutant is not None:
+        target = tree / f"{mutant.module}.v"
+        target.unlink()
+        target.write_text(mutant.apply((rtl / target.name).read_text()))
     return tree
 
 
@@ -247,9 +307,7 @@ def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, b
     """The theorem with a counterexample, and True; or the proof that no longer goes through, and False."""
     doubt = None
     for name in block.proofs:
-        proof = formal.proofs().get(name)
-        if proof is None:
-            continue
+        proof = formal.proofs()[name]
         quick = dataclasses.replace(
             proof, limit_s=SEARCH_LIMIT_S, parameters={**proof.parameters, **proof.small}, also=()
         )
@@ -264,11 +322,8 @@ def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, b
     return doubt, False
 
 
-def _killed_by_test(block: Block, tree: Path, work: Path) -> str | None:
-    places = [ROOT / "tb" / "rtl" / test for test in block.tests]
-    places = [place for place in places if place.exists()]
-    if not places:
-        return None
+def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | None:
+    """Exit code of the module's tests on the sources of `tree`; None where they did not end in time."""
     command = [
         sys.executable,
         "-m",
@@ -279,47 +334,61 @@ def _killed_by_test(block: Block, tree: Path, work: Path) -> str | None:
         "-q",
         "-k",
         "not verilator",
-        *map(str, places),
+        *(str(ROOT / "tb" / "rtl" / test) for test in block.tests),
     ]
     environment = {**os.environ, "DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
-    log = work / "pytest.log"
-    with log.open("wb") as out:
-        child = subprocess.Popen(
-            command,
-            cwd=ROOT,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = child.wait(TEST_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            return "test (too slow)"
-        finally:
-            end_session(child)
-    if code == 0:
-        return None
+    return formal.run_child(command, work / "pytest.log", limit_s, ROOT, environment)
+
+
+def control(module: str, rtl: Path) -> float:
+    """Seconds that the tests of a module take on the right module, run as those of its mutants are.
+
+    Raises
+    ------
+    SimulatorError
+        They do not pass: a failing test would then say nothing about a mutant.
+    """
+    work = ROOT / "build" / "mutate" / "work" / f"control_{module}"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    start = time.perf_counter()
+    code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
+    if code != 0:
+        said = f"take more than {CONTROL_LIMIT_S:g} s" if code is None else f"end with exit code {code}"
+        raise SimulatorError(f"the tests of the right {module} {said}", work / "pytest.log")
+    shutil.rmtree(work, ignore_errors=True)
+    return time.perf_counter() - start
+
+
+def _noticed_by_test(block: Block, tree: Path, work: Path, limit_s: float) -> tuple[str | None, bool]:
+    """The test that fails, and True; or that they did not end in time, and False."""
+    code = _run_tests(block, tree, work, limit_s)
+    if code is None:
+        return f"tests, which did not end in {limit_s:.0f} s", False
     if code != 1:
-        return None
-    failed = re.findall(r"^FAILED \S*?::(\w+)", log.read_text(errors="replace"), re.MULTILINE)
-    return f"test {failed[0] if failed else '?'}"
+        return None, False
+    log = (work / "pytest.log").read_text(errors="replace")
+    failed = re.findall(r"^FAILED \S*?::(\w+)", log, re.MULTILINE)
+    return f"test {failed[0] if failed else '?'}", True
 
 
 def _ports(rtl: Path, module: str, block: Block, work: Path) -> dict[str, dict[str, Any]]:
-    """Ports of the module at the sizes of the equivalence check, from Yosys."""
+    """Ports of the module at the sizes of the equivalence check, from Yosys.
+
+    Raises
+    ------
+    SimulatorError
+        Yosys does not take the right module, or not in time.
+    """
     sizes = " ".join(f"-chparam {k} {v}" for k, v in (block.parameters or {}).items())
     sources = " ".join(str(rtl / f"{m}.v") for m in (module, *block.modules))
     out = work / "ports.json"
     script = f"read_verilog -I{rtl} {sources}; hierarchy -top {module} {sizes}; proc; write_json {out}"
-    subprocess.run(
-        ["yosys", "-q", "-p", script],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        timeout=60,
-        check=True,
-    )
+    log = work / "ports.log"
+    code = formal.run_child(["yosys", "-q", "-p", script], log, COMPILE_LIMIT_S, work)
+    if code != 0:
+        said = f"takes more than {COMPILE_LIMIT_S:g} s" if code is None else f"ends with exit code {code}"
+        raise SimulatorError(f"Yosys {said} reading {module}", log)
     made = json.loads(out.read_text())["modules"]
     return next(
         iter(value for name, value in made.items() if module in name and value["attributes"].get("top"))
@@ -377,59 +446,83 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
     return {"PASS": True, "FAIL": False}.get(outcome.status)
 
 
-def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str]) -> dict[str, Any]:
+def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
+    """What becomes of a mutant that compiles, and by what.
+
+    Parameters
+    ----------
+    sure : bool
+        There is a counterexample of a theorem, or a test that fails.
+    doubts : sequence of str
+        Proofs that no longer go through, without a counterexample, and tests that did not end.
+    same : bool or None
+        Answer of the equivalence check; None for none in time.
+    """
+    if sure:
+        return "killed", None
+    if same:
+        return "equivalent", None
+    said = "; ".join(doubts) or None
+    if same is None or any(doubt.startswith("tests") for doubt in doubts):
+        return "undecided", said
+    # Not the same, and its proof is stopped: this is what a proof is for.
+    return ("killed", said) if doubts else ("survives", None)
+
+
+def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
     """Fate of one mutant: stillborn, killed (by what), equivalent, survives or undecided."""
     block = BLOCKS[mutant.module]
     work = ROOT / "build" / "mutate" / "work" / mutant.key
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     start = time.perf_counter()
+    end: str
     killer: str | None = None
     try:
         tree = _overlay(rtl, mutant, work)
-        if not _compiles(tree / f"{mutant.module}.v", tree, block):
-            fate = "stillborn"
+        compiles = _compiles(tree / f"{mutant.module}.v", tree, block, work)
+        if compiles is None:
+            end, killer = "undecided", f"iverilog, which took more than {COMPILE_LIMIT_S:g} s"
+        elif not compiles:
+            end = "stillborn"
         else:
+            doubts: list[str] = []
             sure = False
-            if "proofs" in by:
-                killer, sure = _noticed_by_proof(block, tree, mutant.key)
-            if not sure and "tests" in by and (test := _killed_by_test(block, tree, work)):
-                killer, sure = test, True
-            fate = "killed"
-            if not sure:
-                # A proof is also stopped by a change that only its lemmas see.
-                same = _equivalent(mutant.module, block, rtl, tree, work)
-                fate = (
-                    "undecided"
-                    if same is None
-                    else "equivalent"
-                    if same
-                    else "killed"
-                    if killer
-                    else "survives"
-                )
+            for kind in ("tests", "proofs") if block.tests_first else ("proofs", "tests"):
+                if sure or kind not in by:
+                    continue
+                if kind == "tests":
+                    said, sure = _noticed_by_test(block, tree, work, limit_s)
+                else:
+                    said, sure = _noticed_by_proof(block, tree, mutant.key)
+                if sure:
+                    killer = said
+                elif said:
+                    doubts.append(said)
+            # A proof is also stopped by a change that only its lemmas see.
+            same = None if sure else _equivalent(mutant.module, block, rtl, tree, work)
+            end, doubt = fate(sure, doubts, same)
+            killer = killer or doubt
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return {**asdict(mutant), "fate": fate, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
+    return {**asdict(mutant), "fate": end, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
+
+
+def _rate(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
+    """Share of the mutants that are not equivalent which is killed, and the counts; undecided is not killed."""
+    count = Counter(result["fate"] for result in results)
+    judged = count["killed"] + count["survives"] + count["undecided"]
+    by_test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in results)
+    note = f"{len(results)} tried: {count['killed']} killed ({by_test} by tests), {count['equivalent']} equivalent, "
+    note += (
+        f"{count['survives']} survive, {count['undecided']} undecided, {count['stillborn']} do not compile"
+    )
+    return count["killed"] / judged if judged else None, note
 
 
 def _row(module: str, results: Sequence[Mapping[str, Any]]) -> verdict.Row:
-    fates = [result["fate"] for result in results]
-    killed, judged = fates.count("killed"), sum(f in ("killed", "survives", "undecided") for f in fates)
-    rate = 100.0 * killed / judged if judged else None
-    by_test = sum(str(result["by"]).startswith("test") for result in results)
-    note = f"{len(results)} tried: {killed} killed ({by_test} by tests), {fates.count('equivalent')} equivalent, "
-    note += f"{fates.count('survives') + fates.count('undecided')} survive, {fates.count('stillborn')} do not compile"
-    status = "ERROR" if rate is None else "PASS" if rate >= KILLED_MIN else "FAIL"
-    return {
-        "name": f"mutate.{module}",
-        "value": rate,
-        "unit": "%",
-        "min": KILLED_MIN,
-        "max": None,
-        "status": status,
-        "note": note,
-    }
+    rate, note = _rate(results)
+    return verdict.report(f"mutate.{module}", rate, "ratio", note)
 
 
 BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
@@ -438,32 +531,42 @@ BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
 def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
     """The table of docs/mutation.md and the list of what survives; `every` is how many mutants a module has."""
     lines = [
-        "| module | mutants | tried | killed by a proof | killed by a test | equivalent | survive | killed |"
+        "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
     ]
-    lines.append("|---|---|---|---|---|---|---|---|")
+    lines.append("|---|---|---|---|---|---|---|---|---|")
     left: list[str] = []
+    alike: list[str] = []
     for module, count in every.items():
         mine = [r for r in results if r["module"] == module and r["fate"] != "stillborn"]
         proof = sum(r["fate"] == "killed" and str(r["by"]).startswith("proof") for r in mine)
         test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in mine)
         same = sum(r["fate"] == "equivalent" for r in mine)
         over = [r for r in mine if r["fate"] in ("survives", "undecided")]
+        open_ = sum(r["fate"] == "undecided" for r in mine)
         judged = proof + test + len(over)
         rate = f"{100 * (proof + test) / judged:.0f} %" if judged else "not run"
         lines.append(
-            f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over)} | {rate} |"
+            f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over) - open_} | {open_} | {rate} |"
         )
+        size = ", ".join(f"{k} {v}" for k, v in (BLOCKS[module].parameters or {}).items()) or "only size"
+        alike += [
+            f"- `rtl/{module}.v:{r['line']}` ({size}, {r['what']}): `{r['shown']}`"
+            for r in mine
+            if r["fate"] == "equivalent"
+        ]
         left += [f"- `rtl/{module}.v:{r['line']}` ({r['fate']}, {r['what']}): `{r['shown']}`" for r in over]
     killed = sum(r["fate"] == "killed" for r in results)
     judged = killed + sum(r["fate"] in ("survives", "undecided") for r in results)
-    lines += ["", f"{killed} of {judged} mutants that are not equivalent are killed.", "", *left]
+    lines += ["", f"{killed} of {judged} mutants that are not equivalent are killed."]
+    lines += ["", "Not killed:", "", *left] if left else []
+    lines += ["", "Equivalent, decided at the size given:", "", *alike] if alike else []
     return "\n".join(lines).rstrip()
 
 
 @click.command()
 @click.argument("modules", nargs=-1, metavar="[MODULE]...")
 @click.option(
-    "--sample", "count", type=click.IntRange(1), default=40, show_default=True, help="Mutants a module."
+    "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants a module."
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Of the sample.")
 @click.option(
@@ -506,6 +609,12 @@ def mutate_command(
     for name in modules:
         if name not in BLOCKS:
             raise InputError("command line", "MODULE", name, f"one of {', '.join(BLOCKS)}")
+    hdl.prepare("icarus")
+    formal.tools()
+    if docs and (modules or rtl or by != "both"):
+        raise InputError(
+            "command line", "--docs", "a part of the mutants", "all modules of rtl/, proofs and tests"
+        )
     source = ROOT / "rtl" if rtl is None else rtl.resolve()
     killers = ("proofs", "tests") if by == "both" else (by,)
     chosen = list(modules or BLOCKS)
@@ -514,47 +623,63 @@ def mutate_command(
     for store in stores.values():
         if store.exists() and not fresh:
             known |= json.loads(store.read_text())
+    # A fate is that of a source and of what judged it.
+    judged = {name: judges(name, source) for name in chosen}
+    known = {key: r for key, r in known.items() if r.get("judges") == judged.get(r["module"])}
     wanted: list[Mutant] = []
     for name in chosen:
         wanted += sample(mutants(name, (source / f"{name}.v").read_text()), count, seed)
     todo = [mutant for mutant in wanted if mutant.key not in known]
     end = time.monotonic() + limit_s
 
-    def work(mutant: Mutant) -> dict[str, Any] | None:
-        return None if time.monotonic() > end else try_mutant(mutant, source, killers)
+    failed: dict[str, str] = {}
 
-    with progress.slots("mutants", len(todo), "mutants") as done, ThreadPoolExecutor(workers) as pool:
+    def check(name: str) -> float:
+        if "tests" not in killers or time.monotonic() > end:
+            return 0.0
         try:
-            for n, result in enumerate(pool.map(work, todo), 1):
-                if result is not None:
-                    known[result["key"]] = result
-                    mine = {key: r for key, r in known.items() if r["module"] == result["module"]}
-                    write_atomic(stores[result["module"]], json.dumps(mine, indent=1) + "\n")
-                done(n)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+            return control(name, source)
+        except SimulatorError as error:
+            failed[name] = str(error)
+            return 0.0
+
+    def work(mutant: Mutant) -> dict[str, Any] | None:
+        if time.monotonic() > end or mutant.module in failed:
+            return None
+        limit = max(TEST_LEAST_S, TEST_TIMES * seconds[mutant.module])
+        return try_mutant(mutant, source, killers, limit)
+
+    with progress.slots("mutants", len(todo), "mutants") as done, formal.threads(workers) as pool:
+        names = list(dict.fromkeys(mutant.module for mutant in todo))
+        seconds = dict(zip(names, pool.map(check, names), strict=True))
+        for n, result in enumerate(pool.map(work, todo), 1):
+            if result is not None:
+                known[result["key"]] = {**result, "judges": judged[result["module"]]}
+                mine = {key: r for key, r in known.items() if r["module"] == result["module"]}
+                write_atomic(stores[result["module"]], json.dumps(mine, indent=1) + "\n")
+            done(n)
     rows = []
     for name in chosen:
         results = [known[m.key] for m in wanted if m.module == name and m.key in known]
         rows.append(_row(name, results))
         missing = sum(m.module == name and m.key not in known for m in wanted)
         if missing:
-            rows[-1] = {
-                **rows[-1],
-                "status": "ERROR",
-                "note": f"{missing} not tried yet: call again; {rows[-1]['note']}",
-            }
+            why = failed.get(name, "call again")
+            note = f"{missing} not tried: {why}; {rows[-1]['note']}"
+            rows[-1] = {**rows[-1], "status": "ERROR", "note": note}
         for result in results:
             if result["fate"] in ("survives", "undecided"):
                 click.echo(
                     f"{result['fate']}: rtl/{name}.v:{result['line']}: {result['what']}: {result['shown']}"
                 )
+    every_one = [known[m.key] for m in wanted if m.key in known]
+    rate, note = _rate(every_one)
+    whole = verdict.judge("mutate.killed", rate, f"{len(chosen)} of {len(BLOCKS)} modules, {note}")
+    rows.append({**whole, "status": "ERROR"} if len(every_one) < len(wanted) else whole)
     if docs:
         texts = {name: (source / f"{name}.v").read_text() for name in chosen}
         every = {name: len(mutants(name, text)) for name, text in texts.items()}
-        tried = [known[m.key] for m in wanted if m.key in known]
-        write_between(ROOT / "docs" / "mutation.md", BEGIN, END, table(every, tried))
+        write_between(ROOT / "docs" / "mutation.md", BEGIN, END, table(every, every_one))
     verdict.write_rows("mutate", rows)
     verdict.print_rows(rows, f"Mutants (seed {seed})")
     return verdict.exit_code(rows)

@@ -5,6 +5,10 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -40,6 +44,64 @@ def test_each_proof_has_faults_and_each_stands_once_in_its_module(name: str) -> 
         text = (ROOT / "rtl" / f"{fault.module}.v").read_text()
         assert text.count(fault.old) == 1, fault.name
         assert fault.new != fault.old
+
+
+def test_each_theorem_has_a_fault_of_its_own() -> None:
+    without = {f"{p.name}.{label}" for p in PROOFS.values() for label in p.theorems}
+    without -= {f"{p.name}.{fault.breaks}" for p in PROOFS.values() for fault in p.faults}
+    assert without == set()
+
+
+STUBBORN = '''
+import sys
+from pathlib import Path
+from dermis import formal
+place = Path(sys.argv[1])
+starts = """import subprocess
+one = subprocess.Popen(["sleep", "600"], start_new_session=True)
+subprocess.Popen(["sleep", "600"], process_group=0)
+one.wait()"""
+command = [sys.executable, "-c", starts]
+try:
+    with formal.threads(2) as pool:
+        list(pool.map(lambda n: formal.run_child(command, place / f"{n}.log", 600.0, place), range(4)))
+except KeyboardInterrupt:
+    sys.exit(130)
+'''
+
+
+def runs(pid: int) -> bool:
+    """Whether a process does, and does not only wait for being asked how it ended."""
+    try:
+        return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is_in(
+    how: signal.Signals, tmp_path: Path
+) -> None:
+    child = subprocess.Popen([sys.executable, "-c", STUBBORN, str(tmp_path)], start_new_session=True)
+    try:
+        end = time.monotonic() + 30
+        # Two programs below it, each with two more.
+        while len(tree := formal._tree(child.pid)) < 7 and time.monotonic() < end:
+            time.sleep(0.1)
+        assert len(tree) == 7
+        sent = time.monotonic()
+        child.send_signal(how)
+        assert child.wait(20) == 130
+        assert time.monotonic() - sent < 10
+    finally:
+        formal.end_tree(child)
+    time.sleep(0.2)
+    assert not [pid for pid in tree if runs(pid)]
+
+
+def test_what_runs_too_long_is_ended_and_has_no_exit_code(tmp_path: Path) -> None:
+    assert formal.run_child(["sleep", "600"], tmp_path / "log", 0.2, tmp_path) is None
+    assert formal.run_child(["false"], tmp_path / "log", 10.0, tmp_path) == 1
 
 
 def test_no_checker_is_left_out_of_the_table() -> None:

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from dermis import mutate
 from dermis.design import ROOT
+from dermis.errors import SimulatorError
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -19,7 +22,7 @@ def source(module: str) -> str:
 def test_each_mutant_is_one_change_of_one_statement(module: str) -> None:
     text = source(module)
     made = mutate.mutants(module, text)
-    assert len({mutant.key for mutant in made}) == len(made) > 3
+    assert len({mutant.key for mutant in made}) == len(made) >= 3
     for mutant in made:
         changed = mutant.apply(text)
         assert changed != text
@@ -38,17 +41,60 @@ def test_a_sample_is_the_same_for_the_same_seed_and_another_for_another() -> Non
     assert mutate.sample(every, 10**6, 1) == every
 
 
-def test_every_module_with_statements_is_a_block() -> None:
-    small = {
-        "dermis_tech_dff",
-        "dermis_tech_latch",
-        "dermis_tech_sync",
-        "dermis_tech_ram",
-        "dermis_reset_sync",
-    }
-    whole = {"dermis_reader", "dermis_top"}
+def test_every_module_but_the_top_is_a_block_with_tests_and_proofs_that_exist() -> None:
     found = {path.stem for path in (ROOT / "rtl").glob("dermis_*.v")}
-    assert set(mutate.BLOCKS) == found - small - whole
+    assert set(mutate.BLOCKS) == found - {"dermis_top"}
+    for block in mutate.BLOCKS.values():
+        assert block.tests
+        assert all((ROOT / "tb" / "rtl" / test).is_dir() for test in block.tests)
+        assert set(block.proofs) <= set(mutate.formal.proofs())
+
+
+@pytest.mark.parametrize(
+    ("sure", "doubts", "same", "fate"),
+    [
+        (True, ["tests, which did not end in 30 s"], None, "killed"),
+        (False, [], True, "equivalent"),
+        (False, [], False, "survives"),
+        (False, [], None, "undecided"),
+        (False, ["proof spi, which no longer goes through"], None, "undecided"),
+        (False, ["proof spi, which no longer goes through"], True, "equivalent"),
+        (False, ["proof spi, which no longer goes through"], False, "killed"),
+        (False, ["tests, which did not end in 30 s"], False, "undecided"),
+        (False, ["tests, which did not end in 30 s"], True, "equivalent"),
+    ],
+)
+def test_nothing_but_a_counterexample_a_failing_test_or_a_stopped_proof_of_another_module_kills(
+    sure: bool, doubts: list[str], same: bool | None, fate: str
+) -> None:
+    assert mutate.fate(sure, doubts, same)[0] == fate
+
+
+def test_tests_that_do_not_end_kill_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "pytest.log").write_text("FAILED a.py::test_a")
+    block = mutate.BLOCKS["dermis_crc8"]
+    for code, sure in ((None, False), (0, False), (5, False), (1, True)):
+        monkeypatch.setattr(mutate.formal, "run_child", lambda *_, code=code: code)
+        said, killed = mutate._noticed_by_test(block, tmp_path, tmp_path, 30.0)
+        assert killed is sure
+        assert (said is not None) is (code in (None, 1))
+
+
+def test_tests_that_fail_on_the_right_module_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    for code in (None, 1, 5):
+        monkeypatch.setattr(mutate.formal, "run_child", lambda *_, code=code: code)
+        with pytest.raises(SimulatorError, match="dermis_tech_latch"):
+            mutate.control("dermis_tech_latch", ROOT / "rtl")
+
+
+def test_a_fate_is_that_of_its_judges(tmp_path: Path) -> None:
+    before = mutate.judges("dermis_tech_sync", ROOT / "rtl")
+    assert before == mutate.judges("dermis_tech_sync", ROOT / "rtl")
+    for path in [*(ROOT / "rtl").glob("*.v"), *(ROOT / "rtl").glob("*.vh")]:
+        (tmp_path / path.name).write_text(path.read_text())
+    assert before == mutate.judges("dermis_tech_sync", tmp_path)
+    (tmp_path / "dermis_tech_dff.v").write_text("module dermis_tech_dff; endmodule\n")
+    assert before != mutate.judges("dermis_tech_sync", tmp_path)
 
 
 def fate(line: str, what: str) -> str:
@@ -74,6 +120,7 @@ def test_the_table_counts_what_is_not_decided_as_surviving() -> None:
 
     fates = [("killed", "proof spi.states"), ("killed", "test a"), ("equivalent", None), ("undecided", None)]
     made = mutate.table({"dermis_crc8": 19}, [result(*fate) for fate in fates])
-    assert "| dermis_crc8 | 19 | 4 | 1 | 1 | 1 | 1 | 67 % |" in made
+    assert "| dermis_crc8 | 19 | 4 | 1 | 1 | 1 | 0 | 1 | 67 % |" in made
+    assert "- `rtl/dermis_crc8.v:3` (only size, + to -): `a  ->  b`" in made
     assert "2 of 3 mutants" in made
     assert "- `rtl/dermis_crc8.v:3` (undecided, + to -): `a  ->  b`" in made
