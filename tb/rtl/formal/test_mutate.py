@@ -80,7 +80,10 @@ def test_tests_that_do_not_end_kill_nothing(monkeypatch: pytest.MonkeyPatch, tmp
         assert (said is not None) is (code in (None, 1))
 
 
-def test_tests_that_fail_on_the_right_module_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tests_that_fail_on_the_right_module_are_an_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(mutate, "ROOT", tmp_path)
     for code in (None, 1, 5):
         monkeypatch.setattr(mutate.formal, "run_child", lambda *_, code=code: code)
         with pytest.raises(SimulatorError, match="dermis_tech_latch"):
