@@ -88,8 +88,8 @@ FAULTY_CHIPS = {
     ),
     "no_scan": (
         "dermis_row_scanner.v",
-        "assign row_select_o  = row_select_q;",
-        "assign row_select_o = {ROWS{1'b0}};",
+        "= row_select_q;",
+        "= {ROWS{1'b0}};",
         "does not begin with row 0 driven",
     ),
 }
