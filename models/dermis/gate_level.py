@@ -22,7 +22,16 @@ from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.hdl import run_logged
 from dermis.lint import header_values
-from dermis.synth import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
+from dermis.synth import (
+    DOCS,
+    attempt,
+    default_size,
+    ending_children,
+    place,
+    technologies,
+    verdict_table,
+    write_docs,
+)
 from dermis.synth_cells import OSU035, TECHNOLOGIES, Technology
 from dermis.synth_map import TOP, Netlist, Size, map_once
 from dermis.verdict import Row
@@ -287,6 +296,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 @click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
 @click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+@ending_children()
 def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
     """Run the tests of the top on the mapped netlist, against the Verilog; into build/gl.json."""
     if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):

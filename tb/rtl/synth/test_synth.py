@@ -4,9 +4,13 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import shutil
 import stat
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -394,6 +398,27 @@ def test_a_netlist_is_taken_again_only_if_all_it_was_made_from_is_the_same(
     monkeypatch.setattr(synth_map, "_tools", lambda: "another Yosys")
     assert again() == 1
     assert again() == 0
+
+
+def test_a_command_that_is_ended_ends_its_tool(tmp_path: Path) -> None:
+    program = """
+import sys
+from pathlib import Path
+from dermis.hdl import run_logged
+from dermis.synth import ending_children
+tool = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
+with ending_children():
+    run_logged([sys.executable, "-c", tool], Path.cwd(), Path("log"), 60.0, "tool")
+"""
+    command = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path)
+    log = tmp_path / "log"
+    until = time.monotonic() + 30
+    while not (log.exists() and log.read_text().strip()) and time.monotonic() < until:
+        time.sleep(0.05)
+    command.terminate()
+    assert command.wait(10) == 143
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(log.read_text()), 0)
 
 
 # ---- libraries --------------------------------------------------------------------------------------------------
