@@ -134,7 +134,7 @@ def presets_once(tmp_path: Path) -> Path:
     return changed(
         tmp_path,
         "dermis_row_scanner",
-        "  assign preset_o      = preset_q;\n",
+        "  assign preset_o       = preset_q;\n",
         """  reg gated_q;
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) gated_q <= 1'b0;
