@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import bridge, hdl, netlist
+from dermis import bridge, children, hdl, netlist
 from dermis.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
@@ -429,7 +429,9 @@ def call(
     """
     (where / log).unlink(missing_ok=True)
     words = [str(word) for word in command]
-    code = hdl.run_child(words, where, where / log, limit_s, {"OPENBLAS_NUM_THREADS": "1", **environment})
+    code = children.run_child(
+        words, where, where / log, limit_s, {"OPENBLAS_NUM_THREADS": "1", **environment}
+    )
     if code is None:
         raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log)
     return code

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import click
 from pydantic import BaseModel, ConfigDict
 
-from dermis import hdl, verdict
+from dermis import children, hdl, verdict
 from dermis.design import ROOT
 from dermis.files import write_between
 from dermis.lint import TOP, rtl_sources
@@ -259,6 +259,7 @@ def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
 @click.option("--docs", is_flag=True, help="Write the figures into docs/coverage.md.")
 @click.option("--uncovered", "show", is_flag=True, help="Also list every place that no test reaches.")
 @click.option("--keep", is_flag=True, help="Add up the counts of the last run instead of running the tests.")
+@children.ending()
 def coverage_command(docs: bool, show: bool, keep: bool) -> int:
     """Line and toggle coverage of rtl/ by the cocotb tests in Verilator, a row a module."""
     place = ROOT / "build" / "coverage" / "runs"

@@ -3,19 +3,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 import re
 import shutil
-import signal
-import subprocess
 import sys
-import threading
 import time
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -23,11 +18,10 @@ from typing import Any
 
 import click
 
-from dermis import verdict
+from dermis import children, verdict
 from dermis.design import ROOT
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import InputError
 from dermis.files import write_between
-from dermis.hdl import end_session
 
 PLACE = Path("rtl/formal")
 TABLE = PLACE / "proofs.toml"
@@ -147,107 +141,6 @@ class Outcome:
     work: Path
     note: str = ""
     covered: int = 0
-
-
-_running: set[subprocess.Popen[bytes]] = set()
-_stopped = threading.Event()
-_lock = threading.Lock()
-
-
-def run_child(
-    command: Sequence[str],
-    log: Path,
-    limit_s: float,
-    where: Path,
-    environment: Mapping[str, str] | None = None,
-) -> int | None:
-    """Exit code of a command in a session of its own; None where it was ended at its limit, with all it started.
-
-    Raises
-    ------
-    SimulatorError
-        `threads` is ending: nothing new is started, and no answer of what was ended counts.
-    """
-    with _lock, log.open("wb") as out:
-        if _stopped.is_set():
-            raise SimulatorError("interrupted", log)
-        child = subprocess.Popen(
-            command,
-            cwd=where,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        _running.add(child)
-    code = None
-    try:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            code = child.wait(limit_s)
-    finally:
-        end_tree(child)
-        with _lock:
-            _running.discard(child)
-    if _stopped.is_set():
-        raise SimulatorError("interrupted", log)
-    return code
-
-
-def _tree(root: int) -> set[int]:
-    """A process, those of its session, and what they started, also in sessions of their own."""
-    parents: dict[int, tuple[int, int]] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            fields = stat.read_text(errors="replace").rpartition(")")[2].split()
-            parents[int(stat.parent.name)] = int(fields[1]), int(fields[3])
-    found = {pid for pid, (_, session) in parents.items() if session == root}
-    while more := {pid for pid, (parent, _) in parents.items() if parent in found} - found:
-        found |= more
-    return found
-
-
-def end_tree(child: subprocess.Popen[bytes]) -> None:
-    """End a child that leads its session, and all that it started: sby's solvers have process groups of their own."""
-    if child.poll() is None:
-        found: set[int] = set()
-        # Stopped first, so that none of them starts another one meanwhile.
-        while new := _tree(child.pid) - found:
-            found |= new
-            for pid in new:
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGSTOP)
-        for pid in found:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-    end_session(child)
-
-
-def _interrupt(*_: Any) -> None:
-    raise KeyboardInterrupt
-
-
-@contextlib.contextmanager
-def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads for `run_child`: Ctrl-C, SIGTERM or an error ends what they run at once, and then them."""
-    main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, _interrupt) if main else None
-    pool = ThreadPoolExecutor(workers)
-    try:
-        yield pool
-    except BaseException:
-        _stopped.set()
-        pool.shutdown(wait=False, cancel_futures=True)
-        with _lock:
-            running = list(_running)
-        for child in running:
-            end_tree(child)
-        raise
-    finally:
-        pool.shutdown()
-        _stopped.clear()
-        if main:
-            signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -424,8 +317,9 @@ def run_sby(job: Path, work: Path, limit_s: float) -> Outcome:
     start = time.perf_counter()
     # Compiled once by `make setup`, not by every user of the wheel.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    run_child(command, log, limit_s + GRACE_S, work, environment)
+    environment = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    log.unlink(missing_ok=True)
+    children.run_child(command, work, log, limit_s + GRACE_S, environment)
     return _outcome(log.read_text(errors="replace"), time.perf_counter() - start, work)
 
 
@@ -574,7 +468,7 @@ def run_all(
         if faults:
             jobs += [(break_it, proof, fault, rtl) for fault in proof.faults]
     rows: list[verdict.Row] = []
-    with progress.slots("formal", len(jobs), "runs") as done, threads(workers) as pool:
+    with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
         futures = [pool.submit(job[0], *job[1:]) for job in jobs]
         for n, future in enumerate(futures, 1):
             rows += future.result()

@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from dermis import hdl, verdict
+from dermis import children, hdl, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.hdl import run_logged
@@ -26,7 +26,6 @@ from dermis.synth import (
     DOCS,
     attempt,
     default_size,
-    ending_children,
     place,
     technologies,
     verdict_table,
@@ -298,7 +297,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 @click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
 @click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
-@ending_children()
+@children.ending()
 def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
     """Run the tests of the top on the mapped netlist, against the Verilog; into build/gl.json."""
     if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):

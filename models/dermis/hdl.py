@@ -9,8 +9,6 @@ import hashlib
 import json
 import os
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dermis import spi_protocol
+from dermis import children, spi_protocol
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
@@ -327,40 +325,6 @@ def program(
     return ["vvp", "-n", str(target / "sim.vvp")] if simulator == "icarus" else [str(target / f"V{toplevel}")]
 
 
-def run_child(
-    command: Sequence[str | Path],
-    directory: Path,
-    log: Path,
-    limit_s: float,
-    environment: Mapping[str, str] | None = None,
-) -> int | None:
-    """Run a command in a session of its own and return its exit code, None if it was ended at its limit.
-
-    Parameters
-    ----------
-    command, directory : what is run, and where
-    log : file that its output is added to
-    limit_s : seconds until it is ended with all that it started
-    environment : variables beside those of this process
-    """
-    with log.open("ab") as out:
-        child = subprocess.Popen(
-            command,
-            cwd=directory,
-            env={**os.environ, **(environment or {})},
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    try:
-        return child.wait(limit_s)
-    except subprocess.TimeoutExpired:
-        return None
-    finally:
-        end_session(child)
-
-
 def run_logged(
     command: Sequence[str | Path],
     directory: Path,
@@ -369,26 +333,18 @@ def run_logged(
     what: str,
     environment: Mapping[str, str] | None = None,
 ) -> None:
-    """Run a command that must succeed, as `run_child` does.
+    """Run a command that must succeed, as `children.run_child` does.
 
     Raises
     ------
     SimulatorError
         It failed, or ran longer than its limit.
     """
-    code = run_child(command, directory, log, limit_s, environment)
+    code = children.run_child(command, directory, log, limit_s, environment)
     if code is None:
         raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
     if code != 0:
         raise SimulatorError(f"{what} failed with exit code {code}", log)
-
-
-def end_session(child: subprocess.Popen[bytes]) -> None:
-    """End a child and what it started, if it still runs: it leads its session, so nothing else is hit."""
-    if child.poll() is None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
 
 
 def _headers(includes: Sequence[Path]) -> list[Path]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
 import random
 import re
 import shutil
@@ -24,7 +23,7 @@ from typing import Any
 
 import click
 
-from dermis import formal, hdl, verdict
+from dermis import children, formal, hdl, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic, write_between
@@ -283,10 +282,18 @@ def judges(module: str, rtl: Path) -> str:
     return text.hexdigest()[:16]
 
 
+def _run(
+    command: list[str], directory: Path, log: Path, limit_s: float, environment: dict[str, str] | None = None
+) -> int | None:
+    """Run a command with a log of its own: a mutant may be tried again in the same place."""
+    log.unlink(missing_ok=True)
+    return children.run_child(command, directory, log, limit_s, environment)
+
+
 def _compiles(source: Path, rtl: Path, block: Block, work: Path) -> bool | None:
     command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
     command += [str(rtl / f"{module}.v") for module in block.modules]
-    code = formal.run_child(command, work / "compile.log", COMPILE_LIMIT_S, work)
+    code = _run(command, work, work / "compile.log", COMPILE_LIMIT_S)
     return None if code is None else code == 0
 
 
@@ -336,8 +343,8 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
         "not verilator",
         *(str(ROOT / "tb" / "rtl" / test) for test in block.tests),
     ]
-    environment = {**os.environ, "DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
-    return formal.run_child(command, work / "pytest.log", limit_s, ROOT, environment)
+    environment = {"DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
+    return _run(command, ROOT, work / "pytest.log", limit_s, environment)
 
 
 def control(module: str, rtl: Path) -> float:
@@ -385,7 +392,7 @@ def _ports(rtl: Path, module: str, block: Block, work: Path) -> dict[str, dict[s
     out = work / "ports.json"
     script = f"read_verilog -I{rtl} {sources}; hierarchy -top {module} {sizes}; proc; write_json {out}"
     log = work / "ports.log"
-    code = formal.run_child(["yosys", "-q", "-p", script], log, COMPILE_LIMIT_S, work)
+    code = _run(["yosys", "-q", "-p", script], work, log, COMPILE_LIMIT_S)
     if code != 0:
         said = f"takes more than {COMPILE_LIMIT_S:g} s" if code is None else f"ends with exit code {code}"
         raise SimulatorError(f"Yosys {said} reading {module}", log)
@@ -649,7 +656,7 @@ def mutate_command(
         limit = max(TEST_LEAST_S, TEST_TIMES * seconds[mutant.module])
         return try_mutant(mutant, source, killers, limit)
 
-    with progress.slots("mutants", len(todo), "mutants") as done, formal.threads(workers) as pool:
+    with progress.slots("mutants", len(todo), "mutants") as done, children.threads(workers) as pool:
         names = list(dict.fromkeys(mutant.module for mutant in todo))
         seconds = dict(zip(names, pool.map(check, names), strict=True))
         for n, result in enumerate(pool.map(work, todo), 1):

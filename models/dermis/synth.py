@@ -6,18 +6,15 @@ Every figure is parsed from what a tool wrote. A tool that failed or said someth
 
 from __future__ import annotations
 
-import contextlib
 import re
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from dermis import verdict
+from dermis import children, verdict
 from dermis.design import ROOT
 from dermis.design import load as load_design
 from dermis.errors import InputError, SimulatorError, one_line
@@ -70,16 +67,6 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
             raise InputError(sdc, f"{clock}_period", "not there", "its default, in ns")
         found[clock] = float(match.group(1))
     return found
-
-
-@contextlib.contextmanager
-def ending_children() -> Iterator[None]:
-    """Let SIGTERM be an exception meanwhile, so that the tool that runs is ended on the way out."""
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
@@ -413,7 +400,7 @@ def technologies(name: str) -> list[Technology]:
 @click.option("--sizes", is_flag=True, help="8x8, 16x16, 64x64 and 16x1 instead: area and highest clocks.")
 @click.option("--no-proof", is_flag=True, help="Leave the proof of equality out.")
 @click.option("--docs", is_flag=True, help=f"Also write the tables in {DOCS}.")
-@ending_children()
+@children.ending()
 def synth_command(
     tech: str,
     rows: int | None,

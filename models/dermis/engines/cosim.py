@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dermis import hdl, netlist
+from dermis import children, hdl, netlist
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
@@ -175,7 +175,7 @@ class _Children:
 
     def end_one(self, child: subprocess.Popen[bytes]) -> None:
         """End a child and what it started."""
-        hdl.end_session(child)
+        children.end_session(child)
         with self._lock:
             self._running.discard(child)
 
@@ -190,8 +190,8 @@ class _Children:
 
 def end_all() -> None:
     """End every run of this process, for good."""
-    for children in list(_Children.everyone):
-        children.end()
+    for run in list(_Children.everyone):
+        run.end()
 
 
 def _slots_done(path: Path) -> int:

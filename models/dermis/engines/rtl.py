@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import hdl, read_out, spi_protocol
+from dermis import children, hdl, read_out, spi_protocol
 from dermis.array import column_currents
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import Result, event, event_input, event_loops
@@ -355,7 +355,7 @@ def simulate(
             elif time.monotonic() - since > FRAME_LIMIT_S:
                 raise SimulatorError(f"{Path(command[0]).name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
     finally:
-        hdl.end_session(child)
+        children.end_session(child)
     if code != 0:
         raise SimulatorError(f"{Path(command[0]).name} ended with exit code {code}", log)
     on_rows(frames * plan.rows)

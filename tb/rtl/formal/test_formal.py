@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from dermis import formal
+from dermis import children, formal
 from dermis.design import ROOT
 from dermis.errors import InputError
 
@@ -55,7 +55,7 @@ def test_each_theorem_has_a_fault_of_its_own() -> None:
 STUBBORN = '''
 import sys
 from pathlib import Path
-from dermis import formal
+from dermis import children
 place = Path(sys.argv[1])
 starts = """import subprocess
 one = subprocess.Popen(["sleep", "600"], start_new_session=True)
@@ -63,8 +63,8 @@ subprocess.Popen(["sleep", "600"], process_group=0)
 one.wait()"""
 command = [sys.executable, "-c", starts]
 try:
-    with formal.threads(2) as pool:
-        list(pool.map(lambda n: formal.run_child(command, place / f"{n}.log", 600.0, place), range(4)))
+    with children.threads(2) as pool:
+        list(pool.map(lambda n: children.run_child(command, place, place / f"{n}.log", 600.0), range(4)))
 except KeyboardInterrupt:
     sys.exit(130)
 '''
@@ -78,30 +78,30 @@ def runs(pid: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("how", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is_in(
-    how: signal.Signals, tmp_path: Path
+    how: signal.Signals, exit_code: int, tmp_path: Path
 ) -> None:
     child = subprocess.Popen([sys.executable, "-c", STUBBORN, str(tmp_path)], start_new_session=True)
     try:
         end = time.monotonic() + 30
         # Two programs below it, each with two more.
-        while len(tree := formal._tree(child.pid)) < 7 and time.monotonic() < end:
+        while len(tree := children.tree(child.pid)) < 7 and time.monotonic() < end:
             time.sleep(0.1)
         assert len(tree) == 7
         sent = time.monotonic()
         child.send_signal(how)
-        assert child.wait(20) == 130
+        assert child.wait(20) == exit_code
         assert time.monotonic() - sent < 10
     finally:
-        formal.end_tree(child)
+        children.end_tree(child)
     time.sleep(0.2)
     assert not [pid for pid in tree if runs(pid)]
 
 
 def test_what_runs_too_long_is_ended_and_has_no_exit_code(tmp_path: Path) -> None:
-    assert formal.run_child(["sleep", "600"], tmp_path / "log", 0.2, tmp_path) is None
-    assert formal.run_child(["false"], tmp_path / "log", 10.0, tmp_path) == 1
+    assert children.run_child(["sleep", "600"], tmp_path, tmp_path / "log", 0.2) is None
+    assert children.run_child(["false"], tmp_path, tmp_path / "log", 10.0) == 1
 
 
 def test_no_checker_is_left_out_of_the_table() -> None:

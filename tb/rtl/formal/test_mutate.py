@@ -74,7 +74,7 @@ def test_tests_that_do_not_end_kill_nothing(monkeypatch: pytest.MonkeyPatch, tmp
     (tmp_path / "pytest.log").write_text("FAILED a.py::test_a")
     block = mutate.BLOCKS["dermis_crc8"]
     for code, sure in ((None, False), (0, False), (5, False), (1, True)):
-        monkeypatch.setattr(mutate.formal, "run_child", lambda *_, code=code: code)
+        monkeypatch.setattr(mutate, "_run", lambda *_, code=code: code)
         said, killed = mutate._noticed_by_test(block, tmp_path, tmp_path, 30.0)
         assert killed is sure
         assert (said is not None) is (code in (None, 1))
@@ -85,7 +85,7 @@ def test_tests_that_fail_on_the_right_module_are_an_error(
 ) -> None:
     monkeypatch.setattr(mutate, "ROOT", tmp_path)
     for code in (None, 1, 5):
-        monkeypatch.setattr(mutate.formal, "run_child", lambda *_, code=code: code)
+        monkeypatch.setattr(mutate, "_run", lambda *_, code=code: code)
         with pytest.raises(SimulatorError, match="dermis_tech_latch"):
             mutate.control("dermis_tech_latch", ROOT / "rtl")
 

@@ -405,9 +405,9 @@ def test_a_command_that_is_ended_ends_its_tool(tmp_path: Path) -> None:
 import sys
 from pathlib import Path
 from dermis.hdl import run_logged
-from dermis.synth import ending_children
+from dermis.children import ending
 tool = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
-with ending_children():
+with ending():
     run_logged([sys.executable, "-c", tool], Path.cwd(), Path("log"), 60.0, "tool")
 """
     command = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path)
