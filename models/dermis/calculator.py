@@ -311,9 +311,9 @@ def solve(wish: Wish | None = None, base: Design | None = None) -> Answer:
     frame_s = take("frame_s", 1 / exact(wish.frame_rate_hz) if wish.frame_rate_hz else base.timing.frame_s)
     slot_s = frame_s / array_rows
     settle = take("settle_fraction", Fraction(base.timing.settle_clocks, base.timing.slot_clocks))
-    needed = math.ceil(gate / (1 - settle))
+    needed = _slot_clocks(gate, settle, base)
     if wish.f_clk_hz is None:
-        slot_clocks = max(needed, gate + 1)
+        slot_clocks = needed
         f_clk = slot_clocks / slot_s
     else:
         f_clk = exact(wish.f_clk_hz)
@@ -395,6 +395,11 @@ def _charge(
         i0 = full_scale_a / k
     c_int = wanted_c if wish.c_int_f is not None else i0 / f_clk / swing
     return k, i0, c_int
+
+
+def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
+    """Clocks of a slot with this part for settling; at least those that the row scanner takes (docs/rtl.md)."""
+    return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
 def _judged(
@@ -488,7 +493,7 @@ def _judged(
         held = [
             b
             for b in range(1, 17)
-            if math.ceil(math.ceil((2**b - 1) / usable) / (1 - settle)) <= answer.slot_clocks
+            if _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) <= answer.slot_clocks
         ]
         other_ways = f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
         other_ways += f", or {held[-1]} bits" if held else ""

@@ -218,8 +218,9 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
     rises = charge.copy()
     rises[:, 1:] &= ~charge[:, :-1]
     for row in range(made.rows - 1):
-        # The switch moves with the second flip-flop, one clock after the first has decided; entry 0 is clock 1.
-        first = row * timing.slot_clocks + timing.settle_clocks + 1
+        # The switch moves with the second flip-flop, one clock after the first has decided; entry 0 is the clock behind
+        # the first driven row, which comes with the end of the break.
+        first = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks + 1
         gate = rises[:, first : first + timing.gate_clocks]
         if gate.shape[1] != timing.gate_clocks:
             raise SimulatorError(
