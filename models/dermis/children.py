@@ -67,6 +67,28 @@ def run_child(
     return code
 
 
+def run_logged(
+    command: Sequence[str | Path],
+    directory: Path,
+    log: Path,
+    limit_s: float,
+    what: str,
+    environment: Mapping[str, str] | None = None,
+) -> None:
+    """Run a command that must succeed, as `run_child` does.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, or ran longer than its limit.
+    """
+    code = run_child(command, directory, log, limit_s, environment)
+    if code is None:
+        raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
+    if code != 0:
+        raise SimulatorError(f"{what} failed with exit code {code}", log)
+
+
 def end_session(child: subprocess.Popen[bytes]) -> None:
     """End a child and what it started, if it still runs: it leads its session, so nothing else is hit."""
     if child.poll() is None:

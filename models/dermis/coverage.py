@@ -235,7 +235,9 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "dermis.coverage", "-k", "verilator", "-n", "2"]
     log.unlink(missing_ok=True)
     environment = {"DERMIS_COVERAGE": str(place)}
-    hdl.run_logged([*command, *map(str, tests)], ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
+    children.run_logged(
+        [*command, *map(str, tests)], ROOT, log, RUN_LIMIT_S, "pytest with counters", environment
+    )
 
 
 def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:

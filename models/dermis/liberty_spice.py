@@ -17,8 +17,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dermis.children import run_logged
 from dermis.errors import InputError, SimulatorError
-from dermis.hdl import run_logged
 from dermis.liberty_cells import SUPPLIES, Cell, lef_size, sensitised, view, wheel
 
 Table = list[list[float]]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dermis import liberty_cells, liberty_spice
+from dermis.children import run_logged
 from dermis.errors import SimulatorError
-from dermis.hdl import run_logged
 from dermis.liberty_cells import PREFIX
 from dermis.liberty_spice import Bench, Corner, Limit, Points
 from dermis.liberty_text import Group, Table

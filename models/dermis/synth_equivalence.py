@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dermis.children import run_logged
 from dermis.design import ROOT
 from dermis.errors import SimulatorError
-from dermis.hdl import run_logged
 from dermis.synth_cells import Technology
 from dermis.synth_map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys, tool
 

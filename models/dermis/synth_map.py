@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from dermis import synth_cells
+from dermis.children import run_logged
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
-from dermis.hdl import run_logged
 from dermis.lint import rtl_include_dirs, rtl_sources
 from dermis.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.synth_cells import Cell, Technology, areas, cells, mapping_liberty

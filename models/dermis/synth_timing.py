@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dermis.children import run_logged
 from dermis.design import ROOT
 from dermis.errors import SimulatorError
-from dermis.hdl import run_logged
 from dermis.synth_cells import SYNTH, Technology
 from dermis.synth_map import TOP, tool
 

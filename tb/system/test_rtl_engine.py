@@ -19,7 +19,7 @@ import pytest
 from effects_campaign import scene
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis import effects, engines, hdl, lint, spi_protocol
+from dermis import children, effects, engines, hdl, lint, spi_protocol
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
@@ -277,7 +277,7 @@ def test_one_build_serves_scenes_that_differ_in_values_only(
     def compile_again(*args: object, **options: object) -> None:
         pytest.fail("a second build")
 
-    monkeypatch.setattr(hdl, "run_logged", compile_again)
+    monkeypatch.setattr(children, "run_logged", compile_again)
     second = resistance_plan(
         random_ohm(10, 5, 2, 4), effects="mirror_ratio = { ratio_error = [0.1, -0.1, 0, 0.2] }"
     )

@@ -20,7 +20,8 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dermis import children, hdl, netlist
+from dermis import hdl, netlist
+from dermis.children import end_session
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
@@ -175,7 +176,7 @@ class _Children:
 
     def end_one(self, child: subprocess.Popen[bytes]) -> None:
         """End a child and what it started."""
-        children.end_session(child)
+        end_session(child)
         with self._lock:
             self._running.discard(child)
 
