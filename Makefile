@@ -6,7 +6,7 @@
 #   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for plan and ablate
 #   TECH=sky130|osu035 SIZES=1         for synth; the first for gl as well
 #   ARGS="..."                         anything more for the command behind a target
-#   TESTS=paths JOBS=n                 for test: what to run, and on how many cores
+#   TESTS=paths JOBS=n LONG=1          for test: what to run, on how many cores, and the long ones too
 TESTS ?= tb
 JOBS  ?= 2
 
@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate auto-check sweep lint test formal mutate coverage synth gl liberty bench \
+.PHONY: help setup sim run plan ablate auto-check hard sweep lint test formal mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean
 
 help: ## print this list
@@ -45,14 +45,17 @@ ablate: setup ## what each effect of a scene costs, one off at a time: SCENE=nam
 auto-check: setup ## 1000 random scenes as auto plans them, against everything on
 	@$(dermis) auto-check $(ARGS)
 
+hard: setup ## hard cases through every engine that can express them [ARGS="--only word --docs"]
+	@$(dermis) hard $(ARGS)
+
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
 	@$(dermis) sweep $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
 
-test: setup ## all tests [TESTS=paths] [JOBS=2] [ARGS="-k word"]
-	@.venv/bin/pytest -n $(JOBS) $(ARGS) $(TESTS)
+test: setup ## all tests [TESTS=paths] [JOBS=2] [LONG=1: the long ones too] [ARGS="-k word"]
+	@.venv/bin/pytest -n $(JOBS) $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
 lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
 	@status=0; \

@@ -31,6 +31,10 @@ ELSEWHERE = {
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
     "gl": ("dermis.gate_level", "The cocotb tests of the top on the mapped netlist."),
+    "hard": (
+        "dermis.hard.runner",
+        "Hard cases through every engine that can express them, against exact answers.",
+    ),
     "liberty": ("dermis.liberty", "Make, or check, the Liberty files of the SKY130 cells."),
     "mutate": ("dermis.mutate", "Mutants of the RTL against its tests, proofs and an equivalence check."),
     "plan": (

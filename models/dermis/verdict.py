@@ -71,20 +71,22 @@ def judge(name: str, value: Any, note: str = "") -> Row:
     A limit with ``gate = false`` that is missed gives SKIP with the miss in the note: shown, not failed.
     """
     rule = limit(name)
+    row = within(name, value, rule.unit, rule.min, rule.max, note)
+    if row["status"] == "FAIL" and not rule.gate:
+        miss = f"{'below' if rule.min is not None and row['value'] < rule.min else 'above'} the limit"
+        miss += ", which informs and does not gate"
+        return row | {"status": "SKIP", "note": f"{miss}; {note}" if note else miss}
+    return row
+
+
+def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
+    """Judge a value against limits that do not stand in models/spec.toml: PASS, FAIL, or ERROR if not measured."""
     number = _number(value)
     if number is None:
         said = "not measured" if value is None else f"not a number: {value}"
-        return _row(name, None, rule.unit, rule.min, rule.max, "ERROR", f"{said}; {note}" if note else said)
-    low = rule.min is not None and number < rule.min
-    high = rule.max is not None and number > rule.max
-    status = "PASS"
-    if low or high:
-        status = "FAIL"
-        if not rule.gate:
-            status = "SKIP"
-            miss = f"{'below' if low else 'above'} the limit, which informs and does not gate"
-            note = f"{miss}; {note}" if note else miss
-    return _row(name, number, rule.unit, rule.min, rule.max, status, note)
+        return _row(name, None, unit, low, high, "ERROR", f"{said}; {note}" if note else said)
+    missed = (low is not None and number < low) or (high is not None and number > high)
+    return _row(name, number, unit, low, high, "FAIL" if missed else "PASS", note)
 
 
 def report(name: str, value: Any, unit: str, note: str = "") -> Row:

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs hard cases: each case with each engine in a worker process with a limit, judged by the case's own tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import click
+
+from dermis import hard, progress, verdict, workers
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.files import write_between
+from dermis.hard import Case, Measured
+from dermis.verdict import Row
+
+DOCS = "docs/hard_cases.md"
+BEGIN, END = "<!-- begin: hard (written by dermis hard --docs) -->", "<!-- end: hard -->"
+
+PREPARE_LIMIT_S = 300.0
+"""For what a module compiles before its cases run: loops by Numba, Verilog by Verilator."""
+
+
+def chosen(words: Sequence[str], short: bool) -> list[Case]:
+    """Cases whose group or name has one of the words in it; with `short` those of the short set only.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    found = [
+        case
+        for case in hard.all_cases()
+        if (case.short or not short)
+        and (not words or any(word in case.name or word == case.group for word in words))
+    ]
+    if not found:
+        what = " ".join(words) or "(nothing)"
+        raise InputError("command line", "--only", what, "part of a name that --list shows, or a group")
+    return found
+
+
+def run(cases: Sequence[Case], jobs: int) -> list[Row]:
+    """Run cases and return a row a run, in the order of the cases; `seconds` in a row is its wall time."""
+    pairs = [(case, name) for case in cases for name in case.runs]
+    tasks = [workers.Task(case.runs[name], (), case.limit_s) for case, name in pairs]
+    rows: list[Row | None] = [None] * len(pairs)
+    with progress.slots("hard", len(pairs), "runs") as tell:
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
+            rows[number] = row_of(*pairs[number], outcome)
+            tell(done)
+    by_case: dict[str, list[Row]] = {case.name: [] for case in cases}
+    for (case, _), row in zip(pairs, rows, strict=True):
+        assert row is not None
+        by_case[case.name].append(row)
+    for case in cases:
+        by_case[case.name] += [
+            verdict.skip(_name(case, engine), why, case.unit) for engine, why in case.refused.items()
+        ]
+    return [row for case in cases for row in by_case[case.name]]
+
+
+def _name(case: Case, engine: str) -> str:
+    return f"{case.group}.{case.name}.{engine}"
+
+
+def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
+    """Judge what became of a run."""
+    name, found = _name(case, engine), outcome.value
+    if outcome.fault:
+        row = verdict.error(name, outcome.fault, case.unit)
+    elif not isinstance(found, Measured):
+        row = verdict.error(name, f"returned a {type(found).__name__}, not a measurement", case.unit)
+    else:
+        error = None if found.error is None else abs(found.error)
+        row = verdict.within(name, error, case.unit, None, case.limit, found.note)
+    return row | {"max": case.limit, "seconds": round(outcome.seconds, 4)}
+
+
+def prepare(cases: Sequence[Case]) -> Iterator[Row]:
+    """Let the modules compile what their cases need before any clock runs; an ERROR row for each that could not."""
+    chosen_names = {case.name for case in cases}
+    for module in hard.modules():
+        own = tuple(case for case in module.cases() if case.name in chosen_names)
+        if not own or not hasattr(module, "prepare"):
+            continue
+        for _, outcome in workers.run([workers.Task(module.prepare, (own,), PREPARE_LIMIT_S)], 1):
+            if outcome.fault:
+                yield verdict.error(f"{own[0].group}.prepare", outcome.fault)
+
+
+# ---- docs -------------------------------------------------------------------------------------------------------
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _said(row: Row) -> str:
+    engine = row["name"].rsplit(".", 1)[1]
+    if row["status"] == "SKIP":
+        return f"{engine}: not expressible, {row['note']}"
+    value = "ERROR" if row["value"] is None else f"{row['value']:.2g}"
+    miss = " FAIL" if row["status"] == "FAIL" else ""
+    return f"{engine} {value}{miss} ({row['seconds']:.2g} s)"
+
+
+def docs_table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
+    """A table a group: one line a case, in its last column error and seconds of each run."""
+    lines: list[str] = []
+    for group in dict.fromkeys(case.group for case in cases):
+        lines += ["", f"### {group.capitalize()}", ""]
+        lines += [
+            "| case | why it is hard | expected, and from where | tolerance | error (seconds) |",
+            "|---|---|---|---|---|",
+        ]
+        for case in (c for c in cases if c.group == group):
+            own = [row for row in rows if row["name"].startswith(f"{group}.{case.name}.")]
+            cells = [
+                f"`{case.name}`",
+                case.why,
+                f"{case.expected}; {case.source}",
+                f"{case.limit:g} {case.unit}: {case.tolerance}",
+                "; ".join(_said(row) for row in own),
+            ]
+            lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
+    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
+    seconds = sum(row.get("seconds", 0.0) for row in rows)
+    head = f"{len(cases)} cases, {len(rows)} runs: {counts}; {seconds:.0f} s of runs, the longest "
+    longest = max((row for row in rows if "seconds" in row), key=lambda row: row["seconds"])
+    head += f"{longest['seconds']:.2g} s (`{longest['name']}`)."
+    return "\n".join([head, *lines])
+
+
+# ---- command ----------------------------------------------------------------------------------------------------
+
+
+@click.command("hard")
+@click.option(
+    "--only", multiple=True, metavar="WORD", help="Cases with this in their name, or of this group."
+)
+@click.option("--short", is_flag=True, help="The short set that the tests run.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Runs at a time.")
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+@click.option("--list", "listed", is_flag=True, help="Say what cases there are, and run nothing.")
+def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, listed: bool) -> int:
+    """Hard cases through every engine that can express them, against exact answers; rows in build/hard.json."""
+    if docs and (only or short):
+        raise InputError("command line", "--docs", "with --only or --short", "a whole run")
+    cases = chosen(only, short)
+    if listed:
+        for case in cases:
+            click.echo(f"{case.group:10} {case.name:45} {' '.join(case.runs)}")
+        return 0
+    rows = [*prepare(cases), *run(cases, jobs)]
+    verdict.write_rows("hard", rows)
+    verdict.print_rows(rows, f"Hard cases ({len(cases)})")
+    broken = [row["name"] for row in rows if row["status"] == "ERROR"]
+    if docs and broken:
+        click.echo(f"not written: {DOCS}, for {broken[0]} was not measured")
+    elif docs:
+        write_between(ROOT / DOCS, BEGIN, END, docs_table(cases, rows))
+        click.echo(f"written: {DOCS}")
+    return verdict.exit_code(rows)
