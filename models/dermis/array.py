@@ -11,6 +11,7 @@ import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import float_flags
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -394,10 +395,11 @@ def _respond_chain(network: Network, lines: _RowLines) -> _Response:
     moved, away, last = np.empty(g.shape), np.empty((frames, rows)), np.empty((frames, cols, rows))
     other = np.empty(g.shape if held else (0, 0, 0))
     pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
-    miss = star_mesh.chain(
-        lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end, pull,
-        moved, away, last, other,
-    )  # fmt: skip
+    with float_flags.watch("star_mesh.chain"):
+        miss = star_mesh.chain(
+            lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
+            pull, moved, away, last, other,
+        )  # fmt: skip
     if not miss <= _RESIDUAL_MAX:
         raise SimulatorError(_missed(miss, "at a node"))
     delivered = (g_end[:, np.newaxis] * last).transpose(0, 2, 1)
@@ -432,14 +434,16 @@ def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
     pivot = np.empty_like(leak)
     panels = [(first, min(first + _PANEL, n)) for first in range(0, n, _PANEL)]
     for first, last in panels:
-        star_mesh.down(work, pivot, first, last)
+        with float_flags.watch("star_mesh.down"):
+            star_mesh.down(work, pivot, first, last)
         if last < n:
             weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
             work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
     for first, last in reversed(panels):
         if last < n:
             v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
-        star_mesh.up(work, pivot, first, last)
+        with float_flags.watch("star_mesh.up"):
+            star_mesh.up(work, pivot, first, last)
     _check_kirchhoff(link, leak, drive, v)
     return v
 

@@ -1,26 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the model tests share: floating point that complains, scenes written on the spot, helpers beside it."""
+"""What the model tests share: scenes written on the spot, helpers beside it."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from dermis.design import ROOT
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-
-@pytest.fixture(autouse=True)
-def _strict_numbers() -> Iterator[None]:
-    """Every invalid, overflowing or zero-dividing operation that is not meant raises."""
-    with np.errstate(divide="raise", over="raise", invalid="raise"):
-        yield
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import noise
+from dermis import float_flags, noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, event_input, event_loops
 from dermis.engines.event_input import FIELDS as VARYING
@@ -350,7 +350,8 @@ def count_cells(
         if not 0 < charge_delay <= 1:
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
-        event_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        with float_flags.watch("event_loops.plain"):
+            event_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
     else:
         walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
     return counts.reshape(shape), end.reshape(shape)
@@ -371,10 +372,11 @@ def walk_cells(
     """Count cells begin..stop-1 of `rows`; x or vary and the rest as for event_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else _grid_step(of[event_loops.SIGMA], clocks)
-    event_loops.walk(
-        clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window, rows.limits,
-        rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
-    )  # fmt: skip
+    with float_flags.watch("event_loops.walk"):
+        event_loops.walk(
+            clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
+            rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
+        )  # fmt: skip
 
 
 def _grid_step(sigma: Floats, clocks: int) -> int:

@@ -18,7 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import settling
+from dermis import float_flags, settling
 from dermis.array import Network, column_currents_by_source
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
@@ -198,7 +198,8 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
 def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
     mean, end = np.empty_like(x), np.empty_like(x)
     start, level = (np.broadcast_to(v, x.shape[-1:]) for v in (start, level))
-    _walk_over_gate(np.ascontiguousarray(x), start + 0.0, level + 0.0, clocks, mean, end)
+    with float_flags.watch("event_input._walk_over_gate"):
+        _walk_over_gate(np.ascontiguousarray(x), start + 0.0, level + 0.0, clocks, mean, end)
     return mean, end
 
 
@@ -511,11 +512,12 @@ class Slots:
                 out = scratch[:, : block.stop - first]
                 if out.shape[1] != scratch.shape[1]:
                     out = np.empty(out.shape)
-                charge = charges(
-                    row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra, self.decay,
-                    self.onset, self.fade, self.fade_decay, self._squeeze, self._lag, self._slow, self._break,
-                    self.dark, self.offset, out, mean,
-                )  # fmt: skip
+                with float_flags.watch("event_input.charges"):
+                    charge = charges(
+                        row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
+                        self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
+                        self._slow, self._break, self.dark, self.offset, out, mean,
+                    )  # fmt: skip
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
