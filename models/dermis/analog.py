@@ -92,6 +92,8 @@ class ExactHalf:
         self._now = to
         if self._preset > 0.0:
             self.w[:] = self._w_preset
+        # A tie is high: w has summed up to a slot of clocks, each rounded to 1e-12 packet (time in seconds of
+        # 2 ms).
         return np.where(self.w >= -1e-9, 1.0, -1.0)
 
     def close(self) -> None:

@@ -428,6 +428,7 @@ def run_section(section: Section, m: Measurements) -> list[Row]:
                 rows.append(row)
     except (DermisError, TimeoutError, subprocess.SubprocessError) as error:
         reason = str(error)
+    # Whatever a section does wrong is an ERROR row; the others still run.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
     made = {row["name"] for row in rows}

@@ -172,6 +172,7 @@ class Extent:
                 rest = np.minimum(1.0, tau) * _packet(self) * fall
                 open_ = (after + 2) * self.x + self.slack + rest >= self.packet_low
                 tail = np.maximum(tail, np.where(open_, rest, 0.0))
+                # Packets: far below what certificates allow for rounding (auto.ROUNDING_LSB).
                 if rest.max() < 1e-12:
                     break
             else:

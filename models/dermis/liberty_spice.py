@@ -150,6 +150,7 @@ def models_digest(process: str) -> str:
 
 def _covers(model: str) -> bool:
     limits = {k: float(v) for k, v in re.findall(r"([lw](?:min|max))\s*=\s*([\d.eE+-]+)", model)}
+    # Lengths and widths of the cells in metres, not tolerances.
     return limits["lmin"] <= 0.15e-6 < limits["lmax"] and limits["wmin"] < 2e-6
 
 
@@ -413,6 +414,7 @@ def _edges(
         ]
         goal = [v for _ in range(len(points.slews) * len(points.loads)) for _, v in schedule]
         v_dd = bench.corner.voltage_v
+        # 2 % of the supply: a latch that is still between its levels is farther off.
         settled = all(
             r is not None and abs(r - g * v_dd) < 0.02 * v_dd for r, g in zip(rest, goal, strict=True)
         )

@@ -150,6 +150,7 @@ static int on_source(double *value, double t, char *name, int id, void *user)
 
 /* ---- time ------------------------------------------------------------------------------------------------- */
 
+/* times this close are one: four operations on a time each round it by half an ulp; ngspice takes 100 ulp as one */
 static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t), 1e-12); }
 
 static void add_corner(double t)
@@ -391,7 +392,7 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
 {
     if (ls.state != READY && ls.state != RUNNING)
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
-    if (to > ls.t_stop * (1.0 + 1e-12))
+    if (to > ls.t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
         return fail("asked to go beyond the end of the transient");
     for (int i = 0; i < n_edge; i++) {
         struct source *s = &ls.source[edge_source[i]];
@@ -440,6 +441,7 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
 /* Let a transient that has come to its end return; one given up before leaves ngspice in no state to take another. */
 void lockstep_close(void)
 {
+    /* ngspice stops up to 1e-11 of its largest step before the end, as in lockstep_advance */
     if (ls.state == RUNNING && ls.t_now >= ls.t_stop - 1e-10 * ls.t_max_step) {
         ls.t_target = HUGE_VAL;
         swapcontext(&ls.caller, &ls.runner);

@@ -284,6 +284,7 @@ def has_pole(plan: Plan) -> bool:
 def clamp_bites(converter: Converter) -> bool:
     """Whether the range of an integrator is so small that charge is lost in normal use."""
     room = np.minimum(converter.v_int_max_v, -converter.v_int_min_v)
+    # A range of exactly so many packets, up to rounding, is enough.
     return bool(np.any(room < _SWING_PACKETS * converter.packet_v() * (1.0 - 1e-9)))
 
 

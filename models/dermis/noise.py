@@ -46,6 +46,7 @@ def _uniform(key, stream, counter):  # type: ignore
 def inverse_normal(p):  # type: ignore
     """Value below which a normal number lies with probability p: AS241, relative error about 1e-16."""
     q = p - 0.5
+    # Where AS241 changes from one polynomial to the next.
     if abs(q) <= 0.425:
         r = 0.180625 - q * q
         above = (((((((2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4) * r

@@ -153,6 +153,7 @@ def _spread(duty: NDArray[np.float64], most: int = 4) -> list[int]:
     """Columns whose duties are spread over those of the row, the strongest first."""
     order = np.argsort(-duty, kind="stable")
     order = [int(c) for c in order if duty[c] > 0.01] or [int(order[0])]
+    # Duties closer than this are one line in the figure.
     distinct = [c for i, c in enumerate(order) if i == 0 or abs(duty[c] - duty[order[i - 1]]) > 1e-6]
     picks = np.linspace(0, len(distinct) - 1, min(most, len(distinct)))
     return [distinct[round(i)] for i in picks]

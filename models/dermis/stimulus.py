@@ -378,10 +378,11 @@ def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
         t = (right * math.cos(angle) + down * math.sin(angle)) / (table.width / 2)
         s = (down * math.cos(angle) - right * math.sin(angle)) / (table.length / 2)
         # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
+        edge = 1 + 1e-9
         if table.shape in ("spherical", "round"):
-            touched = t * t + s * s <= 1 + 1e-9
+            touched = t * t + s * s <= edge
         else:
-            touched = (np.abs(t) <= 1 + 1e-9) & (np.abs(s) <= 1 + 1e-9)
+            touched = (np.abs(t) <= edge) & (np.abs(s) <= edge)
     t, s = np.where(touched, t, 0.0), np.where(touched, s, 0.0)
     profile = {
         "flat": np.ones_like,
@@ -463,6 +464,7 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         tap = np.floor(time * table.frequency_hz + 1e-9)
         with np.errstate(over="ignore"):
             phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
+        # A tap that ends on a frame ends there whatever way the product rounds.
         wave = np.sin(np.pi * np.minimum(phase, 1.0)) if table.profile == "half_sine" else phase < 1 - 1e-9
         forces = forces[(tap % forces.size).astype(int)] * np.where(phase < 1, wave, 0.0)
     elif isinstance(table, RampTable):
@@ -534,6 +536,7 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
     if table.t_frame_s is None:
         raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
+    # Frame times are decimals: equal up to rounding is equal. So is a frame on the border of two, below.
     if abs(steps - 1) < 1e-9:
         return Frames(ohm, force, about.t_frame_s)
     frames = ohm.shape[0]
@@ -556,6 +559,7 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
     if table.resample == "hold":
         return Frames(ohm[first], force[first], about.t_frame_s)
     share = (place - first)[:, np.newaxis, np.newaxis]
+    # The rounding of the place, as above.
     share[share < 1e-9] = 0.0
     before, behind = ohm[first], ohm[np.minimum(first + 1, frames - 1)]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):

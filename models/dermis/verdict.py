@@ -44,6 +44,7 @@ def _number(value: Any) -> int | float | None:
     number = float(value)
     if not math.isfinite(number):
         return None
+    # Whole numbers up to here are doubles without loss.
     return (
         int(number)
         if float(number).is_integer() and abs(number) < 2**53 and not isinstance(value, float)

@@ -263,6 +263,7 @@ def count_restarting(x: ArrayLike, clocks: int = 512) -> NDArray[np.int64]:
     with np.errstate(divide="ignore", over="ignore"):
         period = np.divide(1.0, x)
     whole = np.round(np.where(np.isfinite(period), period, 0.0))
+    # See the notes: one division has rounded.
     near = np.abs(period - whole) <= 1e-12 * whole
     period = np.maximum(np.where(near, whole, np.ceil(period)), 2.0)
     return np.ceil(clocks / period).astype(np.int64)

@@ -153,7 +153,7 @@ def _end(pids: Iterable[int]) -> list[str]:
     """End processes and say which they were."""
     names = []
     for pid in pids:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):  # it ended meanwhile
             command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
             if not command:
                 continue  # ended, and only waits to be collected
@@ -171,7 +171,7 @@ def _lost(wanted: Callable[[str], bool]) -> set[int]:
     sign = f"{_MARK}=".encode()
     lost, own = set(), set()
     for place in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):  # it ended meanwhile, or is somebody else's
             marks = [v for v in (place / "environ").read_bytes().split(b"\0") if v.startswith(sign)]
             if not marks or not wanted(marks[0][len(sign) :].decode(errors="replace")):
                 continue

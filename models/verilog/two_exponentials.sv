@@ -10,6 +10,7 @@ package two_exponentials;
     /*verilator no_inline_task*/
     real u;
     u     = rate * t;
+    // Below, the next term of the series is 4e-17; above, exp(u) - 1 keeps eleven digits.
     grown = (u < 1.0e-5 && u > -1.0e-5) ? t * (1.0 + u * (0.5 + u / 6.0)) : ($exp(u) - 1.0) / rate;
   endfunction
 
@@ -51,6 +52,7 @@ package two_exponentials;
     if (beyond_left * beyond_right < 0.0) begin
       // The charge is close to a straight line: false position with the stale end halved (Illinois) is there in three to five steps.
       for (n = 0; n < 12; n = n + 1)
+        // 1e-14 packet: the rounding of a charge of some packets.
         if (right > left && (beyond > 1.0e-14 || beyond < -1.0e-14)) begin
           t      = (left * beyond_right - right * beyond_left) / (beyond_right - beyond_left);
           slow_t = $exp(slow_rate * t) * slow + slow_drive * current * grown(slow_rate, t);

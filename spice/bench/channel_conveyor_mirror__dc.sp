@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: currents down to 1e-15 A are measured beside 16 mA; gmin below the 1e-18 S of an open taxel
 .options reltol=1e-9 abstol=1e-18 vntol=1e-12 gmin=1e-18
 * parameters
 .param v_row = 0.5

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: a current source into a short: nothing is integrated but by .meas; the operating point is to have six digits
 .options reltol=1e-6
 * parameters
 .param t_edge = {converter_t_edge_s}

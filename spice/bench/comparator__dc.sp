@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: thresholds are found between points 2 uV apart; gmin below the gain's last digit
 .options reltol=1e-6 gmin=1e-15
 * parameters
 .param v_span = 10e-3

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: the crossing is wanted to a fiftieth of a step; 0.1 fC is a thousandth of what the output pole holds
 .options reltol=1e-5 chgtol=1e-16 trtol=1
 * parameters
 .param slope = 2.5e6

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: six digits are compared; the default gmin of 1e-12 S would be seen beside 1 Mohm of output
 .options reltol=1e-6 gmin=1e-18
 * parameters
 .param r_drive = 10

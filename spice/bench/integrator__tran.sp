@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: slopes are compared to 1e-7: 1e-17 C is two millionths of a packet, and the lines are straight
 .options reltol=1e-6 chgtol=1e-17
 * parameters
 .param i_in_a = 12.5e-6

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: the current falls by five decades: its last one is to be right, and the gate's charge of 5e-14 C to a millionth
 .options reltol=1e-6 abstol=1e-15 vntol=1e-9 chgtol=1e-20 trtol=1
 * parameters
 .param i_low = 1e-7

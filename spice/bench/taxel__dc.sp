@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../array/taxel.sp
-* options
+* options: inner nodes hang on 1e18 ohm: gmin far below, and tolerances that do not end Newton before gmin's effect is gone
 .options reltol=1e-9 abstol=1e-18 vntol=1e-12 gmin=1e-18
 * parameters
 .param r_trace = 10

@@ -5,7 +5,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options
+* options: one packet is 5e-12 C: 1e-16 C a step is a fiftieth of a thousandth of a count
 .options reltol=1e-5 chgtol=1e-16
 * parameters
 .param r_taxel = 510

@@ -67,6 +67,7 @@ def assert_same(fast: NDArray[np.float64], slow: NDArray[np.float64], network: N
         g_column = np.where(network.r_column_ohm > 0, 1 / network.r_column_ohm, 0.0)
     g_size = network.rows * network.g_lateral_row_s + g_column.max()
     size = size + np.abs(network.v_column_offset_v).max() * g_size
+    # 1e-12 of the currents is what the solver promises (docs/array.md); 1e-30 A where all of them are 0.
     assert (np.abs(fast - slow) <= 1e-12 * size + 1e-30).all(), (fast, slow)
 
 
@@ -84,6 +85,7 @@ def test_solve_is_the_full_nodal_matrix_on_16x16_with_everything_on() -> None:
         network = Network(g, 0.5, 1.0, 3.0, r_column, offset, 1e-3, 1e-3)
         reference = column_currents_reference(network, digits=30)
         size = np.abs(reference) if elementwise else np.abs(reference).max()
+        # What the solver promises (docs/array.md).
         assert (np.abs(column_currents(network) - reference) / size).max() < 1e-12
 
 
@@ -113,6 +115,7 @@ def test_series_resistance_costs_the_counts_computed_elsewhere(r_ohm: float, pla
     one[5, 9] = 1 / 500
     for g, counts in zip((np.full((16, 16), 1 / 500), one), SERIES_TABLE[r_ohm], strict=True):
         current = column_currents(Network(g, 1.0, **series))[5, 9]
+        # The table has two decimals: half a unit of the last, and rounding.
         assert abs(256 * 500 * current - counts) <= 0.0051
 
 
@@ -133,6 +136,7 @@ def test_lateral_resistors_spread_a_touch_once_columns_are_real() -> None:
     assert currents[5, 7] / lsb > 10 * currents[5, 6] / lsb > 0
     assert currents[5, 7] == pytest.approx(currents[5, 9], rel=1e-12)
     one_row = column_currents(Network(g[5:6], 0.5, r_column_ohm=5.0, g_lateral_row_s=1e-3))
+    # FACTS says 1.2 LSB: one decimal, and the neighbour's own loss.
     assert one_row[0, 7] / lsb == pytest.approx(1.2, abs=0.1)
 
 
@@ -149,10 +153,12 @@ def test_offset_of_a_column_adds_its_share_of_all_rows() -> None:
     g = 1 / np.random.default_rng(0).uniform(500, 64250, (16, 4))
     v = np.array([1e-3, 0, -2e-3, 5e-4])
     with_offset = column_currents(Network(g, 0.5, v_column_offset_v=v))
+    # The bias cancels: what is left is 1e-4 of it, so 1e-9 are some hundred roundings; 1e-18 A where no
+    # offset is.
     assert with_offset - 0.5 * g == pytest.approx(np.tile(-v * g.sum(axis=0), (16, 1)), rel=1e-9, abs=1e-18)
     # 1 mV on a fully pressed column of 16 is 8 codes
     pressed = column_currents(Network(np.full((16, 1), 1 / 500), 0.5, v_column_offset_v=-1e-3))
-    assert (pressed[0, 0] - 1e-3) / (0.5 / 250 / 510) == pytest.approx(8.16, abs=0.01)
+    assert (pressed[0, 0] - 1e-3) / (0.5 / 250 / 510) == pytest.approx(8.16, abs=0.01)  # the last digit
 
 
 def test_floating_rows_ghost_only_where_columns_are_real() -> None:
@@ -161,6 +167,7 @@ def test_floating_rows_ghost_only_where_columns_are_real() -> None:
     for r_column, ghost in ((0.0, False), (50.0, True)):
         floating = column_currents(Network(g, 0.5, 0.0, np.inf, r_column))
         grounded = column_currents(Network(g, 0.5, 0.0, 0.0, r_column))
+        # An open taxel beside grounded rows: nothing flows; 1e-18 A is a rounding of the 0.5 mA beside it.
         assert grounded[1, 0] == pytest.approx(0.0, abs=1e-18)
         assert (floating[1, 0] > 1e-6) == ghost
 
@@ -171,6 +178,7 @@ def test_shorts_and_opens_have_answers() -> None:
     series = column_currents(Network(g, 0.5, 1.0, 1.0, 1.0))
     assert np.isfinite(series).all()
     alone = column_currents(Network(np.array([[np.inf]]), 0.5, 1.0, 1.0, 1.0))
+    # What the solver promises (docs/array.md).
     assert alone[0, 0] == pytest.approx(0.25, rel=1e-12)
     assert column_currents(Network(np.zeros((3, 2)), 0.5, 1.0, np.inf, 0.5)) == pytest.approx(
         np.zeros((3, 2))
@@ -189,6 +197,7 @@ def test_frames_together_are_frames_one_by_one() -> None:
     kind = {"r_row_driven_ohm": 1.0, "r_row_grounded_ohm": 2.0, "r_column_ohm": 0.5, "g_lateral_row_s": 1e-3}
     together = column_currents(Network(g[0], 0.5, **kind), g)
     for frame in range(5):
+        # The same operations in another order of frames: a few dozen roundings.
         assert together[frame] == pytest.approx(column_currents(Network(g[frame], 0.5, **kind)), rel=1e-14)
 
 

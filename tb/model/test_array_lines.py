@@ -66,6 +66,7 @@ def networks(draw: st.DrawFn, sources: bool) -> Network:
 def test_every_current_is_that_of_the_full_nodal_matrix_to_1e_12(network: Network) -> None:
     reference = column_currents_reference(network)
     # 1e-25 A: what a held row lets through where 1e30 S stand for no resistance
+    # 1e-12 is what the solver promises (docs/array.md); 1e-25 A is a rounding where all currents are 0.
     assert (np.abs(column_currents(network) - reference) <= 1e-12 * np.abs(reference) + 1e-25).all()
 
 
@@ -79,6 +80,7 @@ def test_offsets_and_leaks_are_right_to_the_size_of_what_cancels(network: Networ
     g_loop = np.where(np.isfinite(g_end), g_end, 0.0).max() + network.rows * network.g_lateral_row_s
     g_loop += np.minimum(network.g_taxel_s, 1e3).sum()
     size = np.abs(reference).max() + np.abs(network.v_column_offset_v).max() * g_loop
+    # 1e-12 is what the solver promises (docs/array.md); 1e-25 A is a rounding where all currents are 0.
     assert (np.abs(column_currents(network) - reference) <= 1e-12 * size + 1e-25).all()
 
 
@@ -88,6 +90,7 @@ def test_one_slot_of_6x6_with_everything_on_is_the_full_nodal_matrix(left_out: s
     network = Network(g, 0.5, **{k: v for k, v in EVERYTHING.items() if k != left_out})
     with array_module.mpmath.workdps(25):
         reference = np.array([float(i) for i in array_module._reference_row(network, 5)])
+    # Thirteen digits are left of the solver's own; nothing cancels here.
     assert column_currents(network)[5] == pytest.approx(reference, rel=1e-13)
 
 
@@ -127,6 +130,8 @@ def test_arrays_wider_than_a_panel_are_the_sparse_nodal_matrix(lines: bool) -> N
     assert network.cols > 2 * array_module._PANEL
     currents = column_currents(network)
     for driven in (0, 8, 19):
+        # The peer in doubles, refined once: 1e-14 A are 1e-11 of the largest current, its own rounding times
+        # the condition.
         assert np.abs(currents[driven] - sparse_currents(network, driven)).max() < 1e-14
 
 
@@ -136,6 +141,8 @@ def test_lines_of_little_resistance_are_nodes() -> None:
     ideal = column_currents(Network(g, 0.5, **nodes))
     for row, column in ((1e-12, 0.0), (0.0, 1e-12), (1e-12, 1e-12)):
         lines = nodes | {"r_trace_row_ohm": row, "r_trace_column_ohm": column}
+        # 24 elements of 1e-12 ohm beside 500 ohm change a current by 1e-13; twelve of them in a line, both
+        # ways.
         assert column_currents(Network(g, 0.5, **lines)) == pytest.approx(ideal, rel=1e-11)
 
 
@@ -145,6 +152,7 @@ def test_steep_and_mild_row_lines_are_the_same(monkeypatch: pytest.MonkeyPatch) 
     mild = column_currents(network, g)
     monkeypatch.setattr(array_module, "_PRODUCT_MIN", np.inf)
     monkeypatch.setattr(array_module._RowLines, "_between_steep", spy := Spy(array_module._RowLines))
+    # The same sums grouped in another way: a few dozen roundings.
     assert column_currents(network, g) == pytest.approx(mild, rel=1e-14)
     assert spy.calls
 
@@ -165,6 +173,7 @@ def test_a_row_of_shorts_does_not_underflow() -> None:
     g[1] = 1e-3
     currents = column_currents(Network(g, 0.5, **EVERYTHING))
     assert np.isfinite(currents).all()
+    # Two rows of shorts see the same drivers but for a part of the 24 traces: alike, not equal.
     assert currents[0].sum() == pytest.approx(currents[2].sum(), rel=0.2)
     assert currents[0, 0] > 1e3 * currents[0, 23] > 0  # the first column takes it
 
@@ -175,12 +184,14 @@ def test_frames_together_are_frames_one_by_one_with_lines() -> None:
     together = column_currents(network, g)
     for frame in range(5):
         alone = column_currents(dataclasses.replace(network, g_taxel_s=g[frame]))
+        # What the solver promises (docs/array.md): frames share no number.
         assert together[frame] == pytest.approx(alone, rel=1e-12)
 
 
 def test_a_leak_into_an_ideal_column_only_adds() -> None:
     g = 1 / np.random.default_rng(1).uniform(500, 64250, (3, 4))
     leak = np.array([1e-9, 0.0, -1e-6, 3e-9])
+    # One sum: a few roundings of 1.1e-16.
     assert column_currents(Network(g, 0.5, i_leak_a=leak)) == pytest.approx(0.5 * g + leak, rel=1e-15)
 
 
@@ -190,6 +201,7 @@ def test_currents_by_source_are_those_without_bias_and_without_the_rest(left_out
     kind = {k: v for k, v in EVERYTHING.items() if k != left_out}
     sources = {"v_column_offset_v": np.array([1e-3, 0, -2e-3, 1e-4]), "i_leak_a": 1e-7}
     driven, rest = array_module.column_currents_by_source(Network(g[0], 0.5, **kind, **sources), g)
+    # Superposition in doubles: two solves, each to its own rounding.
     assert driven == pytest.approx(column_currents(Network(g[0], 0.5, **kind), g), rel=1e-13)
     assert rest == pytest.approx(column_currents(Network(g[0], 0.0, **kind, **sources), g), rel=1e-13)
     assert array_module.column_currents_by_source(Network(g[0], 0.5, **kind), g)[1] is None
@@ -202,6 +214,7 @@ def test_traces_cost_the_far_taxel_more() -> None:
     assert currents[15, 0] == currents.max()
     assert currents[0, 15] == currents.min()
     one = column_currents(Network(np.array([[1e-3]]), 0.5, r_trace_row_ohm=100.0, r_trace_column_ohm=200.0))
+    # One division: a few roundings of 1.1e-16.
     assert one[0, 0] == pytest.approx(0.5 / 1300, rel=1e-15)
 
 

@@ -51,8 +51,8 @@ def test_distributed_lines_are_those_of_badcrossbar_to_1e_12(row_ohm: float, col
         g[rng.random(shape) < 0.1] = 0.0
         network = Network(g, 0.5, r_trace_row_ohm=row_ohm, r_trace_column_ohm=column_ohm)
         theirs = badcrossbar_currents(network)
-        # Their LU leaves 1e-16 of the largest current on the smallest.
         miss = np.abs(column_currents(network) - theirs)
+        # What our solver promises; their LU leaves some 1e-16 of the largest current on the smallest.
         assert (miss <= 1e-12 * np.abs(theirs) + 1e-15 * theirs.max()).all()
 
 
@@ -60,6 +60,7 @@ def test_badcrossbar_would_see_another_geometry() -> None:
     g = 1 / np.random.default_rng(11).uniform(500, 64250, (6, 5))
     network = Network(g, 0.5, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
     mirrored = Network(g[:, ::-1], 0.5, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
+    # 0.1 ohm a step in 500 ohm is 2e-4; a twentieth of that is far above any rounding.
     assert np.abs(column_currents(mirrored)[:, ::-1] / badcrossbar_currents(network) - 1).max() > 1e-5
 
 
@@ -103,6 +104,8 @@ def deck(network: Network) -> str:
             lines.append(f"{names[-1]} s{slot}i{c} 0 {float(network.v_column_offset_v[c])!r}")
             lines.append(f"ileak{slot}_{c} 0 s{slot}c{c} {float(network.i_leak_a[c])!r}")
     prints = [f"print i({name})" for name in names]
+    # A linear circuit: Newton takes one step; tolerances near rounding make it take the second that removes
+    # gmin.
     options = ".options reltol=1e-12 abstol=1e-18 vntol=1e-15 gmin=1e-18 pivrel=1e-3"
     return "\n".join(
         [*lines, options, ".control", "set numdgt=15", "op", *prints, "quit", ".endc", ".end", ""]
@@ -200,6 +203,7 @@ def test_charges_of_a_settling_slot_are_those_of_a_transient_analysis(tmp_path: 
                 lines.append(f".meas tran {names[-1]} integ i(vin{c}) from={begin!r} to={end!r}")
                 # of a formula it prints as many digits as it is asked for
                 lines.append(f".meas tran full_{names[-1]} param='{names[-1]}'")
+    # Tight enough that halving each moves no charge by more than a tenth of what is compared below.
     lines += [".options reltol=1e-7 abstol=1e-16 vntol=1e-11 chgtol=1e-20", ".end", ""]
     said = ngspice_says("\n".join(lines), tmp_path)
     measured = dict(re.findall(r"^full_(q\d{3})\s+=\s+([-+]?\d\.\d+e[-+]\d+)\s*$", said, re.MULTILINE))
@@ -211,4 +215,5 @@ def test_charges_of_a_settling_slot_are_those_of_a_transient_analysis(tmp_path: 
     extra = np.add.reduceat(found.per_clock(48)[0], parts[:-1], axis=2)
     settled = 12 * clock * column_currents(network)[:, :, np.newaxis]
     assert np.abs(extra).max() > 0.05 * settled.max()  # there is something to compare
+    # Twice the reltol that ngspice runs with.
     assert np.abs(settled + extra - theirs).max() < 2e-7 * np.abs(theirs).max()

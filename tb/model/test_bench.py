@@ -50,6 +50,7 @@ def _integrated(circuit: Circuit, told: np.ndarray, points: int = 4000) -> np.nd
 def test_exact_solution_is_the_integral_of_the_ramped_currents() -> None:
     told = _told(200, CIRCUIT)
     assert 0 < told.sum() < 100
+    # The peer sums 200 clocks of 0.1 V in doubles: 200 roundings of 1e-16 V, and as many of time.
     assert bench_vfc.exact_voltage(CIRCUIT, told) == pytest.approx(_integrated(CIRCUIT, told), abs=1e-12)
 
 
@@ -75,12 +76,14 @@ def test_a_wrong_packet_and_a_late_edge_are_seen(tmp_path: Path, fault: dict[str
     good = bench_vfc.measure(Job(CIRCUIT, 1, keep=True), tmp_path / "good", LIMIT_S)
     bad = bench_vfc.measure(Job(CIRCUIT, 1, keep=True, **fault), tmp_path / "bad", LIMIT_S)
     assert np.array_equal(good.charge, bad.charge)  # far too little to move a pulse
+    # A fault of 1e-6 packet makes 1e-7 V a packet: the right run must be far below one of them.
     assert bench_vfc.edge_error_v(CIRCUIT, good.voltage[0], good.charge[0]) < 1e-10
     error = bench_vfc.edge_error_v(CIRCUIT, bad.voltage[0], bad.charge[0])
     row = verdict.judge("cosim.edge_error_v.step_1u", error)
     assert row["status"] == "FAIL"
     packet = CIRCUIT.packet_v
     expected = run_up(good.charge[0]) * 1e-6 * packet if "packet_error" in fault else 20e-12 * 1e6 * packet
+    # The run's own error, 5e-7 V at most (FACTS 6), beside 20 to 40 uV.
     assert error == pytest.approx(expected, rel=0.02)
 
 

@@ -129,7 +129,10 @@ def network_misses(tmp_path: Path, trials: int, factor: float = 1.0) -> tuple[in
         for name in plan.scene.effects:
             others = [n for n in plan.scene.effects if n != name and rng.random() < 0.7]
             moved = N * np.abs(duty(plan, [*others, name]) - duty(plan, others))
+            # A bound that holds with equality is met to rounding: 1e-9 of it, or a millionth of a count where
+            # it is 0.
             misses += int((moved > factor * total.lsb[name] * (1 + 1e-9) + 1e-6).sum())
+            # A ratio means something where the effect is seen at all: a thousandth of a count.
             if moved.max() > 1e-3:
                 ratios[name].append(float(total.lsb[name].max() / moved.max()))
     return misses, ratios
@@ -150,6 +153,7 @@ def test_a_bound_a_hundred_times_too_small_is_noticed(tmp_path: Path) -> None:
 def test_row_driver_on_an_even_frame_is_bounded_closely() -> None:
     plan = whole_plan({"stimulus": {"kind": "uniform", "code": 200}, "effects": {"row_driver": True}})
     moved = N * np.abs(duty(plan, ["row_driver"]) - duty(plan, []))
+    # Met with equality up to rounding; 1 % above is what "closely" claims.
     assert moved.max() * (1 - 1e-12) <= totals(plan).lsb["row_driver"].max() < 1.01 * moved.max()
 
 
@@ -275,4 +279,6 @@ def test_what_the_sheet_departs_by_is_within_its_bound(name: str, values: dict[s
     without = whole_plan({"stimulus": stimulus})
     moved = N * np.abs(with_it.duty_ideal() - without.duty_ideal())
     bound = totals(with_it).lsb[name].max()
+    # Met with equality up to the rounding of the sheet's own powers and logarithms; 100 is a claim, not a
+    # tolerance.
     assert moved.max() * (1 - 1e-9) <= bound < 100 * moved.max()

@@ -115,8 +115,10 @@ def test_a_feasible_wish_becomes_a_design_that_meets_it(wishes: dict[str, Any]) 
     design = answer.design()
     assert design.timing.slot_clocks == answer.slot_clocks
     assert design.timing.settle_clocks == answer.settle_clocks >= design.timing.break_clocks + 2
+    # Clocks are whole: a millionth of one is the rounding of the product.
     assert answer.settle_clocks >= wishes["settle_fraction"] * answer.slot_clocks - 1e-6
     assert design.timing.frame_s == wishes["frame_s"]
+    # The wish went through a decimal of 12 digits.
     assert design.converter.packet_v <= min(wishes["packet_v"] or 1.5, design.swing_v) * (1 + 1e-12)
     # The converter of that design, walked through clock by clock, has the bits and the range.
     code_max = 2 ** wishes["bits"] - 1
@@ -245,12 +247,14 @@ def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
     assert 510 * max(width(2, 51.1e-6), width(3, 51.1e-6)) < 1
     answer = solve(make_wish(topology="direct"))
     row = next(row for row in answer.rows if row["name"] == "calculator.leak_plateau_lsb")
+    # 1 - lam loses five digits where lam is 1 - 1e-5; ten are left.
     assert row["value"] == pytest.approx(510 * width(2, float(answer.tau_leak_s)), rel=1e-9)
     assert float(answer.tau_leak_s) == pytest.approx(1e4 * 31.25 * 400e-12)
 
 
 def test_kt_c_is_the_noise_of_facts() -> None:
     row = next(row for row in solve().rows if row["name"] == "calculator.kt_c_lsb")
+    # FACTS gives three digits of the noise and one of the temperature.
     assert row["value"] == pytest.approx(2.88e-5, rel=1e-2)
 
 

@@ -27,6 +27,7 @@ EVERY = {"code": list(range(256))}
 def test_a_force_in_the_middle_of_a_code_comes_back_exactly() -> None:
     plan = made(EVERY)
     decoded = decode(plan, closed.run(plan).codes)
+    # Three divisions and products: a few roundings of 1.1e-16.
     assert decoded.force_n == pytest.approx(plan.force_n, rel=1e-14, abs=0)
     assert decoded.resistance_ohm == pytest.approx(plan.resistance_ohm, rel=1e-14)
 
@@ -59,6 +60,7 @@ def test_resolution_of_the_paper_sensor() -> None:
     decoded = decode(plan, np.array([255, 128, 2, 1]).reshape(-1, 1, 1))
     r = decoded.resistance_ohm.ravel()
     assert decoded.d_resistance_ohm.ravel() == pytest.approx(r**2 / 127500)
+    # FACTS gives 1.96 ohm: half a unit of its last digit.
     assert decoded.d_resistance_ohm.ravel()[0] == pytest.approx(1.96, abs=0.005)
     assert decoded.d_resistance_ohm.ravel()[2] == pytest.approx(31875)
     assert decoded.d_force_n.ravel()[1:] == pytest.approx([15 / 255] * 3)

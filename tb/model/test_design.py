@@ -43,6 +43,7 @@ def test_the_paper_gives_its_own_derived_values() -> None:
     assert design.i0_direct_a == 2e-3
     assert design.c_direct_f == 400e-12
     assert design.resistance_full_scale_ohm == 500.0
+    # Five digits worked out by hand: 1 / (2 pi f).
     assert design.integrator.t_gbw_s == pytest.approx(3.1831e-9, rel=1e-4)
     assert design.conveyor.t_pole_s == pytest.approx(7.9577e-9, rel=1e-4)
     assert design.mirror.t_pole_s == pytest.approx(7.9577e-9, rel=1e-4)

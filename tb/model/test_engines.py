@@ -38,6 +38,7 @@ IDEAL = {"x": 0.0, "leak": 0.0, "w0": -0.5, "packet": 1.0, "rise": 0.0, "fall": 
 
 def size(low: float, high: float) -> st.SearchStrategy[float]:
     """Numbers as a scene takes them: 0 or of a size that means something."""
+    # Products of smaller numbers are subnormal and round like nothing in a converter.
     return st.floats(low, high).map(lambda v: v if abs(v) >= 1e-30 else 0.0)
 
 
@@ -123,9 +124,11 @@ def test_formula_and_loop_round_alike_on_every_threshold_and_beside_it() -> None
             places += [IDEAL | {"x": v + ulps * np.spacing(v), "packet": packet, "w0": -start} for v in x]
     cells = cells_from(places)
     looped, _ = count_cells(cells, 510, 1.0)
+    # At 2 x = packet both laws of the formula meet, and a rounding of 1e-16 times 50 chooses.
     near_half = np.abs(2 * cells.x / cells.packet - 1) < 1e-14
     formula = count(cells.x, 510, w0=cells.w0, packet=cells.packet)
     assert (formula[~near_half] == looped[~near_half]).all()
+    # Where a rounding chooses, it moves one count.
     assert np.abs(formula - looped).max() <= 1
 
 
@@ -225,8 +228,10 @@ def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], latch
     counts, w_end = count_cells(cells_from([one]), clocks, late)
     bits, charge, nearest = walk_reference(one, clocks, late)
     miss = abs(w_end[0] - float(charge[-1])) / max(1.0, abs(float(charge[-1])))
+    # Beside a threshold by less than the accuracy that is claimed of the walk.
     if nearest < 1e-12 and (counts[0] != sum(bits) or miss > 1e-12):
         return  # the walk itself stands on a threshold: a double cannot tell which side
+    # The accuracy that docs/event.md claims of the charge.
     assert counts[0] == sum(bits)
     assert miss <= 1e-12
 
@@ -258,6 +263,7 @@ def test_a_charge_that_changes_every_clock_is_the_walk_in_fifty_digits_too(kind:
     for i, one in enumerate(cells):
         walk = walk_reference(one, clocks, 1.0, vary=list(x[:, i]))
         assert walk.nearest > 1e-12, "take another seed"
+        # The accuracy that docs/event.md claims of the charge.
         assert counts[i] == sum(walk.bits)
         assert abs(end[i] - float(walk.charge[-1])) <= 1e-12 * max(1.0, abs(end[i]))
 
@@ -269,6 +275,7 @@ def test_the_tie_sees_a_coefficient_that_is_off_by_a_billionth(row: str, by: flo
     rows.slow[getattr(event_loops, row)] *= 1 + by
     counts, end = np.empty(1, dtype=np.int64), np.empty(1)
     event.walk_cells(40, 1.0, np.array([one["x"]]), None, rows, None, 0, 1, counts, end)
+    # Ten times what the tie above allows: the fault would be seen.
     assert abs(end[0] - float(walk_reference(one, 40, 1.0).charge[-1])) > 1e-11
 
 
@@ -327,6 +334,7 @@ def test_event_takes_the_same_way_through_all_loops_when_effects_are_tiny() -> N
     )
     for effect in tiny:
         got = count_cells(cells_from([IDEAL | effect | {"x": v} for v in x]), 510, 1.0)
+        # The tiny effects themselves: 1e-13 clock of delay and 1e-18 of leak, over 510 clocks.
         assert (got[0] == expected[0]).all()
         assert np.abs(got[1] - expected[1]).max() < 1e-9
 
@@ -376,6 +384,7 @@ def test_converters_become_cells_as_their_formulas_say(topology: str) -> None:
         "delay": 5e-9 * f_clk_hz,
     }
     for name, value in expected.items():
+        # Four products: a few roundings of 1.1e-16.
         assert getattr(cells, name) == pytest.approx(np.full((1, 3, 2), value), rel=1e-12), name
 
 
@@ -389,7 +398,10 @@ def test_leak_locks_the_rate_on_a_plateau_of_the_known_width(q: int, late: float
     x = np.linspace(1 / q - 0.02, 1 / q + 0.02, 8001)
     leaky = [IDEAL | {"x": v, "leak": -np.log(lam)} for v in x]
     counts, _ = count_cells(cells_from(leaky), 6000 * q, late)
+    # Ends of the gate: at most a dozen packets of the 6000 q clocks are not yet locked.
     locked = x[np.abs(counts - 6000) <= 12]
+    # The grid of x has steps of 5e-6; the ends of the plateau are approached in 6000 q clocks only to some
+    # steps.
     assert locked[-1] - locked[0] == pytest.approx(width, abs=3e-5)
 
 
@@ -411,6 +423,7 @@ def test_mirror_and_packet_errors_are_gain_errors() -> None:
     steps = np.arange(0, 256, 5)
     gain = codes({"mirror_ratio": {"ratio_error": -0.01}})[:, 0, 0]
     packet = codes({"charge_packet": {"packet_error": 0.01}})[:, 0, 0]
+    # Rounding of a code is half a count; 0.01 is what the last bit of a gain error moves it.
     assert (np.abs(gain - steps * 0.99) <= 0.51).all()
     assert (np.abs(packet - steps / 1.01) <= 0.51).all()
     assert steps[-1] - packet[-1] == 3  # 1 % of mismatch is 2.5 codes at full scale
@@ -493,6 +506,7 @@ def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> 
         data = {"stimulus": {"kind": "uniform", "code": list(range(256))}, "effects": effects}
         expected = event.run(made(data)).codes
         assert (closed.run(made(data)).codes == expected).all()
+        # Rounding twice: of the expectation and of the count.
         assert abs(int(expected[100].max()) - 100 - round(0.7 * volt)) <= 1
 
 

@@ -59,7 +59,9 @@ def charges(plan: planning.Plan) -> np.ndarray:
     for row, block, charge, mean in slots.blocks(5):
         for c in range(block.start, block.stop):
             out[c // plan.cols, row, c % plan.cols] = charge[:, c - block.start]
+        # A mean of 510 numbers summed in another order: 510 roundings of 1.1e-16 at most.
         assert mean == pytest.approx(charge.mean(axis=0), rel=1e-12)
+    # As above.
     assert slots.mean == pytest.approx(out.mean(axis=-1), rel=1e-12)
     return out
 
@@ -93,7 +95,10 @@ def test_charge_of_every_clock_is_the_integral_of_the_current(tmp_path: Path, ef
     for frame, row, clock in ((0, 0, 0), (0, 1, 509), (1, 0, 77), (2, 1, 300)):
         begin = plan.timing.settle_clocks + clock
         for col in range(plan.cols):
+            # The integral is to be better than the eleven digits that are compared.
             mean, _ = quad(lambda t: current_at(plan, frame, row, t)[col], begin, begin + 1, epsrel=1e-13)  # noqa: B023
+            # The sine and cosine of a phase of some hundred radian lose two digits of sixteen, the network
+            # three.
             assert found[frame, row, col, clock] == pytest.approx(mean / unit, rel=1e-11)
 
 
@@ -120,6 +125,7 @@ def test_motion_through_a_network_is_solved_at_both_ends_and_in_the_middle_of_a_
                 ),
             ):
                 expected = current_at(still, frame, row, timing.settle_clocks + edge)
+                # What polynomials through the frame promise (event_input._COURSE_MISS).
                 assert np.abs(got[frame, row] - expected).max() / unit < 1e-7
 
 
@@ -130,9 +136,12 @@ def test_motion_that_bends_is_counted_as_the_integral_of_its_current(tmp_path: P
         np.array([9279.0, 501.0]).reshape(2, 1, 1),
         {"motion": True, "column_input": {"r_ohm": 22.0}, "supply_ripple": RIPPLE},
     )
+    # Far better than the fiftieth of a count that is compared.
     mean, _ = quad(lambda t: current_at(plan, 0, 0, t)[0], 115, 625, epsrel=1e-10, limit=200)
     unit = (plan.converter.k * plan.converter.i0_a)[0] * plan.timing.gate_clocks
     found = event.run(plan)
+    # A parabola through a gate in which the current bends this hard is known to miss by a hundredth of a
+    # count.
     assert found.info["x"][0, 0, 0] * plan.timing.gate_clocks == pytest.approx(mean / unit * 510, abs=0.02)
 
 
@@ -150,6 +159,7 @@ def test_a_force_that_moves_past_is_counted_at_its_mean_over_the_gate(tmp_path: 
     ohm = np.array([250 * 510 / 100, 250 * 510 / 200]).reshape(2, 1, 1)
     plan = made(tmp_path, ohm, {"motion": True})
     expected = 100 + 100 * (115 + 255) / 625
+    # Rounding of a code: half a count.
     assert abs(int(event.run(plan).codes[0, 0, 0]) - expected) <= 0.5
     assert event.run(plan).codes[1, 0, 0] == 200
 
@@ -176,6 +186,7 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
                     inverse = 1 / max(slots.begin @ slots.terms[row, :, col], Y_MIN)
                 if inverse is None:
                     continue
+                # Three digits better than what is compared below.
                 way = solve_ivp(
                     lambda t, z: [(1 - x_n * z[0]) / kappa, 1 / z[0]],  # noqa: B023
                     (0, 1),
@@ -187,6 +198,8 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
                 inverse = way.y[0, -1]
                 if n >= plan.timing.settle_clocks and n % 60 == 0:
                     got = found[0, row, col, n - plan.timing.settle_clocks] - offset
+                    # Errors of the library's solver add up over hundreds of clocks; 1e-12 packet where the
+                    # mirror gives nothing.
                     assert got == pytest.approx(way.y[1, -1], rel=1e-7, abs=1e-12)
 
 
@@ -258,9 +271,12 @@ def test_slow_mirror_falls_while_no_row_is_driven(tmp_path: Path, clocks: int, q
         plan = made(tmp_path, ohm, {"mirror_lag": {"q_c": q_c}, **extra})
         found = charges(with_break(plan, clocks))[0]
         expected = mirror_in_many_digits(plan, clocks, q_c)
+        # The exponential by ten squarings is good to 1e-13 (event_input._exp_of_minus).
         assert np.abs(found - expected).max() < 1e-12
+        # The fast mirror forgets the break; the slow one must show it, far above the rounding.
         if clocks and q_c > 1e-12:
             at_once = mirror_in_many_digits(plan, 0, q_c)
+            # far above the rounding
             assert np.abs(found - at_once).sum(axis=2).max() > 1e-4
 
 
@@ -289,10 +305,13 @@ def test_dark_current_is_the_network_with_every_row_grounded_at_its_instant(
         g, then = plan.conductance_s(frame), plan.next_conductance_s()[frame]
         expected = dark_at(plan, g + share * (then - g)) / unit
         got = (slots.basis[clock] @ slots.dark[row]).reshape(3, -1)[frame]
+        # The parabola in time is exact at three instants; between them it misses by the square of 1 % of
+        # motion.
         assert got == pytest.approx(expected, abs=1e-6)
         assert np.abs(expected).max() > 1e-4
     # what follows the bias is that of the row, where it is driven
     begin = current_at(plan, 1, 0, 2) / unit
+    # The parabola in time, as above.
     assert (slots.begin @ slots.terms[0]).reshape(3, -1)[1] == pytest.approx(begin, abs=1e-6)
 
 
@@ -332,6 +351,7 @@ def test_a_slow_mirror_feels_slow_lines_from_the_first_clock_of_a_slot(tmp_path:
                     )
                     if n >= timing.settle_clocks:
                         charge = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
+                        # The exponential by ten squarings is good to 1e-13 (event_input._exp_of_minus).
                         assert abs(found[row, col, n - timing.settle_clocks] - charge) < 1e-12
                     y = after(y, x, 1 / kappa)
 
@@ -345,6 +365,7 @@ def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
             "line_capacitance": {"c_row_f": farad, "c_column_f": 0.0, "c_taxel_f": 0.0},
         }
         plan = made(tmp_path, ohms(1, 1, 3, 2), lag | lines)
+        # The taxels beside 10 ohm of driver: a slowest time known to their ratio.
         assert settling.slowest_s(plan.network(0)) == pytest.approx(
             part * settling.BRISK_CLOCKS * at, rel=0.1
         )
@@ -384,6 +405,8 @@ def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_pa
     expected = settled[1, row, 1, :] + (
         slots.extra[row, :, cell, None] * slots.decay[row, :, cell, None] ** np.arange(510)
     ).sum(axis=0)
+    # There is something to compare; then the same exponentials summed in another order, a few dozen
+    # roundings.
     assert np.abs(extra).max() > 1e-3
     assert found[1, row, 1] == pytest.approx(expected, rel=1e-12)
 
@@ -412,6 +435,7 @@ def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tm
         per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
         left = (settling.bound_c(plan.network(0), plan.conductance_s(), plan.timing) * per_c).max()
         if left < auto.ROUNDING_LSB / 100:
+            # Below a packet in 1e18 there is nothing to be left out.
             taken += left > 1e-18
             assert event_input.varying(plan, slice(0, 1)) is None
             assert event.refuses(plan) is None
@@ -436,6 +460,7 @@ def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(tmp
             drawn = column_currents(
                 Network(network.g_taxel_s, 0.0, **(plan.surrounding | {"v_column_offset_v": offset}))
             )
+            # A millivolt beside half a volt of bias, in a solve to 1e-12; 1e-15 S where columns do not touch.
             assert found[:, :, d] == pytest.approx(-drawn / 1e-3, rel=1e-9, abs=1e-15)
 
 
@@ -458,6 +483,7 @@ def test_coupled_columns_count_as_their_common_equation_to_one_count(tmp_path: P
                 before, last = last, ((w >= 0) & (last == 0)).astype(float)
                 count += last
             differ.append(codes[row] - np.minimum(count, 255))
+    # The mean over the gate stands for the course within it: up to a count, in few cells.
     assert np.abs(differ).max() <= 1
     assert np.mean(np.asarray(differ) != 0) < 0.02
 

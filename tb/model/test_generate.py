@@ -184,6 +184,7 @@ def test_ngspice_reads_every_parameter_as_design_toml_has_it(tmp_path: Path) -> 
     got = spice_op(tmp_path, "\n".join(lines), *(f"v(n{i})" for i in range(len(want))))
     assert len(want) > 50
     for i, (name, value) in enumerate(want.items()):
+        # ngspice prints 15 digits and its parser makes a few roundings of them.
         assert got[f"v(n{i})"] == pytest.approx(value, rel=1e-12, abs=0), name
 
 
@@ -206,6 +207,7 @@ def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subck
     got = spice_op(tmp_path, deck, *(f"i(vc{c})" for c in range(16)))
     # ideal columns: lateral resistors and other rows carry nothing
     for c in range(16):
+        # gmin, 1e-12 S beside 1.6e-5 S of the smallest taxel, at a node of at most 1 uV.
         assert got[f"i(vc{c})"] == pytest.approx(1 / 500 if c == 4 else 1 / 64250, rel=1e-9), c
 
 
@@ -222,6 +224,8 @@ def test_lateral_resistors_join_neighbouring_columns_of_every_row(
     # 16 rows of 1600 ohm in parallel are 100 ohm a step, 15 steps from end to end
     assert got["i(vend)"] == pytest.approx(1 / 1500 if coupled else 0.0, rel=1e-6, abs=1e-9)
     if coupled:
+        # gmin at 16 nodes beside resistors of 1e15 ohm and 100 ohm a step: parts in 1e9; ngspice's reltol
+        # 1e-6 bounds it.
         assert got["v(col6)"] == pytest.approx(1 - 6 / 15, rel=1e-6)
 
 
@@ -231,6 +235,7 @@ def test_an_array_of_real_resistances_solves_with_opens_and_shorts(tmp_path: Pat
     text = spice_text.array_subckt(3, 4, resistance, lateral_ohm=np.inf)
     deck = array_deck(text, "array", "", cols=4, rows=3, driven=1)
     got = spice_op(tmp_path, deck, *(f"i(vc{c})" for c in range(4)))
+    # gmin, 1e-12 S, at the 1 V across an open taxel; the others as in the array above.
     assert got["i(vc0)"] == pytest.approx(0.0, abs=1e-11)
     assert got["i(vc1)"] == pytest.approx(1 / 250, rel=1e-9)
     assert got["i(vc2)"] == pytest.approx(1 / dd.load().array.r_floor_ohm, rel=1e-9)

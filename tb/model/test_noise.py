@@ -34,6 +34,7 @@ def keys(cells: int, seed: int = 1) -> np.ndarray:
 def test_normals_are_the_inverse_of_the_distribution_function() -> None:
     p = np.concatenate([np.random.default_rng(0).uniform(size=3000), 10.0 ** -np.arange(1, 17), [0.5, 0.075]])
     got = np.array([noise.inverse_normal(v) for v in p])
+    # AS241 claims 1e-16 relative; the logarithm and the polynomial add a dozen roundings. 1e-300 for p = 1/2.
     assert got == pytest.approx(special.ndtri(p), rel=3e-15, abs=1e-300)
 
 
@@ -41,14 +42,17 @@ def test_normals_are_the_inverse_of_the_distribution_function() -> None:
 def test_draws_are_standard_normal_and_independent(stream: int) -> None:
     drawn = noise.normals(noise.cell_keys(7, 0, (40, 20, 25)), stream)
     n = drawn.size
+    # Five standard deviations of each statistic: one seed in two million fails.
     assert abs(drawn.mean()) < 5 / math.sqrt(n)
     assert abs(drawn.var() - 1) < 5 * math.sqrt(2 / n)
     assert abs((drawn**4).mean() - 3) < 5 * math.sqrt(96 / n)
     assert stats.kstest(drawn.ravel(), "norm").pvalue > 1e-4
     for axis in range(3):  # frame, row and column all lead to numbers of their own
         a, b = np.delete(drawn, -1, axis).ravel(), np.delete(drawn, 0, axis).ravel()
+        # Five standard deviations.
         assert abs((a * b).mean()) < 5 / math.sqrt(a.size)
     other = noise.normals(noise.cell_keys(8, 0, (40, 20, 25)), stream)
+    # Five standard deviations.
     assert abs((drawn * other).mean()) < 5 / math.sqrt(n)
     assert abs(
         (drawn * noise.normals(noise.cell_keys(7, 0, (40, 20, 25)), noise.COIN)).mean()
@@ -58,6 +62,7 @@ def test_draws_are_standard_normal_and_independent(stream: int) -> None:
 def test_numbers_of_one_cell_are_uniform_over_its_clocks() -> None:
     key = keys(1)[0]
     drawn = np.array([noise.uniform(key, noise.COIN, n) for n in range(40_000)])
+    # A fixed seed that a right generator fails once in 10 000; five standard deviations.
     assert stats.kstest(drawn, "uniform").pvalue > 1e-4
     assert abs(np.corrcoef(drawn[:-1], drawn[1:])[0, 1]) < 5 / math.sqrt(drawn.size)
 
@@ -77,8 +82,10 @@ def test_walks_are_brownian() -> None:
     found = np.cov(walks[:, at].T)
     expected = np.minimum(at[:, None], at)
     spread = np.sqrt((expected**2 + np.outer(at, at)) / walks.shape[0])
+    # Five standard deviations of each of 45 covariances.
     assert (np.abs(found - expected) < 5 * spread).all()
     steps = np.diff(walks, axis=1)
+    # A fixed seed that a right generator fails once in 10 000; five standard deviations.
     assert stats.kstest(steps.ravel()[::37], "norm").pvalue > 1e-4
     assert abs((steps[:, :-1] * steps[:, 1:]).mean()) < 5 / math.sqrt(steps.size)
 
@@ -98,6 +105,7 @@ def test_a_walk_met_in_pieces_is_the_whole_walk() -> None:
                 assert got == whole[n]
             # far above a level nothing more is drawn: the mean of the ends
             between = noise.walk_between(key, 3, 0, step, grid[0], grid[1], 1e-9, -1.0, -0.5)
+            # One product and a division: a few roundings of 1.1e-16.
             assert between == pytest.approx(grid[1] * 3 / step, rel=1e-12)
 
 
@@ -143,6 +151,7 @@ def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) 
         draws = Draws([sigma * w for w in path[1:]], sample, coin, aperture)
         walk = walk_reference(one, clocks, 1.0, 30, draws=draws)
         assert walk.nearest > 1e-13, "take another seed"
+        # The accuracy that docs/event.md claims of the charge.
         assert counts[i] == sum(walk.bits), (i, one, size[:, i])
         assert abs(end[i] - float(walk.charge[-1])) < 1e-12 * max(1.0, abs(end[i]))
         moved += walk.bits != walk_reference(one, clocks, 1.0, 30).bits
@@ -233,6 +242,8 @@ def test_codes_beside_a_step_scatter_as_in_a_plain_monte_carlo_run(effect: dict,
         found = event.run(plan_of(effect, code, 60)).codes.astype(float).ravel()
         plain = monte_carlo(code / GATE, 8000, np.random.default_rng(3), **reference)
         spread = math.sqrt(max(plain.var(), 0.02) * (1 / found.size + 1 / plain.size))
+        # Five standard deviations of the means; the variance of 0.25 is known to 0.006 from so many codes,
+        # six of that.
         assert abs(found.mean() - plain.mean()) < 5 * spread
         assert abs(found.var() - plain.var()) < 0.04
         assert away or found.var() > 0.1, "noise must be seen"
@@ -252,12 +263,18 @@ def test_noise_of_a_count_is_as_large_as_first_principles_say() -> None:
     jitter = 1e-9 * 5e6
     # width of every packet and the last sample
     expected = math.sqrt(2 * jitter**2 * packets + (jitter * 0.5) ** 2)
+    # A slope through four probits of 6400 codes each is known to 2 %; five of that.
     assert sigma({"clock_jitter": {"t_s": 1e-9}}, 250, 0.11) == pytest.approx(expected, rel=0.1)
+    # As above.
     assert sigma({"shot_noise": True}, 250, 0.004) == pytest.approx(math.sqrt(2 * shot * packets), rel=0.1)
+    # FACTS gives two digits.
     assert expected == pytest.approx(0.11, rel=0.02)
     ktc = math.sqrt(1.380649e-23 * 300.15 / 5e-12)  # of a packet of 1 V
+    # As above.
     assert sigma({"ktc_noise": True}, 250, ktc) == pytest.approx(ktc, rel=0.1)
+    # FACTS gives one digit.
     assert ktc == pytest.approx(3e-5, rel=0.05)
+    # As above.
     assert sigma({"flicker_noise": {"relative": 1e-4}}, 250, 0.025) == pytest.approx(250 * 1e-4, rel=0.1)
 
 
@@ -266,6 +283,7 @@ def test_a_coin_decides_inside_the_aperture_and_costs_at_most_one_clock() -> Non
     aperture = 1.9e-7
     ideal = event.run(plan_of({}, 100, 10)).codes
     found = event.run(plan_of({"metastability": {"t_aperture_s": aperture}}, 100, 10)).codes.astype(int)
+    # The claim itself: one clock later is one count less at most.
     assert (np.abs(found - ideal) <= 1).all()
     none = event.run(plan_of({"metastability": {"t_aperture_s": 0.0}}, 100, 10)).codes
     assert (none == ideal).all()

@@ -62,6 +62,7 @@ def test_the_measured_curve_goes_through_its_points_with_the_exponents_of_facts(
     law = power()
     assert law.resistance_ohm([0.2, 1.0, 10.0, 100.0]).tolist() == [30e3, 6e3, 1e3, 250.0]
     assert law.force_n([30e3, 6e3, 1e3, 250.0]).tolist() == [0.2, 1.0, 10.0, 100.0]
+    # FACTS gives two decimals: half a unit of the last.
     assert law.exponents() == pytest.approx([1.0, 0.78, 0.60, 0.60], abs=0.005)
 
 
@@ -69,7 +70,9 @@ def test_a_taxel_is_open_below_turn_on_and_its_curve_goes_on_at_both_ends() -> N
     law = power()
     assert law.resistance_ohm([0.0, -0.0, 0.199, 5e-324]).tolist() == [1e7] * 4
     assert law.resistance_ohm(np.inf) == 0
+    # The exponent is written with five digits.
     assert law.resistance_ohm(1000.0) == pytest.approx(250.0 * 10**-0.60206, rel=1e-6)
+    # A power of ten and back: some ten roundings of 1.1e-16.
     assert power(force_on_n=0.05).resistance_ohm(0.1) == pytest.approx(60e3, rel=1e-12)
     # without a turn-on the highest resistance there is ends the curve
     assert power(force_on_n=0.0).resistance_ohm([1e-3, 1e-9]) == pytest.approx([6e6, 1e7])
@@ -86,8 +89,10 @@ def test_resistances_that_no_force_makes_mean_turn_on_or_nothing() -> None:
 )
 def test_force_and_resistance_undo_each_other(law: sensor.Sensor) -> None:
     force = np.geomspace(0.2, 1e6, 20001)
+    # There and back through logarithm and exponential of |ln F| <= 14: 14 times 1.1e-16, twice.
     assert law.force_n(law.resistance_ohm(force)) == pytest.approx(force, rel=4e-15)
     ohm = np.geomspace(1e-3, 30e3, 20001)
+    # As above.
     assert law.resistance_ohm(law.force_n(ohm)) == pytest.approx(ohm, rel=4e-15)
 
 
@@ -106,6 +111,7 @@ def test_both_laws_are_monotone(a: float, b: float, on: float, open_ohm: float) 
 def test_a_power_law_with_exponent_one_is_the_inverse_law() -> None:
     law = PowerSensor((1.0, 10.0, 100.0), (7500.0, 750.0, 75.0), 0.0, math.inf)
     force = np.array([0.0, 1e-3, 0.2, 15.0, 1e4, np.inf])
+    # A power against a division: logarithm and exponential of |ln F| <= 14 cost a dozen roundings.
     assert law.resistance_ohm(force) == pytest.approx(INVERSE.resistance_ohm(force), rel=1e-14)
 
 
@@ -117,6 +123,7 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     forces = [0.0, 0.1, 0.2, 0.5, 1, 3, 7, 15, 30]
     plan = planning.load(write_scene(scene("power", str(forces))))
     decoded = decode(plan, closed.run(plan).codes)
+    # A force that stands exactly on an edge of its code, up to rounding.
     assert (decoded.force_low_n.ravel() <= np.array(forces) * (1 + 1e-12)).all()
     assert (decoded.force_high_n.ravel() >= np.array(forces) * (1 - 1e-12)).all()
     # the loss of sensitivity at 10 N: FACTS.md 3 says 40 %, an exponent of 0.6 where K/R has 1
@@ -124,6 +131,7 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     at = int(np.searchsorted(codes.force_n.ravel(), 10.0))
     f, x = codes.force_n.ravel(), codes.x.ravel()
     slope = math.log(x[at + 1] / x[at]) / math.log(f[at + 1] / f[at])
+    # A slope between two codes 1 apart at code 40: the curve's own bend.
     assert slope == pytest.approx(0.60, abs=0.01)
 
 
@@ -131,6 +139,7 @@ def test_codes_stand_for_resistances_under_every_law(write_scene: Write) -> None
     text = '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\ncode = ' + str(list(range(256)))
     for law in ("inverse", "power"):
         plan = planning.load(write_scene(f'{text}\n[sensor]\nlaw = "{law}"\n'))
+        # To a resistance and back: a few roundings of 1.1e-16.
         assert plan.duty_ideal().ravel() == pytest.approx(np.arange(256) / 510, rel=1e-14, abs=0)
         assert plan.force_n is not None
         assert (np.diff(plan.force_n.ravel()) >= 0).all()
@@ -182,6 +191,7 @@ def test_true_force_stays_what_it_is_under_a_worn_sheet(write_scene: Write) -> N
     plan = planning.load(write_scene(text))
     assert plan.force_n is not None
     assert plan.force_n.ravel().tolist() == [1, 5, 2]
+    # Both effects are per cents; the default of a part in 1e5 is as good as any.
     assert not np.allclose(plan.resistance_ohm, plan.sensor.resistance_ohm(plan.force_n))
 
 
@@ -194,7 +204,9 @@ def test_the_way_back_reads_ten_percent_lower_and_the_way_up_is_the_law() -> Non
     got = aged(ohm, hysteresis=0.10)
     assert (got[:200] == ohm[:200]).all()
     back = got[230:] / ohm[230:]
+    # The stop operator adds and subtracts logarithms up to 9: eight roundings of 1e-15.
     assert back == pytest.approx(0.9, rel=1e-12)  # (R+ - R-)/R+ = 10 %
+    # Met with equality, up to the rounding of one product.
     assert ((got <= ohm) & (got >= 0.9 * ohm * (1 - 1e-15))).all()
 
 
@@ -207,8 +219,10 @@ def test_the_loop_has_the_area_of_the_play_operator() -> None:
     u, y = np.log(cycle[steps : 3 * steps]), -np.log(ohm[steps : 3 * steps])  # one whole loop, from the top
     area = abs(np.trapezoid(y, u))
     a, span = -math.log(0.9), math.log(20.0)
+    # Trapezoids of 4000 steps cut the two corners of the loop: a step in 4000 of each side.
     assert area == pytest.approx(a * (span - a), rel=2e-3)
     assert area > 0.25
+    # No loop, no area: 8000 terms that cancel, each rounded to 1e-16.
     assert abs(np.trapezoid(-np.log(INVERSE.resistance_ohm(cycle[steps : 3 * steps])), u)) < 1e-12
 
 
@@ -251,6 +265,7 @@ def exact_decades(loaded: NDArray[np.bool_], t: float, start: float) -> list[flo
 def test_creep_is_the_sum_over_all_loads_before(loaded: list[bool], t: float, start: float) -> None:
     values = np.array(loaded)
     got = creep_decades(values.reshape(-1, 1, 1), t, start).ravel()
+    # Time is kept in decades on a grid that is told to 1e-8 (sensor.creep_decades); 1e-9 of a decade at rest.
     assert got == pytest.approx(exact_decades(values, t, start), rel=1e-8, abs=1e-9)
 
 
@@ -260,8 +275,10 @@ def test_conductance_grows_five_percent_a_decade_of_time() -> None:
     g = 1500.0 / aged(ohm, t, creep_per_decade=0.05).ravel()
     assert g[0] == 1.0
     time = np.arange(g.size) * t
+    # A logarithm of time summed over 10^4 frames: ten digits are left.
     assert g == pytest.approx(1 + 0.05 * np.log10(1 + time / 10e-3), rel=1e-9)
     for n in (100, 1000):  # at ten times the time
+        # log10(1 + 10 n) - log10(1 + n) is 1 less 0.4 / n: 0.4 % at n = 100.
         assert g[10 * n] - g[n] == pytest.approx(0.05, rel=0.01)
     assert (np.diff(g) > 0).all()
 
@@ -272,6 +289,8 @@ def test_creep_is_forgotten_after_release_and_shows_at_the_next_touch() -> None:
     assert np.isinf(got[500:1000]).all()
     soon, late = 1500.0 / got[1000] - 1, 1500.0 / got[-1] - 1
     grown = 1500.0 / got[499] - 1
+    # The same two logarithms; a millionth is a thousandth of the smallest effect that it could be confused
+    # with.
     assert soon == pytest.approx(0.05 * (math.log10(1 + 2.0 / 0.01) - math.log10(1 + 1.0 / 0.01)), rel=1e-6)
     assert grown > 5 * soon > 5 * late > 0
 
@@ -290,6 +309,7 @@ def test_temperature_is_a_factor_on_every_conductance() -> None:
     assert aged(ohm, temperature_error=0.176).ravel() == pytest.approx([0.0, 500 / 1.176, np.inf])
     # 60 K above room temperature: 15 % less resistance (Interlink)
     tc = designs.load().sensor.tc_per_k
+    # Interlink says 15 %: half a unit of the last digit.
     assert 1 - 1 / (1 + tc * 60) == pytest.approx(0.15, abs=0.005)
 
 
@@ -298,6 +318,8 @@ def test_spread_has_mean_one_and_the_stated_deviation_and_stays_positive(relativ
     draw = np.random.default_rng(1).standard_normal(1_000_000)
     factor = spread_factor(draw, relative)
     assert factor.min() > 0
+    # Five standard deviations of the mean of a million, and of their spread the fourth moment of a lognormal
+    # at 0.9.
     assert factor.mean() == pytest.approx(1.0, abs=5 * relative / 1000)
     assert factor.std() == pytest.approx(relative, rel=0.02)
 
@@ -307,6 +329,7 @@ def test_a_taxel_keeps_its_spread_over_all_frames_and_others_have_theirs() -> No
     factor = ohm / aged(ohm, spread=0.06)
     assert (factor == factor[0]).all()
     assert np.unique(factor[0]).size == 256
+    # The spread of 256 is known to 4.4 %: four and a half of that.
     assert factor[0].std() == pytest.approx(0.06, rel=0.2)
     one = INVERSE.resistance_ohm(np.full((1, 16, 16), 3.0))
     assert (one / aged(one, spread=0.06) == factor[:1]).all()
@@ -323,6 +346,7 @@ def test_spread_hangs_on_the_seed_and_on_no_other_effect(write_scene: Write) -> 
     alone = factors(spread)
     others = "mirror_ratio = { spread = 0.01 }\nflicker_noise = true\n"
     assert (factors(others + spread) == alone).all()
+    # Another seed moves a factor by per cents; the default of a part in 1e5 is as good as any.
     assert not np.allclose(factors(spread, "[run]\nseed = 1\n"), alone)
 
 
@@ -334,6 +358,7 @@ def test_the_order_in_a_scene_changes_nothing(write_scene: Write) -> None:
     two = planning.load(write_scene(base + "\n".join(reversed(lines))))
     assert (one.resistance_ohm == two.resistance_ohm).all()
     by_law = one.sensor.resistance_ohm(one.force_n)
+    # The effects are per cents; the default of a part in 1e5 is as good as any.
     assert not np.allclose(one.resistance_ohm, by_law)
 
 
@@ -347,4 +372,5 @@ def test_all_effects_together_are_the_product_of_each() -> None:
         with np.errstate(invalid="ignore"):
             part = age(INVERSE, ohm, 1.0, alone, 10e-3, seeded) / ohm
         product *= np.where(np.isfinite(part), part, 1.0)
+    # Products in another order: a few dozen roundings of 1.1e-16.
     assert together == pytest.approx(ohm * product, rel=1e-12)

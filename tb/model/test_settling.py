@@ -59,11 +59,15 @@ def test_modes_are_the_matrix_exponential_and_stay_within_the_bound() -> None:
         # 1e-25 C is one packet in 5e13; the modes' own rounding is a part of the largest charge that flows.
         assert np.abs(extra(timing) - reference).max() <= 1e-12 * largest + 1e-25
         bound = bound_c(network, network.g_taxel_s[np.newaxis], timing)
+        # A bound that is met with equality, up to rounding; 1e-25 C is one packet in 5e13.
         assert (np.abs(reference).sum(axis=2).max(axis=0) <= bound * (1 + 1e-9) + 1e-25).all()
+        # One packet in 5e8: a transient that matters to nobody's code.
         solved += largest > 1e-20
+        # One packet in 5e13, as above.
         bounded += bool(np.isfinite(bound).all() and largest > 1e-25)
         # A row that is driven while the one before is let go, as a fault.
         at_once = np.abs(extra(replace(timing, break_clocks=0)) - reference).max()
+        # A fault of a ten-thousandth of the charge is a hundred million times what the tie allows.
         missed += bool(timing.break_clocks and largest > 1e-20 and at_once > 1e-4 * largest)
     assert solved > 15  # transients that matter did occur,
     assert bounded > 2  # bounds that say something beside something to bound,
@@ -85,6 +89,8 @@ def test_what_flows_before_the_gate_is_the_matrix_exponential_too(pause: int) ->
         got = np.matmul(found.driven_c, found.decay[..., None] ** np.maximum(n - pause, 0))[0]
         got[..., :pause] = np.matmul(found.break_c, found.break_decay[..., None] ** n[:pause])[0]
         largest = np.abs(reference).max()
+        # There is something to compare, a fifth of a packet; the modes' own rounding is a part of the largest
+        # charge.
         assert largest > 1e-12
         assert np.abs(got - reference).max() < 1e-12 * largest
         assert np.abs(reference[1:, :, :pause]).max(initial=largest if pause == 0 else 0.0) > 1e-3 * largest
@@ -102,6 +108,8 @@ def test_one_column_behind_a_resistance_settles_as_a_textbook_rc() -> None:
     # the first row starts settled
     expected = np.stack([np.zeros(32), -np.diff(np.exp(-t / tau)) * jump * tau / r])
     assert found is not None
+    # exp(-t / tau) of t / tau up to 1e2 loses two digits, the difference of clocks four; 1e-27 C where all is
+    # gone.
     assert found.per_clock(TIMING.gate_clocks)[0, :, 0] == pytest.approx(expected, rel=1e-9, abs=1e-27)
 
 
@@ -113,6 +121,8 @@ def test_frames_do_not_see_each_other() -> None:
     for frame in range(3):
         alone = transients(network, g[frame : frame + 1], TIMING, 1e-25)
         assert alone is not None
+        # Eigenvectors of a frame alone and in a batch may round otherwise; 1e-25 C is what transients leave
+        # out.
         assert together.per_clock(32)[frame] == pytest.approx(alone.per_clock(32)[0], rel=1e-9, abs=1e-25)
 
 
@@ -182,6 +192,7 @@ def test_absurd_values_are_bounded_solved_or_refused() -> None:
             assert not np.isnan(bound_c(network, g, TIMING)).any()
             try:
                 found = transients(network, g, TIMING, 1e-28)
+            # Refusing is an answer; what is not refused is checked.
             except Unsupported:
                 continue
             if found is not None:

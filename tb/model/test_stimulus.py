@@ -89,6 +89,7 @@ def test_cylindrical_is_the_half_ellipse_of_hertz(write_scene: Write) -> None:
     fine = forces(
         write_scene, "[array]\nrows = 1\ncols = 256\n" + indenter("cylindrical", "width = 250\nlength = 1\n")
     )
+    # Midpoints of a half ellipse: the square-root ends miss (1/250)^1.5 of it.
     assert fine.sum() / (10 * 250) == pytest.approx(math.pi / 4, rel=1e-3)
 
 
@@ -96,6 +97,7 @@ def test_cylindrical_is_the_half_ellipse_of_hertz(write_scene: Write) -> None:
 def test_a_right_angle_turns_rows_into_columns_exactly(shape: str, write_scene: Write) -> None:
     straight = forces(write_scene, indenter(shape, "width = 8\nlength = 4\n"))[0]
     turned = forces(write_scene, indenter(shape, "width = 8\nlength = 4\nangle_deg = 90\n"))[0]
+    # The rim of a half ellipse is a square root: a rounding of 1e-16 in x is 1e-8 of the peak there.
     assert turned == pytest.approx(straight.T, abs=1e-6)
     assert (turned > 0).sum() == (straight > 0).sum()
 
@@ -116,10 +118,12 @@ def test_spherical_is_the_half_ellipsoid_of_hertz(write_scene: Write) -> None:
     force = forces(write_scene, indenter("spherical", more))[0]
     for row, col in ((7, 8), (7, 11), (4, 8), (10, 12), (3, 5)):
         r = math.hypot(row - 7, col - 8) / 5
+        # The square root near the rim: five digits fewer than the sixteen.
         assert force[row, col] == pytest.approx(10 * math.sqrt(1 - r * r), abs=1e-9)
     assert force[2, 4] == force[11, 12] == 0
     # the load of a half ellipsoid is 2/3 of the peak over its footprint
     fine = "[array]\nrows = 200\ncols = 100\n" + indenter("spherical", "width = 90\nlength = 180\n")
+    # Midpoints on 12 700 taxels: their rim is jagged by 1 / 12 700, times the square root's slope.
     assert forces(write_scene, fine).sum() / (10 * math.pi * 45 * 90) == pytest.approx(2 / 3, rel=1e-3)
 
 
@@ -127,6 +131,7 @@ def test_round_presses_evenly_on_an_ellipse(write_scene: Write) -> None:
     fine = "[array]\nrows = 200\ncols = 100\n" + indenter("round", "width = 90\nlength = 180\n")
     force = forces(write_scene, fine)
     assert set(np.unique(force)) == {0.0, 10.0}
+    # Taxels are in or out: the rim of 430 taxels, each wrong by up to a half, mostly cancelling.
     assert force.sum() / (10 * math.pi * 45 * 90) == pytest.approx(1, rel=2e-3)
 
 
@@ -153,6 +158,7 @@ def test_more_samples_feel_a_body_between_taxels(write_scene: Write) -> None:
     assert felt[6:10, 7:9] == pytest.approx(2.5)
     assert felt.sum() == pytest.approx(20)
     fine = forces(write_scene, indenter("cylindrical", thin + "samples = 16\n")).sum()
+    # 16 samples a pitch over a body of half a pitch: eight midpoints of a square-root profile.
     assert fine == pytest.approx(10 * 4 * 0.5 * math.pi / 4, rel=0.03)
 
 
@@ -172,6 +178,7 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
     assert force.shape[0] == 25
     place = centre_of_pressure(force)
     way = 50 * np.maximum(np.arange(25) * T - 0.01, 0)
+    # Taxels enter and leave at the rim one by one, 16 samples a pitch: a fiftieth of a pitch of the centre.
     assert place[:, 1] == pytest.approx(7.5 + way * math.cos(math.radians(30)), abs=0.02)
     assert place[:, 0] == pytest.approx(7.5 + way * math.sin(math.radians(30)), abs=0.02)
     assert (force[:6] == force[0]).all()  # it rests until it starts
@@ -180,6 +187,7 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
 def test_slip_by_whole_pitches_is_the_same_body_elsewhere(write_scene: Write) -> None:
     force = forces(write_scene, slip("speed_pitch_per_s = 500\nframes = 9\n", "cylindrical"))
     for n in range(7):
+        # The square root at the rim: a rounding of the place is 1e-8 of the peak.
         assert force[n, :, n:] == pytest.approx(force[0, :, : 16 - n], abs=1e-6)
     assert not force[8, :, :14].any()
 
@@ -207,6 +215,7 @@ def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -
     force = forces(write_scene, tapping("frequency_hz = 25\nduty = 0.4\nduration_s = 0.2\n")).max(axis=(1, 2))
     assert force.size == 100
     period = force.reshape(5, 20)
+    # Time in seconds is a product of frames: 1e-16 of 0.2 s is 1e-13 of a period, a sine near its zero.
     assert period == pytest.approx(np.tile(period[0], (5, 1)), abs=1e-6)
     assert period[0, :9] == pytest.approx(10 * np.sin(np.pi * np.arange(9) / 8), abs=1e-9)
     assert not period[:, 9:].any()
@@ -215,6 +224,7 @@ def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -
         write_scene,
         "[array]\nrows = 1\ncols = 1\n" + tapping("frequency_hz = 2\nduty = 0.5\nframes = 4000\n"),
     )
+    # Midpoints of 4000 frames of a half sine whose first and last are half covered.
     assert fine.sum() * T / 16 == pytest.approx(10 * 0.25 * 2 / math.pi, rel=1e-3)
 
 
@@ -344,6 +354,7 @@ def test_a_slow_recording_is_held_or_followed(write_scene: Write) -> None:
     # conductance runs straight, under every law
     text = recorded("t_frame_s = 0.008\nresample = 'linear'\n") + '[sensor]\nlaw = "power"\n'
     g = 1 / planning.load(write_scene(text)).resistance_ohm[:, 0, 0]
+    # Codes are whole: they are the recording's own rounding.
     assert np.diff(g[:5]) == pytest.approx([g[4] / 4] * 4, rel=1e-3)
 
 
@@ -377,8 +388,10 @@ def test_a_code_means_the_force_whose_duty_is_c_over_510(
         f'[stimulus]\nkind = "uniform"\ncode = {list(range(256))}\n'
     )
     plan = planning.load(write_scene(text))
+    # To a resistance and back: a few roundings of 1.1e-16.
     assert plan.duty_ideal()[:, 0, 0] == pytest.approx(np.arange(256) / 510, rel=1e-14, abs=0)
     assert plan.force_n is not None
+    # Four products: a few roundings of 1.1e-16.
     assert plan.force_n[255, 0, 0] == pytest.approx(7500 / (2 * v_bias_v / (k * 25e-6)), rel=1e-12)
 
 
@@ -444,6 +457,7 @@ def test_real_frames_read_one_a_line(gait_csv: Path, tmp_path: Path) -> None:
     lines = gait_csv.read_text().splitlines()
     assert plan.frames == len(lines)
     first = np.array(lines[0].split(","), dtype=float).reshape(16, 16)
+    # To a resistance and back: a few roundings of 1.1e-16.
     assert plan.duty_ideal()[0] == pytest.approx(first / 510, rel=1e-14, abs=0)
 
 

@@ -54,6 +54,7 @@ def test_float_formula_differs_from_the_walk_only_beside_a_threshold(x: float) -
     if beside > Fraction(math.ulp(GATE * x)):
         assert int(count(x)) == exact
     else:
+        # A double cannot tell which side of the threshold: one count.
         assert abs(int(count(x)) - exact) <= 1
 
 
@@ -115,6 +116,7 @@ def test_count_stays_within_one_of_the_mean_and_windows_within_one_of_each_other
     x: Fraction, start: Fraction
 ) -> None:
     bits = list(bits_exact(x, 400, start))
+    # The theorem itself (FACTS 1.2).
     assert abs(sum(bits) - 400 * x) < 1
     window = [sum(bits[i : i + 97]) for i in range(0, 300)]
     assert max(window) - min(window) <= 1
@@ -207,5 +209,6 @@ def test_converter_reports_what_departs_from_the_ideal_and_nothing_else() -> Non
         k=np.full(4, 80.0), i0_a=25e-6, c_int_f=5e-12, f_clk_hz=5e6, gain=[1, 1, 1.01, 1], v_int_max_v=1
     )
     assert bent.active_fields() == {"gain", "v_int_max_v"}
+    # Two products: a few roundings of 1.1e-16.
     assert bent.packet_v() == pytest.approx([1.0] * 4, rel=1e-12)
     assert bent.duty(np.full(4, 1e-3)) == pytest.approx([0.5, 0.5, 0.505, 0.5], rel=1e-12)

@@ -20,6 +20,7 @@ def test_integrator_preset_value_has_drop_offset_and_gain_error(measure: Measure
     # out = v_sum + v_preset - i r_preset, v_sum = offset - out / gain, with what r_in takes from i
     i_eff = i - got["v_sum_again"] / p.r_in_ohm
     out = (0.5 - i_eff * p.r_preset_ohm + p.v_offset_v) / (1 + 1 / p.gain_dc)
+    # The bench's vntol of 1e-9 V, which the operating point ends with.
     assert got["v_preset"] == pytest.approx(out, abs=1e-9)
     assert got["v_preset_again"] == pytest.approx(out, abs=1e-9)
     assert got["v_sum_again"] == pytest.approx(p.v_offset_v - out / p.gain_dc, abs=1e-9)
@@ -32,11 +33,13 @@ def test_integrator_ramp_is_slower_by_the_finite_gain(measure: Measure, design: 
     i = 12.5e-6 - (p.v_offset_v + p.t_gbw_s * 2.5e6) / p.r_in_ohm
     # the summing node moves by -d out / gain, so the capacitor sees (1 + 1/gain) d out
     slope = -i / design.converter.c_int_f / (1 + 1 / p.gain_dc)
+    # A difference of two voltages to 1e-9 V over 1 V, and of two times to 1e-16 s.
     assert got["slope"] == pytest.approx(slope, rel=1e-7, abs=0)
 
 
 def test_integrator_stops_at_its_output_range(measure: Measure, design: Design) -> None:
     got = measure("integrator__tran")
+    # The clamp's own knee: 12.5 uA on 10 ohm and less.
     assert got["v_rail"] == pytest.approx(design.integrator.v_out_min_v, abs=0.2e-3)
     assert abs(got["v_sum_rail"]) < 2e-3, "the summing node left virtual ground"
 
@@ -44,8 +47,10 @@ def test_integrator_stops_at_its_output_range(measure: Measure, design: Design) 
 def test_integrator_amplifier_has_its_gain_and_bandwidth(measure: Measure, design: Design) -> None:
     got = measure("integrator__ac")
     p = design.integrator
+    # At 1 Hz the pole of 5 kHz is 1e-8 away; ngspice solves an ac point to rounding.
     assert got["gain_low"] == pytest.approx(p.gain_dc, rel=1e-6, abs=0)
     f_pole = p.gbw_hz / p.gain_dc
+    # The pole's other factor, 1e-4 at 1 MHz; a crossing is interpolated between points of the sweep.
     assert got["gain_band"] == pytest.approx(p.gain_dc / math.hypot(1, 1e6 / f_pole), rel=1e-4, abs=0)
     assert got["gbw_hz"] == pytest.approx(p.gbw_hz, rel=1e-3, abs=0)
 
@@ -53,6 +58,7 @@ def test_integrator_amplifier_has_its_gain_and_bandwidth(measure: Measure, desig
 def test_comparator_thresholds_are_offset_and_hysteresis(measure: Measure, design: Design) -> None:
     got = measure("comparator__dc")
     p = design.comparator
+    # The sweep steps by 2 uV: one step of it, and of two thresholds two and a half.
     assert got["offset_v"] == pytest.approx(p.v_offset_v, abs=2e-6)
     assert got["hysteresis_v"] == pytest.approx(p.v_hysteresis_v, abs=5e-6)
 
@@ -62,6 +68,8 @@ def test_comparator_gain_and_output_levels(measure: Measure, design: Design) -> 
     half = (design.supply.vdd_v - design.supply.vss_v) / 2
     # out = half tanh(gain v / half) goes from -0.5 V to 0.5 V
     span = 2 * half * math.atanh(0.5 / half) / design.comparator.gain_dc
+    # 1 V of output is 100 uV of input in a sweep of 2 uV: 2 % of a step's curvature, interpolated. tanh ends
+    # 1 uV off the rails.
     assert got["v_one_volt"] == pytest.approx(span, rel=0.01, abs=0)
     assert got["v_low"] == pytest.approx(design.supply.vss_v, abs=1e-6)
     assert got["v_high"] == pytest.approx(design.supply.vdd_v, abs=1e-6)
@@ -71,9 +79,11 @@ def test_comparator_delays_a_ramp_by_its_delay(measure: Measure, design: Design)
     got = measure("comparator__tran")
     p = design.comparator
     slope = 2.5e6
+    # Steps of 1 ns; the crossing is interpolated to a fiftieth of one.
     assert got["delay_rise_s"] == pytest.approx(
         p.t_delay_s + (p.v_offset_v + p.v_hysteresis_v / 2) / slope, abs=0.02e-9
     )
+    # As above.
     assert got["delay_fall_s"] == pytest.approx(
         p.t_delay_s - (p.v_offset_v - p.v_hysteresis_v / 2) / slope, abs=0.02e-9
     )
@@ -81,17 +91,21 @@ def test_comparator_delays_a_ramp_by_its_delay(measure: Measure, design: Design)
 
 def test_comparator_delays_a_symmetrical_step_by_ln2_of_its_pole(measure: Measure, design: Design) -> None:
     got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0})
+    # A step of 1 ns instead of none, and time steps of a fifth of the pole.
     assert got["delay_step_s"] == pytest.approx(math.log(2) * design.comparator.t_delay_s, rel=0.02, abs=0)
 
 
 def test_conveyor_input_is_its_resistance_at_every_frequency(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
     assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
 
 
 def test_conveyor_output_has_a_single_pole(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
+    # ac points at 1 kHz, and at the pole rounded to 4 digits: (1 kHz / 20 MHz)^2 is 3e-9, then the digits of
+    # the frequency.
     assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6, abs=0)
     assert got["gain_pole"] / got["gain_low"] == pytest.approx(1 / math.sqrt(2), rel=1e-3, abs=0)
     assert got["gain_decade"] / got["gain_low"] == pytest.approx(1 / math.sqrt(101), rel=5e-3, abs=0)
@@ -104,6 +118,8 @@ def test_conveyor_dc_is_offset_resistance_gain_and_limit(
     got = measure("conveyor__dc", dut={} if gain_error is None else {"gain_error": gain_error})
     p = design.conveyor
     gain = 1 + (p.gain_error if gain_error is None else gain_error)
+    # A linear stretch; differences of ngspice's operating points to 1e-9 V; a slope over 1e6 ohm keeps six
+    # digits.
     assert got["gain"] == pytest.approx(gain, rel=1e-9, abs=0)
     assert got["r_x_ohm"] == pytest.approx(p.r_x_ohm, rel=1e-6, abs=0)
     assert got["offset_v"] == pytest.approx(p.v_offset_v, abs=1e-9)
@@ -117,8 +133,10 @@ def test_mirror_divides_by_each_k_of_its_pins(measure: Measure, design: Design) 
     got = measure("mirror__dc")
     p = design.mirror
     for index, k in enumerate(design.interface.k_options):
+        # Switches of 1e-3 ohm stand for the pins of k: 1e-4 of the gate's conductance.
         assert got[f"i_out_{index}"] == pytest.approx(1e-3 * (1 + p.ratio_error) / k, rel=1e-4, abs=0)
     fixed = 1e-3 * (1 + p.ratio_error) / design.interface.k
+    # A source that is a factor: rounding. A slope over 5e7 ohm keeps six digits.
     assert got["i_out_fixed"] == pytest.approx(fixed, rel=1e-12, abs=0)
     assert got["i_out_sink"] == pytest.approx(-fixed, rel=1e-12, abs=0)
     assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6, abs=0)
@@ -128,6 +146,7 @@ def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Meas
     got = measure("mirror__tran")
     tau = design.mirror.t_pole_s
     k = design.interface.k_options
+    # Steps of 20 ps at a time constant of 8 ns, second order, and a logarithm of the ratio.
     assert got["tau_fixed_s"] == pytest.approx(tau, rel=2e-3, abs=0)
     assert got["tau_k0_s"] == pytest.approx(tau, rel=2e-3, abs=0)
     assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3, abs=0)
@@ -144,7 +163,9 @@ def test_switches_in_series_with_the_mirror_compress_its_current(
     p = design.mirror
     copied = 1e-3 / (1 + 1e-3 * per_a) * (1 + p.ratio_error)
     for index, k in enumerate(design.interface.k_options):
+        # Switches of 1e-3 ohm stand for the pins of k: 1e-4 of the gate's conductance.
         assert got[f"i_out_{index}"] == pytest.approx(copied / k, rel=1e-4, abs=0)
+    # A settled pole and lag leave reltol 1e-9 of the deck.
     assert got["i_out_fixed"] == pytest.approx(copied / design.interface.k, rel=1e-9, abs=0)
     assert got["i_out_sink"] == pytest.approx(-copied / design.interface.k, rel=1e-9, abs=0)
 
@@ -161,6 +182,7 @@ def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, q_lag_c: flo
     got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})
     low, high = 1e-7, 1e-5
     top = logistic(high, low, q_lag_c, 9.9e-6)
+    # Settled values to the bench's reltol of 1e-6; in between trapezoids of a logistic curve, a thousandth.
     assert got["i_start"] == pytest.approx(low, rel=1e-6, abs=0)
     assert got["i_up"] == pytest.approx(logistic(high, low, q_lag_c, 20e-9), rel=1e-3, abs=0)
     assert got["i_top"] == pytest.approx(top, rel=1e-6, abs=0)
@@ -168,10 +190,12 @@ def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, q_lag_c: flo
     assert got["i_low_again"] == pytest.approx(logistic(low, top, q_lag_c, 9.9e-6), rel=1e-3, abs=0)
     low_again = logistic(low, top, q_lag_c, 10e-6)
     floor = 1e-6 * 25e-6
+    # Trapezoids of a logistic curve, a thousandth; the sunk copy is the same number.
     assert got["i_open"] == pytest.approx(logistic(floor, low_again, q_lag_c, 10e-6), rel=1e-3, abs=0)
     assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
     # what the gate took to rise: q ln(top / low)
     given = low * 0.1e-6 + high * 9.9e-6 - q_lag_c * math.log(top / low)
+    # Of 1e-10 C the edge of 1 ns and trapezoids of the rise leave a part in 1e5.
     assert got["charge_c"] == pytest.approx(given, rel=1e-5, abs=0)
 
 
@@ -181,6 +205,7 @@ def test_row_driver_has_its_level_and_both_resistances(
 ) -> None:
     got = measure("row_driver__dc", dut={} if ground is None else {"r_ground_ohm": ground})
     p = design.row_driver
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9, abs=0)
     assert got["v_grounded"] == pytest.approx(0, abs=1e-12)
     assert got["r_on_ohm"] == pytest.approx(p.r_on_ohm, rel=1e-6, abs=0)
@@ -190,6 +215,7 @@ def test_row_driver_has_its_level_and_both_resistances(
 def test_charge_source_gives_one_packet_a_pulse_of_either_sign(measure: Measure, design: Design) -> None:
     got = measure("charge_source__tran")
     packet = design.converter.packet_c * (1 + design.charge.packet_error)
+    # The integral of trapezoids whose corners are time points is exact; ten digits are printed.
     assert got["charge_c"] == pytest.approx(packet, rel=1e-9, abs=0)
     assert got["charge_negative_c"] == pytest.approx(-packet, rel=1e-9, abs=0)
     assert got["i_off"] == 0.0
@@ -205,4 +231,5 @@ def test_vfc_with_a_flip_flop_counts_charge_and_not_cycles(measure: Measure, des
         # a pulse under way at the end of the measurement counts 0.9
         assert round(got["pulses"]) == expected
     assert expected == 252
+    # XSPICE bridges switch at the end of their own 1 ns: 2.5 mV a ns at either end, mostly cancelling.
     assert got["v_end"] - got["balance_v"] == pytest.approx(v_preset - 0.5, abs=1e-3)

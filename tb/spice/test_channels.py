@@ -89,7 +89,9 @@ def test_ideal_channels_are_exact_at_any_step_and_method(
 
 @pytest.mark.parametrize("step_s", [10e-9, 1e-6])
 @pytest.mark.parametrize(
-    "options", ["trtol=7 reltol=1e-3", "trtol=1 reltol=1e-6 chgtol=5e-18 abstol=1e-13 vntol=1e-9"]
+    # The loosest that ngspice takes by default, and the tightest that the longest deck ends with.
+    "options",
+    ["trtol=7 reltol=1e-3", "trtol=1 reltol=1e-6 chgtol=5e-18 abstol=1e-13 vntol=1e-9"],
 )
 @pytest.mark.parametrize("method", ["trap", "gear"])
 @pytest.mark.parametrize("r_ohm", [1e-3, 31.0, 312.0, 500.0, 1e18])
@@ -119,6 +121,7 @@ def test_channels_survive_short_open_and_rail_and_are_preset_again(
             drop = 0.0
         if name == "d" and kind == "physical":
             continue  # 80 times the current: what 1 kohm then drops has a test of its own
+        # The loose options solve the preset to reltol 1e-3 of 1.65 V, three times.
         assert sign * got[f"v_again_{name}"] == pytest.approx(0.5 - drop, abs=5e-3)
         if r_ohm > 1e17:
             assert got[f"comp_end_{name}"] == pytest.approx(-1.65)
@@ -135,6 +138,7 @@ def test_physical_direct_interface_cannot_be_preset_through_1_kohm(measure: Meas
         dut=physical(design) | {"int_r_preset_ohm": design.integrator.r_preset_ohm / design.interface.k},
         params={"r_taxel": 500.0},
     )
+    # As above, with the tighter of the two.
     assert got["v_again_d"] == pytest.approx(0.5 - 12.5e-3, abs=2e-3)
 
 
@@ -142,11 +146,13 @@ def test_physical_direct_interface_cannot_be_preset_through_1_kohm(measure: Meas
 def test_dc_transfer_of_each_channel_is_its_k_and_sign(measure: Measure, design: Design, name: str) -> None:
     got = measure(f"channel_{TOPOLOGIES[name]}__dc")
     k = 1 if name == "d" else design.interface.k
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["transfer"] == pytest.approx(SIGN[name] / k, rel=1e-9, abs=0)
     assert got["i_int_all"] == pytest.approx(-SIGN[name] * 16e-3 / k, rel=1e-8, abs=0)
     assert abs(got["i_int_open"]) < 1e-15
     assert abs(got["v_col_full"]) < 1e-9, "the column is not at virtual ground"
     v_int = SIGN[name] * 0.5 - got["i_int_full"] * -1e3
+    # The deck's vntol is 1e-12 V; three operations on 1 kohm.
     assert got["v_int_full"] == pytest.approx(v_int, abs=1e-9)
 
 
@@ -159,6 +165,7 @@ def test_dc_transfer_carries_every_gain_error_and_offset(measure: Measure, desig
     # finite output resistances see the summing node move by mV only
     assert abs(got["transfer"]) == pytest.approx(ratio / design.interface.k, rel=2e-5, abs=0)
     p = design.conveyor
+    # 1 mA on 0.5 ohm and an offset, 1 mV in all, to the nanovolt that reltol 1e-9 of 1 V leaves.
     assert got["v_col_full"] == pytest.approx(p.v_offset_v + p.r_x_ohm * got["i_col_full"], rel=1e-6, abs=0)
 
 
@@ -167,6 +174,7 @@ def test_short_column_takes_the_conveyor_limit_and_no_more(
     measure: Measure, design: Design, name: str
 ) -> None:
     got = measure(f"channel_{TOPOLOGIES[name]}__dc", dut={"conv_i_out_max_a": 10e-3})
+    # Beyond the limit the conveyor keeps 100 kohm: 0.5 V add 5 uA to 10 mA.
     assert got["i_col_all"] == pytest.approx(10e-3, rel=1e-3, abs=0)
     assert abs(got["i_int_all"]) == pytest.approx(10e-3 / design.interface.k, rel=1e-3, abs=0)
     assert got["i_col_full"] == pytest.approx(1e-3, rel=1e-9, abs=0)

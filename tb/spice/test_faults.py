@@ -20,12 +20,14 @@ LAG = "behavioural/mirror_lag.sp"
 
 def check_transfer(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("channel_conveyor_mirror__dc", edits=edits)
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["transfer"] == pytest.approx(1 / design.interface.k, rel=1e-9, abs=0)
     assert abs(got["v_col_full"]) < 1e-9
 
 
 def check_charge(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("channel__tran", edits=edits)
+    # The bench's vntol of 1e-9 V: the lines between corners are straight.
     assert got["v_preset_m"] == pytest.approx(0.5, abs=1e-9)
     assert got["v_clock_m"] == pytest.approx(0.0, abs=1e-9)
     assert got["v_train_m"] == pytest.approx(0.0, abs=1e-9)
@@ -44,12 +46,14 @@ def check_decision(measure: Measure, design: Design, edits: Edits) -> None:
 def check_packet(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("charge_source__tran", edits=edits)
     packet = design.converter.packet_c * (1 + design.charge.packet_error)
+    # The integral of trapezoids whose corners are time points is exact; ten digits are printed.
     assert got["charge_c"] == pytest.approx(packet, rel=1e-9, abs=0)
 
 
 def check_ratios(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("mirror__dc", edits=edits)
     for index, k in enumerate(design.interface.k_options):
+        # Switches of 1e-3 ohm stand for the pins of k: 1e-4 of the gate's conductance.
         assert got[f"i_out_{index}"] == pytest.approx(
             1e-3 * (1 + design.mirror.ratio_error) / k, rel=1e-4, abs=0
         )
@@ -62,11 +66,13 @@ def check_lag(measure: Measure, design: Design, edits: Edits) -> None:
     up = high / (1 + (high / low - 1) * math.exp(-high * 20e-9 / q))
     down = low / (1 + (low / high - 1) * math.exp(-low * 100e-9 / q))
     last = low / (1 + (low / high - 1) * math.exp(-low * 10e-6 / q))
+    # Here the formula starts from the settled current, which the circuit has reached to some thousandths.
     assert got["i_up"] == pytest.approx(up, rel=5e-3, abs=0)
     assert got["i_down"] == pytest.approx(down, rel=5e-3, abs=0)
     assert got["i_open"] == pytest.approx(last / (1 + last * 10e-6 / q), rel=5e-3, abs=0)
     assert got["i_sunk"] == pytest.approx(-got["i_open"], rel=1e-9, abs=0)
     taken = got["charge_c"] - low * 0.1e-6 - high * 9.9e-6
+    # As above, of a charge that is a hundredth of what flows.
     assert taken == pytest.approx(-q * math.log(high / low), rel=1e-3, abs=0)
 
 
@@ -83,18 +89,21 @@ def check_late_channel(measure: Measure, design: Design, edits: Edits) -> None:
 def check_compression(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("mirror__dc", dut={"inv_i_range_a": 100.0}, edits=edits)
     copied = 1e-3 / (1 + 1e-3 * 100) * (1 + design.mirror.ratio_error)
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["i_out_fixed"] == pytest.approx(copied / design.interface.k, rel=1e-9, abs=0)
     assert got["i_out_sink"] == pytest.approx(-copied / design.interface.k, rel=1e-9, abs=0)
 
 
 def check_row(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("row_driver__dc", edits=edits)
+    # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["v_driven"] == pytest.approx(design.interface.v_bias_v, rel=1e-9, abs=0)
     assert got["v_grounded"] == pytest.approx(0.0, abs=1e-12)
 
 
 def check_comparator(measure: Measure, design: Design, edits: Edits) -> None:
     got = measure("comparator__dc", edits=edits)
+    # The sweep steps by 2 uV: two and a half of it for two thresholds.
     assert got["hysteresis_v"] == pytest.approx(design.comparator.v_hysteresis_v, abs=5e-6)
 
 

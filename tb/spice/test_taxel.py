@@ -55,6 +55,7 @@ def test_four_cells_make_the_array_of_a_nodal_solve(
     got = measure("taxel__dc", dut={} if lateral_ohm is None else {"r_lateral_ohm": lateral_ohm})
     want = nodal(design, design.array.r_lateral_ohm if lateral_ohm is None else lateral_ohm)
     for name, value in want.items():
+        # A linear deck with reltol 1e-9; 1e18 ohm of lateral beside gmin costs two digits more.
         assert got[name] == pytest.approx(value, rel=1e-7, abs=0), name
 
 
@@ -71,4 +72,5 @@ def test_a_lateral_or_taxel_at_the_wrong_electrode_is_caught(
 ) -> None:
     got = measure("taxel__dc", edits={"array/taxel.sp": [(right, wrong)]})
     want = nodal(design, design.array.r_lateral_ohm)
+    # The tolerance of the test above: that one would fail.
     assert any(got[name] != pytest.approx(value, rel=1e-7, abs=0) for name, value in want.items())

@@ -46,6 +46,7 @@ def test_what_is_carried_across_a_break_reads_as_in_ngspice(
 ) -> None:
     made = with_break(resistance_plan(ohm(3), effects=KINDS[kind]), clocks)
     got = reader.codes(made)
+    # A count may fall either side of a half in another engine's rounding.
     assert np.abs(got - event.run(made).codes).max() <= 1
     if clocks == 100:  # a break that is forgotten is seen
         assert np.abs(got - event.run(with_break(made, 0)).codes).max() > 1

@@ -44,6 +44,7 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
     )
     assert all(e["reason"] for e in summary["effects"])
     total = codes.astype(float).sum() * 15.0 / 255
+    # 256 sums of numbers written with all their digits.
     assert abs(summary["decoded"]["total_force_n"][0] - total) < 1e-9 * total
     assert (out / "frame.png").stat().st_size > 10_000
     assert dermis("run", str(out / "resolved.toml"), "--out", str(again)).returncode == 0

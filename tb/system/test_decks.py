@@ -176,6 +176,7 @@ def test_shared_values_are_sums_of_what_each_effect_adds(resistance_plan: MakePl
     )
     line = next(li for li in frame_deck(resistance_plan(OHM, effects=both), 0, LEVELS).lines if "xch2 " in li)
     value = {k: float(v) for k, v in (w.split("=") for w in line.split() if "=" in w)}
+    # A deck has 15 digits of a number, and a parallel of two is three roundings.
     assert value["int_r_in_ohm"] == pytest.approx(1.5e6, rel=1e-12)
     assert value["packet_error"] == pytest.approx(0.012, rel=1e-12)
 
@@ -201,6 +202,7 @@ def test_the_ripple_carries_on_from_frame_to_frame(resistance_plan: MakePlan) ->
         # A deck starts where row 0 is driven, a break behind the frame's first instant.
         begin_s = number * ROWS * made.timing.slot_s + made.timing.break_clocks / made.timing.f_clk_hz
         turns = 30 / 360 + 1234.5 * begin_s
+        # Some hundred turns in doubles, written in degrees: 1e-13 of them; a clock is 2e-4 turns.
         assert degrees / 360 % 1 == pytest.approx(turns % 1, abs=1e-9)
 
 
@@ -218,7 +220,9 @@ def test_moving_taxels_end_where_the_next_frame_begins_and_the_last_frame_holds(
             found[int(match[1]), int(match[2])] = (float(match[3]), float(match[4]))
     assert len(found) == MOVING
     for (r, c), (start, slope) in found.items():
+        # Numbers of 15 digits in the deck; where a difference cancels, digits of what it started from.
         assert start - slope * late == pytest.approx(1 / max(OHM[0, r, c], floor), rel=1e-12)
+        # As above.
         assert start + slope * (seconds - late) == pytest.approx(
             1 / OHM[1, r, c], rel=1e-12, abs=1e-15 * start
         )
@@ -264,6 +268,7 @@ def check_array(plan: Plan, change: Callable[[list[str]], list[str]] = lambda li
     lines = change(list(frame_deck(plan, 0, LEVELS).lines))
     want = column_currents(replace(plan.network(0), v_bias_v=1.0))
     got = np.array([solve_deck(lines, r) for r in range(ROWS)])
+    # Plain nodal analysis in doubles: its rounding times the condition, 1e6; 1e-15 A where nothing flows.
     assert got == pytest.approx(want, rel=1e-9, abs=1e-15)
 
 

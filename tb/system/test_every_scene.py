@@ -71,5 +71,6 @@ def _compare(made: Plan, **options: object) -> None:
     assert codes.any()
     if part.engine == "rtl":
         expected = event.run(replace(part, engine="event")).codes
+        # A count may fall either side of a half in another engine's rounding.
         assert np.abs(codes.astype(int) - expected).max() <= 1
         assert np.mean(codes != expected) < 0.01  # 0 today; 1 apart at every other taxel is a wrong preset

@@ -53,6 +53,8 @@ def test_an_rc_charges_as_the_formula_says(tmp_path: Path) -> None:
         """,
     )
     before, one, three = map(float, said.split())
+    # Nothing has happened: vntol. Then an exponential in ngspice's default tolerances, reltol 1e-3 of 1 V,
+    # twice.
     assert abs(before) < 1e-9
     assert abs(one) < 2e-3
     assert abs(three) < 2e-3

@@ -77,6 +77,7 @@ def test_pulses_are_those_of_charge_balance(swept: Swept, topology: str) -> None
     expected = np.array([formula(ohm) for ohm in curve.resistance_ohm])
     assert curve.on_code.sum() >= 2
     np.testing.assert_array_equal(curve.ideal.pulses[curve.on_code], expected[curve.on_code])
+    # A count may fall either side of a half in another engine's rounding.
     assert np.abs(curve.ideal.pulses - expected).max() <= 1
     np.testing.assert_array_equal(curve.ideal.code, curve.ideal.pulses)
 
@@ -85,6 +86,7 @@ def test_pulses_are_those_of_charge_balance(swept: Swept, topology: str) -> None
 def test_the_pulse_distance_gives_the_same_frequency_as_the_count(swept: Swept, topology: str) -> None:
     curve = next(c for c in swept.curves if c.topology == topology)
     for clocks in (curve.ideal.period_clocks, curve.ideal.line_clocks):
+        # The first and last pulse of 510 clocks stand within half a count of the mean rate.
         assert np.abs(curve.gate / clocks - curve.gate * curve.x).max() < 0.5
     # between the only two gaps there are
     assert (curve.ideal.period_clocks >= np.floor(1 / curve.x)).all()
@@ -114,6 +116,7 @@ def test_a_scene_of_the_sweep_reads_the_same_with_another_engine(swept: Swept) -
     codes = sweep.out_of_frames(closed.run(made).codes.astype(int), POINTS)
     curve = swept.curves[0]
     np.testing.assert_array_equal(codes[curve.on_code], curve.ideal.code[curve.on_code])
+    # A count may fall either side of a half in another engine's rounding.
     assert np.abs(codes - curve.ideal.code).max() <= 1
 
 
@@ -127,6 +130,7 @@ def test_physical_blocks_bend_the_curve_as_the_event_model_says(tmp_path: Path) 
     assert -1.0 < named["sweep.physical_gain_error_percent"] < -0.4
     assert curves[0].physical is not None
     by_model = curves[0].gate * curves[0].physical_x
+    # As for the ideal curve: half a count.
     assert np.abs(curves[0].gate / curves[0].physical.line_clocks - by_model).max() < 0.5
 
 
@@ -206,6 +210,7 @@ def test_pulses_of_a_known_trace_are_found(two_rows: plan.Plan, x: Fraction) -> 
         assert np.isnan(period).all()
         assert np.isnan(line).all()
     else:
+        # Whole clocks at both ends of a gate of 510.
         assert period[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
         assert line[0, 0, 0] == pytest.approx(float(1 / x), rel=2 / 510)
 
@@ -237,6 +242,7 @@ def test_a_sweep_has_as_many_resistances_as_asked_for_and_both_ends(points: int)
 def test_the_default_sweep_holds_every_kind_of_resistance() -> None:
     ohm = sweep.resistances(256, design.load())
     steps = 127_500 / ohm
+    # A resistance written as a double: its rounding, and that of one division.
     assert (np.abs(steps - np.round(steps)) < 1e-9 * steps).sum() >= 32
     assert (ohm % 250 == 0).sum() >= 16
     assert ((ohm > 500) & (ohm < 501)).sum() >= 5
@@ -290,9 +296,11 @@ def test_the_csv_is_complete(swept: Swept) -> None:
             else:
                 assert math.isfinite(float(line[key]))
         assert int(line["pulses_charge_balance"]) == formula(float(line["r_ohm"]))
+        # The table has seven digits.
         assert float(line["f_count_hz"]) == pytest.approx(int(line["pulses"]) * 5e6 / 510, rel=1e-6)
         assert float(line["f_charge_balance_hz"]) == pytest.approx(1.25e9 / float(line["r_ohm"]), rel=1e-6)
         whole = math.ceil(float(line["r_ohm"]) / 250)
+        # The table has seven digits.
         assert float(line["f_eq3_hz"]) == pytest.approx(5e6 / whole, rel=1e-6)
         assert int(line["pulses_eq3"]) == math.ceil(510 / whole)
 

@@ -116,6 +116,7 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
             after = time + step
             if not left <= after <= right:
                 after = 0.5 * (left + right)
+            # Four roundings of the time: Newton cannot move it any more.
             if abs(after - time) <= 1e-15 * length:
                 break
             time = after
@@ -436,6 +437,7 @@ def walk(  # type: ignore
                         slow_noise, white_noise = 0.0, 0.0
                         if noise is not None:
                             sigma = noise[SIGMA, i]
+                            # Eight standard deviations: beyond them a decision is wrong once in 1e15.
                             rest = 8.0 * math.hypot(noise[WHITE, i], noise[SLOPE, i]) + noise[APERTURE, i]
                             left = (n + 1) // step
                             right = left if left * step == n + 1 else left + 1

@@ -119,6 +119,7 @@ async def rates(dut: Any) -> None:
         await host.run(spi.write_register(rm.TEST_RATE, rate))
         frame = await shot(chip, host, rm.CONTROL_TEST_MASK)
         count = await host.run(spi.read_register(rm.TEST_COUNT))
+        # A pulse either way, and half of one for the clocks on the way in.
         assert abs(count - rate * gate / 65536) <= 1.5, (rate, count)
         assert (frame.slot(spi.SLOT_INJECT) == min(count, 255)).all()
         assert await host.run(spi.read_register(rm.INJECT_FAULT)) == 0

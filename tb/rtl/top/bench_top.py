@@ -294,7 +294,7 @@ async def size(dut: Any) -> None:
                 await host.run(spi.read_register(last + 1))
                 raise AssertionError(f"{name} goes on at {last + 1:02X}")
             except spi.NoSuchRegister:
-                pass
+                pass  # as it should be
     await host.run(spi.write_register(rm.PEDESTAL + chip.cols - 1, 5))
     await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | pedestal_mode(1)))
     pedestals = [0] * (chip.cols - 1) + [5]
@@ -460,6 +460,7 @@ async def traffic(dut: Any) -> None:
         for _ in range(50):
             try:
                 return await host.run(make())
+            # Asked again, fifty times at most.
             except spi.Busy:
                 continue
         raise AssertionError("busy for ever")
