@@ -10,15 +10,10 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
-import multiprocessing
 import os
 import re
-import signal
-import sys
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import engines
+from dermis import engines, pool
 from dermis.design import ROOT
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
@@ -46,14 +41,6 @@ _ADDRESS = r"(tcp|tls|ws|wss)://[^/\s]+:\d{1,5}"
 
 WORKER_S = 60
 """How long a scheduler may take to have a worker."""
-
-_END_S = 5.0
-"""How long a worker may take to end what it started before it is killed."""
-
-# Each worker has one core; linear algebra that starts a thread a core in each of them would only fight for it.
-_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {
-    "NUMBA_NUM_THREADS": "1"
-}
 
 _DECIDE = (
     "models/dermis/**/*.py",
@@ -119,7 +106,7 @@ def run(
     if processes <= 1 or plan.frames == 1:
         result = engines.run(plan, progress, **options)
         return engines.certify(plan, result) if certified else result
-    with _pool(min(processes, plan.frames)) as executor:
+    with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
         return _run_parts(plan, executor, processes, progress, certified, options)
 
 
@@ -148,9 +135,7 @@ def _run_parts(
 
     def start() -> None:
         for index, (first, stop) in waiting:
-            task = executor.submit(
-                _work, _run_part, light.part(first, stop), fingerprint(), certified, options
-            )
+            task = executor.submit(_run_part, light.part(first, stop), fingerprint(), certified, options)
             running[task] = index
             return
 
@@ -161,11 +146,9 @@ def _run_parts(
             index = running.pop(task)
             try:
                 results[index] = task.result()
-            except BrokenProcessPool:
+            except pool.WorkerLost as error:
                 first, stop = todo[index]
-                raise SimulatorError(
-                    f"a process died that ran one of the frames {first} to {stop - 1} or others at that time"
-                ) from None
+                raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
             start()
             done += (todo[index][1] - todo[index][0]) * plan.rows
             if progress is not None:
@@ -186,13 +169,6 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
     return Result(**whole, info={name: value for name, value in info.items() if value is not None})
 
 
-def _work(function: Callable[..., Result], *arguments: Any) -> Result:
-    try:
-        return function(*arguments)
-    except SystemExit:  # of _enter_worker: the pool would take it for a result and wait for the next part
-        os._exit(1)
-
-
 def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]) -> Result:
     """Run one part in a worker."""
     if fingerprint() != version:
@@ -211,51 +187,6 @@ def fingerprint(root: Path = ROOT) -> str:
         data = file.read_bytes()
         text.update(f"{file.relative_to(root)}\0{len(data)}\0".encode() + data)
     return text.hexdigest()
-
-
-@contextmanager
-def _pool(processes: int) -> Iterator[Executor]:
-    """Processes of this machine, all of them gone at the end, whatever the end is."""
-    before = set(multiprocessing.active_children())
-    kept = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(_ONE_THREAD)  # a library reads it once, on import: before the worker is there
-    context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
-    pool = ProcessPoolExecutor(processes, context, _enter_worker)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        _end(set(multiprocessing.active_children()) - before)
-        raise
-    finally:
-        for name, value in kept.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
-    pool.shutdown()
-
-
-def _end(workers: set[Any]) -> None:
-    for worker in workers:
-        worker.terminate()
-    for worker in workers:
-        worker.join(_END_S)
-        if worker.is_alive():
-            worker.kill()
-            worker.join()
-
-
-def _enter_worker() -> None:
-    # Ctrl-C reaches every process of the terminal; the one that gives the work decides what becomes of it. It ends
-    # its workers with SIGTERM, as an exception here, so that they end what they have started in their turn.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
-
-
-def _leave_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @contextmanager

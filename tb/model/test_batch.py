@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-import multiprocessing
+import operator
 import os
 import pickle
 import shutil
@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import batch, engines, plan, scene
+from dermis import batch, children, engines, plan, pool, scene, watchdog
 from dermis.design import ROOT
 from dermis.effects import EFFECTS
 from dermis.errors import InputError, SimulatorError
+from dermis.faults import inject
 from dermis.plan import Plan
 
 FRAMES, SIZE = 11, 6
@@ -107,13 +108,11 @@ def test_bounds_cover_every_frame_once_in_parts_of_limited_size(make_plan) -> No
 
 @pytest.fixture(autouse=True)
 def _children_that_were_there() -> Iterator[None]:
-    """No test here leaves a child; one of an earlier test in this process is not its business."""
-    before = set(multiprocessing.active_children())
+    """No test here leaves a process; one of an earlier test in this process is not its business."""
+    mark = f"{watchdog.VARIABLE}={children.guard()}/"
+    before = set(_sleepers(mark))
     yield
-    end = time.monotonic() + 10.0  # a loaded machine may be slow to end them
-    for child in set(multiprocessing.active_children()) - before:
-        child.join(max(0.0, end - time.monotonic()))
-    assert not set(multiprocessing.active_children()) - before
+    assert set(_sleepers(mark)) <= before
 
 
 @pytest.mark.parametrize("processes", [1, 2, 3])
@@ -213,13 +212,24 @@ def test_every_kind_of_file_that_decides_about_codes_makes_a_version(tmp_path: P
 
 
 def test_a_worker_that_dies_is_reported(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "_run_part", _die)
-    with pytest.raises(SimulatorError, match=r"died that ran one of the frames \d+ to \d+"):
+    monkeypatch.setattr(batch, "_run_part", inject.die)
+    with pytest.raises(SimulatorError, match=r"frames \d+ to \d+: a worker process died \(exit code 9\)"):
         batch.run(make_plan(), processes=2)
 
 
-def _die(*_: object) -> None:
-    os._exit(9)
+def test_a_worker_that_stands_still_is_ended(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_run_part", inject.stop)
+    monkeypatch.setattr(pool, "STALL_S", 1.0)
+    monkeypatch.setattr(pool, "LOOK_S", 0.2)
+    with pytest.raises(SimulatorError, match=r"frames \d+ to \d+: a worker process did not move for 1 s"):
+        batch.run(make_plan(), processes=2)
+
+
+def test_what_cannot_be_sent_back_is_an_error_and_not_the_end_of_a_worker() -> None:
+    with pool.workers(1, {}) as executor:
+        with pytest.raises(RuntimeError, match="local object"):
+            executor.submit(inject.unsendable).result()
+        assert executor.submit(operator.add, 1, 2).result() == 3
 
 
 def test_errors_cross_a_process_whole() -> None:
@@ -235,21 +245,17 @@ def test_cosim_is_told_that_it_has_processes_of_its_own(make_plan) -> None:
 
 def test_a_worker_has_one_thread(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    with batch._pool(1) as executor:
+    with pool.workers(1, pool.ONE_THREAD) as executor:
         assert executor.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
     assert "OPENBLAS_NUM_THREADS" not in os.environ
 
 
 SLOW = """
-import sys, time
-from dermis import batch, engines, plan
-def run(part, *_):
-    print("at work", flush=True)
-    time.sleep(60)
-if __name__ == "__main__":
-    batch._run_part = run
-    made = plan.load(sys.argv[1], "event")
-    batch.run(made, processes=2)
+import sys
+from dermis import batch, plan
+from dermis.faults import inject
+batch._run_part = inject.sleep
+batch.run(plan.load(sys.argv[1], "event"), processes=2)
 """
 
 
@@ -259,6 +265,7 @@ def _sleepers(text: str) -> list[int]:
         try:
             if entry.name.isdigit() and text.encode() in (entry / "environ").read_bytes():
                 found.append(int(entry.name))
+        # A process that ended while it was looked at.
         except OSError:
             continue
     return found
@@ -271,14 +278,13 @@ def test_the_workers_end_with_the_run(tmp_path: Path, how: signal.Signals) -> No
     mark = f"DERMIS_TEST_BATCH={tmp_path}"
     run = subprocess.Popen(
         [sys.executable, str(tmp_path / "slow.py"), str(tmp_path / "scene.toml")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
         env={**os.environ, "DERMIS_TEST_BATCH": str(tmp_path)},
     )
-    assert run.stdout is not None
-    assert run.stdout.readline().startswith("at work")  # two of them may write into one line
+    assert run.stderr is not None
+    assert run.stderr.readline().startswith("at work")  # two of them may write into one line
     assert len(_sleepers(mark)) >= 3
     if how == signal.SIGINT:
         os.killpg(run.pid, how)  # as a terminal does it: to all of them

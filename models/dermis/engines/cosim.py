@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dermis import hdl, netlist
-from dermis.children import end_session
+from dermis.children import Child, Patience
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
@@ -69,7 +69,6 @@ class Job:
     analog: Literal["ngspice", "exact"]
     solver: Solver = field(default_factory=Solver)
     record: bool = False
-    parent: int = field(default_factory=os.getpid)
 
 
 def run(
@@ -161,22 +160,22 @@ class _Children:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._running: set[subprocess.Popen[bytes]] = set()
+        self._running: set[Child] = set()
         self._ended = False
         self.everyone.add(self)
 
-    def start(self, command: list[str], **options: Any) -> subprocess.Popen[bytes]:
-        """Start a child as the leader of a session of its own."""
+    def start(self, command: list[str], environment: dict[str, str], **options: Any) -> Child:
+        """Start a child."""
         with self._lock:
             if self._ended:
                 raise SimulatorError("the run was ended")
-            child = subprocess.Popen(command, start_new_session=True, **options)
+            child = Child(command, environment, **options)
             self._running.add(child)
             return child
 
-    def end_one(self, child: subprocess.Popen[bytes]) -> None:
+    def end_one(self, child: Child) -> None:
         """End a child and what it started."""
-        end_session(child)
+        child.end()
         with self._lock:
             self._running.discard(child)
 
@@ -210,21 +209,21 @@ def _run_job(
     with (directory / "console.log").open("wb") as console:
         child = children.start(
             [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)],
+            {"OPENBLAS_NUM_THREADS": "1"},
             stdin=subprocess.DEVNULL,
             stdout=console,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
     try:
-        slots, since = 0, time.monotonic()
+        slots, waited = 0, Patience(START_LIMIT_S)
         patience = EFFECTS_PATIENCE if job.plan.active_fields() else 1.0
         while child.poll() is None:
             time.sleep(0.05)
             now = _slots_done(directory / "progress")
             if now != slots:
-                slots, since = now, time.monotonic()
+                slots = now
                 on_slots(slots)
-            elif time.monotonic() - since > patience * (SLOT_LIMIT_S if slots else START_LIMIT_S):
+            if waited.over(slots, patience * (SLOT_LIMIT_S if slots else START_LIMIT_S)):
                 raise SimulatorError(
                     f"the co-simulation stopped answering in {_place(job, slots)}", directory
                 )

@@ -11,10 +11,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import signal
 import sys
-import threading
-import time
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,8 +35,6 @@ def main(job_dir: Path) -> int:
     from dermis import hdl
 
     job = load(job_dir)
-    if os.getpgrp() == os.getpid():  # not when started by hand, in somebody else's group
-        threading.Thread(target=_end_with_parent, args=(job.parent,), daemon=True).start()
     module = __name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl"
     try:
         hdl.run_cocotb(job.simulator, job.build, "dermis_top", module, job_dir, {JOB_VARIABLE: str(job_dir)})
@@ -47,13 +42,6 @@ def main(job_dir: Path) -> int:
         print(f"the HDL simulator: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-def _end_with_parent(parent: int) -> None:
-    """End this session's processes once the parent is gone: a killed run leaves no orphans."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os.killpg(0, signal.SIGKILL)
 
 
 def load(job_dir: Path) -> Job:

@@ -9,13 +9,9 @@ comes in at run time.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import dataclasses
 import re
-import signal
 import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -333,43 +329,25 @@ def simulate(
     out.unlink(missing_ok=True)
     width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
     with log.open("wb") as console:
-        child = subprocess.Popen(
-            command,
-            cwd=work,
-            stdin=subprocess.DEVNULL,
-            stdout=console,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            preexec_fn=_end_with_parent,
+        child = children.Child(
+            command, cwd=work, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT
         )
     try:
-        size, since = 0, time.monotonic()
+        patience = children.Patience(FRAME_LIMIT_S)
         while True:
-            with contextlib.suppress(subprocess.TimeoutExpired):
+            with contextlib.suppress(subprocess.TimeoutExpired):  # it still runs: look whether it comes on
                 code = child.wait(0.05)
                 break
             now = out.stat().st_size if out.exists() else 0
-            if now != size:
-                size, since = now, time.monotonic()
-                on_rows(min(size // width, frames) * plan.rows)
-            elif time.monotonic() - since > FRAME_LIMIT_S:
+            if patience.over(now):
                 raise SimulatorError(f"{Path(command[0]).name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
+            on_rows(min(now // width, frames) * plan.rows)
     finally:
-        children.end_session(child)
+        child.end()
     if code != 0:
-        raise SimulatorError(f"{Path(command[0]).name} ended with exit code {code}", log)
+        raise SimulatorError(f"{Path(command[0]).name} ended with {children.ended(code)}", log)
     on_rows(frames * plan.rows)
     return read_codes(plan, out, frames, log)
-
-
-# Loaded here: behind a fork of a process with threads the loader may be locked for ever.
-_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
-
-
-def _end_with_parent() -> None:
-    """Have Linux end the child when the parent is killed: PR_SET_PDEATHSIG."""
-    if _LIBC is not None:
-        _LIBC.prctl(1, signal.SIGKILL)
 
 
 ANSWER_BYTES = 3

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ends what a killed command has left running: a process of its own, told by a pipe that its command is gone.
+
+Whatever a command starts carries a mark in its environment, which its own children inherit. That finds processes whose
+parent is dead and those with a session of their own, which neither a process group nor PR_SET_PDEATHSIG reaches.
+Standard library alone, so that it runs within milliseconds: `python -I -S watchdog.py MARK`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+
+VARIABLE = "DERMIS_MARK"
+"""Marks are paths: a command /a starts /a/1, which starts /a/1/b/2; so all that began with its first child has /a/1."""
+
+END_LIMIT_S = 10.0
+"""A killed process is gone at once unless the kernel holds it, in a system call that cannot be interrupted."""
+
+Process = tuple[int, int]
+"""Process id and the time it was started at, in ticks since boot: ids are used again."""
+
+
+def identity(pid: int) -> Process | None:
+    """A live process by its id; None if there is none, or only one that has ended and was not waited for."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:
+            fields = file.read().rpartition(b")")[2].split()
+    except OSError:
+        return None
+    return None if fields[0] in (b"Z", b"X") else (pid, int(fields[19]))
+
+
+def marked(mark: str) -> set[Process]:
+    """Live processes that carry a mark, or one below it, beside this one."""
+    entry = f"\0{VARIABLE}={mark}".encode()
+    found = set()
+    for name in os.listdir("/proc"):
+        if not name.isdigit() or int(name) == os.getpid():
+            continue
+        process = identity(int(name))
+        try:
+            with open(f"/proc/{name}/environ", "rb") as file:
+                environment = b"\0" + file.read()
+        except OSError:  # gone meanwhile, or somebody else's
+            continue
+        place = environment.find(entry)
+        if process and place >= 0 and environment[place + len(entry) :][:1] in (b"/", b"\0", b""):
+            found.add(process)
+    return found
+
+
+def end(find: Callable[[], set[Process]]) -> None:
+    """Kill the processes that `find()` gives, until it gives no more or they cannot be killed."""
+    found: set[Process] = set()
+    # Stopped first, so that none of them starts another one meanwhile.
+    while new := find() - found:
+        found |= new
+        for process in new:
+            _send(process, signal.SIGSTOP)
+    last = time.monotonic() + END_LIMIT_S
+    while found and time.monotonic() < last:
+        for process in found:
+            _send(process, signal.SIGKILL)
+        found = {process for process in found if identity(process[0]) == process}
+        if found:
+            time.sleep(0.002)
+
+
+def _send(process: Process, number: signal.Signals) -> None:
+    if identity(process[0]) == process:
+        with contextlib.suppress(OSError):  # gone meanwhile
+            os.kill(process[0], number)
+
+
+def main(mark: str) -> None:
+    """Wait until nobody holds the other end of standard input any more; then end what carries the mark."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    while os.read(0, 1):
+        pass
+    end(lambda: marked(mark))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
