@@ -26,11 +26,7 @@ import pebble
 
 from dermis import children
 from dermis.errors import DermisError, one_line
-
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {
-    "NUMBA_NUM_THREADS": "1"
-}
-"""Each worker has one core; linear algebra that starts a thread a core in each of them would only fight for it."""
+from dermis.pool import ONE_THREAD
 
 # Every process that comes from a pool carries this variable, however it was started and whoever its parent is now: the
 # name of the pool, and behind a slash the number of the task once a program was started.
