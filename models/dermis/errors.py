@@ -8,6 +8,7 @@ from typing import Any
 
 # A value is quoted to be recognised, not to be read in full: one line must stay one line.
 _VALUE_LENGTH = 60
+EMPTY = '""'
 
 
 def one_line(value: Any, length: int = _VALUE_LENGTH) -> str:
@@ -17,9 +18,10 @@ def one_line(value: Any, length: int = _VALUE_LENGTH) -> str:
     else:
         try:
             text = repr(value)
-        except ValueError:  # an integer too long to print
-            text = f"a {type(value).__name__} too long to print"
-    text = "".join(c if c.isprintable() else " " for c in text)
+        except (ValueError, RecursionError):  # an integer too long, a table too deep to print
+            text = f"a {type(value).__name__} too large to print"
+    # A value may be a whole file: what is not shown is not looked at either.
+    text = "".join(c if c.isprintable() else " " for c in text[: 16 * length])
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 3] + "..."
 
@@ -57,9 +59,12 @@ class InputError(DermisError):
         self.key = key
         self.value = value
         self.allowed = allowed
-        super().__init__(
-            f"{one_line(self.file, 400)}: {one_line(key, 200)} = {one_line(value)}: {one_line(allowed, 1000)}"
-        )
+        # Each part is seen, also a key of TOML that is empty or holds nothing printable.
+        said = [
+            one_line(part, length) or EMPTY
+            for part, length in ((self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000))
+        ]
+        super().__init__("{}: {} = {}: {}".format(*said))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # An exception is rebuilt from its message alone, which would end the process that gets it from a worker.

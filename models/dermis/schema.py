@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import stat
 import tomllib
 import types
@@ -87,14 +88,22 @@ def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | No
                 file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
             )
         with open(path, "rb") as stream:
-            data = stream.read(limit + 1)
+            # As much as it had a moment ago: room for `limit` bytes would be taken at once, whatever is there.
+            data = stream.read(status.st_size + 1)
     except OSError as error:
         raise InputError(file, key, value, f"a readable file ({error.strerror or error})") from None
     except ValueError as error:  # a NUL in the name
         raise InputError(file, key, value, f"a file name ({error})") from None
-    if len(data) > limit:
-        raise InputError(file, key, value, f"a file of at most {limit} bytes")
+    if len(data) > status.st_size:
+        raise InputError(file, key, value, f"a file that keeps its size of {status.st_size} bytes while it is read")
     return data
+
+
+# tomllib takes the square of a dotted key's length: 14 s for 20 000 parts in 40 kB. No table here is five deep.
+KEY_PARTS_MAX = 32
+_LONG_KEY = re.compile(
+    r"""(?<![A-Za-z0-9_-])(?>(?>[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*+\.[ \t]*+){%d}""" % KEY_PARTS_MAX
+)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -104,6 +113,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(path, f"byte {error.start}", data[error.start], "text in UTF-8") from None
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(path, f"line {line}", quoted(found[0]), f"keys of fewer than {KEY_PARTS_MAX} parts")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

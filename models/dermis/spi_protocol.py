@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from dermis.errors import DermisError
+from dermis.errors import DermisError, InputError
 
 OP_WRITE, OP_READ, OP_FRAME = 0x02, 0x03, 0x0B
 WAIT, TOKEN_DONE, TOKEN_DATA = 0x00, 0x5A, 0xA5
@@ -60,6 +60,10 @@ class Busy(SpiError):
 
 class NoSuchRegister(SpiError):
     """E3: no register has this address at this size, or it can only be read; nothing was done."""
+
+
+class BadExchange(SpiError):
+    """The driver gave back another number of bytes than it was given."""
 
 
 class BadAnswerCrc(SpiError):
@@ -120,15 +124,29 @@ def _remainder16(byte: int) -> int:
 _CRC16 = [_remainder16(byte) for byte in range(256)]
 
 
+def _checked(name: str, number: int, bits: int) -> int:
+    if not 0 <= number < 1 << bits:
+        raise InputError("SPI command", name, number, f"a whole number 0..{(1 << bits) - 1}")
+    return number
+
+
 def write_command(address: int, value: int) -> bytes:
-    """The five bytes that write a register."""
+    """The five bytes that write a register.
+
+    Raises
+    ------
+    InputError
+        The address is not one of 8 bits, or the value not one of 16.
+    """
+    _checked("address", address, 8)
+    _checked("value", value, 16)
     body = bytes((OP_WRITE, address, value >> 8, value & 0xFF))
     return body + bytes((crc8(body),))
 
 
 def read_command(address: int) -> bytes:
-    """The two bytes that ask for a register."""
-    return bytes((OP_READ, address))
+    """The two bytes that ask for a register; InputError where the address is not one of 8 bits."""
+    return bytes((OP_READ, _checked("address", address, 8)))
 
 
 def frame_command() -> bytes:
@@ -144,15 +162,15 @@ def write_register(address: int, value: int, wait_limit: int = WAIT_LIMIT) -> Tr
     SpiError
         One of its subclasses says what; the register is as it was.
     """
-    yield write_command(address, value)
+    yield from _exchanged(write_command(address, value))
     return (yield from _token(TOKEN_DONE, wait_limit))
 
 
 def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int]:
     """Read a register; return its 16 bits."""
-    yield read_command(address)
+    yield from _exchanged(read_command(address))
     yield from _token(TOKEN_DATA, wait_limit)
-    high, low, check = yield bytes(3)
+    high, low, check = yield from _exchanged(bytes(3))
     if check != crc8((OP_READ, address, high, low)):
         raise BadAnswerCrc(f"register 0x{address:02X}: {high:02X} {low:02X} came with CRC {check:02X}")
     return high << 8 | low
@@ -160,10 +178,10 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
 
 def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
     """Read the newest whole frame as the chip packed it, empty if there is none yet; `parse_frame` takes it apart."""
-    yield frame_command()
+    yield from _exchanged(frame_command())
     yield from _token(TOKEN_DATA, wait_limit)
-    high, low = yield bytes(2)
-    return (yield bytes(high << 8 | low)) if high or low else b""
+    high, low = yield from _exchanged(bytes(2))
+    return (yield from _exchanged(bytes(high << 8 | low))) if high or low else b""
 
 
 def read_frame(wait_limit: int = WAIT_LIMIT) -> Transaction[Frame]:
@@ -177,9 +195,16 @@ def read_frame(wait_limit: int = WAIT_LIMIT) -> Transaction[Frame]:
     return parse_frame((yield from read_frame_bytes(wait_limit)))
 
 
+def _exchanged(send: bytes) -> Transaction[bytes]:
+    got = yield send
+    if len(got) != len(send):
+        raise BadExchange(f"{len(got)} bytes came back for {len(send)}")
+    return bytes(got)
+
+
 def _token(wanted: int, wait_limit: int) -> Transaction[int]:
     for waited in range(wait_limit + 1):
-        (token,) = yield b"\x00"
+        (token,) = yield from _exchanged(b"\x00")
         if token == wanted:
             return waited
         if token != WAIT:

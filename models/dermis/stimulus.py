@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import array as arrays
 import io
 import math
 import zipfile
@@ -24,6 +25,9 @@ Floats = NDArray[np.float64]
 # 131 072 frames of 16x16: what one process holds twice over in 1 GB. Longer recordings come in pieces.
 VALUES_MAX = 1 << 25
 FILE_BYTES_MAX = 1 << 28
+
+# numpy.savez of a recording's every array has some tens.
+NPZ_MEMBERS_MAX = 4096
 
 CODE_MAX = 255
 
@@ -615,47 +619,47 @@ def _check_values(values: Floats, shown: str, table: FramesTable | ResistanceTab
 
 
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
+    """Values of a csv file; beside the file and its values only one line at a time is held."""
     rows, cols = about.rows, about.cols
     layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            shown, f"byte {error.start}", data[error.start], "numbers separated by commas"
-        ) from None
-    lines: list[list[float]] = []
-    width = 0
-    held = 0
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip():
+    if not data.isascii():
+        at = next(i for i, byte in enumerate(data) if byte > 127)
+        raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")
+    values = arrays.array("d")
+    lines = width = 0
+    # Any of LF, CR LF and CR ends a line.
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), encoding="ascii"), start=1):
+        if number > VALUES_MAX:
+            raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
+        if line.isspace():
             continue
-        cells = line.split(",")
-        width = width or len(cells)
+        # Counted before it is cut: a line may be the whole file.
+        found = line.count(",") + 1
+        width = width or found
         if width not in (rows * cols, cols):
-            raise InputError(shown, f"line {number}", f"{len(cells)} values", layout)
-        if len(cells) != width:
+            raise InputError(shown, f"line {number}", f"{found} values", layout)
+        if found != width:
+            raise InputError(shown, f"line {number}", f"{found} values", f"{width} values, as the lines above")
+        if len(values) + width > VALUES_MAX:
             raise InputError(
-                shown, f"line {number}", f"{len(cells)} values", f"{width} values, as the lines above"
+                shown, f"line {number}", f"{len(values) + width} values", f"at most {VALUES_MAX} values"
             )
-        held += width
-        if held > VALUES_MAX:
-            raise InputError(shown, f"line {number}", f"{held} values", f"at most {VALUES_MAX} values")
+        cells = line.split(",")
         try:
             if "_" in line:  # float() takes 1_000
                 raise ValueError
-            lines.append([float(cell) for cell in cells])
+            values.extend([float(cell) for cell in cells])
         except ValueError:
             place, cell = next((i, c) for i, c in enumerate(cells, start=1) if not _is_number(c))
             raise InputError(
                 shown, f"line {number}, value {place}", quoted(cell.strip()), "a number"
             ) from None
+        lines += 1
     if not lines:
         raise InputError(shown, "lines", 0, f"at least one line of {layout}")
-    if width == rows * cols:
-        return np.array(lines).reshape(-1, rows, cols)
-    if len(lines) % rows:
-        raise InputError(shown, "lines", len(lines), f"whole frames of {rows} lines of {cols} values")
-    return np.array(lines).reshape(-1, rows, cols)
+    if width == cols != rows * cols and lines % rows:
+        raise InputError(shown, "lines", lines, f"whole frames of {rows} lines of {cols} values")
+    return np.frombuffer(values).reshape(-1, rows, cols)
 
 
 def _is_number(cell: str) -> bool:
@@ -671,7 +675,7 @@ def _read_numpy(
 ) -> Floats:
     try:
         array = _npz_member(data, shown, table.key) if suffix == ".npz" else _npy(data, shown)
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # zip, header and dtype parsers raise whatever they like on garbage
         reason = one_line(str(error) or type(error).__name__, 200)
@@ -688,7 +692,9 @@ def _read_numpy(
         raise InputError(
             shown, "shape", found, f"[{shape[0]}, {shape[1]}] or [frames, {shape[0]}, {shape[1]}]"
         )
-    return array.astype(float)
+    # What is too large for a double becomes inf, and a signalling NaN a quiet one; both are refused by their place.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return array.astype(float)
 
 
 def _npy(data: bytes, shown: str) -> NDArray[Any]:
@@ -714,6 +720,9 @@ def _npy(data: bytes, shown: str) -> NDArray[Any]:
 
 
 def _npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
+    # Each member takes some hundred bytes of memory for the 46 of its entry, before anybody can look at it.
+    if (entries := data.count(b"PK\x01\x02")) > NPZ_MEMBERS_MAX:
+        raise InputError(shown, "members", entries, f"at most {NPZ_MEMBERS_MAX} arrays")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = [n.removesuffix(".npy") for n in archive.namelist()]
         if key is None and len(names) == 1:
@@ -722,12 +731,17 @@ def _npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
             listed = ", ".join(one_line(n) for n in names[:10])
             raise InputError(shown, "key", "nothing" if key is None else quoted(key), f"one of {listed}")
         member = archive.getinfo(next(n for n in archive.namelist() if n.removesuffix(".npy") == key))
+        # As numpy writes them; an LZMA stream may ask for a dictionary of 4 GB before it has unpacked a byte.
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            method = zipfile.compressor_names.get(member.compress_type, member.compress_type)
+            raise InputError(shown, key, f"compressed by {method}", "stored or deflated, as numpy.savez does")
         limit = VALUES_MAX * 8 + 4096
         if member.file_size > limit:
             raise InputError(shown, key, f"{member.file_size} bytes", f"at most {limit} bytes unpacked")
         with archive.open(member) as stream:
-            # What the directory says of the size is a claim; what is read is bounded here.
-            unpacked = stream.read(limit + 1)
-    if len(unpacked) > limit:
-        raise InputError(shown, key, f"over {limit} bytes", f"at most {limit} bytes unpacked")
+            # What the directory says of the size is a claim; what is read is bounded here, and no more room is taken.
+            unpacked = stream.read(member.file_size + 1)
+    if len(unpacked) != member.file_size:
+        said = f"the {member.file_size} bytes that its entry says"
+        raise InputError(shown, key, f"{len(unpacked)} bytes or more unpacked", said)
     return _npy(unpacked, shown)
