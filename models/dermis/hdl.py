@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING
 from dermis import children, spi_protocol
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
+from dermis.files import locked
 from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
 
 if TYPE_CHECKING:
@@ -78,6 +78,24 @@ def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
         "BREAK_CLOCKS": plan.timing.break_clocks,
         "SYNC_LATCH": int(sync_latch),
     }
+
+
+def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]:
+    """Sources with some modules, each in a file of its name, replaced by other files that define them.
+
+    Raises
+    ------
+    ValueError
+        A file replaces no module of the sources.
+    """
+    found = list(sources)
+    for file in instead:
+        module = file.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
+        places = [i for i, source in enumerate(found) if source.stem == module]
+        if not places:
+            raise ValueError(f"{file.name} replaces no module of the sources")
+        found[places[0]] = file
+    return found
 
 
 @contextlib.contextmanager
@@ -167,7 +185,10 @@ def build(
             arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
             _reuse_runtime(runtime, target)
         try:
-            get_runner(simulator).build(
+            runner = get_runner(simulator)
+            # cocotb's own way has no limit and would leave compilers behind; the runner's place is its environment.
+            runner._execute = lambda commands, where: _execute(commands, Path(where), log, runner.env)
+            runner.build(
                 sources=sources,
                 includes=includes,
                 parameters=dict(parameters),
@@ -175,9 +196,8 @@ def build(
                 build_args=arguments,
                 build_dir=target,
                 timescale=("1ns", "1ps"),
-                log_file=log,
             )
-        except (RuntimeError, SystemExit, OSError) as error:
+        except (RuntimeError, SystemExit) as error:
             raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
         if simulator == "verilator":
             _keep_runtime(runtime, target)
@@ -188,6 +208,13 @@ def build(
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
         make,
     )
+
+
+def _execute(
+    commands: Sequence[Sequence[str]], directory: Path, log: Path, environment: Mapping[str, str]
+) -> None:
+    for command in commands:
+        children.run_logged(command, directory, log, BUILD_LIMIT_S, Path(command[0]).name, environment)
 
 
 def run_cocotb(
@@ -337,8 +364,8 @@ def _cached(stem: Path, content: Sequence[Path], key: object, make: Callable[[Pa
     digest.update(json.dumps(key, sort_keys=True).encode())
     target = stem.with_name(f"{stem.name}_{digest.hexdigest()[:16]}")
     target.parent.mkdir(parents=True, exist_ok=True)
-    with target.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    # Compilers of a killed command hold the lock as well, until the watchdog has ended them.
+    with locked(target.with_suffix(".lock")) as lock, children.holding(lock):
         if (target / "built").exists():
             return target
         # Only behind the lock: another process may be asking for the same build.
@@ -365,8 +392,11 @@ def _reuse_runtime(runtime: Path, target: Path) -> None:
 def _keep_runtime(runtime: Path, target: Path) -> None:
     if runtime.exists():
         return
-    fresh = Path(tempfile.mkdtemp(dir=runtime.parent))
-    for part in target.glob("verilated*.[od]"):
-        shutil.copyfile(part, fresh / part.name)
-    with contextlib.suppress(OSError):  # another process was first
-        fresh.rename(runtime)
+    fresh = Path(tempfile.mkdtemp(dir=runtime.parent, prefix=".runtime_"))
+    try:
+        for part in target.glob("verilated*.[od]"):
+            shutil.copyfile(part, fresh / part.name)
+        with contextlib.suppress(OSError):  # another process was first
+            fresh.rename(runtime)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)

@@ -12,7 +12,7 @@ import contextlib
 import dataclasses
 import re
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,9 +139,18 @@ def effect_bits(plan: Plan, models: Path = MODELS) -> int:
 
 
 def build(
-    plan: Plan, effects: int, currents: Currents, simulator: str, sync_latch: bool, models: Path = MODELS
+    plan: Plan,
+    effects: int,
+    currents: Currents,
+    simulator: str,
+    sync_latch: bool,
+    models: Path = MODELS,
+    instead: Sequence[Path] = (),
 ) -> list[str]:
-    """Command that runs the reader of a plan, built only if it is not there yet."""
+    """Command that runs the reader of a plan, built only if it is not there yet.
+
+    Files of `instead` take the place of the modules of rtl/ that they define: the traps of the converter.
+    """
     parameters = {
         **hdl.reader_parameters(plan, sync_latch),
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
@@ -152,7 +161,7 @@ def build(
         "FADE": currents.fade,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
-    sources = [*rtl_sources(), *model_sources(models)]
+    sources = [*hdl.with_modules(rtl_sources(), instead), *model_sources(models)]
     return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), models], main)
 
 

@@ -17,10 +17,13 @@ class Measured:
         Distance from the expected answer, in the unit of the case. NaN, infinite or None makes an ERROR row.
     note : str
         What is worth knowing beyond it.
+    seconds : float, optional
+        Of the engine alone, where the run also works out what to compare with; default all of the run's.
     """
 
     error: float
     note: str = ""
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def _name(case: Case, engine: str) -> str:
 
 def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
     """Judge what became of a run."""
-    name, found = _name(case, engine), outcome.value
+    name, found, seconds = _name(case, engine), outcome.value, outcome.seconds
     if outcome.fault:
         row = verdict.error(name, outcome.fault, case.unit)
     elif not isinstance(found, Measured):
@@ -75,7 +75,8 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
     else:
         error = None if found.error is None else abs(found.error)
         row = verdict.within(name, error, case.unit, None, case.limit, found.note)
-    return row | {"max": case.limit, "seconds": round(outcome.seconds, 4)}
+        seconds = seconds if found.seconds is None else found.seconds
+    return row | {"max": case.limit, "seconds": round(seconds, 4)}
 
 
 def prepare(cases: Sequence[Case]) -> Iterator[Row]:

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exact counts for hard cases: slow, obvious walks in rationals or fifty digits that share nothing with the engines.
+
+Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels moved
+by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one count.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+
+from dermis.engines.event import walk_reference
+from dermis.vfc import count_exact, count_rational
+
+DIGITS = 50
+
+IDEAL: dict[str, Any] = {
+    "x": 0, "leak": 0, "w0": Fraction(-1, 2), "packet": 1, "rise": 0, "fall": 0,
+    "low": -mpmath.inf, "high": mpmath.inf, "delay": 0, "lag": 0, "across": 0,
+}  # fmt: skip
+"""The ideal converter, as a cell of `cell_of`."""
+
+# Fields beside which the walk needs no more than rationals.
+_RATIONAL = frozenset({"x", "w0", "packet", "rise", "fall"})
+
+# Beyond this duty every second clock has a one, whatever else happens; infinite duties have no walk.
+_X_SURE = 1e15
+
+
+def interval(cell: Mapping[str, Any], clocks: int, late: float = 1.0, margin: float = 0.0) -> tuple[int, int]:
+    """Least and largest count of a cell with its levels moved by at most `margin` packets.
+
+    Parameters
+    ----------
+    cell : mapping
+        As from `cell_of`.
+    clocks : int
+        Decisions.
+    late : float
+        Clocks from a decision to its packet: 1, or 1/2 behind the latch.
+    margin : float
+        Of the levels, in packets.
+    """
+    shifts = (margin, -margin) if margin else (0.0,)
+    counts = [_count(_moved(cell, Fraction(shift)), clocks, late) for shift in shifts]
+    return min(counts), max(counts)
+
+
+def _moved(cell: Mapping[str, Any], by: Fraction) -> dict[str, Any]:
+    rise, fall = (
+        cell[name] + (_mpf(by) if isinstance(cell[name], mpmath.mpf) else by) for name in ("rise", "fall")
+    )
+    return {**cell, "rise": rise, "fall": fall}
+
+
+def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
+    x = min(max(cell["x"], -_X_SURE), _X_SURE)
+    plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
+    if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
+        # The latch takes the packet earlier, but behind the one and before the next sample that may be another.
+        return count_exact(Fraction(x), clocks, cell["w0"], cell["packet"], cell["rise"])
+    with mpmath.workdps(DIGITS):
+        numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}
+        return sum(walk_reference(numbers, clocks, late, DIGITS).bits)
+
+
+def _mpf(value: Any) -> mpmath.mpf:
+    with mpmath.workdps(DIGITS):
+        if isinstance(value, Fraction):
+            return mpmath.mpf(value.numerator) / value.denominator
+        return mpmath.mpf(value)
+
+
+def cell_of(
+    x: float, effects: Mapping[str, Any], interface: Mapping[str, Any], f_clk_hz: float = 5e6
+) -> dict[str, Any]:
+    """The converter of a scene in packets and clocks, straight from the circuit: nothing of the package is used.
+
+    Parameters
+    ----------
+    x : float
+        Duty; its binary value is exact.
+    effects, interface : mapping
+        As in a scene (conveyor_mirror, where stored charge drives the output down), numbers all given.
+    f_clk_hz : float
+        Clock.
+
+    Notes
+    -----
+    An amplifier of gain A behind a capacitor C with 1/R across its input: the output is A / (1 + A) of the capacitor's
+    voltage and the input sees 1 / (1 + A) of it, so the charge decays with R C (1 + A). A gain-bandwidth product g lets
+    the output follow in 1 / (2 pi g) A / (1 + A). A level in volt is one of the output.
+    """
+    i0, c_int = (
+        Fraction(interface.get(name, value)) for name, value in (("i0_a", 25e-6), ("c_int_f", 5e-12))
+    )
+    packet_v = i0 / Fraction(f_clk_hz) / c_int
+
+    def value(effect: str, key: str) -> Fraction:
+        return Fraction(effects[effect][key]) if effect in effects else Fraction(0)
+
+    gain = effects["integrator_gain"]["gain_dc"] if "integrator_gain" in effects else None
+    share = Fraction(1) if gain is None else Fraction(gain) / (1 + Fraction(gain))
+    level_v = packet_v * share
+    window = value("comparator_hysteresis", "v_v")
+    cell = dict(IDEAL)
+    cell["x"] = Fraction(x) if math.isfinite(x) else x
+    cell["w0"] = Fraction(-1, 2) + value("preset_error", "v_v") / packet_v
+    cell["packet"] = 1 + value("charge_packet", "packet_error")
+    cell["rise"] = (value("comparator_offset", "v_v") + window / 2) / level_v
+    cell["fall"] = (value("comparator_offset", "v_v") - window / 2) / level_v
+    cell["delay"] = value("comparator_delay", "t_s") * Fraction(f_clk_hz)
+    if "integrator_range" in effects:
+        cell["low"] = -value("integrator_range", "v_max_v") / level_v
+        cell["high"] = -value("integrator_range", "v_min_v") / level_v
+        cell["w0"] = min(max(cell["w0"], cell["low"]), cell["high"])
+    if gain is not None:
+        per_clock = 1 / value("integrator_gain", "r_in_ohm") / c_int / Fraction(f_clk_hz)
+        cell["across"], cell["leak"] = per_clock, per_clock * (1 - share)
+    if "integrator_bandwidth" in effects:
+        with mpmath.workdps(DIGITS):
+            gbw = _mpf(value("integrator_bandwidth", "gbw_hz"))
+            cell["lag"] = _mpf(share * Fraction(f_clk_hz)) / (2 * mpmath.pi * gbw)
+        if gain is None:  # no conductance across the input is worth a name: a scene without gain has none
+            cell["across"] = Fraction(0)
+    return cell
+
+
+# ---- the leaky converter, exactly ---------------------------------------------------------------------------------------
+
+
+def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> list[int]:
+    """Ones of a leaky integrator by its recursion, packets a clock behind the decision.
+
+    w[n] = keep w[n-1] + gain (x - q[n-2]), gain = (1 - keep) / -log(keep); q[n] = w[n] >= 0 and not q[n-1].
+    """
+    gain = (1 - keep) / -mpmath.log(keep)
+    charged, taken = gain * x, gain * (x - 1)
+    w, q, before = w0, 0, 0
+    bits = []
+    for _ in range(clocks):
+        w = keep * w + (taken if before else charged)
+        before, q = q, int(w >= 0 and not q)
+        bits.append(q)
+    return bits
+
+
+@functools.cache
+def plateau(p: int, q: int, keep: Fraction) -> tuple[Fraction, Fraction]:
+    """Lowest duty, and the one just beyond the highest, at which a leaky converter locks to p ones in q clocks.
+
+    In units in which a packet is 1 at its decision, y[n+1] = keep y[n] + keep x - q[n], so a pattern of period q
+    has y[n] = keep x / (1 - keep) - S[n] with S[n] = sum of keep^j q[n-1-j]. It is the converter's own where y >= 0 at
+    its ones and y < 0 elsewhere: keep x / (1 - keep) lies from the largest S at a one to below the least elsewhere.
+    """
+    pattern = [((n + 1) * p) // q - (n * p) // q for n in range(q)]
+    s = [
+        sum((keep**j * pattern[(n - 1 - j) % q] for j in range(q)), Fraction(0)) / (1 - keep**q)
+        for n in range(q)
+    ]
+    scale = (1 - keep) / keep
+    low = scale * max(v for v, one in zip(s, pattern, strict=True) if one)
+    high = scale * min(v for v, one in zip(s, pattern, strict=True) if not one)
+    return low, high
+
+
+def plateau_width(q: int, keep: Fraction) -> Fraction:
+    """Width of every plateau of period q in keep x: keep^(q-2) (1-keep)^2 / (1-keep^q), the contracted rotation's.
+
+    Laurent and Nogueira 2018, for y -> keep y + delta - [y >= 0]; here delta is keep x.
+    """
+    return keep ** (q - 2) * (1 - keep) ** 2 / (1 - keep**q)
+
+
+def locked(q: int) -> list[tuple[int, int]]:
+    """Every p/q up to one half in lowest terms."""
+    return [(p, q) for p in range(1, q // 2 + 1) if math.gcd(p, q) == 1]
+
+
+# ---- very many clocks ---------------------------------------------------------------------------------------------------
+
+
+def count_and_rest(x: float, clocks: int) -> tuple[int, Fraction]:
+    """Exact count and charge left after very many clocks of an ideal converter, 0 <= x <= 1/2, by the closed form."""
+    duty = Fraction(x)
+    ones = count_rational(duty, clocks)
+    return ones, Fraction(-1, 2) + clocks * duty - ones
