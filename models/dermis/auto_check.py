@@ -82,7 +82,7 @@ def random_scene(rng: np.random.Generator, directory: Path, frames: int = 24) ->
     return {
         "array": {"rows": rows, "cols": cols},
         "sensor": {"law": str(rng.choice(["inverse", "inverse", "power"]))},
-        "stimulus": _stimulus(rng, str(rng.choice(KINDS)), rows, cols, frames, directory),
+        "stimulus": stimulus(rng, str(rng.choice(KINDS)), rows, cols, frames, directory),
         "interface": {
             "topology": topology,
             "k": int(rng.choice(design.interface.k_options)),
@@ -107,7 +107,8 @@ def _drawn(rng: np.random.Generator, name: str, default: Any, signed: bool) -> A
     return -value if signed and name in _SIGNED and rng.random() < 0.5 else value
 
 
-def _body(rng: np.random.Generator, rows: int, cols: int) -> dict[str, Any]:
+def body(rng: np.random.Generator, rows: int, cols: int) -> dict[str, Any]:
+    """Shape, size and place of a random body."""
     return {
         "shape": str(rng.choice(["flat", "triangular", "cylindrical", "spherical", "round"])),
         "width": float(rng.uniform(1, cols)),
@@ -119,9 +120,10 @@ def _body(rng: np.random.Generator, rows: int, cols: int) -> dict[str, Any]:
     }
 
 
-def _stimulus(
+def stimulus(
     rng: np.random.Generator, kind: str, rows: int, cols: int, frames: int, directory: Path
 ) -> dict[str, Any]:
+    """[stimulus] of a kind; what it reads goes into `directory`."""
     forces = [float(f) for f in rng.uniform(0, 18, frames)]
     if kind == "uniform":
         codes = [int(c) for c in rng.integers(0, 256, frames)]
@@ -140,24 +142,24 @@ def _stimulus(
                 values[0, 0, 0] = 0.0
         np.save(directory / f"{kind}.npy", values)
         return {"kind": kind, "file": f"{kind}.npy"} | more
-    body = _body(rng, rows, cols)
+    form = body(rng, rows, cols)
     if kind == "indenter":
-        return {"kind": kind, "force_n": forces} | body
+        return {"kind": kind, "force_n": forces} | form
     if kind == "slip":
         speed, way = float(10 ** rng.uniform(0, 3)), float(rng.uniform(-180, 180))
         moving = {"speed_pitch_per_s": speed, "direction_deg": way, "force_n": forces[0]}
-        return {"kind": kind, "frames": frames} | moving | body
+        return {"kind": kind, "frames": frames} | moving | form
     if kind == "tapping":
         return {
             "kind": kind,
             "frames": frames,
             "frequency_hz": float(rng.uniform(5, 80)),
             "force_n": forces[0],
-        } | body
+        } | form
     if kind == "ramp":
-        return {"kind": kind, "frames": frames, "force_n": forces[:4]} | body
+        return {"kind": kind, "frames": frames, "force_n": forces[:4]} | form
     parts = [
-        {"kind": "ramp", "frames": frames, "force_n": forces[:3]} | _body(rng, rows, cols) for _ in range(2)
+        {"kind": "ramp", "frames": frames, "force_n": forces[:3]} | body(rng, rows, cols) for _ in range(2)
     ]
     return {"kind": "several", "parts": parts}
 

@@ -19,16 +19,21 @@ if TYPE_CHECKING:
 
 @dataclass
 class Result:
-    """Codes uint8 [frames, rows, cols] and what else an engine found out.
+    """Codes [frames, rows, cols] of `code_type` and what else an engine found out.
 
     `low` and `high` have the same shape: the codes between which those of the chip lie, with every effect the
     plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
     """
 
-    codes: NDArray[np.uint8]
+    codes: NDArray[np.unsignedinteger]
     info: dict[str, Any] = field(default_factory=dict)
-    low: NDArray[np.uint8] | None = None
-    high: NDArray[np.uint8] | None = None
+    low: NDArray[np.unsignedinteger] | None = None
+    high: NDArray[np.unsignedinteger] | None = None
+
+
+def code_type(code_max: int) -> type[np.unsignedinteger]:
+    """Type that holds the codes: bytes, or two of them where the design has more than 8 bits."""
+    return np.uint8 if code_max < 256 else np.uint16
 
 
 def _module(name: str) -> Any:

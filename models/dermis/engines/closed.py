@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.array import column_currents
-from dermis.engines import Result
+from dermis.engines import Result, code_type
 from dermis.plan import Plan
 from dermis.vfc import W_PRESET, code
 
@@ -49,10 +49,10 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them.
+        codes [frames, rows, cols]; info["x"] is the duty behind them.
     """
     base = plan.network(0)
-    codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8)
+    codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     x = np.empty(plan.resistance_ohm.shape)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
@@ -64,7 +64,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     return Result(codes, {"x": x})
 
 
-def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.uint8]:
+def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.unsignedinteger]:
     """Codes of duties x [..., cols] by the formula."""
     c, timing = plan.converter, plan.timing
     start = {
@@ -72,4 +72,4 @@ def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.uint8]:
         "packet": 1.0 + c.packet_error,
         "threshold": c.v_comp_offset_v / c.packet_v(),
     }
-    return code(x, timing.gate_clocks, timing.code_max, **start).astype(np.uint8)
+    return code(x, timing.gate_clocks, timing.code_max, **start).astype(code_type(timing.code_max))

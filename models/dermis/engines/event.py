@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 
 from dermis import float_flags, noise
 from dermis.array import Network, column_currents
-from dermis.engines import Result, event_input, event_loops
-from dermis.engines.event_input import FIELDS as VARYING
-from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, varying
+from dermis.engines import Result, code_type, event_input, event_loops
+from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, groups
 from dermis.plan import Drive, Plan
-from dermis.vfc import W_PRESET, Converter
+from dermis.vfc import LONGEST_GATE, W_PRESET, Converter
 
 Floats = NDArray[np.float64]
 
@@ -105,7 +104,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info["x"] is the duty behind them (mean over the gate), info["w_end"] the
+        codes [frames, rows, cols]; info["x"] is the duty behind them (mean over the gate), info["w_end"] the
         charge at the end of the gate in packets.
 
     Raises
@@ -114,41 +113,46 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         The direct interface with finite gain and impedances that couple its columns by more than a count.
     """
     shape = plan.resistance_ohm.shape
-    codes = np.empty(shape, dtype=np.uint8)
+    codes = np.empty(shape, dtype=code_type(plan.timing.code_max))
     x_all, w_end = np.empty(shape), np.empty(shape)
-    base, timing = plan.network(0), plan.timing
-    active = plan.active_fields()
-    random = bool(active & RANDOM)
+    timing = plan.timing
+    random = bool(plan.active_fields() & RANDOM)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
-        g = plan.conductance_s(part)
-        keys = noise.cell_keys(plan.seed, plan.first_frame + first, g.shape) if random else None
-        slots = varying(plan, part) if active & VARYING else None
-        if slots is not None:
-            counts, w_end[part] = _count_slots(plan, slots, g, keys)
-            x_all[part] = slots.mean
-        else:
-            x = plan.converter.duty(column_currents(base, g))
-            coupled = coupling(plan, g, np.clip(x, -X_MAX, X_MAX))
-            if coupled is not None:
-                x = x + coupled.x
-            x_all[part] = x
-            cells, draws = cells_of(plan, x, g, coupled), None
-            if keys is not None:
-                cells = _with_slot_noise(plan.converter, cells, keys)
-                if active & RANDOM - _SLOT_RANDOM:
-                    draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
-            counts, w_end[part] = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
-        codes[part] = np.minimum(counts, timing.code_max)
+        for alike, slots in groups(plan, part):
+            counts, x_all[alike], w_end[alike] = _count_frames(plan, alike, slots, random)
+            codes[alike] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
 
 
-def codes_of(plan: Plan, x: Floats) -> NDArray[np.uint8]:
+def _count_frames(
+    plan: Plan, part: slice, slots: Slots | None, random: bool
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Counts, duties and charges at the end of some frames, [frames, rows, cols] each."""
+    timing, g = plan.timing, plan.conductance_s(part)
+    keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
+    if slots is not None:
+        counts, end = _count_slots(plan, slots, g, keys)
+        return counts, slots.mean, end
+    x = plan.converter.duty(column_currents(plan.network(0), g))
+    coupled = coupling(plan, g, np.clip(x, -X_MAX, X_MAX))
+    if coupled is not None:
+        x = x + coupled.x
+    cells, draws = cells_of(plan, x, g, coupled), None
+    if keys is not None:
+        cells = _with_slot_noise(plan.converter, cells, keys)
+        if plan.active_fields() & RANDOM - _SLOT_RANDOM:
+            draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
+    counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
+    return counts, x, end
+
+
+def codes_of(plan: Plan, x: Floats) -> NDArray[np.unsignedinteger]:
     """Codes of duties x [frames, rows, cols] that are the same in every clock and have no noise."""
-    codes = np.empty(x.shape, dtype=np.uint8)
+    codes = np.empty(x.shape, dtype=code_type(plan.timing.code_max))
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, first + step)
@@ -344,6 +348,7 @@ def count_cells(
         cells.leak.any() or cells.lag.any() or np.isfinite(cells.low).any() or np.isfinite(cells.high).any()
     )
     ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
+    ideal = ideal and clocks <= LONGEST_GATE  # n * x rounds to parts of n: a loop that carries on is better
     counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
     x = np.ascontiguousarray(cells.x, dtype=float).ravel()
     if ideal:
@@ -372,10 +377,12 @@ def walk_cells(
     """Count cells begin..stop-1 of `rows`; x or vary and the rest as for event_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else _grid_step(of[event_loops.SIGMA], clocks)
+    carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
     with float_flags.watch("event_loops.walk"):
         event_loops.walk(
             clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
-            rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop, counts, end,
+            rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
+            counts, end,
         )  # fmt: skip
 
 

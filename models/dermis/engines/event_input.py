@@ -10,6 +10,7 @@ effects never comes here.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -102,7 +103,8 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
     share = np.divide(
         share, total, out=np.zeros(np.broadcast_shapes(share.shape, total.shape)), where=total > 0
     )
-    matrix = -np.einsum("fdr,frb,frc->fdbc", share, g, g, optimize=True)
+    # [frames, driven, cols, cols], a product of its own each: the digits do not hang on how many there are.
+    matrix = -np.matmul(g.transpose(0, 2, 1)[:, None] * share[:, :, None, :], g[:, None])
     own = np.arange(cols)
     matrix[..., own, own] += g.sum(axis=1)[:, None, :]
     if network.g_lateral_row_s:
@@ -164,15 +166,17 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     level = converter.v_comp_offset_v / converter.packet_v()
     # With finite bandwidth the virtual ground also stands off by the slope of the output: its mean is the way
     # from the start to the end of the gate.
+    # A frame that no longer moves is left as it is, so that its result does not hang on the frames beside it.
     others, before = np.zeros_like(x), np.zeros_like(x)
-    left = x
+    left, moves = x, np.ones((x.shape[0], 1, 1), dtype=bool)
     for _ in range(_REPEATS):
         mean, end = _over_gate(left, start, level, clocks)
-        before = others
         given = mean * per_clock + (end - start) * per_swing / clocks
-        others = -np.einsum("frcd,frd->frc", matrix, given)
-        left = x + others - across_s * given
-        if clocks * np.abs(others - before).max() < _UNMOVED:
+        before = np.where(moves, others, before)
+        others = np.where(moves, -np.matmul(matrix, given[..., np.newaxis])[..., 0], others)
+        left = np.where(moves, x + others - across_s * given, left)
+        moves = moves & (clocks * np.abs(others - before).max(axis=(1, 2), keepdims=True) >= _UNMOVED)
+        if not moves.any():
             break
     # What saturates does so whatever its neighbours do. Traces are reckoned one taxel at a time, at most as
     # wrong as all they do.
@@ -274,42 +278,58 @@ def _through_frame(
 
     Row r alone is read at its instant, so solving whole frames for each row would cost rows times as much. The
     currents are smooth in time: a polynomial through 3, 5, 9 Chebyshev points is compared with the one before
-    at its new points. What does not meet the error is solved row by row.
+    at its new points. What does not meet the error is solved row by row. Every frame has the polynomial that it
+    would have alone: what runs beside it does not move a digit.
     """
-    rows = now.shape[1]
+    frames, rows = now.shape[:2]
+    out = np.empty((2, at.size // rows, *now.shape))
+    waiting = np.arange(frames)
     solved: dict[float, tuple[Floats, Floats]] = {}
 
     def solve(share: float) -> tuple[Floats, Floats]:
         if share not in solved:
-            solved[share] = currents(network, now + share * (then - now))
+            solved[share] = currents(network, now[waiting] + share * (then[waiting] - now[waiting]))
         return solved[share]
 
-    def points(count: int) -> Floats:
-        return np.round(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)), 15)
-
-    def polynomial(count: int, where: Floats) -> Floats:
-        nodes = points(count)
-        weight = np.ones((where.size, count))
-        for k in range(count):
-            others = np.delete(nodes, k)
-            weight[:, k] = np.prod((where[:, None] - others) / (nodes[k] - others), axis=1)
-        return weight
-
     for count in (3, 5, 9):
-        finer = points(2 * count - 1)[1::2]
-        guess = np.tensordot(polynomial(count, finer), [np.add(*solve(p)) for p in points(count)], axes=1)
-        miss = max(float(np.abs(guess[k] - np.add(*solve(p))).max()) for k, p in enumerate(finer))
-        if miss <= error_a:
-            weight = polynomial(2 * count - 1, at).reshape(-1, rows, 2 * count - 1)
-            nodes = [solve(p) for p in points(2 * count - 1)]
-            follows, rest = (np.einsum("erk,kfrc->efrc", weight, [n[i] for n in nodes]) for i in range(2))
-            return follows, rest
-    out = np.empty((2, at.size // rows, *now.shape))
+        coarse, finer = _instants(count), _instants(2 * count - 1)[1::2]
+        weight = _polynomial(count, finer)
+        miss = np.zeros(waiting.size)
+        for k, p in enumerate(finer):
+            guess = sum(w * np.add(*solve(q)) for w, q in zip(weight[k], coarse, strict=True))
+            miss = np.maximum(miss, np.abs(guess - np.add(*solve(p))).max(axis=(1, 2)))
+        met = miss <= error_a
+        if met.any():
+            fine = _instants(2 * count - 1)
+            weight = _polynomial(2 * count - 1, at).reshape(-1, 1, rows, 1, fine.size)
+            for part in range(2):
+                out[part][:, waiting[met]] = sum(
+                    weight[..., k] * solve(p)[part][met] for k, p in enumerate(fine)
+                )
+        waiting = waiting[~met]
+        if not waiting.size:
+            return out[0], out[1]
+        solved = {share: (follows[~met], rest[~met]) for share, (follows, rest) in solved.items()}
     for k, share in enumerate(at):
-        found = currents(network, now + share * (then - now))
+        found = currents(network, now[waiting] + share * (then[waiting] - now[waiting]))
         for into, values in zip(out, found, strict=True):
-            into[k // rows, :, k % rows] = values[:, k % rows]
+            into[k // rows, waiting, k % rows] = values[:, k % rows]
     return out[0], out[1]
+
+
+def _instants(count: int) -> Floats:
+    """Chebyshev points of 0..1, both ends among them."""
+    return np.round(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)), 15)
+
+
+def _polynomial(count: int, where: Floats) -> Floats:
+    """Weight of every one of `count` instants in the polynomial through them, [where, count]."""
+    nodes = _instants(count)
+    weight = np.ones((where.size, count))
+    for k in range(count):
+        others = np.delete(nodes, k)
+        weight[:, k] = np.prod((where[:, None] - others) / (nodes[k] - others), axis=1)
+    return weight
 
 
 def _per_c(plan: Plan) -> Floats:
@@ -317,11 +337,12 @@ def _per_c(plan: Plan) -> Floats:
     return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
 
 
-def _transients(plan: Plan, part: slice) -> settling.Transients | None:
+def _transients(plan: Plan, frame: int) -> settling.Transients | None:
+    """What has not settled in one frame: whether it is followed, and how, hangs on nothing but the frame."""
     network = plan.network(0)
     if not network.active_fields() & _CAPACITANCES:
         return None
-    g, per_c = plan.conductance_s(part), np.abs(_per_c(plan))
+    g, per_c = plan.conductance_s(slice(frame, frame + 1)), np.abs(_per_c(plan))
     most = float(per_c.max())
     felt = "q_mirror_c" in plan.active_fields()
     felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
@@ -335,12 +356,41 @@ def _transients(plan: Plan, part: slice) -> settling.Transients | None:
         raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
 
 
-def varying(plan: Plan, part: slice) -> Slots | None:
-    """The slots of some frames; None where capacitance is all that could change in a gate and has settled before."""
-    found = _transients(plan, part)
-    if found is None and not plan.active_fields() & FIELDS - _CAPACITANCES:
+def _joined(found: list[settling.Transients | None], rows: int, cols: int) -> settling.Transients | None:
+    """Several frames as one: those with fewer exponentials, or none, have some of no charge beside them."""
+    if all(f is None for f in found):
         return None
-    return Slots(plan, part, found)
+    # [rows, modes] or [rows, cols, modes] of no mode
+    nothing = {"decay": (1, rows, 0), "break_decay": (1, rows, 0)}
+
+    def join(name: str) -> Floats | None:
+        arrays = [None if f is None else getattr(f, name) for f in found]
+        if all(a is None for a in arrays):
+            return None
+        full = [np.zeros(nothing.get(name, (1, rows, cols, 0))) if a is None else a for a in arrays]
+        most = max(a.shape[-1] for a in full)
+        return np.concatenate([np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, most - a.shape[-1])]) for a in full])
+
+    return settling.Transients(*(join(f.name) for f in dataclasses.fields(settling.Transients)))  # type: ignore[arg-type]
+
+
+def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
+    """Frames of a part that are worked out alike, in their order, and their slots.
+
+    None where nothing changes inside a gate: capacitance is all that could, and what it holds has settled before.
+    """
+    if not plan.active_fields() & _CAPACITANCES:
+        yield part, Slots(plan, part, None) if plan.active_fields() & FIELDS else None
+        return
+    always = bool(plan.active_fields() & FIELDS - _CAPACITANCES)
+    found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
+    kinds = [(f is not None, f is not None and f.driven_c is not None) for f in found]
+    first = part.start
+    for (followed, _), same in itertools.groupby(kinds):
+        alike = slice(first, first + len(list(same)))
+        of = found[alike.start - part.start : alike.stop - part.start]
+        yield alike, Slots(plan, alike, _joined(of, plan.rows, plan.cols)) if followed or always else None
+        first = alike.stop
 
 
 def glows(plan: Plan) -> bool:
@@ -399,7 +449,8 @@ class Slots:
     @classmethod
     def of(cls, plan: Plan, part: slice) -> Slots:
         """The slots of some frames of a plan, whatever may change in them."""
-        return cls(plan, part, _transients(plan, part))
+        found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
+        return cls(plan, part, _joined(found, plan.rows, plan.cols))
 
     def __init__(self, plan: Plan, part: slice, found: settling.Transients | None) -> None:
         converter, timing, drive = plan.converter, plan.timing, plan.drive
@@ -419,9 +470,11 @@ class Slots:
             self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
         )
         frame = plan.first_frame + np.arange(part.start, part.stop)
-        began = frame[:, None] * drive.t_frame_s + np.arange(self.rows) * timing.slot_s
-        cycles = np.mod(began * drive.f_ripple_hz, 1.0)
-        phase = 2.0 * math.pi * cycles + drive.phase_ripple_rad if drive.ripple else np.zeros_like(began)
+        phase = np.zeros((self.frames, self.rows))
+        if drive.ripple:
+            begins = range(0, self.rows * timing.slot_clocks, timing.slot_clocks)
+            turns = [[drive.turns(int(f), clock, timing.f_clk_hz) for clock in begins] for f in frame]
+            phase = 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
         sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
 
         unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
