@@ -10,6 +10,7 @@
  * every corner of that function is a time point of the solution. Between corners the sources are
  * straight lines, which trapezoidal integration of a capacitor follows without error.
  */
+#include <fenv.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -27,7 +28,8 @@
 #define MAX_CORNERS (2 * MAX_SOURCES + 8)
 #define TEXT_BYTES 4096
 
-enum state { CLOSED, READY, RUNNING, ENDED, FAILED };
+/* ABORTED: ngspice gave the transient up and has returned, so this process can have another circuit; FAILED: it cannot */
+enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
 
 struct source {
     char name[64];
@@ -52,6 +54,10 @@ static struct {
     double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
     int n_corner;
 
+    bool started; /* the operating point stands: what ngspice says of time is time of the transient */
+    bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
+    bool poisoned; /* sources are NaN, so that ngspice gives up */
+
     double t_now, t_data, t_target, t_edge, t_max_step, t_stop;
 
     /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
@@ -65,6 +71,7 @@ static struct {
     bool recording;
 
     long accepted, rejected, loads;
+    bool watched; /* a floating-point flag raised by the arithmetic of this file is a failure (dermis.float_flags) */
     FILE *log;
     char error[TEXT_BYTES];
     char trouble[TEXT_BYTES]; /* the last lines in which ngspice complained */
@@ -79,7 +86,8 @@ static int on_char(char *text, int id, void *user)
         fprintf(ls.log, "%s\n", text);
     const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
     if (strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
-        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence")) {
+        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence") ||
+        strcasestr(said, "iteration limit")) {
         if (strstr(ls.trouble, said))
             return 0;
         size_t used = strlen(ls.trouble);
@@ -103,6 +111,24 @@ static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, voi
     if (ls.log)
         fflush(ls.log);
     return 0;
+}
+
+/* ---- floating-point flags ---------------------------------------------------------------------------------- */
+
+enum { FLAGS = FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW }; /* ngspice raises them itself, at diodes for one */
+
+static void watch_begins(void)
+{
+    if (ls.watched)
+        feclearexcept(FLAGS);
+}
+
+static void watch_ends(const char *what)
+{
+    if (ls.watched && fetestexcept(FLAGS)) {
+        snprintf(ls.trouble, TEXT_BYTES, "floating-point exception in %s of lockstep.c", what);
+        ls.state = FAILED;
+    }
 }
 
 /* ---- sources ---------------------------------------------------------------------------------------------- */
@@ -143,7 +169,12 @@ static int on_source(double *value, double t, char *name, int id, void *user)
         snprintf(ls.trouble, TEXT_BYTES, "the deck has an external source %.60s that was not announced", name);
         ls.state = FAILED;
     }
-    *value = i < 0 ? 0.0 : level(&ls.source[i], t);
+    watch_begins();
+    /* the hidden transient by which ngspice may look for an operating point has a time of its own */
+    *value = i < 0 ? 0.0 : level(&ls.source[i], ls.started ? t : 0.0);
+    watch_ends("on_source");
+    if (ls.poisoned)
+        *value = NAN;
     ls.loads++;
     return 0;
 }
@@ -189,6 +220,8 @@ static void meet(double t)
     while (t >= ls.t_target - ulps(t)) {
         int before = ls.n_corner;
         swapcontext(&ls.runner, &ls.caller);
+        if (ls.poisoned)
+            return;
         ls.met = true;
         ls.ramp_begins = ls.n_corner > before;
         for (int i = 0; i < ls.n_source; i++)
@@ -203,6 +236,8 @@ static void meet(double t)
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
     (void)old_delta, (void)id, (void)user;
+    if (ls.state != RUNNING || !ls.started || ls.poisoned) /* a hidden transient: its points are nobody's samples */
+        return 0;
     if (where != 0) {
         if (redo) {
             ls.rejected++;
@@ -212,6 +247,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         return 0;
     }
     ls.accepted++;
+    watch_begins();
     meet(t); /* without initial operating point there is no data at t = 0 */
     bool landed = drop_corners_until(t);
     if (landed)
@@ -242,6 +278,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         *delta = 0.5 * left;
     if (landed)
         ls.remembered[ls.kind] = *delta;
+    watch_ends("on_sync");
     return 0;
 }
 
@@ -262,6 +299,9 @@ static int on_init_data(pvecinfoall all, int id, void *user)
 static int on_data(pvecvaluesall all, int count, int id, void *user)
 {
     (void)count, (void)id, (void)user;
+    if (ls.state != RUNNING || ls.poisoned)
+        return 0;
+    ls.started = ls.sampled = true;
     for (int p = 0; p < ls.n_probe; p++)
         if (ls.probe_vector[p] >= 0)
             ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
@@ -298,6 +338,7 @@ static void run(void)
 
 const char *lockstep_error(void) { return ls.error; }
 double lockstep_time(void) { return ls.t_now; }
+int lockstep_started(void) { return ls.started; }
 long lockstep_accepted(void) { return ls.accepted; }
 long lockstep_rejected(void) { return ls.rejected; }
 long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
@@ -313,13 +354,14 @@ static int fail(const char *what)
     return -1;
 }
 
-int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_source, const char **source_names,
+/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. */
+int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
                   const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_max_step,
                   double t_stop, int recording, int use_ic)
 {
     static bool initialised;
     static int ident;
-    if (ls.state == READY || ls.state == RUNNING || ls.state == FAILED)
+    if (ls.state == RUNNING || ls.state == FAILED)
         return fail("this process has had a circuit that did not come to its end");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
@@ -329,6 +371,8 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     if (!ls.log)
         return fail("cannot write the log");
     ls.error[0] = ls.trouble[0] = 0;
+    const char *flags = getenv("DERMIS_FLOAT_FLAGS");
+    ls.watched = flags && !strcmp(flags, "raise");
     ls.n_source = n_source;
     memset(ls.slot, 0, sizeof ls.slot);
     for (int i = 0; i < n_source; i++) {
@@ -347,6 +391,8 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     ls.n_corner = 0;
     ls.t_now = ls.t_data = 0.0;
     ls.t_target = 0.0;
+    ls.started = use_ic != 0;
+    ls.sampled = ls.poisoned = false;
     ls.t_edge = t_edge;
     ls.t_max_step = t_max_step;
     ls.t_stop = t_stop;
@@ -369,6 +415,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     } else {
         ngSpice_Command("destroy all");
         ngSpice_Command("remcirc");
+        ngSpice_Command("unset cshunt_value"); /* where ngspice keeps .options cshunt, over the end of its circuit */
     }
     ls.state = READY;
     char **lines = calloc((size_t)n_lines + 1, sizeof *lines);
@@ -380,8 +427,49 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, int n_so
     free(lines);
     if (rc || ls.state == FAILED)
         return fail("ngspice refuses the deck");
+    char copy[256];
+    snprintf(copy, sizeof copy, "%s", start);
+    if (ngSpice_Command(copy))
+        return fail("ngspice refuses how to start");
     snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", t_edge, t_stop, t_max_step,
              use_ic ? " uic" : "");
+    return 0;
+}
+
+/* The circuit was loaded and ngspice has no solution; -2, and the process can have another circuit. */
+static int give_up(const char *what)
+{
+    if (ls.state == RUNNING) { /* with sources that are no number it returns by itself: its smallest step does not converge */
+        ls.poisoned = true;
+        swapcontext(&ls.caller, &ls.runner);
+    }
+    bool returned = ls.state == ENDED || ls.state == ABORTED;
+    fail(what);
+    if (returned)
+        ls.state = ABORTED;
+    return -2;
+}
+
+/* Where every node stands in the operating point that the start command leads to, sources at their levels: a line
+   "name value" each, in `text`. It may come from a hidden transient, so it is a guess, to be confirmed by another circuit. */
+int lockstep_operating_point(char *text, int room)
+{
+    if (ls.state != READY)
+        return fail("the circuit is not ready");
+    ngSpice_Command("op");
+    char *plot = ngSpice_CurPlot();
+    char **names = plot ? ngSpice_AllVecs(plot) : NULL;
+    int used = 0;
+    for (int i = 0; names && names[i]; i++) {
+        char name[512];
+        snprintf(name, sizeof name, "%s.%s", plot, names[i]);
+        pvector_info vector = ngGet_Vec_Info(name);
+        if (!vector || vector->v_length != 1 || !vector->v_realdata || strchr(names[i], '#'))
+            continue;
+        used += snprintf(text + used, (size_t)(room - used), "%s %.17g\n", names[i], vector->v_realdata[0]);
+        if (used >= room)
+            return fail("too many nodes");
+    }
     return 0;
 }
 
@@ -394,6 +482,7 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
     if (to > ls.t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
         return fail("asked to go beyond the end of the transient");
+    watch_begins();
     for (int i = 0; i < n_edge; i++) {
         struct source *s = &ls.source[edge_source[i]];
         double t = edge_time[i];
@@ -409,6 +498,9 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         add_corner(t);
         add_corner(t + ls.t_edge);
     }
+    watch_ends("lockstep_advance");
+    if (ls.state == FAILED)
+        return fail("not advanced");
     ls.t_target = to;
     if (ls.state == READY) {
         if (!ls.stack) {
@@ -428,11 +520,17 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
     swapcontext(&ls.caller, &ls.runner);
     /* ngspice stops up to 1.1 of its smallest step, 1e-11 of the largest, before the end it was given */
     bool reached = ls.t_now >= to - (ls.state == ENDED ? 1e-10 * ls.t_max_step : ulps(to));
-    if (!reached || ls.state == FAILED)
+    if (ls.state == FAILED)
         return fail("ngspice stopped");
+    if (!reached || !ls.started)
+        return give_up(ls.started ? "ngspice stopped" : "ngspice found no operating point");
     for (int p = 0; p < ls.n_probe; p++) {
         if (ls.probe_vector[p] < 0)
             return fail("a probe is not in the circuit");
+        if (ls.sampled && !isfinite(ls.probe[p])) {
+            snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
+            return give_up("a sample is no number");
+        }
         samples[p] = ls.probe[p];
     }
     return 0;

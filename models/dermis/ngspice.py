@@ -17,16 +17,21 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import ladder
 from dermis.analog import Edge
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError
 
 SOURCE = Path(__file__).with_name("lockstep.c")
 COMPILE_LIMIT_S = 60
+
+_GAVE_UP = -2  # what lockstep_advance returns when ngspice has no solution
+_GUESS_BYTES = 1 << 23  # 60 bytes a node: an array of 256 x 256 with traces has 131 072
 
 
 @dataclass(frozen=True)
@@ -89,11 +94,12 @@ def _load() -> ctypes.CDLL:
     lib = ctypes.CDLL(str(library()))
     text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
     texts = ctypes.POINTER(text)
-    lib.lockstep_open.argtypes = [text, texts, whole, whole, texts, ctypes.POINTER(number)]
+    lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
     lib.lockstep_open.argtypes += [number, number, number, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
+    lib.lockstep_operating_point.argtypes = [text, whole]
     lib.lockstep_time.restype = number
     for name in ("accepted", "rejected", "loads"):
         getattr(lib, f"lockstep_{name}").restype = ctypes.c_long
@@ -126,12 +132,18 @@ class NgspiceHalf:
     record : bool
         Keep every accepted time point of the probes (see `waveform`).
     use_ic : bool
-        Start from the initial conditions in the deck instead of an operating point.
+        Start from the initial conditions in the deck instead of an operating point. There is no sample at time 0:
+        `advance(0.0, [])` returns NaN then.
+    level : ladder.Level
+        How ngspice starts and steps.
 
     Raises
     ------
     SimulatorError
-        ngspice refuses the deck or stops; the message carries the time and ngspice's complaint.
+        ngspice refuses the deck.
+    ladder.Abort
+        It finds no operating point, stops on its way, or a sample is no number; the error carries the time, the node
+        and ngspice's complaint. The process can have another circuit, on another rung.
     """
 
     def __init__(
@@ -144,31 +156,45 @@ class NgspiceHalf:
         log: Path,
         record: bool = False,
         use_ic: bool = False,
+        level: ladder.Level = ladder.PLAIN,
     ) -> None:
         global _lib
         _lib = _lib or _load()
         self._log = log
         self._probes = deck.probes
         log.parent.mkdir(parents=True, exist_ok=True)
-        levels = (ctypes.c_double * len(deck.levels))(*deck.levels)
-        lines = [*deck.lines, ".save " + " ".join(f"v({p})" for p in deck.probes), ".end"]
-        if _lib.lockstep_open(
-            str(log).encode(),
-            _texts(lines),
-            len(lines),
-            len(deck.sources),
-            _texts(deck.sources),
-            levels,
-            (ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
-            len(deck.probes),
-            _texts(deck.probes),
-            t_edge_s,
-            min(t_max_step_s, deck.longest_step_s),
-            t_stop_s,
-            int(record),
-            int(use_ic),
-        ):
-            self._raise()
+        self._log_begins = log.stat().st_size if log.exists() else 0
+        start = ladder.START[level.start]
+        lines = [*deck.lines, *level.option_lines]
+        step_s = min(t_max_step_s, deck.longest_step_s)
+
+        def load(extra: Sequence[str], how: ladder.Rung) -> None:
+            text = [*lines, *extra, ".end"]
+            if _lib.lockstep_open(
+                str(log).encode(),
+                _texts(text),
+                len(text),
+                how.optran.encode(),
+                len(deck.sources),
+                _texts(deck.sources),
+                (ctypes.c_double * len(deck.levels))(*deck.levels),
+                (ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
+                len(deck.probes),
+                _texts(deck.probes),
+                t_edge_s,
+                step_s,
+                t_stop_s,
+                int(record),
+                int(use_ic),
+            ):
+                self._raise()
+
+        nodesets: list[str] = []
+        if start.guess and not use_ic:
+            load([], start)
+            nodesets = self._guess()
+            start = ladder.START[0]
+        load([*nodesets, ".save " + " ".join(f"v({p})" for p in deck.probes)], start)
         room = max(1, 4 * len(deck.sources))
         self._source = np.zeros(room, np.int32)
         self._time = np.zeros(room)
@@ -176,9 +202,24 @@ class NgspiceHalf:
         self._sample = np.zeros(len(deck.probes))
         self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
 
-    def _raise(self) -> None:
+    def _raise(self, gave_up: bool = False) -> NoReturn:
         words = _lib.lockstep_error().decode(errors="replace")
-        raise SimulatorError(f"ngspice at {_lib.lockstep_time():.9g} s: {words}", self._log)
+        time_s = _lib.lockstep_time()
+        if not gave_up:
+            raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
+        with self._log.open("rb") as file:
+            file.seek(self._log_begins)
+            said = file.read().decode(errors="replace")
+        phase: ladder.Phase = "steps" if _lib.lockstep_started() else "start"
+        raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
+
+    def _guess(self) -> list[str]:
+        """Nodesets from an operating point that is not to be believed; none if there is not even that."""
+        text = ctypes.create_string_buffer(_GUESS_BYTES)
+        if _lib.lockstep_operating_point(text, _GUESS_BYTES):
+            self._raise()
+        found = (line.split() for line in text.value.decode().splitlines())
+        return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites)."""
@@ -186,8 +227,8 @@ class NgspiceHalf:
             self._source[i] = source
             self._time[i] = time
             self._level[i] = level
-        if _lib.lockstep_advance(to, len(edges), *self._pointers):
-            self._raise()
+        if failed := _lib.lockstep_advance(to, len(edges), *self._pointers):
+            self._raise(gave_up=failed == _GAVE_UP)
         return self._sample
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:

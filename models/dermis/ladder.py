@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is tried when ngspice gives a circuit up: an ordered ladder of retries, each reported, and what lies beyond it.
+
+There are two reasons to climb. Where no operating point is found, the next way to *start* is taken; where a transient
+stops half way, the next way to *step*. Nothing is switched on by ngspice itself: its own gmin stepping, source stepping
+and hidden transient are rungs here, so that a result says how it came about. docs/ladder.md has the table and shows a
+circuit for every rung.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from dermis.errors import SimulatorError
+
+T = TypeVar("T")
+Phase = Literal["start", "steps"]
+
+C_NODE_F = 1e-16
+"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
+5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
+
+I_LOOSE_A = 1e-10
+"""Rung `loose`: abstol, and gmin times a volt. Of i0 = 25 uA it is 4e-6, 0.002 of a count in 510 clocks."""
+
+T_RAMP_S = 1e-5
+"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
+length decides how good a guess is, not how good a result is: Newton's method confirms it."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A way to start, or to step.
+
+    Attributes
+    ----------
+    name : what it is called in reports.
+    options : text of an `.options` line behind the deck's own, whose values it replaces; empty for none.
+    optran : ngspice's command that says what it may do besides Newton's method for an operating point.
+    guess : its operating point is not to be believed but to be confirmed, as a nodeset, by Newton's method.
+    what : in words, for reports.
+    error : what it may do to a result.
+    """
+
+    name: str
+    what: str
+    error: str
+    options: str = ""
+    optran: str = ""
+    guess: bool = False
+
+
+# optran: Newton first (or not), gmin steps, source steps, step, length and supply ramp of a hidden transient (0: none).
+START = (
+    Rung("newton", "Newton's method from the nodesets", "none", optran="optran 1 0 0 0 0 0"),
+    Rung(
+        "gmin_stepping",
+        "conductances from every node to ground, taken away in steps",
+        "none: the last step is the circuit itself",
+        optran="optran 1 1 0 0 0 0",
+    ),
+    Rung(
+        "source_stepping",
+        "sources raised in steps from zero",
+        "none: the last step is the circuit itself",
+        optran="optran 1 0 1 0 0 0",
+    ),
+    Rung(
+        "ramp",
+        "supplies ramped up in a hidden transient, and its end confirmed by Newton's method",
+        "none: it is a guess, and what follows is an operating point or none",
+        optran=f"optran 0 0 0 {0.01 * T_RAMP_S:g} {10 * T_RAMP_S:g} {T_RAMP_S:g}",
+        guess=True,
+    ),
+)
+"""Ways to an operating point, in the order in which they are tried."""
+
+# A deck without a pole has truncation control off (netlist.py); a rung that brings capacitors, or another integration
+# method, needs it. chgtol stays, so that a node capacitor alone shortens no step.
+_WATCH = "trtol=7"
+_NODES = f"cshunt={C_NODE_F:g}"
+STEPS = (
+    Rung("plain", "the deck as it is", "none"),
+    Rung(
+        "capacitance",
+        "0.1 fF from every node to ground",
+        "1e-16 C a volt and node: 2e-5 of a packet of 5 pC",
+        f"{_NODES} {_WATCH}",
+    ),
+    Rung(
+        "gear",
+        "the same, integrated by Gear's second-order formula",
+        "of second order, held by truncation control as that of the trapezoidal rule is",
+        f"{_NODES} {_WATCH} method=gear maxord=2",
+    ),
+    Rung(
+        "loose",
+        "0.1 fF from every node to ground, abstol and gmin 1e-10",
+        "1e-10 A a branch and junction: 4e-6 of 25 uA, 0.002 of a count",
+        f"{_NODES} {_WATCH} reltol=1e-3 vntol=1e-6 abstol={I_LOOSE_A:g} gmin={I_LOOSE_A:g}",
+    ),
+)
+"""Ways to step, in the order in which they are tried; the last one is also what is left when no start works."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Where on the ladder a circuit stands: index of its start and of its steps."""
+
+    start: int = 0
+    steps: int = 0
+
+    @property
+    def name(self) -> str:
+        """Its rungs that are not the first."""
+        names = [r[i].name for r, i in ((START, self.start), (STEPS, self.steps)) if i]
+        return " and ".join(names) or STEPS[0].name
+
+    @property
+    def what(self) -> str:
+        """Its rungs that are not the first, in words."""
+        return (
+            "; ".join(r[i].what for r, i in ((START, self.start), (STEPS, self.steps)) if i) or STEPS[0].what
+        )
+
+    @property
+    def option_lines(self) -> tuple[str, ...]:
+        """Lines behind those of the deck."""
+        text = STEPS[self.steps].options
+        return (f".options {text}",) if text else ()
+
+    def above(self, phase: Phase) -> Level | None:
+        """The next rung for what failed, or None."""
+        if phase == "start" and self.start + 1 < len(START):
+            return Level(self.start + 1, self.steps)
+        if phase == "start" and self.steps + 1 < len(STEPS):
+            return Level(0, len(STEPS) - 1)
+        if phase == "steps" and self.steps + 1 < len(STEPS):
+            return Level(self.start, self.steps + 1)
+        return None
+
+
+PLAIN = Level()
+
+
+class Abort(SimulatorError):
+    """ngspice loaded a circuit and gave it up.
+
+    Parameters
+    ----------
+    phase : "start" without an operating point, "steps" in a transient
+    said : ngspice's own words, on one line
+    time_s : simulated time, seconds
+    node : node or device that ngspice names, or None
+    log : where all that it said is
+    """
+
+    def __init__(
+        self, phase: Phase, said: str, time_s: float, node: str | None, log: Path | str | None
+    ) -> None:
+        self.phase = phase
+        self.said = said
+        self.time_s = time_s
+        self.node = node
+        super().__init__(f"ngspice at {time_s:.9g} s: {said}", log)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.phase, self.said, self.time_s, self.node, self.log)
+
+
+@dataclass(frozen=True)
+class Retry:
+    """One attempt that was given up, as it stands in results and summaries.
+
+    Attributes
+    ----------
+    rung : where it stood
+    next : where the next attempt stands; None behind the last
+    said, time_s, node : as in Abort
+    """
+
+    rung: str
+    next: str | None
+    said: str
+    time_s: float
+    node: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For json."""
+        return asdict(self)
+
+
+class Climb:
+    """The way of one circuit up the ladder.
+
+    Parameters
+    ----------
+    what : how reports call the circuit ("frame 3")
+    report : given one line for every retry; stderr by default
+    """
+
+    def __init__(self, what: str, report: Callable[[str], None] | None = None) -> None:
+        self.what = what
+        self.level = PLAIN
+        self.retries: list[Retry] = []
+        self._report = report or (lambda line: print(line, file=sys.stderr, flush=True))
+
+    def up(self, abort: Abort) -> Level:
+        """Take the next rung behind an abort and say so.
+
+        Raises
+        ------
+        SimulatorError
+            There is none: time, node, what was tried, what to try.
+        """
+        above = self.level.above(abort.phase)
+        self.retries.append(
+            Retry(self.level.name, above.name if above else None, abort.said, abort.time_s, abort.node)
+        )
+        if above is None:
+            tried = ", ".join(retry.rung for retry in self.retries)
+            raise SimulatorError(
+                f"{self.what}: ngspice at {abort.time_s:.9g} s: {abort.said}; tried: {tried}; {advice(abort)}",
+                abort.log,
+            ) from abort
+        self._report(
+            f"ngspice, {self.what} at {abort.time_s:.9g} s: {abort.said}; again with {above.name}: {above.what}"
+        )
+        self.level = above
+        return above
+
+
+def climb(
+    attempt: Callable[[Level], T], what: str, report: Callable[[str], None] | None = None
+) -> tuple[T, list[Retry]]:
+    """Attempt a circuit, one rung higher after each abort.
+
+    Parameters
+    ----------
+    attempt : simulates from the beginning at a level, and raises Abort
+    what, report : as in Climb
+
+    Returns
+    -------
+    what the attempt returned, and the attempts given up before
+
+    Raises
+    ------
+    SimulatorError
+        No rung is left.
+    """
+    way = Climb(what, report)
+    while True:
+        try:
+            return attempt(way.level), way.retries
+        except Abort as abort:
+            way.up(abort)
+
+
+# ---- what ngspice says ---------------------------------------------------------------------------------------
+
+_NODES_SAID = (
+    r"trouble with node \"([^\"]+)\"",
+    r"trouble with (\S+-instance \S+)",
+    r"singular matrix:\s+check nodes? (\S+(?: and \S+)?)",
+    r"(?m)^(?:stderr |stdout )?(\S+)\s+[-+.\deinfa]+\s+[-+.\deinfa]+ \*$",  # "*": did not converge
+    r"node \"([^\"]+)\" is",
+)
+
+
+def node_of(text: str) -> str | None:
+    """The node or device that ngspice names in what it said, or None."""
+    for pattern in _NODES_SAID:
+        found = [n for n in re.findall(pattern, text) if n != "cause"]
+        if found:
+            return found[-1] if pattern is _NODES_SAID[0] else found[0]
+    return None
+
+
+def advice(abort: Abort) -> str:
+    """What to try beyond the ladder."""
+    at = f" at {abort.node}" if abort.node else ""
+    if "singular" in abort.said:
+        return (
+            f"try: look{at} for a node without a dc path to ground, a loop of voltage sources, "
+            "or a cut of current sources; a resistor there decides it"
+        )
+    if abort.phase == "start":
+        return f"try: a nodeset{at}, or a start from initial conditions; no state in which all laws hold was found"
+    return (
+        f"try: look{at} for a law that jumps or contradicts itself, or a number far beyond the others; "
+        "give it a finite slope or a capacitor"
+    )
