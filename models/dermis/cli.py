@@ -45,6 +45,7 @@ ELSEWHERE = {
         "dermis.regression",
         "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
     ),
+    "stiff": ("dermis.hard.stiff", "Errors of published stiff circuits by ngspice's method, step and tolerance."),
     "sweep": ("dermis.sweep", "Resistance against frequency for the four interfaces, csv and plot."),
     "synth": ("dermis.synth", "Yosys: cells, area, timing and equivalence of the mapped core."),
 }
