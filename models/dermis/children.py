@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 from dermis import watchdog
 from dermis.errors import SimulatorError
@@ -95,7 +95,8 @@ class Child(subprocess.Popen[bytes]):
     ) -> None:
         self.mark = f"{guard()}/{next(_numbers)}"
         marked = {**os.environ, **(environment or {}), watchdog.VARIABLE: self.mark}
-        super().__init__(command, env=marked, start_new_session=True, **options)
+        held = getattr(_held, "handles", ())
+        super().__init__(command, env=marked, start_new_session=True, pass_fds=held, **options)
 
     def processes(self) -> set[watchdog.Process]:
         """Live processes of its tree: what it started, in whatever session, also once itself is gone."""
@@ -108,6 +109,20 @@ class Child(subprocess.Popen[bytes]):
         """End it, if it still runs, and all that it started: sby's solvers have process groups of their own."""
         watchdog.end(self.processes)
         self.wait()
+
+
+_held = threading.local()
+
+
+@contextlib.contextmanager
+def holding(handle: int | None) -> Iterator[None]:
+    """Let what this thread starts meanwhile keep a file open: a lock on it lasts until the last of them is gone."""
+    before = getattr(_held, "handles", ())
+    _held.handles = before if handle is None else (*before, handle)
+    try:
+        yield
+    finally:
+        _held.handles = before
 
 
 def run_child(
@@ -280,29 +295,75 @@ class Patience:
         return self._idle_s > (self._limit_s if limit_s is None else limit_s)
 
 
-SIGNALS = {signal.SIGTERM: 143, signal.SIGHUP: 129}
-"""What asks a command to end beside Ctrl-C, and the exit code it then has: 128 and the number, as in a shell."""
+SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+"""What asks a command to end, and the exit code it then has: 128 and the number, as in a shell."""
+
+GRACE_S = 20.0
+"""How long a command may take to end once asked: to end its children, and to leave earlier results as they were."""
+
+TWICE_S = 1.0
+"""A further signal within this time is the same one, sent to the process and to its group; later, it is meant."""
+
+_asked_at: float | None = None
+
+
+def _leave_when_asked(number: int, _: FrameType | None) -> None:
+    global _asked_at
+    code, now = SIGNALS[signal.Signals(number)], time.monotonic()
+    if _asked_at is not None:
+        if now - _asked_at > TWICE_S:
+            os._exit(code)
+        return
+    _asked_at = now
+    timer = threading.Timer(GRACE_S, lambda: None if _asked_at is None else os._exit(code))
+    timer.daemon = True
+    timer.start()
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(code)
 
 
 @contextlib.contextmanager
 def ending() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP be exceptions meanwhile (exit 143 and 129), so that what runs is ended on the way out."""
-    if threading.current_thread() is not threading.main_thread():
+    """Let what asks a command to end be an exception meanwhile, so that what runs is ended on the way out.
+
+    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise SystemExit with the code of `SIGNALS`. An exception may be
+    lost, in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with that code all
+    the same, and the watchdog ends its children.
+    """
+    global _asked_at
+    inner = signal.getsignal(signal.SIGTERM) is _leave_when_asked
+    if inner or threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def leave(number: int, _: FrameType | None) -> NoReturn:
-        sys.exit(SIGNALS[signal.Signals(number)])
-
-    # Ignored is what nohup makes of SIGHUP; it stays so.
+    # Ignored is what nohup makes of SIGHUP, and a shell of SIGINT for what runs behind it; it stays so.
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in (number for number, was in before.items() if was is not signal.SIG_IGN):
-        signal.signal(number, leave)
+        signal.signal(number, _leave_when_asked)
     try:
         yield
     finally:
         for number, was in before.items():
             signal.signal(number, was)
+        _asked_at = None
+
+
+@contextlib.contextmanager
+def held() -> Iterator[None]:
+    """Put off what asks this process to end until the block is done: it is short, and must not end in its middle."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # the exception is raised in the main thread
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, was in before.items():
+            signal.signal(number, was)
+    for number in came[:1]:
+        if before[signal.Signals(number)] is not signal.SIG_IGN:
+            signal.raise_signal(number)
 
 
 @contextlib.contextmanager

@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import os
+import shutil
 import sys
+import tempfile
 import time
 import traceback
 from pathlib import Path
@@ -14,9 +17,9 @@ from typing import Any
 
 import click
 
-from dermis import __version__
+from dermis import __version__, children
 from dermis.design import ROOT
-from dermis.errors import DermisError, InputError, one_line
+from dermis.errors import DermisError, InputError, SimulatorError, one_line
 
 # Commands that live with what they do; loaded only when called, so that each starts quickly.
 ELSEWHERE = {
@@ -45,7 +48,10 @@ ELSEWHERE = {
         "dermis.regression",
         "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
     ),
-    "stiff": ("dermis.hard.stiff", "Errors of published stiff circuits by ngspice's method, step and tolerance."),
+    "stiff": (
+        "dermis.hard.stiff",
+        "Errors of published stiff circuits by ngspice's method, step and tolerance.",
+    ),
     "sweep": ("dermis.sweep", "Resistance against frequency for the four interfaces, csv and plot."),
     "synth": ("dermis.synth", "Yosys: cells, area, timing and equivalence of the mapped core."),
 }
@@ -173,28 +179,99 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Where set-up has put YoWASP's compiled Yosys; its own choice is the home directory.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
+    with children.ending():
+        code = _run()
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # What cannot be written would be tried once more at the very end, with a traceback.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if not isinstance(error, BrokenPipeError):
+            _say(f"standard output: {error.strerror}")
+            code = 3
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command; return its exit code, with a line on standard error for every one but 0 and 1."""
     try:
         code = cli(standalone_mode=False)
+        return code if isinstance(code, int) else 0
     except DermisError as error:
-        click.echo(str(error), err=True)
-        code = error.exit_code
+        _say(str(error) + _without_room(error))
+        return error.exit_code
     except click.exceptions.Exit as error:
-        code = error.exit_code
+        return error.exit_code
     except click.ClickException as error:
-        click.echo(f"command line: {one_line(error.format_message(), 400)} (see --help)", err=True)
-        code = 2
+        _say(f"command line: {one_line(error.format_message(), 400)} (see --help)")
+        return 2
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted", err=True)
-        code = 130
+        _say("interrupted")
+        return 130
+    except SystemExit as error:  # children.ending
+        _say("terminated")
+        return error.code if isinstance(error.code, int) else 1
     except BrokenPipeError:
-        code = 1
-    except Exception as error:
-        log = ROOT / "build" / "internal_error.log"
-        where = ""
-        with contextlib.suppress(OSError):  # the error itself may be a full disk
-            log.parent.mkdir(exist_ok=True)
-            log.write_text(traceback.format_exc())
-            where = f" (log: {log})"
-        click.echo(f"dermis has a defect: {type(error).__name__}: {one_line(str(error))}{where}", err=True)
-        code = 3
-    sys.exit(code if isinstance(code, int) else 0)
+        return 1
+    except MemoryError as error:
+        said = one_line(str(error)) or "no more is to be had"
+        _say(f"out of memory: {said}: fewer frames at a time, or fewer processes, take less")
+        return 3
+    except OSError as error:
+        if error.errno is None:
+            return _defect(error)
+        where = error.filename or "a file or a process of this run"
+        _say(f"{where}: {error.strerror}{_HINTS.get(error.errno, '')}{_traceback()}")
+        return 3
+    except Exception as error:  # whatever else it is, it is ours
+        return _defect(error)
+
+
+_HINTS = {
+    **dict.fromkeys(
+        (errno.ENOSPC, errno.EDQUOT), ": make room there, or let --out or TMPDIR name another disk"
+    ),
+    errno.EFBIG: ": larger than ulimit -f, or this file system, lets a file be",
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS), ": give this user access, or use another place"
+    ),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), ": more open files than ulimit -n allows"),
+    **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), ": more processes or memory than this user may have"),
+}
+"""What to do about errors of the system that a run cannot do anything about."""
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError):  # standard error itself is closed, or full
+        click.echo(line, err=True)
+
+
+def _without_room(error: DermisError) -> str:
+    """A full disk, which is often why a simulator failed and never what it says."""
+    places = {ROOT / "build", Path(tempfile.gettempdir())}
+    if isinstance(error, SimulatorError):
+        for place in places:
+            with contextlib.suppress(OSError):  # not there: then it is not full either
+                if shutil.disk_usage(place).free < FULL_BYTES:
+                    return f"; no room is left in {place}"
+    return ""
+
+
+FULL_BYTES = 1 << 16
+"""A disk with less room than this is full: nothing that a simulator writes is so small."""
+
+
+def _traceback() -> str:
+    """Keep the traceback of what is being handled for whoever has to find the cause; say where it is."""
+    log = ROOT / "build" / "internal_error.log"
+    try:
+        log.parent.mkdir(exist_ok=True)
+        log.write_text(traceback.format_exc())
+    except OSError:  # the error itself may be a full disk
+        return ""
+    return f" (log: {log})"
+
+
+def _defect(error: Exception) -> int:
+    _say(f"dermis has a defect: {type(error).__name__}: {one_line(str(error))}{_traceback()}")
+    return 3

@@ -187,7 +187,7 @@ def build(
         try:
             runner = get_runner(simulator)
             # cocotb's own way has no limit and would leave compilers behind; the runner's place is its environment.
-            runner._execute = lambda commands, where: _execute(commands, Path(where), log, runner.env)
+            runner._execute = lambda cmds, cwd: _execute(cmds, Path(cwd), log, runner.env)
             runner.build(
                 sources=sources,
                 includes=includes,

@@ -10,8 +10,8 @@ import math
 import os
 import platform
 import resource
+import secrets
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines
+from dermis import children, engines
 from dermis.decode import decode
 from dermis.effects import AutoTable
 from dermis.engines import Result
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
+from dermis.files import locked
 from dermis.plan import Plan
 from dermis.verdict import Row
 
@@ -35,6 +36,10 @@ ALWAYS = ("codes.npy", "codes_low.npy", "codes_high.npy", "codes.csv", "summary.
 
 # Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
 SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
+
+
+_PARTIAL, _COMPLETE = ".partial_", ".complete_"
+"""What a run is writing, and what it has written and is about to put in place; both are directories."""
 
 
 def prepare(out: str | Path) -> Path:
@@ -74,17 +79,85 @@ def _refuse_directories(out: Path) -> None:
 
 @contextmanager
 def place(out: str | Path) -> Iterator[Path]:
-    """Make `out` for a run; a run that fails leaves nothing behind, and what was there before as it was."""
-    new = not Path(out).exists()
+    """See that `out` can be made for a run; one that fails leaves nothing behind, and what was there as it was.
+
+    Where there is nothing yet, there is nothing until `write` has all of it.
+    """
+    new = [path for path in (Path(out), *Path(out).parents) if not path.exists()]
     path = prepare(out)
-    _refuse_directories(path)
     try:
+        _refuse_directories(path)
+        with _writing(path):
+            _tidy(path)
+        if new:
+            path.rmdir()
         yield path
     except BaseException:
-        if new:
+        for made in new:
             with suppress(OSError):  # not empty: someone else writes there
-                path.rmdir()
+                made.rmdir()
         raise
+
+
+def _tidy(out: Path) -> None:
+    """Finish what an earlier run was killed in: what is whole is put in its place, what is not is removed."""
+    for base, prefix in ((out, _PARTIAL), (out.parent, f".{out.name}{_PARTIAL}")):
+        for left in _beginning(base, prefix):
+            with suppress(OSError), locked(left, wait=False) as free:  # gone meanwhile, or not ours to remove
+                if free is not None:
+                    shutil.rmtree(left, ignore_errors=True)
+    with locked(out):
+        for left in _beginning(out, _COMPLETE):
+            _put(left, out)
+
+
+def _beginning(directory: Path, prefix: str) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if path.name.startswith(prefix))
+
+
+def _put(complete: Path, out: Path) -> None:
+    """Move a run's files into their places and remove those of an earlier run that it does not have.
+
+    Killed in the middle and called again it ends the same: files are removed while all of the new ones are still
+    here, and the first that goes is one that every run has.
+    """
+    names = sorted(path.name for path in complete.iterdir())
+    if set(ALWAYS) <= set(names):
+        for name in set(SOMETIMES) - set(names):
+            (out / name).unlink(missing_ok=True)
+    for name in names:
+        os.replace(complete / name, out / name)
+    complete.rmdir()
+
+
+@contextmanager
+def _scratch(out: Path) -> Iterator[Path]:
+    """A directory to write in, on the disk of `out`, which nobody tidies away while this process is there."""
+    base, prefix = (out, _PARTIAL) if out.exists() else (out.parent, f".{out.name}{_PARTIAL}")
+    base.mkdir(parents=True, exist_ok=True)
+    while True:
+        scratch = base / f"{prefix}{secrets.token_hex(4)}"
+        scratch.mkdir()
+        with suppress(FileNotFoundError), locked(scratch):
+            if scratch.exists():  # else it was tidied away before it was locked
+                try:
+                    yield scratch
+                finally:
+                    shutil.rmtree(scratch, ignore_errors=True)
+                return
+
+
+def _commit(scratch: Path, out: Path) -> None:
+    """Make what was written the results of a run, in one step where there were none."""
+    if not out.exists():
+        with suppress(OSError):  # another run was quicker: its files are replaced like any
+            os.rename(scratch, out)
+            return
+    with locked(out), children.held():
+        complete = out / f"{_COMPLETE}{scratch.name.rpartition('_')[2]}"
+        os.rename(scratch, complete)  # from here on the run counts: whoever comes next finishes what is not
+        for left in _beginning(out, _COMPLETE):
+            _put(left, out)
 
 
 def codes_csv(codes: NDArray[np.uint8]) -> str:
@@ -112,10 +185,10 @@ def _tool_version(command: Sequence[str]) -> str:
     if shutil.which(command[0]) is None:
         return "missing"
     try:
-        said = subprocess.run(
-            command, capture_output=True, text=True, timeout=TOOL_LIMIT_S, check=False
-        ).stdout
-    except (OSError, subprocess.TimeoutExpired):
+        code, said = children.output_of(command, TOOL_LIMIT_S)
+    except SimulatorError:
+        return "no answer"
+    if code is None:
         return "no answer"
     words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
     return words[0].split(" : ")[0] if words else "unknown"
@@ -206,18 +279,11 @@ def write(
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
     with _writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-        _refuse_directories(out)
-        scratch = Path(tempfile.mkdtemp(dir=out, prefix=".partial_"))
-        try:
+        if out.exists():
+            _refuse_directories(out)
+        with _scratch(out) as scratch:
             for name, data in files.items():
                 (scratch / name).write_bytes(data)
             if draw is not None:
                 draw(scratch)
-            written = sorted(path.name for path in scratch.iterdir())
-            for name in written:
-                os.replace(scratch / name, out / name)
-            for name in set(SOMETIMES) - set(written):
-                (out / name).unlink(missing_ok=True)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+            _commit(scratch, out)

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
-import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from dermis import engines, output, plan, progress, report, verdict, waves
 from dermis.design import ROOT
 from dermis.engines import Result, cosim
 from dermis.errors import InputError, SimulatorError
+from dermis.files import write_atomic
 from dermis.plan import Plan
 from dermis.scene import SCENES
 from dermis.sensor import InverseSensor
@@ -147,9 +149,9 @@ def frame_file_case(
     """
     if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
         raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
-    directory = OUT / "frame_file"
-    directory.mkdir(parents=True, exist_ok=True)
-    scene = directory / "scene.toml"
+    # A name for every file and way of reading it, so that two runs at once do not share a scene.
+    asked = hashlib.sha256(repr((path.resolve(), select, unit, key, rows, cols)).encode()).hexdigest()[:12]
+    scene = ROOT / "build" / "frame_files" / f"{path.stem}_{asked}.toml"
 
     def write(chosen: Any) -> None:
         stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
@@ -157,7 +159,7 @@ def frame_file_case(
             stimulus["key"] = key
         array = {"rows": rows, "cols": cols}
         title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
-        scene.write_text(tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
+        write_atomic(scene, tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
 
     if select == "spread":
         write("all")
@@ -190,7 +192,6 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
         simulator=case.simulator,
         sync_latch=case.sync_latch,
         record=case.record,
-        work=out / "work",
     )
     expected = None
     if case.readback:
@@ -216,8 +217,13 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
     plans = [plan.load(case.scene, "cosim") for case in cases]
     for made in plans:
         engines.check(made)
-    for case in cases:
-        output.prepare(OUT / case.name)
+    with contextlib.ExitStack() as places:
+        for case in cases:
+            places.enter_context(output.place(OUT / case.name))
+        return _run(cases, plans)
+
+
+def _run(cases: list[Case], plans: list[Plan]) -> tuple[list[Row], bool]:
     done = [0] * len(cases)
     failed = False
     rows: list[Row] = []
@@ -289,6 +295,6 @@ def sim_command(
     )
     if docs and not failed:
         for name, source in FIGURES.items():
-            shutil.copyfile(OUT / source, ROOT / "docs" / "figures" / name)
+            write_atomic(ROOT / "docs" / "figures" / name, (OUT / source).read_bytes())
     click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
     return SimulatorError.exit_code if failed else verdict.exit_code(verdicts)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from dermis import waves
 from dermis.engines import Result
+from dermis.files import atomic
 from dermis.plan import Plan
 
 # Okabe and Ito: told apart by the colour-blind as well.
@@ -25,16 +24,8 @@ DPI = 130
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, whole or not at all."""
     FigureCanvasAgg(figure)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".png", prefix=".figure_")
-    os.close(handle)
-    try:
-        figure.savefig(scratch, dpi=DPI)
-        os.chmod(scratch, 0o644)
-        os.replace(scratch, path)
-    except BaseException:
-        Path(scratch).unlink(missing_ok=True)
-        raise
+    with atomic(path) as file:
+        figure.savefig(file, dpi=DPI, format="png")
 
 
 def _map(figure: Figure, axes: Any, values: NDArray[Any], label: str, title: str, **limits: float) -> None:

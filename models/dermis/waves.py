@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
 from dermis.engines import Result
+from dermis.files import atomic
 from dermis.netlist import integrator_node
 from dermis.plan import Plan
 
@@ -62,12 +62,9 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
     events.sort(key=lambda event: event[0])
     out.mkdir(parents=True, exist_ok=True)
     target = out / "waves.vcd"
-    handle, scratch = tempfile.mkstemp(dir=out, prefix=".waves_")
-    try:
-        with (
-            os.fdopen(handle, "w") as file,
-            VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer,
-        ):
+    with atomic(target) as binary:
+        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
+        with VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
             variables = {
                 "preset": writer.register_var("chip", "preset", "wire", size=1),
                 "row_select": writer.register_var("chip", "row_select", "wire", size=rows),
@@ -79,11 +76,9 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
                 variables[name] = writer.register_var("analog", name, "real", init=0.0)
             for time, name, value in events:
                 writer.change(variables[name], time, value)
-        os.replace(scratch, target)
-    except BaseException:
-        Path(scratch).unlink(missing_ok=True)
-        raise
-    with (out / "waves.gtkw").open("w") as file:
+        file.detach()  # flushed by then; the file below it is closed where it was opened
+    with atomic(out / "waves.gtkw") as binary:
+        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
         save = GTKWSave(file)
         save.dumpfile(target.name, abspath=False)
         save.zoom_markers(-22.0)
@@ -92,4 +87,5 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
             save.trace(f"chip.{net}[{width - 1}:0]" if width > 1 else f"chip.{net}", datafmt="hex")
         for column in range(cols):
             save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
+        file.detach()
     return target
