@@ -5,34 +5,28 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
-import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import float_flags
+from dermis import accuracy, float_flags
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
-Node = tuple[Any, ...]
 
 # Conductances that stand for a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
-# how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. Both are
-# far beyond what double precision can tell from a true short next to 1 microohm, and the eliminations below
-# never subtract them.
-_G_TAXEL_SHORT_S = 1e22
-_G_SERIES_SHORT_S = 1e30
-# And a resistance that lets nothing through, 1e-30 A a volt, and a capacitance that never charges.
-_R_OPEN_OHM = 1e30
+# how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. The
+# eliminations below never subtract them, and products of any two of them and of conductances down to 1e-60 S
+# stay far from where doubles end.
+_G_TAXEL_SHORT_S = 1e40
+_G_SERIES_SHORT_S = 1e60
+# And a resistance that lets nothing through, 1e-60 A a volt, and a capacitance that never charges.
+_R_OPEN_OHM = 1e60
 _C_MAX_F = 1e30
 
 # Taxels solved at once: 128 frames of 16x16 keep the elimination inside a 1 MB cache.
 _VALUES_AT_ONCE = 1 << 15
 
-# Rounding of n elimination steps without a subtraction stays below about n^2 * 1e-16; a wrong term is of
-# order 1.
-_RESIDUAL_MAX = 1e-9
 # Below any electron that ever flowed, above where products of doubles lose their digits to underflow.
 _CURRENT_FLOOR_A = 1e-100
 
@@ -134,11 +128,28 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
 
     Raises
     ------
+    NoSolution
+        Ideal sources of unlike voltages are joined by taxels of 0 ohm.
     SimulatorError
-        The solution misses Kirchhoff's current law.
+        The solution misses Kirchhoff's current law, or its error may be more than the account of accuracy.account
+        allows.
     """
     driven, rest = column_currents_by_source(network, g_frames_s)
     return driven if rest is None else driven + rest
+
+
+class NoSolution(ValueError):
+    """Taxels of 0 ohm join ideal sources of unlike voltages; `place` is the frame, row and column of one of them."""
+
+    def __init__(self, frame: int, row: int, column: int) -> None:
+        self.place = (frame, row, column)
+        super().__init__(
+            f"frame {frame}: the taxel of 0 ohm at row {row}, column {column} joins ideal sources of unlike voltages"
+        )
+
+    def __reduce__(self) -> tuple[type[NoSolution], tuple[int, int, int]]:
+        # An exception is rebuilt from its message alone, which would be one argument of three.
+        return type(self), self.place
 
 
 def column_currents_by_source(
@@ -151,21 +162,64 @@ def column_currents_by_source(
     g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
     if g.ndim != 3 or g.shape[1:] != network.g_taxel_s.shape:
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
+    if not g.min(initial=0.0) >= 0:  # what is no number is neither
+        raise ValueError("g_frames_s must be 0 or above")
+    account = accuracy.current()
+    account.solves += len(g)
     if not network.active_fields() & _ACTS:
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
+        account.take(_PRODUCT)
+        account.check(0, driven, rest, _PRODUCT.bound)
     else:
+        if network.v_column_offset_v.any():
+            _refuse_loops(network, g)
         network = in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
-            driven[part], rest_part = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S))
+            found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
+            account.check(first, found.driven, found.rest, found.error)
+            driven[part] = found.driven
             if rest is not None:
-                rest[part] = rest_part
+                rest[part] = found.rest
     if g_frames_s is None:
         return driven[0], None if rest is None else rest[0]
     return driven, rest
+
+
+# A taxel's conductance and a product with the bias, a rounding each.
+_PRODUCT = accuracy.Figures(bound=2 * accuracy.U)
+
+
+def _refuse_loops(network: Network, g: Floats) -> None:
+    """Raise NoSolution where shorts join what is held: column inputs, and rows on ideal drivers while grounded.
+
+    The bias of an ideal driven row across a short into an ideal column is no such thing: it has the limit of any
+    small resistance, more than full scale.
+    """
+    if network.r_trace_row_ohm or network.r_trace_column_ohm:
+        return
+    short = np.isinf(g)
+    held = network.r_column_ohm == 0
+    hard_row = network.r_row_grounded_ohm == 0 or network.r_row_driven_ohm == 0
+    for frame, row, column in np.argwhere(short & held & (network.v_column_offset_v != 0)):
+        rows, columns = _joined(short[frame], column)
+        others = network.v_column_offset_v[columns & held]
+        if (hard_row and rows.any()) or (others != network.v_column_offset_v[column]).any():
+            raise NoSolution(int(frame), int(row), int(column))
+
+
+def _joined(short: NDArray[np.bool_], column: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Rows and columns that shorts [rows, cols] join with one column."""
+    rows, columns = np.zeros(short.shape[0], dtype=bool), np.zeros(short.shape[1], dtype=bool)
+    columns[column], before = True, 0
+    while columns.sum() + rows.sum() > before:
+        before = int(columns.sum() + rows.sum())
+        rows = short[:, columns].any(axis=1)
+        columns |= short[rows].any(axis=0)
+    return rows, columns
 
 
 # Capacitances carry no direct current; laterals between ideal columns none at all.
@@ -276,38 +330,169 @@ class _RowLines:
         return upper
 
 
+# Relative bounds are one number for all, or an array of the shape of what they belong to.
+Part = float | Floats
+
+
+@dataclass
+class _Mesh:
+    """What is between the ideal sources of the columns once every node is eliminated, all of it 0 or above.
+
+    `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own` [frames, cols] is
+    the part of a current into a column's node that leaves through its own input. The others bound their errors.
+    """
+
+    between: Floats
+    ground: Floats
+    own: Floats
+    between_part: Part
+    ground_part: Part
+    own_part: Part
+
+
 @dataclass
 class _Response:
     """What the array does while all rows are grounded, and row r has the current that `drive` describes.
 
     The current into the driver's node of row r is the one that would hold it at 1 V were all column lines
     grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at 1 + `lift`
-    [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. What offsets and leaks do
-    by themselves is `held` [frames, cols] at the columns and `lifted` [frames, rows] at the drivers' nodes.
+    [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. `mesh` is there for offsets and
+    leaks. `delivered_part` bounds the relative error of `delivered`, `away_a` and `lift_v` [frames, rows] those of
+    the others where they are not the same number. `voltage` counts the roundings in any voltage behind these
+    (accuracy.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in accuracy.Account.
     """
 
     delivered: Floats
     lift: Floats
     away: Floats
-    held: Floats | None = None
-    lifted: Floats | None = None
+    mesh: _Mesh | None
+    voltage: float
+    missed: float
+    condition: float
+    delivered_part: Part
+    away_a: Floats | None = None
+    lift_v: Floats | None = None
 
 
-def _solve(network: Network, g: Floats) -> tuple[Floats, Floats | None]:
+@dataclass
+class _Solution:
+    """Currents [frames, rows, cols], and the bound of their error as accuracy.Account.check takes it."""
+
+    driven: Floats
+    rest: Floats | None
+    error: Part
+
+
+def _solve(network: Network, g: Floats, account: accuracy.Account) -> _Solution:
     lines = _RowLines(network, g)
-    respond = _respond_chain if network.r_trace_column_ohm > 0 else _respond_columns
-    response = respond(network, lines)
-    g_ground = float(_conductance(network.r_row_grounded_ohm))
-    _check_balance(
-        lines.to_driver.sum(axis=2), response.away + g_ground * response.lift, "in the slot of a row"
+    grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
+    response = _respond(network, lines, grounded)
+    missed = _check_balance(
+        lines.to_driver.sum(axis=2),
+        response.away + grounded * response.lift,
+        "in the slot of a row",
+        accuracy.balance(response.voltage),
     )
     # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
     scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
     driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
-    if response.held is None or response.lifted is None:
-        return driven, None
-    lift = (1.0 - g_ground * network.r_row_driven_ohm) * response.lifted / scale
-    return driven, response.held[:, np.newaxis, :] - lift[:, :, np.newaxis] * response.delivered
+    part = response.delivered_part + _scale_part(network, response, scale)
+    figures = accuracy.Figures(max(missed, response.missed), response.condition)
+    error: Part = part
+    if isinstance(part, np.ndarray):
+        error = part * np.abs(driven)
+        most = np.abs(driven).max(axis=2, keepdims=True)
+        figures.bound = float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
+    else:
+        figures.bound = part
+    rest = None
+    if response.mesh is not None:
+        rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
+        error = part * np.abs(driven) + error_rest
+    account.take(figures)
+    return _Solution(driven, rest, error)
+
+
+def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
+    """Relative bound of what the driver of a row divides by."""
+    if response.away_a is None or response.lift_v is None:
+        return response.delivered_part
+    error = (network.r_row_driven_ohm * response.away_a + response.lift_v) / scale
+    # Of a quotient; a divisor that is in doubt by half of itself says nothing.
+    part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
+    return np.minimum(part, accuracy.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]
+
+
+def _rest(
+    network: Network,
+    g: Floats,
+    lines: _RowLines,
+    response: _Response,
+    scale: Floats,
+    account: accuracy.Account,
+) -> tuple[Floats, Floats, int]:
+    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows, cols], and how many
+    slots were solved by themselves.
+
+    With all rows grounded each is a sum over pairs of sources of a conductance times a difference of voltages, which
+    loses nothing but what cancels by nature. The driven row is a change at one node, and that may cancel on top:
+    such slots are solved by themselves.
+    """
+    delivered = response.delivered
+    pushed = network.r_column_ohm * network.i_leak_a
+    source = network.v_column_offset_v + pushed
+    size_source = np.abs(network.v_column_offset_v) + np.abs(pushed)
+    ground, driver = network.r_row_grounded_ohm, network.r_row_driven_ohm
+    if ground == np.inf:
+        change = 1.0
+    elif ground == driver:
+        change = 0.0
+    else:
+        ground = max(ground, 1.0 / _G_SERIES_SHORT_S)
+        change = (ground - driver) / ground
+    node = lines.to_driver.sum(axis=2) + _conductance(ground)
+    per_volt = _ratio(np.full_like(node, change), node * scale)[:, :, np.newaxis]
+    part = response.delivered_part
+    with np.errstate(over="ignore", invalid="ignore"):
+        held, error_held = _held_currents(network, response.mesh)
+        lift = per_volt * (delivered * source).sum(axis=2, keepdims=True)
+        rest = held[:, np.newaxis, :] - lift * delivered
+        # The driven row's share is a product of two responses over the scale.
+        lifted = np.abs(per_volt) * delivered
+        error = lifted * (delivered * size_source * part).sum(axis=2, keepdims=True)
+        part = part + _scale_part(network, response, scale)
+        error += lifted * part * (delivered * size_source).sum(axis=2, keepdims=True)
+        error += error_held[:, np.newaxis, :]
+    # A bound that is no number is as good as none.
+    error = np.where(np.isnan(error), np.inf, error)
+    slots = np.argwhere(((lifted > 0) & (error > account.tolerance_a(network.cols))).any(axis=2))
+    for row in np.unique(slots[:, 1]):
+        frames = slots[slots[:, 1] == row, 0]
+        grounded = np.full(network.rows, _conductance(ground))
+        grounded[row] = _conductance(driver)
+        alone = _respond(network, _RowLines(network, g[frames]), grounded)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
+    if not np.isfinite(rest).all():
+        raise SimulatorError(
+            "array solve: offsets and leaks drive more current than a double holds; try smaller ones"
+        )
+    return rest, error, len(slots)
+
+
+def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats]:
+    """Column currents that offsets and leaks drive with every row on ground, and a bound of their error in ampere,
+    [frames, cols] each."""
+    assert mesh is not None
+    offset, leak = network.v_column_offset_v, network.i_leak_a
+    apart = offset[np.newaxis, :] - offset[:, np.newaxis]
+    pushed = network.r_column_ohm * leak
+    held = (mesh.between * (apart + pushed)).sum(axis=2) - mesh.ground * offset + mesh.own * leak
+    # The differences and the sums of these few terms round as well.
+    rounding = (2 * network.cols + 8) * accuracy.U
+    size = mesh.between * (np.abs(apart) + np.abs(pushed)) * (mesh.between_part + rounding)
+    error = size.sum(axis=2) + mesh.ground * np.abs(offset) * (mesh.ground_part + rounding)
+    return held, error + mesh.own * np.abs(leak) * (mesh.own_part + rounding)
 
 
 def _held(network: Network) -> bool:
@@ -320,10 +505,15 @@ def _add_neighbours(link: Floats, g: float) -> None:
     link[:, at + 1, at] += g
 
 
-def _respond_columns(network: Network, lines: _RowLines) -> _Response:
+def _respond(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+    """What drives do with rows on ground through `g_ground` [rows]."""
+    chained = network.r_trace_column_ohm > 0
+    return (_respond_chain if chained else _respond_columns)(network, lines, g_ground)
+
+
+def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
     """Every column line is one node."""
     rows, cols = network.rows, network.cols
-    g_ground = float(_conductance(network.r_row_grounded_ohm))
     g_column = _conductance(network.r_column_ohm)
     g = lines.to_driver
 
@@ -335,36 +525,49 @@ def _respond_columns(network: Network, lines: _RowLines) -> _Response:
         link += lines.between()
     if network.g_lateral_row_s:
         _add_neighbours(link, rows * network.g_lateral_row_s)
-    link[:, np.arange(cols), np.arange(cols)] = 0.0
-    leaks = g_ground * share
+    own = np.arange(cols)
+    link[:, own, own] = 0.0
+    leaks = g_ground[:, np.newaxis] * share
     leak = leaks.sum(axis=1)
 
-    # One right-hand side a row, and one for offsets and leaks. Columns that are held hard count their voltage
-    # from there, or the little they move would drown in it; the others count from ground, or what two of them
-    # share through shorts would.
+    # One right-hand side a row; and, for offsets and leaks, one a column: its source at 1 V.
     drive = g.transpose(0, 2, 1)
-    offset, held = network.v_column_offset_v, _held(network)
-    if held:
-        origin = np.where(network.r_column_ohm == 0, offset, 0.0)
-        pull = g_column * (offset - origin) - leak * origin + network.i_leak_a
-        pull -= (link * (origin[:, np.newaxis] - origin[np.newaxis, :])).sum(axis=2)
-        drive = np.concatenate([drive, pull[:, :, np.newaxis]], axis=2)
+    held, missed, condition = _held(network), 0.0, 1.0
+    roundings = accuracy.elements(rows, cols, lines.bent)
     if network.r_column_ohm.any():
-        u = _eliminate(link, leak + g_column, drive)
+        if held:
+            sources = np.broadcast_to(np.diag(g_column), link.shape)
+            drive = np.concatenate([drive, sources], axis=2)
+        roundings = accuracy.one_matrix(cols, roundings)
+        u, missed, condition = _eliminate(
+            link, leak + g_column, drive, accuracy.balance(roundings), cols if held else 0
+        )
         delivered = g_column[:, np.newaxis] * u
     else:
         u = np.zeros_like(drive)
         delivered = drive
-    u, delivered = u.transpose(0, 2, 1), delivered.transpose(0, 2, 1)
-
-    moved = u[:, :rows]
-    away = delivered[:, :rows].sum(axis=2)
+    moved, delivered_rows = (v[:, :, :rows].transpose(0, 2, 1) for v in (u, delivered))
+    away = delivered_rows.sum(axis=2)
     away += (_sum_of_others(leaks) * moved).sum(axis=2)
-    response = _Response(delivered[:, :rows], _ratio((g * moved).sum(axis=2), node), away)
-    if held:
-        response.held = delivered[:, rows] - g_column * (offset - origin)
-        response.lifted = (share * (u[:, rows:] + origin)).sum(axis=2)
-    return response
+    part = accuracy.part(roundings, rows, cols)
+    mesh = None
+    if held and network.r_column_ohm.any():
+        between, across = delivered[:, :, rows:].copy(), u[:, :, rows:]
+        between[:, own, own] = 0.0
+        ground = (leak[:, :, np.newaxis] * across).sum(axis=1)
+        mesh = _Mesh(between, ground, across[:, own, own], part, part, part)
+        missed = max(missed, _check_mesh(mesh, network.r_column_ohm, accuracy.balance(roundings)))
+    elif held:
+        mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
+    lift = _ratio((g * moved).sum(axis=2), node)
+    return _Response(delivered_rows, lift, away, mesh, roundings, missed, condition, part)
+
+
+def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
+    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves the rest of 1 V."""
+    sent = mesh.between.sum(axis=1) + mesh.ground
+    behind = np.where(resistance > 0, mesh.own, 1.0)
+    return _check_balance(resistance * sent + behind, np.ones_like(sent), "from the source of a column", most)
 
 
 def _sum_of_others(values: Floats) -> Floats:
@@ -375,42 +578,81 @@ def _sum_of_others(values: Floats) -> Floats:
     return others
 
 
-def _respond_chain(network: Network, lines: _RowLines) -> _Response:
+# A bound from counted roundings up to this is good enough for any code; beyond it the residuals of every drive at
+# every node are worth their time.
+_COUNTED_ENOUGH = 1e-9
+
+
+def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
     """Every column line is a chain of one node a row: all drives walk up and down through the inverses of blocks
     of one row, which are eliminated from the inputs up.
     """
     from dermis import star_mesh
 
-    g_ground = float(_conductance(network.r_row_grounded_ohm))
-    g_end = _conductance(network.r_trace_column_ohm + network.r_column_ohm)
+    behind = network.r_trace_column_ohm + network.r_column_ohm
+    g_end = _conductance(behind)
     step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
     g = lines.to_driver
     node = g.sum(axis=2) + g_ground
     share = _ratio(g, node[:, :, np.newaxis])
-    leak = g_ground * share
-    held = _held(network)
-    behind = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
-    pull = g_end * behind
+    leak = g_ground[:, np.newaxis] * share
     frames, rows, cols = g.shape
-    moved, away, last = np.empty(g.shape), np.empty((frames, rows)), np.empty((frames, cols, rows))
-    other = np.empty(g.shape if held else (0, 0, 0))
+    sources = cols if _held(network) else 0
+    roundings = accuracy.chain(rows, cols, accuracy.elements(rows, cols, lines.bent))
+    part = accuracy.part(roundings, rows, cols)
+    drives = rows + sources + 1
+    moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, cols, drives))
+    largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
     pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
     with float_flags.watch("star_mesh.chain"):
-        miss = star_mesh.chain(
+        missed = star_mesh.chain(
             lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
-            pull, moved, away, last, other,
+            moved, away, last, largest, volt,
         )  # fmt: skip
-    if not miss <= _RESIDUAL_MAX:
-        raise SimulatorError(_missed(miss, "at a node"))
-    delivered = (g_end[:, np.newaxis] * last).transpose(0, 2, 1)
-    response = _Response(delivered, _ratio((g * moved).sum(axis=2), node), away)
-    if held:
-        end = other[:, -1]
-        response.held = g_end * (end - behind) + network.i_leak_a
-        response.lifted = (share * other).sum(axis=2)
-        lost = (leak * other).sum(axis=(1, 2))
-        size = (leak * np.abs(other)).sum(axis=(1, 2)) + np.abs(pull).sum()
-        _check_balance((g_end * (behind - end)).sum(axis=1), lost, "between offsets and grounds", size)
+    if not missed <= accuracy.balance(roundings):
+        raise SimulatorError(_missed(missed, "at a node"))
+    of_rows = last[:, :, :rows].transpose(0, 2, 1)
+    response = _Response(
+        g_end * of_rows,
+        _ratio((g * moved).sum(axis=2), node),
+        away[:, :rows],
+        None,
+        roundings,
+        missed,
+        # |inverse| |matrix| 1 is at most twice the voltages under what each node would pass on at 1 V.
+        float(2.0 * largest.max()),
+        part,
+    )
+    found, to_ground = None, away[:, -1]
+    if volt.size:
+        # Residuals bound voltages: by what a drive misses, times what `largest` stands for.
+        with np.errstate(over="ignore", invalid="ignore"):
+            off = volt[:, np.newaxis, :] * last[:, :, -1:]
+            found = np.divide(off, last, out=np.zeros_like(off), where=last > 0)
+            found = np.fmin(np.where(np.isnan(found), np.inf, found), part)
+            response.away_a = volt[:, :rows] * to_ground[:, np.newaxis]
+            response.lift_v = volt[:, :rows] * largest[:, np.newaxis]
+        response.delivered_part = found[:, :, :rows].transpose(0, 2, 1)
+    if sources:
+        own = np.arange(cols)
+        across, ground = last[:, :, rows:-1], away[:, rows:-1]
+        between, tau = g_end[:, np.newaxis] * across, across[:, own, own]
+        between[:, own, own] = 0.0
+        sent = between.sum(axis=1) + ground
+        # A leak enters in front of the last segment: what it sees there is that and the array behind it.
+        response.mesh = mesh = _Mesh(
+            between, ground, tau + network.r_trace_column_ohm * sent, part, part, part
+        )
+        seen_by = _Mesh(between, ground, tau, part, part, part)
+        response.missed = max(missed, _check_mesh(seen_by, behind, accuracy.balance(roundings)))
+        if found is not None:
+            mesh.between_part = found[:, :, rows:-1]
+            with np.errstate(over="ignore", invalid="ignore"):
+                off = volt[:, rows:-1] * to_ground[:, np.newaxis]
+                mesh.ground_part = np.fmin(
+                    np.divide(off, ground, out=np.zeros_like(off), where=ground > 0), part
+                )
+            mesh.own_part = mesh.between_part.max(axis=(1, 2), keepdims=True)[:, :, 0]
     return response
 
 
@@ -419,10 +661,14 @@ def _respond_chain(network: Network, lines: _RowLines) -> _Response:
 _PANEL = 64
 
 
-def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
+def _eliminate(
+    link: Floats, leak: Floats, drive: Floats, most: float, own: int = 0
+) -> tuple[Floats, float, float]:
     """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps.
 
-    Steps go in panels, so that the bulk is a product of matrices, still of sums only.
+    Steps go in panels, so that the bulk is a product of matrices, still of sums only. The last `own` drives, n or
+    none, go into one node each. Returns v, how far Kirchhoff's law is missed (refused above `most`) and a bound of
+    Skeel's condition number.
     """
     # Loading the compiled steps takes a moment that a scene without a solve does not need to wait.
     from dermis import star_mesh
@@ -435,7 +681,7 @@ def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
     panels = [(first, min(first + _PANEL, n)) for first in range(0, n, _PANEL)]
     for first, last in panels:
         with float_flags.watch("star_mesh.down"):
-            star_mesh.down(work, pivot, first, last)
+            star_mesh.down(work, pivot, first, last, own)
         if last < n:
             weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
             work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
@@ -444,147 +690,38 @@ def _eliminate(link: Floats, leak: Floats, drive: Floats) -> Floats:
             v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
         with float_flags.watch("star_mesh.up"):
             star_mesh.up(work, pivot, first, last)
-    _check_kirchhoff(link, leak, drive, v)
-    return v
+    missed, condition = _check_kirchhoff(link, leak, drive, v, most)
+    return v, missed, condition
 
 
-def _check_kirchhoff(link: Floats, leak: Floats, drive: Floats, v: Floats) -> None:
-    """Check every node for all drives together, each at unit strength, and every drive for all nodes together."""
-    magnitude = np.abs(drive).sum(axis=1)
+def _check_kirchhoff(
+    link: Floats, leak: Floats, drive: Floats, v: Floats, most: float
+) -> tuple[float, float]:
+    """Check every node for all drives together, each at unit strength, and every drive for all nodes together.
+
+    Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse turns leaks into
+    1 V everywhere, so no row of |inverse| |matrix| sums to more.
+    """
+    magnitude = drive.sum(axis=1)
     weight = (1.0 / np.maximum(magnitude, _CURRENT_FLOOR_A))[:, :, np.newaxis]
-    size_v = np.abs(v) if (v < 0).any() else v
-    size_drive = np.abs(drive) if (drive < 0).any() else drive
-    node_v, size = np.matmul(v, weight), np.matmul(size_v, weight)
+    node_v = np.matmul(v, weight)
     out = (leak + link.sum(axis=2))[:, :, np.newaxis]
     came = np.matmul(drive, weight) + np.matmul(link, node_v)
-    _check_balance(out * node_v, came, "at a node", out * size + np.matmul(size_drive, weight))
+    missed = _check_balance(out * node_v, came, "at a node", most)
     across = np.matmul(leak[:, np.newaxis, :], v)[:, 0]
-    size = np.matmul(leak[:, np.newaxis, :], size_v)[:, 0] + magnitude
-    _check_balance(across, drive.sum(axis=1), "from one source", size)
+    missed = max(missed, _check_balance(across, magnitude, "from one source", most))
+    with np.errstate(over="ignore", divide="ignore"):
+        condition = 2.0 * float((out[:, :, 0] / leak).max())
+    return missed, condition
 
 
-def _check_balance(left: Floats, right: Floats, where: str, size: Floats | None = None) -> None:
-    size = np.abs(left) + np.abs(right) if size is None else size
-    miss = np.abs(left - right)
-    if not (miss <= _RESIDUAL_MAX * size + _CURRENT_FLOOR_A).all():
-        worst = np.nanmax(np.divide(miss, size, out=np.full_like(miss, np.nan), where=size > 0))
-        raise SimulatorError(_missed(float(worst), where))
+def _check_balance(left: Floats, right: Floats, where: str, most: float) -> float:
+    """Compare sums of currents that are 0 or above; returns the largest miss, of both."""
+    worst = float((np.abs(left - right) / (left + right + _CURRENT_FLOOR_A / most)).max())
+    if not worst <= most:
+        raise SimulatorError(_missed(worst, where))
+    return worst
 
 
 def _missed(worst: float, where: str) -> str:
     return f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
-
-
-def column_currents_reference(network: Network, digits: int = 60) -> Floats:
-    """The same currents from the full nodal matrix, row after row, in `digits` decimal digits.
-
-    Slow and obvious: series resistances of 0 fix or join their nodes, the driven row is stamped as it is,
-    nothing is reused. Only a taxel of 0 ohm between two free nodes is taken as 1e-30 ohm.
-    """
-    with mpmath.workdps(digits):
-        out = np.empty((network.rows, network.cols))
-        for row in range(network.rows):
-            out[row] = [float(i) for i in _reference_row(network, row)]
-        return out
-
-
-def _reference_elements(
-    network: Network, driven: int
-) -> tuple[list[tuple[Node, Node, mpmath.mpf]], dict[Node, mpmath.mpf], dict[Node, mpmath.mpf]]:
-    """Every element as (node, node, conductance), the nodes whose voltage is known, the injected currents."""
-    rows, cols = network.rows, network.cols
-    exact = mpmath.mpf
-    zero = exact(0)
-
-    # Nodes by name. Behind its driver a row line is ("row", r), in front of its input a column ("column", c).
-    def on_row(r: int, c: int) -> Node:
-        return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
-
-    def on_column(r: int, c: int) -> Node:
-        return ("on_column", r, c) if network.r_trace_column_ohm else ("column", c)
-
-    elements: list[tuple[Node, Node, mpmath.mpf]] = []
-    known: dict[Node, mpmath.mpf] = {}
-    injected = {("column", c): exact(float(network.i_leak_a[c])) for c in range(cols)}
-
-    def feed(node: Node, resistance_ohm: float, voltage: mpmath.mpf) -> None:
-        if resistance_ohm == 0:
-            known[node] = voltage
-        elif resistance_ohm != np.inf:
-            known["source", node] = voltage
-            elements.append((node, ("source", node), 1 / exact(float(resistance_ohm))))
-
-    for r in range(rows):
-        if r == driven:
-            feed(("row", r), network.r_row_driven_ohm, exact(network.v_bias_v))
-        else:
-            feed(("row", r), network.r_row_grounded_ohm, zero)
-        if network.r_trace_row_ohm:
-            line = [("row", r), *(on_row(r, c) for c in range(cols))]
-            segment = 1 / exact(network.r_trace_row_ohm)
-            elements += [(line[c], line[c + 1], segment) for c in range(cols)]
-    for c in range(cols):
-        feed(("column", c), network.r_column_ohm[c], exact(float(network.v_column_offset_v[c])))
-        if network.r_trace_column_ohm:
-            line = [*(on_column(r, c) for r in range(rows)), ("column", c)]
-            segment = 1 / exact(network.r_trace_column_ohm)
-            elements += [(line[r], line[r + 1], segment) for r in range(rows)]
-    for r in range(rows):
-        for c in range(cols):
-            g = float(network.g_taxel_s[r, c])
-            if g > 0:
-                elements.append((on_row(r, c), on_column(r, c), exact("1e30") if g == np.inf else exact(g)))
-            if c + 1 < cols and network.g_lateral_row_s:
-                elements.append((on_column(r, c), on_column(r, c + 1), exact(network.g_lateral_row_s)))
-            if r + 1 < rows and network.g_lateral_column_s and network.r_trace_column_ohm:
-                elements.append((on_column(r, c), on_column(r + 1, c), exact(network.g_lateral_column_s)))
-    return elements, known, injected
-
-
-def _reference_row(network: Network, driven: int) -> list[mpmath.mpf]:
-    exact = mpmath.mpf
-    elements, known, injected = _reference_elements(network, driven)
-    voltage = dict(known)
-    # Nodes that hang on nothing are at no voltage and carry nothing: only what is tied to a source counts.
-    near: dict[Node, list[Node]] = {}
-    for a, b, _ in elements:
-        near.setdefault(a, []).append(b)
-        near.setdefault(b, []).append(a)
-    tied, rim = set(known), list(known)
-    while rim:
-        for other in near.get(rim.pop(), []):
-            if other not in tied:
-                tied.add(other)
-                rim.append(other)
-    free = [n for n in near if n in tied and n not in known]
-    place = {n: i for i, n in enumerate(free)}
-    if free:
-        matrix, right = mpmath.zeros(len(free)), mpmath.zeros(len(free), 1)
-        for node, current in injected.items():
-            if node in place:
-                right[place[node]] += current
-        for a, b, g in elements:
-            for here, there in ((a, b), (b, a)):
-                if here in place:
-                    matrix[place[here], place[here]] += g
-                    if there in place:
-                        matrix[place[here], place[there]] -= g
-                    else:
-                        right[place[here]] += g * known[there]
-        solution = mpmath.lu_solve(matrix, right)
-        voltage |= {n: solution[place[n]] for n in free}
-
-    currents = []
-    for c in range(network.cols):
-        node: Node = ("column", c)
-        if network.r_column_ohm[c] == 0:  # all that flows in from the array
-            total = injected[node]
-            for a, b, g in elements:
-                if node in (a, b):
-                    other = b if a == node else a
-                    total += g * (voltage[other] - voltage[node])
-        else:
-            held = exact(float(network.v_column_offset_v[c]))
-            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
-        currents.append(total)
-    return currents

@@ -15,8 +15,11 @@ _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 @_compiled
-def down(work, pivot, first, last):  # type: ignore
-    """Eliminate nodes first .. last - 1, as far as these rows themselves go; pivots are sums to the right."""
+def down(work, pivot, first, last, own):  # type: ignore
+    """Eliminate nodes first .. last - 1, as far as these rows themselves go; pivots are sums to the right.
+
+    The last `own` currents, n or none, go into one node each: a node has none of those that go into later ones.
+    """
     frames, n, width = work.shape
     for f in range(frames):
         rows = work[f]
@@ -25,9 +28,10 @@ def down(work, pivot, first, last):  # type: ignore
             for j in range(k + 1, n + 1):
                 total += rows[k, j]
             pivot[f, k] = total
+            there = width - own + k + 1 if own > 0 else width
             for i in range(k + 1, last):
                 weight = rows[k, i] / total
-                for j in range(i + 1, width):
+                for j in range(i + 1, there):
                     rows[i, j] += weight * rows[k, j]
 
 
@@ -122,10 +126,73 @@ def _invert(work, pivot, weights, out):  # type: ignore
 
 
 @_compiled
+def _miss_of_row(  # type: ignore
+    worst, most, v, r, out, to_driver, share, g, pass_on, seen, bent, lateral, step, end, came, beside, drives
+):
+    """Raise worst[q], for every drive q, to how far row r misses Kirchhoff's law, in volt; and most[q] to its voltages.
+
+    What a node gets through its own share of the row line is counted on both sides, so that a row line is one sum for
+    all of its nodes. `came` [n, drives] and `beside` [drives] are room to work in; the last drive injects `out`.
+    """
+    rows, n, last = v.shape[0], v.shape[1], drives - 1
+    for q in range(drives):
+        beside[q] = 0.0
+    for i in range(n):
+        for q in range(drives):
+            beside[q] += share[i] * v[r, i, q]
+    for i in range(n):
+        for q in range(drives):
+            came[i, q] = to_driver[i] * beside[q]
+    if bent:
+        # Nodes further out, then those nearer the driver, each step past one segment.
+        for q in range(drives):
+            beside[q] = 0.0
+        for i in range(n - 2, -1, -1):
+            left = g[i] * seen[i]
+            for q in range(drives):
+                beside[q] = pass_on[i + 1] * (g[i + 1] * v[r, i + 1, q] + beside[q])
+                came[i, q] += left * beside[q]
+        for q in range(drives):
+            beside[q] = 0.0
+        for i in range(1, n):
+            left = g[i - 1] * seen[i - 1]
+            for q in range(drives):
+                beside[q] = pass_on[i] * (left * v[r, i - 1, q] + beside[q])
+                came[i, q] += g[i] * beside[q]
+    for i in range(n):
+        came[i, last] += out[i]
+        came[i, r] += to_driver[i]
+        if r == rows - 1:
+            for q in range(rows, last):
+                if q - rows == i:
+                    came[i, q] += end[i]
+        if i > 0:
+            for q in range(drives):
+                came[i, q] += lateral * v[r, i - 1, q]
+        if i + 1 < n:
+            for q in range(drives):
+                came[i, q] += lateral * v[r, i + 1, q]
+        if r > 0:
+            for q in range(drives):
+                came[i, q] += step * v[r - 1, i, q]
+        if r + 1 < rows:
+            for q in range(drives):
+                came[i, q] += step * v[r + 1, i, q]
+        for q in range(drives):
+            miss = abs(v[r, i, q] - came[i, q] / out[i])
+            # a comparison with what is no number is false
+            worst[q] = miss if not miss <= worst[q] else worst[q]
+            most[q] = max(most[q], v[r, i, q])
+
+
+@_compiled
 def chain(  # type: ignore
-    g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, pull, moved, away, last, other
+    g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, moved, away, last, largest, volt
 ):
     """All slots of arrays whose column lines have resistance; returns how far Kirchhoff's law is missed at a node.
+
+    Drives come in this order: one a row; maybe one a column, its source at 1 V; and one that injects into every node
+    what it would pass on at 1 V, all that leaves it. The voltages under the last one turn residuals into errors.
 
     Parameters
     ----------
@@ -134,24 +201,29 @@ def chain(  # type: ignore
         node that each column sees and what it leaks to ground.
     lateral, step : float
         Conductance between neighbouring columns in a row, and along a column from row to row.
-    end, pull : [cols], [cols]
-        Conductance behind the last row, and the current that offsets and leaks push in there.
-    moved, away, last : [frames, rows, cols], [frames, rows], [frames, cols, rows]
-        Results: voltages of row r under its own drive; what of it leaves anywhere but through its own driver;
-        voltages of the last row under every drive.
-    other : [frames, rows, cols] or [0, 0, 0]
-        Result: voltages under `pull` alone; without frames it is not solved.
+    end : [cols]
+        Conductance behind the last row.
+    moved, away, last : [frames, rows, cols], [frames, drives], [frames, cols, drives]
+        Results: voltages of row r under its own drive; what of a drive leaves, but through the own driver of a row
+        and for a column's source but through inputs; voltages of the last row under every drive.
+    largest : [frames]
+        Result: the largest voltage under the last drive.
+    volt : [frames, drives] or [0, 0]
+        Result: voltages under a drive are known to this times those under the last one; not asked for without frames.
     """
     frames, rows, n = to_driver.shape
-    drives = rows + (1 if other.shape[0] > 0 else 0)
+    drives = last.shape[2]
+    shape = drives - 1
     link = np.empty((n, n))
     z = np.empty((rows, n, n))
     v = np.empty((rows, n, drives))
     carry = np.empty((n, drives))
     work = np.empty((n, 2 * n + 1))
+    out = np.empty((rows, n))
     pivot, weights, below, ground, total, came, size = (
         np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((rows, n))
     )  # fmt: skip
+    beside, most = np.empty(drives), np.empty(drives)
     worst = 0.0
     for f in range(frames):
         # Upwards: block r with all below it folded in, inverted; currents folded into the row above.
@@ -160,7 +232,16 @@ def chain(  # type: ignore
         for r in range(rows - 1, -1, -1):
             _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
             for i in range(n):
+                out[r, i] = (
+                    to_driver[f, r, i] * share[f, r, i]
+                    + leak[f, r, i]
+                    + (step if r > 0 else 0.0)
+                    + (step if r < rows - 1 else end[i])
+                )
+            for i in range(n):
                 for j in range(i + 1, n):
+                    out[r, i] += link[i, j]
+                    out[r, j] += link[i, j]
                     work[i, j] = link[i, j]
                 if r < rows - 1:
                     for j in range(i + 1, n):
@@ -175,41 +256,49 @@ def chain(  # type: ignore
                 for q in range(r + 1, rows):
                     carry[i, q] = step * v[r + 1, i, q]
                 carry[i, r] = to_driver[f, r, i]
-                if drives > rows:
-                    carry[i, rows] = step * v[r + 1, i, rows] if r < rows - 1 else pull[i]
+                if r < rows - 1:
+                    for q in range(rows, drives):
+                        carry[i, q] = step * v[r + 1, i, q]
+                else:
+                    for q in range(rows, shape):
+                        carry[i, q] = end[i] if q - rows == i else 0.0
+                    carry[i, shape] = 0.0
+                carry[i, shape] += out[r, i]
             for i in range(n):
                 for q in range(drives):
                     v[r, i, q] = 0.0
             _add_product(v[r], 1.0, z[r], carry, r)
             for i in range(n):
-                out = 0.0
+                flow = 0.0
                 for k in range(n):
-                    out += z[r, i, k] * ground[k]
-                below[i] = step * out
+                    flow += z[r, i, k] * ground[k]
+                below[i] = step * flow
         # Downwards: what the rows above add.
-        for q in range(rows):
+        for q in range(drives):
             away[f, q] = 0.0
+        largest[f] = 0.0
         for r in range(rows):
             if r > 0:
                 _add_product(v[r], step, z[r], v[r - 1], 0)
             for i in range(n):
                 moved[f, r, i] = v[r, i, r]
-                if drives > rows:
-                    other[f, r, i] = v[r, i, rows]
-                for q in range(rows):
+                largest[f] = max(largest[f], v[r, i, shape])
+                for q in range(drives):
                     if q != r:
                         away[f, q] += leak[f, r, i] * v[r, i, q]
         for i in range(n):
-            for q in range(rows):
+            for q in range(drives):
                 last[f, i, q] = v[rows - 1, i, q]
+            for q in range(rows):
                 away[f, q] += end[i] * v[rows - 1, i, q]
-        # Kirchhoff's law at every node, all drives together.
+            away[f, shape] += end[i] * v[rows - 1, i, shape]
+        # Kirchhoff's law at every node, all rows' drives together.
         for r in range(rows):
             for i in range(n):
-                out = 0.0
+                flow = 0.0
                 for q in range(rows):
-                    out += v[r, i, q]
-                size[r, i] = out
+                    flow += v[r, i, q]
+                size[r, i] = flow
         for r in range(rows):
             _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
             for i in range(n):
@@ -226,9 +315,24 @@ def chain(  # type: ignore
                     came[i] += link[i, j] * size[r, j]
                     came[j] += link[i, j] * size[r, i]
             for i in range(n):
-                out = total[i] * size[r, i]
+                flow = total[i] * size[r, i]
                 # where no electron flows, products of doubles lose their digits to underflow
-                if not out + came[i] <= 1e-100:
-                    miss = abs(out - came[i]) / (out + came[i])
+                if not flow + came[i] <= 1e-100:
+                    miss = abs(flow - came[i]) / (flow + came[i])
                     worst = max(worst, miss) if miss >= 0.0 else np.inf
+        if volt.shape[0] > 0:
+            for q in range(drives):
+                volt[f, q] = most[q] = 0.0
+            for r in range(rows):
+                _miss_of_row(
+                    volt[f], most, v, r, out[r], to_driver[f, r], share[f, r], g[f, r], pass_on[f, r], seen[f, r],
+                    bent, lateral, step, end, carry, beside, drives,
+                )  # fmt: skip
+            # What rounding hides: sums of n terms, products along a row line of up to n of them, u = 1.1e-16 each.
+            for q in range(drives):
+                volt[f, q] += (8 * n + 64) * 1.2e-16 * most[q]
+            # The last drive is its own measure: its true voltages are at most its own over 1 - volt.
+            sure = 1.0 - volt[f, shape]
+            for q in range(drives):
+                volt[f, q] = volt[f, q] / sure if sure > 0.5 else np.inf
     return worst

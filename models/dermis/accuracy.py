@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the error of every array solve: bounds derived from its arithmetic, checks, and who asks for them.
+
+docs/array.md, "Bounds", has the derivation. Counts are in roundings, u = 2^-53 each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.errors import SimulatorError
+
+Floats = NDArray[np.float64]
+
+U = 2.0**-53
+"""Largest relative error of one rounded operation."""
+
+LIMIT_LSB = 1e-3
+"""What a code can bear: certified codes allow ten times as much for rounding (auto.ROUNDING_LSB)."""
+
+# Terms of second order are a part n u of those of first order, below 1e-6 for any array that fits a memory.
+_SECOND_ORDER = 1.001
+# JSON has no infinity.
+_LARGEST = 1e300
+# Beyond this the first-order bounds say nothing.
+_HOPELESS = 0.01
+
+
+def elements(rows: int, cols: int, bent: bool) -> float:
+    """Roundings in any link, leak or drive between column lines once the row lines are eliminated.
+
+    A driver's node is a sum of cols + 1 terms, each of its links a quotient of two products, summed over the rows;
+    along a row line with resistance up to cols factors of up to 4 cols roundings each are multiplied on either side.
+    """
+    return rows + 2 * cols + 10 + (6 * cols * cols + 8 * cols if bent else 0)
+
+
+def one_matrix(cols: int, per_element: float) -> float:
+    """Roundings in any node voltage of cols nodes that are eliminated by star-mesh steps.
+
+    The step with m nodes left rounds each link that stays at most m + 4 times, and a voltage is a quotient of
+    polynomials with positive terms of degree m + 1 at most in the links that are left (matrix-tree theorem), so it
+    moves by 2 (m + 1) times as much. Going back adds m + 2 in each step.
+    """
+    m = np.arange(1, cols + 1)
+    return float(2 * (cols + 1) * per_element + (2 * (m + 1) * (m + 4) + m + 2).sum())
+
+
+def chain(rows: int, cols: int, per_element: float) -> float:
+    """Roundings in any node voltage of a chain of `rows` blocks that are inverted and folded one into the next.
+
+    As `one_matrix` with cols nodes in each of the blocks still to come, to which a block under elimination has as
+    many links again; going back inside a block and folding it rounds what the next one gets once more.
+    """
+    m = np.arange(1, cols + 1)
+    left = cols * np.arange(rows)
+    steps = (2 * (m[:, np.newaxis] + left + 1) * (m[:, np.newaxis] + 4)).sum()
+    folds = (2 * (left + 1) * ((m + 2).sum() + 2 * cols + 6)).sum()
+    return float(steps + folds + 2 * (rows * cols + 1) * per_element + rows * ((m + 2).sum() + 2 * cols + 6))
+
+
+def part(voltage: float, rows: int, cols: int) -> float:
+    """Relative bound of what is a sum of voltages, with the operations that it takes."""
+    bound = _SECOND_ORDER * (voltage + 2 * (rows + cols) + 16) * U
+    return bound if bound < _HOPELESS else np.inf
+
+
+def balance(voltage: float) -> float:
+    """How far Kirchhoff's law may be missed, of the current there: as far as rounding may move voltages.
+
+    Where that bound says little, 1e-9: a wrong term is of order 1.
+    """
+    return min(1e-9, 4 * (voltage + 8) * U)
+
+
+@dataclass
+class Figures:
+    """What is known of one solve, each as in Account."""
+
+    residual: float = 0.0
+    condition: float = 1.0
+    bound: float = 0.0
+    slots_alone: int = 0
+
+
+@dataclass
+class Account:
+    """What all solves since it was opened have in common: the largest of each figure.
+
+    Attributes
+    ----------
+    lsb_a, reach_a : ndarray or None
+        [cols] column current that moves a code by one, and the magnitude of currents beyond which codes stay as they
+        are; None where nobody reads codes.
+    solves : int
+        Networks solved: a frame is one.
+    residual : float
+        Largest miss of Kirchhoff's law, of the current at that place.
+    condition : float
+        Bound of Skeel's condition number of the nodal matrix, the largest row of |inverse| |matrix|.
+    bound : float
+        Bound of the error of a column current, of all that adds up in it.
+    bound_lsb : float
+        The same in codes.
+    slots_alone : int
+        Slots that were solved again by themselves, because the change from one slot to the next cancels.
+    """
+
+    lsb_a: Floats | None = None
+    reach_a: Floats | None = None
+    solves: int = 0
+    residual: float = 0.0
+    condition: float = 1.0
+    bound: float = 0.0
+    bound_lsb: float = 0.0
+    slots_alone: int = 0
+
+    def tolerance_a(self, cols: int) -> Floats:
+        """Error of column currents [cols] in ampere below which nothing is solved in a slower way."""
+        # A millionth of an LSB; without codes a millionth of the design's, 0.5 V / 64 kohm / 256.
+        return np.full(cols, 1e-12) if self.lsb_a is None else 1e-6 * self.lsb_a
+
+    def take(self, figures: Figures) -> None:
+        """Add what is known of a solve."""
+        self.residual = max(self.residual, figures.residual)
+        self.condition = max(self.condition, figures.condition)
+        self.bound = max(self.bound, figures.bound)
+        self.slots_alone += figures.slots_alone
+
+    def check(self, frame: int, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
+        """Turn errors of currents [frames, rows, cols] into codes.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the first of them.
+        driven, rest : ndarray, ndarray or None
+            The currents; rest adds to driven.
+        error : float or ndarray
+            Bound of the error, of `driven` itself where it is one number, else [frames, rows, cols] in ampere.
+
+        Raises
+        ------
+        SimulatorError
+            A code may be off by more than LIMIT_LSB.
+        """
+        if self.lsb_a is None or self.reach_a is None:
+            return
+        where, worst = "any taxel", 0.0
+        if isinstance(error, np.ndarray):
+            total = driven if rest is None else driven + rest
+            with np.errstate(over="ignore", invalid="ignore"):
+                low, high = (np.clip(total + s * error, -self.reach_a, self.reach_a) for s in (-1.0, 1.0))
+            off = (high - low) / 2 / self.lsb_a
+            place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
+            worst, where = float(off[place]), f"frame {frame + place[0]}, row {place[1]}, column {place[2]}"
+        else:
+            worst = error * float((self.reach_a / self.lsb_a).max())
+        if not worst <= LIMIT_LSB:
+            raise SimulatorError(
+                f"array solve: the current of {where} is known to {worst:.1e} LSB only and {LIMIT_LSB:g} are "
+                "allowed: what offsets and leaks drive there cancels beyond double precision; try resistances "
+                "less far apart, smaller offsets, or engine cosim"
+            )
+        self.bound_lsb = max(self.bound_lsb, worst)
+
+    def report(self) -> dict[str, Any]:
+        """The figures for a summary; nothing where nothing was solved."""
+        if not self.solves:
+            return {}
+        return {
+            "solves": self.solves,
+            "residual": self.residual,
+            "bound": self.bound,
+            "bound_lsb": self.bound_lsb,
+            "condition": min(self.condition, _LARGEST),
+            "refinement_steps": self.slots_alone,
+        }
+
+
+_account: ContextVar[Account | None] = ContextVar("account", default=None)
+
+
+def current() -> Account:
+    """The account of whoever asked for one; else one that is forgotten."""
+    return _account.get() or Account()
+
+
+@contextmanager
+def account(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Iterator[Account]:
+    """Collect what is known of all solves inside, and refuse what codes of that size cannot bear."""
+    opened = Account(lsb_a, reach_a)
+    token = _account.set(opened)
+    try:
+        yield opened
+    finally:
+        _account.reset(token)
+
+
+def merged(reports: list[dict[str, Any]]) -> dict[str, Any]:
+    """The report of several parts of one run: solves and refinement steps add up, of the rest the largest counts."""
+    found = [r for r in reports if r]
+    if not found:
+        return {}
+    sums = ("solves", "refinement_steps")
+    return {k: (sum if k in sums else max)(r[k] for r in found) for k in found[0]}
