@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import accuracy, float_flags
+from dermis import float_flags, solve_error
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,7 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
     NoSolution
         Ideal sources of unlike voltages are joined by taxels of 0 ohm.
     SimulatorError
-        The solution misses Kirchhoff's current law, or its error may be more than the account of accuracy.account
+        The solution misses Kirchhoff's current law, or its error may be more than the account of solve_error.account
         allows.
     """
     driven, rest = column_currents_by_source(network, g_frames_s)
@@ -164,7 +164,7 @@ def column_currents_by_source(
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
     if not g.min(initial=0.0) >= 0:  # what is no number is neither
         raise ValueError("g_frames_s must be 0 or above")
-    account = accuracy.current()
+    account = solve_error.current()
     account.solves += len(g)
     if not network.active_fields() & _ACTS:
         with np.errstate(over="ignore"):
@@ -190,7 +190,7 @@ def column_currents_by_source(
 
 
 # A taxel's conductance and a product with the bias, a rounding each.
-_PRODUCT = accuracy.Figures(bound=2 * accuracy.U)
+_PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
 
 
 def _refuse_loops(network: Network, g: Floats) -> None:
@@ -359,7 +359,7 @@ class _Response:
     [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. `mesh` is there for offsets and
     leaks. `delivered_part` bounds the relative error of `delivered`, `away_a` and `lift_v` [frames, rows] those of
     the others where they are not the same number. `voltage` counts the roundings in any voltage behind these
-    (accuracy.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in accuracy.Account.
+    (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in solve_error.Account.
     """
 
     delivered: Floats
@@ -376,14 +376,14 @@ class _Response:
 
 @dataclass
 class _Solution:
-    """Currents [frames, rows, cols], and the bound of their error as accuracy.Account.check takes it."""
+    """Currents [frames, rows, cols], and the bound of their error as solve_error.Account.check takes it."""
 
     driven: Floats
     rest: Floats | None
     error: Part
 
 
-def _solve(network: Network, g: Floats, account: accuracy.Account) -> _Solution:
+def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Solution:
     lines = _RowLines(network, g)
     grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
     response = _respond(network, lines, grounded)
@@ -391,13 +391,13 @@ def _solve(network: Network, g: Floats, account: accuracy.Account) -> _Solution:
         lines.to_driver.sum(axis=2),
         response.away + grounded * response.lift,
         "in the slot of a row",
-        accuracy.balance(response.voltage),
+        solve_error.balance(response.voltage),
     )
     # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
     scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
     driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
     part = response.delivered_part + _scale_part(network, response, scale)
-    figures = accuracy.Figures(max(missed, response.missed), response.condition)
+    figures = solve_error.Figures(max(missed, response.missed), response.condition)
     error: Part = part
     if isinstance(part, np.ndarray):
         error = part * np.abs(driven)
@@ -420,7 +420,7 @@ def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
     error = (network.r_row_driven_ohm * response.away_a + response.lift_v) / scale
     # Of a quotient; a divisor that is in doubt by half of itself says nothing.
     part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
-    return np.minimum(part, accuracy.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]
+    return np.minimum(part, solve_error.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]
 
 
 def _rest(
@@ -429,7 +429,7 @@ def _rest(
     lines: _RowLines,
     response: _Response,
     scale: Floats,
-    account: accuracy.Account,
+    account: solve_error.Account,
 ) -> tuple[Floats, Floats, int]:
     """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows, cols], and how many
     slots were solved by themselves.
@@ -489,7 +489,7 @@ def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats
     pushed = network.r_column_ohm * leak
     held = (mesh.between * (apart + pushed)).sum(axis=2) - mesh.ground * offset + mesh.own * leak
     # The differences and the sums of these few terms round as well.
-    rounding = (2 * network.cols + 8) * accuracy.U
+    rounding = (2 * network.cols + 8) * solve_error.U
     size = mesh.between * (np.abs(apart) + np.abs(pushed)) * (mesh.between_part + rounding)
     error = size.sum(axis=2) + mesh.ground * np.abs(offset) * (mesh.ground_part + rounding)
     return held, error + mesh.own * np.abs(leak) * (mesh.own_part + rounding)
@@ -533,14 +533,14 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
     # One right-hand side a row; and, for offsets and leaks, one a column: its source at 1 V.
     drive = g.transpose(0, 2, 1)
     held, missed, condition = _held(network), 0.0, 1.0
-    roundings = accuracy.elements(rows, cols, lines.bent)
+    roundings = solve_error.elements(rows, cols, lines.bent)
     if network.r_column_ohm.any():
         if held:
             sources = np.broadcast_to(np.diag(g_column), link.shape)
             drive = np.concatenate([drive, sources], axis=2)
-        roundings = accuracy.one_matrix(cols, roundings)
+        roundings = solve_error.one_matrix(cols, roundings)
         u, missed, condition = _eliminate(
-            link, leak + g_column, drive, accuracy.balance(roundings), cols if held else 0
+            link, leak + g_column, drive, solve_error.balance(roundings), cols if held else 0
         )
         delivered = g_column[:, np.newaxis] * u
     else:
@@ -549,14 +549,14 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
     moved, delivered_rows = (v[:, :, :rows].transpose(0, 2, 1) for v in (u, delivered))
     away = delivered_rows.sum(axis=2)
     away += (_sum_of_others(leaks) * moved).sum(axis=2)
-    part = accuracy.part(roundings, rows, cols)
+    part = solve_error.part(roundings, rows, cols)
     mesh = None
     if held and network.r_column_ohm.any():
         between, across = delivered[:, :, rows:].copy(), u[:, :, rows:]
         between[:, own, own] = 0.0
         ground = (leak[:, :, np.newaxis] * across).sum(axis=1)
         mesh = _Mesh(between, ground, across[:, own, own], part, part, part)
-        missed = max(missed, _check_mesh(mesh, network.r_column_ohm, accuracy.balance(roundings)))
+        missed = max(missed, _check_mesh(mesh, network.r_column_ohm, solve_error.balance(roundings)))
     elif held:
         mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
     lift = _ratio((g * moved).sum(axis=2), node)
@@ -598,8 +598,8 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
     leak = g_ground[:, np.newaxis] * share
     frames, rows, cols = g.shape
     sources = cols if _held(network) else 0
-    roundings = accuracy.chain(rows, cols, accuracy.elements(rows, cols, lines.bent))
-    part = accuracy.part(roundings, rows, cols)
+    roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
+    part = solve_error.part(roundings, rows, cols)
     drives = rows + sources + 1
     moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, cols, drives))
     largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
@@ -609,7 +609,7 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
             lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
             moved, away, last, largest, volt,
         )  # fmt: skip
-    if not missed <= accuracy.balance(roundings):
+    if not missed <= solve_error.balance(roundings):
         raise SimulatorError(_missed(missed, "at a node"))
     of_rows = last[:, :, :rows].transpose(0, 2, 1)
     response = _Response(
@@ -644,7 +644,7 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
             between, ground, tau + network.r_trace_column_ohm * sent, part, part, part
         )
         seen_by = _Mesh(between, ground, tau, part, part, part)
-        response.missed = max(missed, _check_mesh(seen_by, behind, accuracy.balance(roundings)))
+        response.missed = max(missed, _check_mesh(seen_by, behind, solve_error.balance(roundings)))
         if found is not None:
             mesh.between_part = found[:, :, rows:-1]
             with np.errstate(over="ignore", invalid="ignore"):
