@@ -9,6 +9,7 @@ is scanned, on a clock of its own.
 
 from __future__ import annotations
 
+from asyncio import CancelledError
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -149,27 +150,30 @@ class Bridge:
         dut.enable_i.value = 1
         host = cocotb.start_soon(self._host.read(frames))
         watchers = [cocotb.start_soon(self._watch(handle)) for handle in (dut.row_select_o, dut.preset_o)]
-        for _ in range(START_CLOCKS):
-            await self._next_clock()
-            if _known(dut.frame_start_o, "frame_start_o"):
-                break
-        for frame in range(frames):
-            levels = await self._first_row(frame)
-            half = make_half(frame, levels)
-            try:
-                await self._frame(frame, half, levels)
-            finally:
-                half.close()
-            if frame:
-                self._host.require(frame)
-        # The analog side rests while the last frame is read.
         try:
-            await with_timeout(host, round(4 * self._host.frame_ps), "ps")
-        except SimTimeoutError:
-            self._host.require(frames)
-        for watcher in watchers:
-            watcher.cancel()
-        return self._host.codes(frames)
+            for _ in range(START_CLOCKS):
+                await self._next_clock()
+                if _known(dut.frame_start_o, "frame_start_o"):
+                    break
+            for frame in range(frames):
+                levels = await self._first_row(frame)
+                half = make_half(frame, levels)
+                try:
+                    await self._frame(frame, half, levels)
+                finally:
+                    half.close()
+                if frame:
+                    self._host.require(frame)
+            # The analog side rests while the last frame is read.
+            try:
+                await with_timeout(host, round(4 * self._host.frame_ps), "ps")
+            except SimTimeoutError:
+                self._host.require(frames)
+            return self._host.codes(frames)
+        finally:  # another bridge may start from reset behind an abort of the analog half
+            for task in (host, *watchers):
+                task.cancel()
+            clock.stop()
 
     async def _watch(self, handle: Any) -> None:
         """Note that a net moved: looking at it every clock takes longer, and these two stand still for hundreds."""
@@ -317,7 +321,7 @@ class _Host:
         from cocotb.triggers import FallingEdge
 
         dut = self._dut
-        transaction = spi_protocol.read_frame_bytes(WAIT_BYTES)
+        transaction, ended = spi_protocol.read_frame_bytes(WAIT_BYTES), False
         dut.spi_cs_ni.value = 0
         sck = Clock(dut.spi_sck_i, self._period_ps, unit="ps", impl="gpi")
         sck.start(start_high=False)
@@ -327,8 +331,11 @@ class _Host:
                 send = transaction.send(await self._exchange(send))
         except StopIteration as done:
             return done.value
+        except CancelledError:
+            ended = True
+            raise
         finally:
-            if _known(dut.spi_sck_i, "spi_sck_i"):
+            if not ended and _known(dut.spi_sck_i, "spi_sck_i"):
                 await FallingEdge(dut.spi_sck_i)
             sck.stop()
             dut.spi_cs_ni.value = 1

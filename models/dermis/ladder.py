@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -122,13 +122,6 @@ class Level:
         return " and ".join(names) or STEPS[0].name
 
     @property
-    def what(self) -> str:
-        """Its rungs that are not the first, in words."""
-        return (
-            "; ".join(r[i].what for r, i in ((START, self.start), (STEPS, self.steps)) if i) or STEPS[0].what
-        )
-
-    @property
     def option_lines(self) -> tuple[str, ...]:
         """Lines behind those of the deck."""
         text = STEPS[self.steps].options
@@ -190,9 +183,13 @@ class Retry:
     time_s: float
     node: str | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """For json."""
-        return asdict(self)
+    def __str__(self) -> str:
+        then = f"; again with {self.next} (docs/ladder.md)" if self.next else ""
+        return f"at {self.time_s:.9g} s: {self.said}{then}"
+
+
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 class Climb:
@@ -201,14 +198,15 @@ class Climb:
     Parameters
     ----------
     what : how reports call the circuit ("frame 3")
-    report : given one line for every retry; stderr by default
+    level : where it begins
+    report : given one line for every retry
     """
 
-    def __init__(self, what: str, report: Callable[[str], None] | None = None) -> None:
+    def __init__(self, what: str, level: Level = PLAIN, report: Callable[[str], None] = _to_stderr) -> None:
         self.what = what
-        self.level = PLAIN
+        self.level = level
         self.retries: list[Retry] = []
-        self._report = report or (lambda line: print(line, file=sys.stderr, flush=True))
+        self._report = report
 
     def up(self, abort: Abort) -> Level:
         """Take the next rung behind an abort and say so.
@@ -219,45 +217,37 @@ class Climb:
             There is none: time, node, what was tried, what to try.
         """
         above = self.level.above(abort.phase)
-        self.retries.append(
-            Retry(self.level.name, above.name if above else None, abort.said, abort.time_s, abort.node)
-        )
+        name = above.name if above else None
+        self.add([Retry(self.level.name, name, abort.said, abort.time_s, abort.node)])
         if above is None:
             tried = ", ".join(retry.rung for retry in self.retries)
-            raise SimulatorError(
-                f"{self.what}: ngspice at {abort.time_s:.9g} s: {abort.said}; tried: {tried}; {advice(abort)}",
-                abort.log,
-            ) from abort
-        self._report(
-            f"ngspice, {self.what} at {abort.time_s:.9g} s: {abort.said}; again with {above.name}: {above.what}"
-        )
+            raise SimulatorError(f"{abort.what}; tried: {tried}; {advice(abort)}", abort.log) from abort
         self.level = above
         return above
 
+    def add(self, retries: Iterable[Retry]) -> None:
+        """Keep and report attempts that were given up, here or in another process."""
+        for retry in retries:
+            self.retries.append(retry)
+            self._report(f"ngspice, {self.what}, {retry}")
 
-def climb(
-    attempt: Callable[[Level], T], what: str, report: Callable[[str], None] | None = None
-) -> tuple[T, list[Retry]]:
+
+def climb(attempt: Callable[[Level], T], way: Climb) -> T:
     """Attempt a circuit, one rung higher after each abort.
 
     Parameters
     ----------
     attempt : simulates from the beginning at a level, and raises Abort
-    what, report : as in Climb
-
-    Returns
-    -------
-    what the attempt returned, and the attempts given up before
+    way : where it begins; keeps and reports what was given up
 
     Raises
     ------
     SimulatorError
         No rung is left.
     """
-    way = Climb(what, report)
     while True:
         try:
-            return attempt(way.level), way.retries
+            return attempt(way.level)
         except Abort as abort:
             way.up(abort)
 

@@ -436,7 +436,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     return 0;
 }
 
-/* The circuit was loaded and ngspice has no solution; -2, and the process can have another circuit. */
+/* The circuit was loaded and ngspice has no solution: -2, and the process can have another circuit; -1 if it cannot. */
 static int give_up(const char *what)
 {
     if (ls.state == RUNNING) { /* with sources that are no number it returns by itself: its smallest step does not converge */
@@ -445,8 +445,9 @@ static int give_up(const char *what)
     }
     bool returned = ls.state == ENDED || ls.state == ABORTED;
     fail(what);
-    if (returned)
-        ls.state = ABORTED;
+    if (!returned)
+        return -1;
+    ls.state = ABORTED;
     return -2;
 }
 

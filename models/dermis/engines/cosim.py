@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dermis import hdl, netlist
+from dermis import hdl, ladder, netlist
 from dermis.children import Child, Patience
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
@@ -99,7 +99,8 @@ def run(
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info has seconds, ngspice's step counts and, if recorded, the records.
+        codes uint8 [frames, rows, cols]; info has seconds, ngspice's step counts, by frame the attempts that ngspice
+        gave up (docs/ladder.md; on stderr as well) and, if recorded, the records.
 
     Raises
     ------
@@ -147,6 +148,7 @@ def run(
         "steps": {
             n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")
         },
+        "retries": {name: said for part in parts for name, said in _retries(part).items()},
     }
     if record:
         info["records"] = parts
@@ -192,6 +194,16 @@ def end_all() -> None:
     """End every run of this process, for good."""
     for run in list(_Children.everyone):
         run.end()
+
+
+def _retries(part: dict[str, Any]) -> dict[str, Any]:
+    """By frame, what ngspice gave up in a process; told on stderr, which its own goes not to."""
+    found = {}
+    for frame, retries in json.loads(str(part["retries"])).items():
+        way = ladder.Climb(f"frame {frame}")
+        way.add(ladder.Retry(**retry) for retry in retries)
+        found[way.what] = retries
+    return found
 
 
 def _slots_done(path: Path) -> int:

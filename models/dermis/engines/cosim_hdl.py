@@ -13,12 +13,13 @@ import os
 import pickle
 import sys
 import traceback
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dermis import bridge, netlist
+from dermis import bridge, ladder, netlist
 from dermis.analog import ExactHalf
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
@@ -54,6 +55,8 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     plan = job.plan
     waveforms: list[tuple[Any, Any]] = []
     statistics = {"accepted": 0, "rejected": 0, "loads": 0}
+    ways: dict[int, ladder.Climb] = {}
+    running: list[int] = []
 
     class Counted(NgspiceHalf):
         def close(self) -> None:
@@ -65,6 +68,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
 
     def make_half(frame: int, levels: list[float]) -> Any:
         index = job.frames[frame]
+        running.append(index)
         if job.analog == "exact":
             duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
             half: Any = ExactHalf(
@@ -73,14 +77,22 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         else:
             deck = netlist.frame_deck(plan, index, levels, record=job.record)
             write_atomic(job_dir / f"frame_{index}.cir", "\n".join(deck.lines) + "\n")
-            half = Counted(
-                deck,
-                t_edge_s=job.solver.t_edge_s,
-                t_max_step_s=job.solver.t_max_step_s,
-                t_stop_s=bridge.analog_s(plan.timing),
-                log=job_dir / "ngspice.log",
-                record=job.record,
-            )
+
+            def start(level: ladder.Level) -> NgspiceHalf:
+                half = Counted(
+                    deck,
+                    t_edge_s=job.solver.t_edge_s,
+                    t_max_step_s=job.solver.t_max_step_s,
+                    t_stop_s=bridge.analog_s(plan.timing),
+                    log=job_dir / "ngspice.log",
+                    record=job.record,
+                    level=level,
+                )
+                half.advance(0.0, [])
+                return half
+
+            way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
+            half = ladder.climb(start, way)
         return half
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
@@ -88,11 +100,25 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     def on_slot(slots: int) -> None:
         os.pwrite(progress, f"{slots}\n".encode(), 0)
 
-    chip = bridge.Bridge(
-        dut, plan.timing, plan.cols, sync_latch=job.sync_latch, trace=job.record, progress=on_slot
-    )
-    codes = await chip.run(len(job.frames), make_half)
+    while True:
+        chip = bridge.Bridge(
+            dut, plan.timing, plan.cols, sync_latch=job.sync_latch, trace=job.record, progress=on_slot
+        )
+        running.clear()
+        try:
+            codes = await chip.run(len(job.frames), make_half)
+            break
+        except ladder.Abort as abort:
+            # Once more from reset, with this frame on its next rung: what the Verilog did with the samples before the
+            # abort is not taken on, since on another rung they may be others.
+            ways[running[-1]].up(abort)
+            os.ftruncate(progress, 0)
+            statistics.update(dict.fromkeys(statistics, 0))
+            waveforms.clear()
     arrays: dict[str, Any] = {"codes": codes, **{f"statistics_{k}": v for k, v in statistics.items()}}
+    arrays["retries"] = json.dumps(
+        {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}
+    )
     if chip.trace is not None:
         for name, values in vars(chip.trace).items():
             arrays[f"trace_{name}"] = np.array([f"{v:x}" for v in values])
