@@ -209,9 +209,8 @@ def _bias(plan: Plan, frame: int) -> str:
         return spice_number(level)
     if not drive.f_ripple_hz:  # ngspice would take one period a transient
         return spice_number(level * (1.0 + drive.ripple * math.sin(drive.phase_ripple_rad)))
-    late = plan.timing.break_clocks / plan.timing.f_clk_hz
-    turns = drive.f_ripple_hz * ((plan.first_frame + frame) * plan.timing.frame_s + late)
-    phase = math.degrees(drive.phase_ripple_rad) + 360.0 * math.fmod(turns, 1.0)
+    turns = drive.turns(plan.first_frame + frame, plan.timing.break_clocks, plan.timing.f_clk_hz)
+    phase = math.degrees(drive.phase_ripple_rad) + 360.0 * turns
     numbers = (level, drive.ripple * level, drive.f_ripple_hz, 0.0, 0.0, phase)
     return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
 

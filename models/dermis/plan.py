@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,6 +69,15 @@ class Timing:
         return self.rows * self.slot_s
 
 
+@cache
+def _turns(f_ripple_hz: float, t_frame_s: float, f_clk_hz: float) -> tuple[int, int, int]:
+    """Turns a frame and a clock, and one turn, in a common unit."""
+    frequency, frame, clock = (Fraction(repr(float(v))) for v in (f_ripple_hz, t_frame_s, f_clk_hz))
+    per_frame, per_clock = frequency * frame, frequency / clock
+    whole = math.lcm(per_frame.denominator, per_clock.denominator)
+    return int(per_frame * whole), int(per_clock * whole), whole
+
+
 @dataclass(frozen=True)
 class Drive:
     """What changes in time: one frame of resistances after the other, each read in t_frame_s seconds.
@@ -79,6 +91,14 @@ class Drive:
     f_ripple_hz: float = 0.0
     phase_ripple_rad: float = 0.0
     motion: bool = False
+
+    def turns(self, frame: int, clocks: int, f_clk_hz: float) -> float:
+        """Part of a turn, 0..1, in which the ripple stands `clocks` clocks into a frame, without its own phase.
+
+        In integers, of the decimals that were written: however long a run is, its last frame is as exact as its first.
+        """
+        per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
+        return (frame * per_frame + clocks * per_clock) % whole / whole
 
     def active_fields(self) -> frozenset[str]:
         """Names of the fields that make something change inside a frame."""

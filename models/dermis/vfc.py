@@ -21,6 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 W_PRESET = -0.5
+# Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
+# and so does a charge that is summed up clock by clock; beyond, neither is left to grow.
+LONGEST_GATE = 1 << 16
 # Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up. Compiled
 # code keeps it: after a change delete engines/__pycache__.
 Y_MIN = 1e-6
@@ -205,13 +208,17 @@ def count(
 
     N x is rounded once, so the float version may differ from `count_exact` only where N x - s lies within
     ulp(N x) / 2 of a multiple of p, i.e. the force within 1.2e-16 relative of a decision threshold. With w0 = -1/2,
-    x = c / N is half a count away from any.
+    x = c / N is half a count away from any. Gates beyond LONGEST_GATE are reckoned in integers, number by number: no
+    length of time erodes them.
     """
     x, w0, packet, threshold = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (x, w0, packet, threshold))
     )
     if np.isnan(x).any():
         raise ValueError("x is not a number")
+    if clocks > LONGEST_GATE:
+        each = np.vectorize(lambda *cell: _count_of_rationals(clocks, *cell), otypes=[np.int64])
+        return each(x, w0, packet, threshold)
     start = threshold - w0
     every_second = (clocks + 1) // 2
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -235,6 +242,20 @@ def count(
             last -= (2 * last + 1) * x < start + last * packet
         found = np.where(falling, np.where(x >= start, np.clip(last + 1, 0, every_second), 0), found)
     return found.astype(np.int64)
+
+
+def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, threshold: float) -> int:
+    """Count of the closed formula in exact rationals; see the notes of `count`."""
+    every_second = (clocks + 1) // 2
+    if math.isinf(x):
+        return every_second if x > 0 else 0
+    x, p, s = Fraction(x), Fraction(packet), Fraction(threshold) - Fraction(w0)
+    if x < 0:
+        return min(every_second, max(0, math.floor((x - s) / (p - 2 * x)) + 1)) if x >= s else 0
+    if 2 * x <= p:
+        return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
+    first = max(1, math.ceil(s / x))
+    return (clocks - first) // 2 + 1 if first <= clocks else 0
 
 
 def _settled(value: NDArray[np.float64], most: int) -> NDArray[np.float64]:

@@ -38,6 +38,14 @@ AT_LIMIT = 1e-14
 SWIFT = 0.1
 
 
+@numba.njit(cache=True, inline="always")
+def _rounded_off(a, b):  # type: ignore
+    """What the sum a + b leaves out (Knuth's two-sum), exact."""
+    total = a + b
+    of_b = total - a
+    return (a - (total - of_b)) + (b - of_b)
+
+
 @numba.njit(cache=True)
 def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
     """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula to the last
@@ -189,6 +197,7 @@ def walk(  # type: ignore
     noise,
     keys,
     step,
+    carry,
     begin,
     stop,
     counts,
@@ -218,6 +227,8 @@ def walk(  # type: ignore
         Range of the charge.
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
+    carry : [n] or None
+        Result: what is rounded off the charge at its end. None: each clock drops what it rounds off.
     lag : [n] or None
         Time constant of the output; with `fast` only.
     begin, stop : int
@@ -229,7 +240,7 @@ def walk(  # type: ignore
     words = size // 8
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
-    own = np.zeros(35 * size)
+    own = np.zeros(37 * size)
     state_a, old_a = own[0 * size : 1 * size], own[1 * size : 2 * size]
     q1, q2, q3 = own[2 * size : 3 * size], own[3 * size : 4 * size], own[4 * size : 5 * size]
     ones, x_c = own[5 * size : 6 * size], own[6 * size : 7 * size]
@@ -256,6 +267,8 @@ def walk(  # type: ignore
     if limits is not None:
         low_c, high_c = own[24 * size : 25 * size], own[25 * size : 26 * size]
         weight_a, weight_b = own[26 * size : 27 * size], own[27 * size : 28 * size]
+    if carry is not None:
+        carry_c, loss_a = own[35 * size : 36 * size], own[36 * size : 37 * size]
     if noise is not None:
         level = own[28 * size : 29 * size]
         drift, creep = own[29 * size : 30 * size], own[30 * size : 31 * size]
@@ -272,6 +285,8 @@ def walk(  # type: ignore
             q1[c] = q2[c] = q3[c] = ones[c] = 0.0
             keep_a[c], gain_a[c], take_a[c] = slow[KEEP, i], slow[GAIN, i], slow[TAKE, i]
             rise_c[c] = rise[i]
+            if carry is not None:
+                carry_c[c], loss_a[c] = 0.0, math.expm1(slow[RATE, i])
             if x is not None:
                 x_c[c] = x[i]
             if fast is not None:
@@ -340,6 +355,18 @@ def walk(  # type: ignore
                 new_a = keep_a[c] * a + gain_a[c] * x_c[c] - take_a[c] * q2[c]
                 if latch is not None:
                     new_a -= half_a[c] * q1[c]
+                if carry is not None:
+                    # The same sum one by one, with what each step rounds off; then both are one sum again.
+                    added, taken, lost = gain_a[c] * x_c[c], -take_a[c] * q2[c], loss_a[c] * (a + carry_c[c])
+                    new_a = a + added
+                    rest = carry_c[c] + lost + _rounded_off(a, added) + _rounded_off(new_a, taken)
+                    new_a += taken
+                    if latch is not None:
+                        half = -half_a[c] * q1[c]
+                        rest += _rounded_off(new_a, half)
+                        new_a += half
+                    carry_c[c] = _rounded_off(new_a, rest)
+                    new_a += rest
                 if limits is not None:
                     if fast is None:
                         if latch is None:
@@ -498,6 +525,8 @@ def walk(  # type: ignore
                                 if limits is not None:
                                     if not free:
                                         state_a[c] = a
+                                        if carry is not None:
+                                            carry_c[c] = 0.0
                                         if fast is not None:
                                             state_b[c] = b
                                 if noise is not None:
@@ -517,5 +546,7 @@ def walk(  # type: ignore
             i = first + c
             counts[i] = int(ones[c])
             end[i] = slow[WEIGHT, i] * state_a[c]
+            if carry is not None:
+                carry[i] = carry_c[c]
             if fast is not None:
                 end[i] += fast[WEIGHT, i] * state_b[c]
