@@ -337,7 +337,7 @@ def docs_table(rows: Sequence[Row]) -> str:
     ]
     by_name = {row["name"]: row for row in rows}
     for name, steps in STEPS_S.items():
-        lines += ["", f"### {CIRCUITS[name].title.capitalize()}", ""]
+        lines += ["", f"### {CIRCUITS[name].title[0].upper()}{CIRCUITS[name].title[1:]}", ""]
         lines.append("| options | method | " + " | ".join(_step_words(s) for s in steps) + " |")
         lines.append("|---|---|" + "---|" * len(steps))
         for options in OPTIONS:
