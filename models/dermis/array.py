@@ -170,17 +170,16 @@ def column_currents_by_source(
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
         account.take(_PRODUCT)
-        account.check(0, driven, rest, _PRODUCT.bound)
+        account.check(driven, rest, _PRODUCT.bound)
     else:
-        if network.v_column_offset_v.any():
-            _refuse_loops(network, g)
+        refuse_loops(network, g)
         network = in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
             found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
-            account.check(first, found.driven, found.rest, found.error)
+            account.check(found.driven, found.rest, found.error)
             driven[part] = found.driven
             if rest is not None:
                 rest[part] = found.rest
@@ -193,13 +192,13 @@ def column_currents_by_source(
 _PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
 
 
-def _refuse_loops(network: Network, g: Floats) -> None:
+def refuse_loops(network: Network, g: Floats) -> None:
     """Raise NoSolution where shorts join what is held: column inputs, and rows on ideal drivers while grounded.
 
     The bias of an ideal driven row across a short into an ideal column is no such thing: it has the limit of any
     small resistance, more than full scale.
     """
-    if network.r_trace_row_ohm or network.r_trace_column_ohm:
+    if network.r_trace_row_ohm or network.r_trace_column_ohm or not network.v_column_offset_v.any():
         return
     short = np.isinf(g)
     held = network.r_column_ohm == 0

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import engines, pool
+from dermis import engines, pool, solve_error
 from dermis.design import ROOT
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
@@ -165,6 +165,8 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
 
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
+    if any("array" in part.info for part in parts):
+        info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
     whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
     return Result(**whole, info={name: value for name, value in info.items() if value is not None})
 

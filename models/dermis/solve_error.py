@@ -134,13 +134,11 @@ class Account:
         self.bound = max(self.bound, figures.bound)
         self.slots_alone += figures.slots_alone
 
-    def check(self, frame: int, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
+    def check(self, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
         """Turn errors of currents [frames, rows, cols] into codes.
 
         Parameters
         ----------
-        frame : int
-            Number of the first of them.
         driven, rest : ndarray, ndarray or None
             The currents; rest adds to driven.
         error : float or ndarray
@@ -160,7 +158,7 @@ class Account:
                 low, high = (np.clip(total + s * error, -self.reach_a, self.reach_a) for s in (-1.0, 1.0))
             off = (high - low) / 2 / self.lsb_a
             place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
-            worst, where = float(off[place]), f"frame {frame + place[0]}, row {place[1]}, column {place[2]}"
+            worst, where = float(off[place]), f"row {place[1]}, column {place[2]}"
         else:
             worst = error * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:

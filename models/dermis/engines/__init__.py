@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import solve_error
 from dermis.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def check(plan: Plan) -> None:
         Names the effect and an engine that can do it.
     """
     _check_fields(plan)
+    _check_sources(plan)
     if error := refuses(plan, plan.engine):
         raise error
 
@@ -102,9 +104,45 @@ def _check_fields(plan: Plan) -> None:
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
-    """Run a plan through its engine, which must honour its fields; options go to the engine."""
+    """Run a plan through its engine, which must honour its fields; options go to the engine.
+
+    info["array"] is what is known of the error of the array solves that the engine made (solve_error.Account).
+    """
     _check_fields(plan)
-    return _module(plan.engine).run(plan, progress, **options)
+    _check_sources(plan)
+    with solve_error.account(*_lsb(plan)) as account:
+        result = _module(plan.engine).run(plan, progress, **options)
+    if report := account.report():
+        result.info["array"] = report
+    return result
+
+
+def _check_sources(plan: Plan) -> None:
+    """Refuse a plan that has no solution: taxels of 0 ohm across ideal sources."""
+    from dermis import array
+
+    if not plan.network(0).v_column_offset_v.any():
+        return
+    try:
+        array.refuse_loops(plan.network(0), plan.conductance_s())
+    except array.NoSolution as error:
+        frame, row, column = error.place
+        raise InputError(
+            plan.scene.path,
+            f"resistance of the taxel at row {row}, column {column} in frame {plan.first_frame + frame}",
+            "0 ohm",
+            "above 0 where effects.column_offset is on and neither row_driver, column_input nor trace gives the "
+            "current an end: it would join ideal sources of unlike voltages",
+        ) from None
+
+
+def _lsb(plan: Plan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Column current [cols] that moves a code by one, and the magnitude beyond which no current does."""
+    c, timing = plan.converter, plan.timing
+    gain = np.maximum(np.abs(c.gain), 1e-9)  # a gain of 0 reads nothing; any finite LSB will do for it
+    lsb = c.k * c.i0_a / gain / timing.gate_clocks
+    start = (np.abs(c.v_comp_offset_v) + np.abs(c.preset_error_v)) / c.packet_v()
+    return lsb, lsb * (2.0 * (timing.code_max + 1) + start) + c.k * np.abs(c.i_offset_a) / gain
 
 
 def certify(plan: Plan, result: Result) -> Result:
