@@ -307,6 +307,10 @@ TWICE_S = 1.0
 _asked_at: float | None = None
 
 
+class Terminated(SystemExit):
+    """SIGTERM or SIGHUP came; its code is that of `SIGNALS`."""
+
+
 def _leave_when_asked(number: int, _: FrameType | None) -> None:
     global _asked_at
     code, now = SIGNALS[signal.Signals(number)], time.monotonic()
@@ -320,14 +324,14 @@ def _leave_when_asked(number: int, _: FrameType | None) -> None:
     timer.start()
     if number == signal.SIGINT:
         raise KeyboardInterrupt
-    sys.exit(code)
+    raise Terminated(code)
 
 
 @contextlib.contextmanager
 def ending() -> Iterator[None]:
     """Let what asks a command to end be an exception meanwhile, so that what runs is ended on the way out.
 
-    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise SystemExit with the code of `SIGNALS`. An exception may be
+    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be
     lost, in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with that code all
     the same, and the watchdog ends its children.
     """

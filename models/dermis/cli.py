@@ -208,9 +208,11 @@ def _run() -> int:
     except (KeyboardInterrupt, click.Abort):
         _say("interrupted")
         return 130
-    except SystemExit as error:  # children.ending
+    except children.Terminated as error:
         _say("terminated")
-        return error.code if isinstance(error.code, int) else 1
+        return int(error.code)
+    except SystemExit as error:  # a command's own
+        return error.code if isinstance(error.code, int) else 1 if error.code else 0
     except BrokenPipeError:
         return 1
     except MemoryError as error:
