@@ -333,6 +333,16 @@ class _RowLines:
 Part = float | Floats
 
 
+def _of(part: Part, size: Floats) -> Floats:
+    """A part of sizes that are 0 or above; nothing of nothing, however large a part."""
+    if isinstance(part, float) and part < np.inf:
+        return part * size
+    with np.errstate(over="ignore"):
+        return np.multiply(
+            part, size, out=np.zeros(np.broadcast_shapes(np.shape(part), size.shape)), where=size > 0
+        )
+
+
 @dataclass
 class _Mesh:
     """What is between the ideal sources of the columns once every node is eliminated, all of it 0 or above.
@@ -399,7 +409,7 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
     figures = solve_error.Figures(max(missed, response.missed), response.condition)
     error: Part = part
     if isinstance(part, np.ndarray):
-        error = part * np.abs(driven)
+        error = _of(part, np.abs(driven))
         most = np.abs(driven).max(axis=2, keepdims=True)
         figures.bound = float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
     else:
@@ -407,7 +417,7 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
     rest = None
     if response.mesh is not None:
         rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
-        error = part * np.abs(driven) + error_rest
+        error = _of(part, np.abs(driven)) + error_rest
     account.take(figures)
     return _Solution(driven, rest, error)
 
@@ -458,9 +468,9 @@ def _rest(
         rest = held[:, np.newaxis, :] - lift * delivered
         # The driven row's share is a product of two responses over the scale.
         lifted = np.abs(per_volt) * delivered
-        error = lifted * (delivered * size_source * part).sum(axis=2, keepdims=True)
+        error = lifted * _of(part, delivered * size_source).sum(axis=2, keepdims=True)
         part = part + _scale_part(network, response, scale)
-        error += lifted * part * (delivered * size_source).sum(axis=2, keepdims=True)
+        error += _of(part, lifted * (delivered * size_source).sum(axis=2, keepdims=True))
         error += error_held[:, np.newaxis, :]
     # A bound that is no number is as good as none.
     error = np.where(np.isnan(error), np.inf, error)
@@ -489,9 +499,9 @@ def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats
     held = (mesh.between * (apart + pushed)).sum(axis=2) - mesh.ground * offset + mesh.own * leak
     # The differences and the sums of these few terms round as well.
     rounding = (2 * network.cols + 8) * solve_error.U
-    size = mesh.between * (np.abs(apart) + np.abs(pushed)) * (mesh.between_part + rounding)
-    error = size.sum(axis=2) + mesh.ground * np.abs(offset) * (mesh.ground_part + rounding)
-    return held, error + mesh.own * np.abs(leak) * (mesh.own_part + rounding)
+    error = _of(mesh.between_part + rounding, mesh.between * (np.abs(apart) + np.abs(pushed))).sum(axis=2)
+    error += _of(mesh.ground_part + rounding, mesh.ground * np.abs(offset))
+    return held, error + _of(mesh.own_part + rounding, mesh.own * np.abs(leak))
 
 
 def _held(network: Network) -> bool:
@@ -563,10 +573,15 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
 
 
 def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
-    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves the rest of 1 V."""
+    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves the rest of 1 V; and
+    what it sends to another is what that one would send to it."""
     sent = mesh.between.sum(axis=1) + mesh.ground
     behind = np.where(resistance > 0, mesh.own, 1.0)
-    return _check_balance(resistance * sent + behind, np.ones_like(sent), "from the source of a column", most)
+    missed = _check_balance(
+        resistance * sent + behind, np.ones_like(sent), "from the source of a column", most
+    )
+    back = mesh.between.transpose(0, 2, 1)
+    return max(missed, _check_balance(mesh.between, back, "from one column to another", most))
 
 
 def _sum_of_others(values: Floats) -> Floats:

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bound of the array solve's error against 120 digits, its checks against seeded faults, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dermis import array as array_module
+from dermis import batch, engines, plan, solve_error, star_mesh
+from dermis.array import Network, NoSolution, column_currents
+from dermis.errors import InputError, SimulatorError
+from dermis.hard import nodal
+
+Floats = NDArray[np.float64]
+
+# What a source of no resistance, 1e60 S, lets through of volts across siemens, and more: a current of 0 may come out
+# as that. The smallest current that moves a code is 1e30 times as large.
+STAND_IN_A = 1e-45
+
+
+def wild_network(rng: np.random.Generator) -> Network:
+    """Draw a small network of any kind of line, its resistances up to 28 decades apart, with opens and shorts."""
+    rows, cols = rng.integers(1, 5, 2)
+    decades = rng.choice([1, 4, 9, 14])
+    low, high = (-3, 15) if decades > 4 else (2, 7)
+    g = 10 ** -rng.uniform(low, high, (rows, cols))
+    g[rng.random((rows, cols)) < rng.choice([0, 0.3])] = 0.0
+
+    def series() -> float:
+        return rng.choice(
+            [0.0, 10 ** rng.uniform(-min(decades, 9), min(decades, 9)), 10 ** rng.uniform(0, 3)]
+        )
+
+    driven = series()
+    grounded = rng.choice([driven, series(), np.inf])
+    r_column = np.array([series() for _ in range(cols)])
+    trace_row, trace_column = (
+        rng.choice([0.0, 0.0, 10 ** rng.uniform(-min(2 * decades, 23), min(decades, 9))]) for _ in range(2)
+    )
+    if min(driven, grounded) + trace_row > 0 and (r_column + trace_column > 0).all():
+        g[rng.random((rows, cols)) < rng.choice([0, 0.2])] = np.inf
+    lateral = [rng.choice([0.0, 10 ** rng.uniform(-9, 9)]) for _ in range(2)]
+    offset = rng.choice([0, 1, -1, 2], cols) * 10 ** rng.uniform(-20, 3) * rng.choice([0, 1])
+    leak = rng.choice([0, 1, -1], cols) * 10 ** rng.uniform(-15, -3) * rng.choice([0, 1])
+    return Network(g, 0.5, driven, grounded, r_column, offset, *lateral, trace_row, trace_column, leak)
+
+
+def solved(network: Network) -> tuple[Floats, Floats, solve_error.Account]:
+    """Currents, the bound of each in ampere, and what is known of the solve."""
+    bounds: list[Floats] = []
+
+    class Recording(solve_error.Account):
+        def check(self, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
+            bounds.append(error if isinstance(error, np.ndarray) else error * np.abs(driven))
+
+    account = Recording()
+    token = solve_error._account.set(account)
+    try:
+        return column_currents(network), bounds[0][0], account
+    finally:
+        solve_error._account.reset(token)
+
+
+def fraction_used(network: Network) -> float:
+    """Largest part of its bound that the error of a current takes, against 120 digits."""
+    currents, bound, _ = solved(network)
+    error = np.abs(currents - nodal.column_currents(network, 120))
+    error = np.where(error <= STAND_IN_A, 0.0, error)
+    assert (bound[error > 0] > 0).all()
+    return float(np.divide(error, bound, out=np.zeros_like(error), where=bound > 0).max())
+
+
+@pytest.mark.parametrize("draws", [100, pytest.param(3000, marks=pytest.mark.long)])
+def test_no_current_is_further_from_the_nodal_matrix_than_its_bound(
+    draws: int, record_property: Callable[[str, object], None]
+) -> None:
+    rng = np.random.default_rng(7)
+    used = np.array([fraction_used(wild_network(rng)) for _ in range(draws)])
+    record_property("fraction of the bound used: largest, median", (used.max(), np.median(used)))
+    print(
+        f"{draws} networks: largest fraction of the bound used {used.max():.2g}, median {np.median(used):.2g}"
+    )
+    assert used.max() <= 1.0, "the bound is derived, not fitted"
+    assert used.max() > 1e-3, "a bound a thousand times too wide says little"
+
+
+def test_bounds_from_residuals_hold_where_counted_roundings_say_too_little(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(array_module, "_COUNTED_ENOUGH", 0.0)
+    counted = solve_error.part
+    # As in an array so large that counting says nothing.
+    monkeypatch.setattr(solve_error, "part", lambda *_: np.inf)
+    rng, used = np.random.default_rng(8), []
+    while len(used) < 40:
+        network = dataclasses.replace(wild_network(rng), r_trace_column_ohm=10 ** rng.uniform(-3, 3))
+        currents, bound, _ = solved(network)
+        error = np.abs(currents - nodal.column_currents(network, 120))
+        error = np.where(error <= STAND_IN_A, 0.0, error)
+        used.append(np.divide(error, bound, out=np.zeros_like(error), where=bound > 0).max())
+        assert (error <= bound).all()
+    assert 1e-6 < max(used) <= 1.0, "a bound by condition is wide, a millionth of it is still something"
+    # and for the arrays that it is there for it is the tighter one
+    monkeypatch.setattr(solve_error, "part", counted)
+    g = 1 / rng.uniform(500, 64250, (48, 48))
+    network = Network(g, 0.5, 1.0, 1.0, 0.5, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
+    account = solved(network)[2]
+    assert account.bound < 0.1 * 2 * solve_error.part(
+        solve_error.chain(48, 48, solve_error.elements(48, 48, True)), 48, 48
+    )
+
+
+def test_tiny_offsets_beside_large_currents_keep_their_own_digits() -> None:
+    g = 1 / np.random.default_rng(2).uniform(500, 64250, (4, 5))
+    for r_column in (1e-12, 1e-3, 0.5, 1e6):
+        for volt in (1e-20, 1e-3, 1e3):
+            offset = volt * np.array([1.0, -1.0, 1.0, 0.0, 2.0])
+            network = Network(g, 0.0, 1.0, 1.0, r_column, offset, g_lateral_row_s=1e-3)
+            want = nodal.column_currents(network, 120)
+            # 1e-13: what cancels here is at most ten times what is left.
+            assert np.abs(column_currents(network) / want - 1).max() < 1e-13
+
+
+def test_slots_whose_change_cancels_are_solved_by_themselves() -> None:
+    # Rows held hard while grounded and left nearly open while driven: all that a slot's own row took must go again.
+    g = np.array([[1e12, 1e3], [1e-3, 2e-3]])
+    network = Network(g, 0.5, 1e6, 0.0, 1e-12, [1e-3, 0.0])
+    currents, bound, account = solved(network)
+    assert account.slots_alone > 0
+    error = np.abs(currents - nodal.column_currents(network, 120))
+    assert (error <= bound).all()
+    # A millionth of the design's LSB, 2 uA
+    assert error[0].max() < 1e-12
+
+
+# --- seeded faults: each is far below what a code shows, and is noticed -----------------------------------------------
+
+EVERYTHING: dict[str, Any] = {
+    "r_row_driven_ohm": 1.0,
+    "r_row_grounded_ohm": 3.0,
+    "r_column_ohm": 0.5,
+    "g_lateral_row_s": 1e-3,
+    "r_trace_row_ohm": 0.3,
+    "v_column_offset_v": 1e-3,
+}
+
+
+@pytest.mark.parametrize("fault", ["pivot", "element", "current", "source"])
+def test_a_fault_in_the_elimination_is_noticed(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
+    down, up = star_mesh.down, star_mesh.up
+
+    def broken_down(work: Floats, pivot: Floats, *which: int) -> None:
+        if fault == "element":  # a link that the elimination does not see
+            work[1, 0, 3] = 0.0
+        down(work, pivot, *which)
+        if fault == "pivot":
+            pivot[0, 2] *= 1 + 1e-9
+
+    def broken_up(work: Floats, *rest: Any) -> None:
+        up(work, *rest)
+        if fault == "current":
+            work[1, 3, 5 + 1 + 4] *= 1 + 1e-9
+        if fault == "source":
+            work[0, 2, -1] *= 1 + 1e-9
+
+    monkeypatch.setattr(star_mesh, "down", broken_down)
+    monkeypatch.setattr(star_mesh, "up", broken_up)
+    with pytest.raises(SimulatorError, match=r"Kirchhoff's current law is missed by .* of the current"):
+        column_currents(Network(g[0], 0.5, **EVERYTHING), g)
+
+
+def test_a_fault_in_what_columns_give_each_other_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = 1 / np.random.default_rng(1).uniform(500, 64250, (3, 4))
+    chain = star_mesh.chain
+
+    def broken(*arguments: Any) -> float:
+        missed = chain(*arguments)
+        arguments[12][0, 1, 3 + 1] *= 1 + 1e-7  # the voltage of a column under its own source
+        return missed
+
+    monkeypatch.setattr(star_mesh, "chain", broken)
+    with pytest.raises(SimulatorError, match="from the source of a column"):
+        column_currents(Network(g, 0.5, **EVERYTHING, r_trace_column_ohm=0.2))
+
+
+# --- what is reported, and what is refused ----------------------------------------------------------------------------
+
+SCENE = """
+[array]
+rows = 2
+cols = 3
+[stimulus]
+kind = "resistance"
+file = "r.csv"
+[effects]
+{effects}
+"""
+
+
+def made(write_scene: Callable[..., Path], effects: str, ohm: str) -> plan.Plan:
+    return plan.load(write_scene(SCENE.format(effects=effects), r__csv=ohm), "closed")
+
+
+OHM = "1e3,2e3,3e3\n4e3,5e3,6e3\n"
+
+
+def test_every_engine_reports_its_solves(write_scene: Callable[..., Path]) -> None:
+    effects = "column_offset = { v_v = 1e-3 }\ncolumn_input = { r_ohm = 0.5 }\nlateral = { r_ohm = 1e3 }"
+    world = made(write_scene, effects, OHM)
+    for engine in ("closed", "event"):
+        report = engines.run(dataclasses.replace(world, engine=engine)).info["array"]
+        assert report["solves"] == 1
+        # A few roundings; a bound above what it bounds and far below what a code bears; the lateral resistors, two
+        # rows of 1 mS, beside inputs of 2 S.
+        assert 0 <= report["residual"] < 1e-14
+        assert 1e-16 < report["bound"] < 1e-11
+        assert 0 < report["bound_lsb"] < 1e-6
+        assert 2.0 < report["condition"] < 2.01
+        assert report["refinement_steps"] == 0
+        json.dumps(report, allow_nan=False)
+
+
+def test_parts_of_a_run_report_together() -> None:
+    one = {
+        "solves": 3,
+        "residual": 1e-16,
+        "bound": 1e-12,
+        "bound_lsb": 0.0,
+        "condition": 5.0,
+        "refinement_steps": 1,
+    }
+    other = one | {"residual": 3e-16, "condition": 2.0, "refinement_steps": 0}
+    joined = batch._joined(
+        [engines.Result(np.zeros((1, 1, 1), np.uint8), {"array": part}) for part in (one, other)], [1, 1]
+    )
+    assert joined.info["array"] == one | {"solves": 6, "residual": 3e-16, "refinement_steps": 1}
+
+
+def test_a_code_that_rounding_may_move_is_refused_by_name(write_scene: Callable[..., Path]) -> None:
+    # 1 V from column to column through 1e-12 ohm: 1e12 A into the middle one and out of it again, where 2 uA are a
+    # code.
+    lateral = "lateral = { r_ohm = 1e-12 }\n"
+    world = made(write_scene, lateral + "column_offset = { v_v = [1.0, 0.0, -1.0] }", OHM)
+    for engine in ("closed", "event"):
+        with pytest.raises(
+            SimulatorError, match=r"row \d, column 1 is known to .* LSB only .* try resistances less"
+        ):
+            engines.run(dataclasses.replace(world, engine=engine))
+    # 1e12 A one way are a code of 0 or 255 whatever their last digits.
+    codes = engines.run(made(write_scene, lateral + "column_offset = { v_v = [1.0, 0.0, 0.0] }", OHM)).codes
+    assert codes[0, :, 0].tolist() == [0, 0]
+    assert codes[0, :, 1].tolist() == [255, 255]
+
+
+def test_shorts_across_ideal_sources_are_refused_by_name(write_scene: Callable[..., Path]) -> None:
+    world = made(write_scene, "column_offset = { v_v = [0.0, 1e-3, 0.0] }", "1e3,2e3,3e3\n4e3,0,6e3\n")
+    for engine in ("closed", "event", "rtl", "cosim"):
+        with pytest.raises(
+            InputError, match=r"taxel at row 1, column 1 in frame 0 = 0 ohm: above 0"
+        ) as error:
+            engines.run(dataclasses.replace(world, engine=engine))
+        assert "column_offset" in str(error.value)
+    # Each of these gives the current an end.
+    for more in (
+        "row_driver = { r_ohm = 1.0 }",
+        "column_input = { r_ohm = 0.5 }",
+        "trace = { r_row_ohm = 0.1 }",
+    ):
+        effects = f"column_offset = {{ v_v = [0.0, 1e-3, 0.0] }}\n{more}"
+        engines.run(made(write_scene, effects, "1e3,2e3,3e3\n4e3,0,6e3\n"))
+
+
+def loops() -> Iterator[tuple[str, bool, dict[str, Any]]]:
+    """Shorts between held columns, whether there is no solution, and what surrounds them."""
+    soft = {"r_row_driven_ohm": 1.0, "r_row_grounded_ohm": 1.0}
+    unlike = {"v_column_offset_v": [1e-3, -1e-3]}
+    alike = {"v_column_offset_v": [1e-3, 1e-3]}
+    yield "two shorts of a row join unlike columns", True, soft | unlike
+    yield "alike columns", False, soft | alike
+    yield "alike columns on a hard row", True, alike
+    yield "an input behind a resistance", False, soft | unlike | {"r_column_ohm": [0.0, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("what", "refused", "kind"), list(loops()), ids=lambda v: v if isinstance(v, str) else ""
+)
+def test_only_loops_of_ideal_sources_are_refused(what: str, refused: bool, kind: dict[str, Any]) -> None:
+    network = Network(np.array([[np.inf, np.inf], [1e-3, 1e-3]]), 0.5, **kind)
+    if refused:
+        with pytest.raises(NoSolution, match="0 ohm at row 0"):
+            column_currents(network)
+    else:
+        want = nodal.column_currents(network, 120)
+        # What the solver promises (docs/array.md); nothing cancels here.
+        assert column_currents(network) == pytest.approx(want, rel=1e-12)
+
+
+def test_conductances_that_are_none_are_refused() -> None:
+    network = Network(np.ones((2, 2)), 0.5, 1.0)
+    for bad in (np.nan, -1.0):
+        with pytest.raises(ValueError, match="0 or above"):
+            column_currents(network, np.full((1, 2, 2), bad))
