@@ -120,7 +120,15 @@ class _Weighing:
             budget = min(budget, self.extent.lag_room)
         if any(self.bound[name] > budget for name in out):
             return False
-        return self._largest(self._cells(out, self.kept.keys() - out)) <= budget
+        return self.off(out) <= budget
+
+    def off(self, out: set[str]) -> float:
+        """Packets by which leaving these out together may move what is counted, at most."""
+        if not out:
+            return 0.0
+        grown = bounds.grown(self.on.keys() - out, self.total.bounds, self.extent)[self.total.felt]
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._largest(self._cells(out, self.kept.keys() - out) * grown)
 
     def margin(self, out: set[str], random: Iterable[str] = ()) -> Floats:
         """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""
@@ -160,7 +168,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
     for name in rest * 2:  # leaving some out makes room for others, which need not allow for them any more
         if name not in out and weighing.fits(out | {name}, auto.budget_lsb):
             out.add(name)
-    left = float(weighing.margin(out).max()) if out else 0.0
+    left = weighing.off(out)
     why = {}
     for n in names:
         if n in out:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -420,11 +420,15 @@ def motion(_: Any, e: Extent) -> Bound:
 # --- levels, packets and the integrator --------------------------------------------------------------------------
 
 
+def _lost(e: Extent, g_s: ArrayLike) -> Floats:
+    """Part of the charge that g across the input takes in a clock."""
+    c = e.converter
+    return g_s * c.inv_gain_dc * e.amplitude / c.c_int_f / c.f_clk_hz
+
+
 def _leak(e: Extent, g_s: ArrayLike) -> Floats:
     """Packets lost in a gate through g across the input: |w| stays within one packet and the slack."""
-    c = e.converter
-    lost = g_s * c.inv_gain_dc * e.amplitude / c.c_int_f / c.f_clk_hz
-    return e.n * lost * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
+    return e.n * _lost(e, g_s) * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
 
 
 def integrator_gain(p: Any, e: Extent) -> Bound:
@@ -624,6 +628,22 @@ def lag_slack(moved: Floats, e: Extent) -> Floats:
     c = e.converter
     kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
     return np.broadcast_to(kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_MIN), (e.cols,))
+
+
+def grown(on: Collection[str], bounds: Mapping[str, Bound], e: Extent) -> Floats:
+    """By what factor a level that is off by little may be off at the end of the gate, where `on` is kept, [B, R, C].
+
+    Charge that an integrator loses hangs on where its levels are: at a limit every packet may lose as much more as the
+    level is off, and a leak takes its part of it in every clock. Certified codes need no such factor (docs/auto.md).
+    """
+    factor = np.ones(e.g.shape)
+    if "integrator_range" in on:
+        reached = np.asarray(bounds["integrator_range"].lsb) > 0
+        factor = factor + np.where(reached, e.ones, 0.0)
+    leaks = np.zeros(e.g.shape)
+    if "integrator_gain" in on:
+        leaks = leaks + _lost(e, e.converter.g_in_s + e.g_input)
+    return factor + e.n * leaks
 
 
 Bounding = Callable[[Any, Extent], Bound]

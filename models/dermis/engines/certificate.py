@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     from dermis.plan import Plan
 
 
-def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]:
     """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
     margin = np.broadcast_to(plan.margin_lsb, (plan.cols,))
     if not margin.any():
         return result.codes, result.codes
-    margin = np.minimum(margin, 2.0 * plan.timing.code_max)
+    # Beyond this the level may be anywhere a gate of any code takes the charge, and a run at such a level says nothing:
+    # a duty above 1/2 brings more than a packet every second clock and would still be seen to reach it.
+    unbounded = margin > 2.0 * plan.timing.code_max
+    margin = np.where(unbounded, 0.0, margin)
     silent = dataclasses.replace(plan.converter, **dict.fromkeys(event.RANDOM, 0.0))
     steady = _steady(plan)
     x = result.info.get("x") if plan.engine == "closed" or steady else None
@@ -43,7 +46,9 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.uint8], NDArray[np
         else:
             ends.append(event.codes_of(end, x))
     low, high = ends
-    return low, high
+    return np.where(unbounded, low.dtype.type(0), low), np.where(
+        unbounded, low.dtype.type(plan.timing.code_max), high
+    )
 
 
 def _steady(plan: Plan) -> bool:
