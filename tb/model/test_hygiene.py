@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import tolerances
 
 from dermis import float_flags
+from dermis.design import ROOT
 
 # --- floating-point flags --------------------------------------------------------------------------------------------
 
@@ -143,3 +145,44 @@ SPICE = {
 @pytest.mark.parametrize("text", SPICE)
 def test_a_seeded_fault_in_a_deck_is_listed(text: str) -> None:
     assert len(tolerances.in_spice("seeded.sp", text + "\n")) == SPICE[text]
+
+
+LOCKSTEP = """
+import sys
+from pathlib import Path
+from dermis import ngspice
+from dermis.errors import SimulatorError
+from dermis.ngspice import Deck, NgspiceHalf
+
+ngspice.SOURCE = Path(sys.argv[1])
+library = ngspice.library()
+deck = Deck(("test", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n"), ("v_d",), (0.0,), (False,), ("out",))
+half = NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=1e-7, t_stop_s=1e-5, log=Path("ngspice.log"))
+try:
+    half.advance(0.0, [])
+    half.advance(2e-6, [(1e-6, 0, 1.0)])
+    print("fine")
+except SimulatorError as error:
+    print(error)
+if sys.argv[1] == "seeded.c":
+    library.unlink()
+"""
+
+
+@pytest.mark.parametrize("seeded", [False, True])
+def test_a_seeded_divide_in_the_lock_step_is_an_error(tmp_path: Path, seeded: bool) -> None:
+    source = (ROOT / "models/dermis/lockstep.c").read_text(encoding="utf-8")
+    right = "if (t <= s->t)"
+    assert source.count(right) == 1
+    # it changes no value: infinity is positive
+    wrong = "if (t <= s->t && 1.0 / (s->from - s->from) > 0.0)"
+    (tmp_path / "seeded.c").write_text(source.replace(right, wrong))
+    path = "seeded.c" if seeded else str(ROOT / "models/dermis/lockstep.c")
+    found = subprocess.run(
+        [sys.executable, "-c", LOCKSTEP, path], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert found.returncode == 0, found.stderr
+    if seeded:
+        assert "floating-point exception in on_source of lockstep.c" in found.stdout
+    else:
+        assert found.stdout == "fine\n"

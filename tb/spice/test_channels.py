@@ -89,8 +89,8 @@ def test_ideal_channels_are_exact_at_any_step_and_method(
 
 @pytest.mark.parametrize("step_s", [10e-9, 1e-6])
 @pytest.mark.parametrize(
-    # The loosest that ngspice takes by default, and the tightest that the longest deck ends with.
     "options",
+    # The loosest that ngspice takes by default, and the tightest that the longest deck ends with.
     ["trtol=7 reltol=1e-3", "trtol=1 reltol=1e-6 chgtol=5e-18 abstol=1e-13 vntol=1e-9"],
 )
 @pytest.mark.parametrize("method", ["trap", "gear"])

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One seed, one result to the last bit: however often, wherever, in what order and in how many parts it is run."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import repeat
+
+from dermis import noise
+
+SCENES = (
+    "noisy_channel",
+    "nonideal_channel",
+    "printed_traces:event",
+    "humming_supply",
+    "worn_fsr_sheet",
+    "quarter_code_fingertip",
+)
+
+
+def run_elsewhere(scenes: tuple[str, ...], cwd: Path, **environment: str) -> dict[str, str]:
+    """Digests by a process of its own."""
+    program = Path(repeat.__file__).resolve()
+    done = subprocess.run(
+        [sys.executable, str(program), *scenes], cwd=cwd, env=os.environ | environment,
+        capture_output=True, text=True, timeout=150,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def here() -> dict[str, str]:
+    """Digests of the scenes in this process, with all that its other tests left in it."""
+    return {name: repeat.digest(repeat.numbers(repeat.load(name))) for name in SCENES}
+
+
+@pytest.mark.parametrize(
+    ("scenes", "environment"),
+    [
+        (SCENES, {"OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "1", "LC_ALL": "C", "TZ": "UTC"}),
+        (SCENES[::-1], {"OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "2", "LC_ALL": "tr_TR.UTF-8"}),
+        (
+            SCENES[3:] + SCENES[:3],
+            {"OPENBLAS_NUM_THREADS": "4", "NUMBA_NUM_THREADS": "2", "TZ": "Asia/Kathmandu"},
+        ),
+    ],
+    ids=["1 thread", "2 threads", "4 threads"],
+)
+def test_another_process_gets_every_bit_the_same(
+    here: dict[str, str], tmp_path: Path, scenes: tuple[str, ...], environment: dict[str, str]
+) -> None:
+    assert run_elsewhere(scenes, tmp_path, **environment) == here
+
+
+def test_a_second_run_of_one_process_is_the_first(here: dict[str, str]) -> None:
+    assert repeat.digest(repeat.numbers(repeat.load(SCENES[0]))) == here[SCENES[0]]
+
+
+@pytest.mark.parametrize(
+    "name", ["noisy_channel", "humming_supply", "worn_fsr_sheet", "press_and_release", "moving_finger"]
+)
+def test_parts_of_a_run_are_the_run(name: str) -> None:
+    made = repeat.load(name)
+    assert made.frames > 3
+    whole = repeat.numbers(made)
+    for cuts in ([1], list(range(1, made.frames)), [made.frames // 2]):
+        parts = repeat.joined(made, cuts)
+        assert {k for k in whole if not np.array_equal(whole[k], parts[k], equal_nan=True)} == set(), cuts
+
+
+def test_a_number_that_hangs_on_the_cut_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeded fault: random numbers that begin anew with each part."""
+    made = repeat.load("noisy_channel")
+    keys = noise.cell_keys
+    monkeypatch.setattr(noise, "cell_keys", lambda seed, first_frame, shape: keys(seed, 0, shape))
+    assert repeat.digest(repeat.joined(made, [made.frames // 2])) != repeat.digest(repeat.numbers(made))
+
+
+def test_another_seed_is_seen(here: dict[str, str]) -> None:
+    made = repeat.load("noisy_channel")
+    other = repeat.numbers(dataclasses.replace(made, seed=made.seed + 1))
+    assert repeat.digest(other) != here["noisy_channel"]
