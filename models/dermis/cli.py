@@ -156,7 +156,7 @@ def run(
         output.write(where, made, result, rows, draw)
     verdict.write_rows("run", rows)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
-    click.echo(f"codes, figure, summary and the resolved scene are in {where}")
+    click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
     return verdict.exit_code(rows)
 
 

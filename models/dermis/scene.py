@@ -178,7 +178,11 @@ def find(name: str) -> Path:
         None of them has this name.
     """
     path = Path(name)
-    if path.suffix == ".toml" or path.exists() or "/" in name:
+    try:
+        there = path.exists()
+    except (OSError, ValueError):  # too long, or with a NUL: no file has such a name
+        there = False
+    if path.suffix == ".toml" or there or "/" in name:
         return path
     known = sorted(p.stem for p in SCENES.glob("*.toml"))
     if name not in known:

@@ -87,6 +87,8 @@ def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | No
             raise InputError(
                 file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
             )
+        if not status.st_size:  # or none that is told: a read of /proc/kmsg, a regular file, never ends
+            return b""
         with open(path, "rb") as stream:
             # As much as it had a moment ago: room for `limit` bytes would be taken at once, whatever is there.
             data = stream.read(status.st_size + 1)
