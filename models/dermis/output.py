@@ -83,7 +83,8 @@ def place(out: str | Path) -> Iterator[Path]:
 
     Where there is nothing yet, there is nothing until `write` has all of it.
     """
-    new = [path for path in (Path(out), *Path(out).parents) if not path.exists()]
+    with _writing(Path(out)):  # a name may be too long to be looked for
+        new = [path for path in (Path(out), *Path(out).parents) if not path.exists()]
     path = prepare(out)
     try:
         _refuse_directories(path)
