@@ -20,8 +20,8 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate auto-check hard sweep lint test formal mutate coverage synth gl liberty bench \
-        waves generate gen-check calc clean
+.PHONY: help setup sim run plan ablate auto-check hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
+        waves generate gen-check calc clean faults
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -57,6 +57,9 @@ bench: setup ## speed and accuracy figures, into build/bench.json
 test: setup ## all tests [TESTS=paths] [JOBS=2] [LONG=1: the long ones too] [ARGS="-k word"]
 	@.venv/bin/pytest -n $(JOBS) $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
+faults: setup ## commands killed, interrupted, out of disk, with broken files and tools [ARGS="--only kill --subject cosim"]
+	@$(dermis) faults $(ARGS)
+
 lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
 	@status=0; \
 	.venv/bin/ruff check models tb scripts || status=1; \
@@ -66,6 +69,9 @@ lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings ar
 
 formal: setup ## proofs of the digital core, each with a seeded fault that it catches
 	@$(dermis) formal $(ARGS)
+
+fuzz: setup ## hostile input, guided by coverage [ARGS="--only scene --inputs 25000 --seed 0 --docs"]
+	@$(dermis) fuzz $(ARGS)
 
 mutate: setup ## single changes to the Verilog, and whether tests or proofs see them
 	@$(dermis) mutate $(ARGS)

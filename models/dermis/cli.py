@@ -31,7 +31,12 @@ ELSEWHERE = {
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
     "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
+    "faults": ("dermis.faults.command", "Kill, interrupt, fill, close, cut: what a disturbed run leaves."),
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
+    "fuzz": (
+        "dermis.fuzz.command",
+        "Hostile input, guided by coverage, against every parser; what it found.",
+    ),
     "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
     "gl": ("dermis.gate_level", "The cocotb tests of the top on the mapped netlist."),
     "hard": (

