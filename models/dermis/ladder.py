@@ -102,7 +102,7 @@ STEPS = (
         "loose",
         "0.1 fF from every node to ground, abstol and gmin 1e-10",
         "1e-10 A a branch and junction: 4e-6 of 25 uA, 0.002 of a count",
-        f"{_NODES} {_WATCH} reltol=1e-3 vntol=1e-6 abstol={I_LOOSE_A:g} gmin={I_LOOSE_A:g}",
+        f"{_NODES} {_WATCH} abstol={I_LOOSE_A:g} gmin={I_LOOSE_A:g}",
     ),
 )
 """Ways to step, in the order in which they are tried; the last one is also what is left when no start works."""

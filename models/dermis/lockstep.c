@@ -56,6 +56,8 @@ static struct {
 
     bool started; /* the operating point stands: what ngspice says of time is time of the transient */
     bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
+    bool loading, refused; /* the deck is being read, and ngspice found an error in it, which its return code does not say */
+    bool multistep; /* Gear's formula integrates */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
 
     double t_now, t_data, t_target, t_edge, t_max_step, t_stop;
@@ -85,9 +87,11 @@ static int on_char(char *text, int id, void *user)
     if (ls.log)
         fprintf(ls.log, "%s\n", text);
     const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
-    if (strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
+    if (ls.loading && said != text && !strncmp(said, "Error", 5))
+        ls.refused = true; /* and what follows says why */
+    if ((ls.loading && ls.refused && said != text) || strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
         strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence") ||
-        strcasestr(said, "iteration limit")) {
+        strcasestr(said, "iteration limit") || strcasestr(said, "undefined")) {
         if (strstr(ls.trouble, said))
             return 0;
         size_t used = strlen(ls.trouble);
@@ -265,9 +269,10 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         next = ls.corner[0];
     double left = next - t;
     ls.first_of_kind = landed;
-    if (landed) {
+    if (landed && !ls.multistep) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
-           start instead with what was accepted at the same place last time, and let it be a little bolder */
+           start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
+           is unstable where a step is more than 1 + sqrt(2) times the last. */
         *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
     }
     if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
@@ -357,7 +362,7 @@ static int fail(const char *what)
 /* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
                   const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_max_step,
-                  double t_stop, int recording, int use_ic)
+                  double t_stop, int recording, int use_ic, int multistep)
 {
     static bool initialised;
     static int ident;
@@ -393,6 +398,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.t_target = 0.0;
     ls.started = use_ic != 0;
     ls.sampled = ls.poisoned = false;
+    ls.multistep = multistep != 0;
     ls.t_edge = t_edge;
     ls.t_max_step = t_max_step;
     ls.t_stop = t_stop;
@@ -421,11 +427,14 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     char **lines = calloc((size_t)n_lines + 1, sizeof *lines);
     for (int i = 0; i < n_lines; i++)
         lines[i] = strdup(deck[i]);
+    ls.loading = true;
+    ls.refused = false;
     int rc = ngSpice_Circ(lines);
+    ls.loading = false;
     for (int i = 0; i < n_lines; i++)
         free(lines[i]);
     free(lines);
-    if (rc || ls.state == FAILED)
+    if (rc || ls.refused || ls.state == FAILED)
         return fail("ngspice refuses the deck");
     char copy[256];
     snprintf(copy, sizeof copy, "%s", start);

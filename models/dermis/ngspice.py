@@ -96,7 +96,7 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, whole, whole]
+    lib.lockstep_open.argtypes += [number, number, number, whole, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
@@ -166,6 +166,7 @@ class NgspiceHalf:
         self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
+        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
@@ -186,6 +187,7 @@ class NgspiceHalf:
                 t_stop_s,
                 int(record),
                 int(use_ic),
+                int(gear),
             ):
                 self._raise()
 

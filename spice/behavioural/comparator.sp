@@ -8,15 +8,19 @@
 .param v_linear = {10*(supply_vdd_v - supply_vss_v)/(2*gain_dc)}
 .if (t_delay_s + v_hysteresis_v > 0)
 * The pole stands before the decision: a ramp is late by exactly t_delay_s, and an output edge costs no time steps.
-gin 0 v_in inp inn 1
-rin v_in 0 1
+* 10 fF: where the hysteresis turns round, the current jumps while the charge is near zero, and truncation control is content only below
+* chgtol. With 1 S and t_delay_s farad that was a step below the smallest ("timestep too small") beside the tolerances of a clamp; with
+* 10 fF, chgtol is 1 V times reltol: 0.1 mV, or 10 nV beside a clamp.
+.param g_in = {(t_delay_s > 0) ? 1e-14/t_delay_s : 1}
+gin 0 v_in inp inn {g_in}
+rin v_in 0 {1/g_in}
 .if (t_delay_s > 0)
-cin v_in 0 {t_delay_s}
+cin v_in 0 1e-14
 .endif
 .if (v_hysteresis_v > 0)
 * Fed back by a sign, so one of its two states always agrees with itself: a finite gain in this loop would narrow the hysteresis
 * and fold the operating point, which Newton cannot pass.
-bhysteresis 0 v_in i = v(v_in) >= ({v_offset_v}) ? {0.5*v_hysteresis_v} : {-0.5*v_hysteresis_v}
+bhysteresis 0 v_in i = v(v_in) >= ({v_offset_v}) ? {0.5*g_in*v_hysteresis_v} : {-0.5*g_in*v_hysteresis_v}
 .endif
 .if (gain_dc < 1e8)
 bout out 0 v = v(v_in) > ({v_offset_v + v_linear}) ? v(vdd) : (v(v_in) < ({v_offset_v - v_linear}) ? v(vss) :

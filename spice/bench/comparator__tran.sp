@@ -3,8 +3,8 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: the crossing is wanted to a fiftieth of a step; 0.1 fC is a thousandth of what the output pole holds
-.options reltol=1e-5 chgtol=1e-16 trtol=1
+* options: the crossing is wanted to a fiftieth of a step; 1e-18 C is a thousandth of what the pole of 10 fF holds
+.options reltol=1e-5 chgtol=1e-18 trtol=1
 * parameters
 .param slope = 2.5e6
 * stimulus: 1 V/0.4 us through zero at 0.2 us and, falling, at 0.8 us; a step of +-50 mV at 0.5 us

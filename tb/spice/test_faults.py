@@ -184,8 +184,8 @@ FAULTS = {
     "hysteresis_halved": (
         check_comparator,
         "behavioural/comparator.sp",
-        "? {0.5*v_hysteresis_v} : {-0.5*v_hysteresis_v}",
-        "? {0.25*v_hysteresis_v} : {-0.25*v_hysteresis_v}",
+        "? {0.5*g_in*v_hysteresis_v} : {-0.5*g_in*v_hysteresis_v}",
+        "? {0.25*g_in*v_hysteresis_v} : {-0.25*g_in*v_hysteresis_v}",
     ),
     "lag_with_a_fixed_time_constant": (
         check_lag,
