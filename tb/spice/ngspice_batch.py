@@ -3,33 +3,18 @@
 
 from __future__ import annotations
 
-import math
-import os
 import re
 import shutil
-import signal
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dermis import spice_batch
 from dermis.design import ROOT
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 
 SPICE = ROOT / "spice"
 SECTIONS = ("include", "options", "parameters", "stimulus", "dut", "measure", "control")
-
-_MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
-_RESULT = re.compile(rf"^(\w+)\s*=\s+({_NUMBER})\b", re.MULTILINE | re.IGNORECASE)
-_ABORT = re.compile(
-    r"^.*(?:timestep too small|no convergence|simulation\(s\) aborted|analysis failed|iteration limit).*$",
-    re.MULTILINE | re.IGNORECASE,
-)
-_ERROR = re.compile(
-    r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined).*$",
-    re.MULTILINE | re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True)
@@ -90,73 +75,11 @@ class Bench:
 
 
 def run(deck: Path, limit_s: float = 60.0) -> dict[str, float]:
-    """Run a deck and return ``{name: value}`` for every ``.meas`` in it.
+    """Run a deck and return ``{name: value}`` for every ``.meas`` in it; see dermis.spice_batch for what it raises.
 
-    Parameters
-    ----------
-    deck : Path
-        Its folder receives what is run, ``<name>.run.sp``, and the log, ``<name>.log``.
-    limit_s : float
-        Wall-clock limit.
-
-    Raises
-    ------
-    InputError
-        No ngspice on the path.
-    SimulatorError
-        ngspice stopped, took too long, or did not measure something. It exits with 0 nearly always, so every name
-        that the deck measures must come back as a finite number.
+    A bench that needs a retry is wrong, however well the retry goes.
     """
-    tool = shutil.which("ngspice")
-    if tool is None:
-        raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
-    log = deck.with_suffix(".log")
-    text = deck.read_text()
-    wanted = [name.lower() for _, name in _MEAS.findall(text)]
-    # ngspice prints 7 digits of what it finds, whatever it is asked; of a formula it prints as many as asked.
-    text = _MEAS.sub(r"\g<0>\n.meas \1 full_\2 param='\2'", text)
-    work = deck.with_suffix(".run.sp")
-    work.write_text(text)
-    environment = {**os.environ, "NGSPICE_MEAS_PRECISION": "15"}
-    with log.open("w") as out:
-        process = subprocess.Popen(
-            [tool, "-b", work.name],
-            cwd=deck.parent,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            env=environment,
-            start_new_session=True,
-        )
-        try:
-            process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            raise SimulatorError(f"ngspice, {deck.stem}: not done after {limit_s:g} s", log) from None
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-    text = log.read_text(errors="replace")
-    if process.returncode < 0:
-        raise SimulatorError(f"ngspice, {deck.stem}: ended by signal {-process.returncode}", log)
-    if abort := _ABORT.search(text):
-        raise SimulatorError(f"ngspice, {deck.stem}: {_trouble(text, abort[0])}", log)
-    values = {name.lower(): float(value) for name, value in _RESULT.findall(text)}
-    missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
-    if missing:
-        error = _ERROR.search(text)
-        why = f": {error[0].strip()}" if error else ""
-        raise SimulatorError(f"ngspice, {deck.stem}: did not measure {', '.join(missing)}{why}", log)
-    if process.returncode:
-        raise SimulatorError(f"ngspice, {deck.stem}: exit code {process.returncode}", log)
-    return {name: values[f"full_{name}"] for name in wanted}
-
-
-def _trouble(text: str, complaint: str) -> str:
-    """Return ngspice's complaint with the time and the node it names, which may stand on other lines."""
-    parts = [complaint.strip()]
-    for pattern in (r"time\s*=\s*[\d.e+-]+", r"trouble with [^\n;]+"):
-        found = re.search(pattern, text, re.IGNORECASE)
-        if found and found[0] not in parts[0]:
-            parts.append(found[0].strip())
-    return "; ".join(parts)
+    measured = spice_batch.run(deck, limit_s)
+    if measured.retries:
+        raise SimulatorError(f"ngspice, {deck.stem}, {measured.retries[0]}", deck.with_suffix(".log"))
+    return dict(measured.values)
