@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from dermis import plan as planning
 from dermis import scene
-from dermis.decode import decode
+from dermis.decode import decode, taxels_alone
 from dermis.engines import closed
 
 
@@ -81,3 +82,50 @@ def test_no_pulse_and_full_scale_are_flagged() -> None:
 def test_codes_that_no_counter_holds_are_refused(codes: np.ndarray) -> None:
     with pytest.raises(ValueError, match="codes must be"):
         decode(made(EVERY), codes)
+
+
+WORN = {
+    "row_driver": {"effects": {"row_driver": {"r_ohm": 4.0}}, "limit": 0.55},
+    "columns too": {
+        "effects": {"row_driver": {"r_ohm": 4.0, "grounded_r_ohm": 7.0}, "column_input": {"r_ohm": 2.0}},
+        "limit": 0.6,
+    },
+    "traces and sources": {
+        "effects": {
+            "row_driver": True, "column_input": True, "trace": {"r_row_ohm": 0.2, "r_column_ohm": 0.2},
+            "lateral": True, "column_offset": {"v_v": 5e-4}, "mux_leakage": {"i_a": 1e-6},
+        },
+        "limit": 0.6,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", WORN)
+def test_what_the_network_takes_is_put_back(kind: str) -> None:
+    """Half a code is rounding, and of the halves of fifteen others each passes a hundredth on: the limits above."""
+    codes = np.random.default_rng(4).integers(0, 240, (2, 16, 16))
+    plan = made({"code": [1]}, array={"rows": 16, "cols": 16}, effects=WORN[kind]["effects"])
+    plan = dataclasses.replace(plan, resistance_ohm=plan.ohm_of_duty(codes / 510))
+    read = closed.run(plan).codes
+    plain, corrected = decode(plan, read), decode(plan, read, corrected=True)
+    assert np.abs(plain.x * 510 - codes).max() > 10
+    assert np.abs(corrected.x * 510 - codes).max() < WORN[kind]["limit"]
+    ends = (corrected.force_low_n <= corrected.force_n) & (corrected.force_n <= corrected.force_high_n)
+    assert ends.all()
+
+
+def test_exact_duties_come_back_exactly() -> None:
+    effects = WORN["traces and sources"]["effects"]
+    plan = made({"code": [1]}, array={"rows": 16, "cols": 16}, effects=effects)
+    x = np.random.default_rng(4).uniform(0, 0.47, (1, 16, 16))
+    plan = dataclasses.replace(plan, resistance_ohm=plan.ohm_of_duty(x))
+    seen = closed.run(plan).info["x"]
+    # Each sweep leaves a tenth of what the last one left of 0.1: 1e-9 after eight, and up to ten times that here.
+    assert np.abs(taxels_alone(plan, seen) - x).max() < 1e-8
+    assert np.abs(taxels_alone(plan, seen, sweeps=1) - x).max() > 1e-6
+
+
+def test_without_a_network_nothing_is_corrected() -> None:
+    plan = made(EVERY)
+    codes = closed.run(plan).codes
+    assert (decode(plan, codes, corrected=True).force_n == decode(plan, codes).force_n).all()
