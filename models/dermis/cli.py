@@ -27,6 +27,14 @@ ELSEWHERE = {
         "dermis.ablate",
         "What each effect of a scene costs, in codes and in time: one off at a time.",
     ),
+    "accuracy": (
+        "dermis.accuracy.command",
+        "What accuracy costs in simulation time: error against time, drawn.",
+    ),
+    "accuracy-chip": (
+        "dermis.accuracy.chip",
+        "What resolution costs in conversion time on the chip: curves, csv and figures.",
+    ),
     "auto-check": ("dermis.auto_check", "Random scenes as auto plans them against everything on."),
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
@@ -158,8 +166,9 @@ def run(
 
                 wave_files.write(directory, made, result)
 
+        # The table first: where it has no place, earlier results stay.
+        verdict.write_rows("run", rows)
         output.write(where, made, result, rows, draw)
-    verdict.write_rows("run", rows)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
     click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
     return verdict.exit_code(rows)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line with a short limit or a fault at a chosen call: `python -m dermis.faults.launch SET... -- ARGUMENTS`.
+"""The command line with a short limit or a fault at a chosen call: `python -m dermis.faults.launch SET... -- WORDS`.
 
 A SET is `module:NAME=number`, a module's value for this run, or `module:NAME!n=FAULT`: the n-th call of that function
 from the package becomes a fault, `kill`, `term` or the name of an errno such as `ENOSPC`.
