@@ -31,6 +31,9 @@ BLOCKS_MAX = 8
 
 # Stands for a short: beyond it nothing changes in any bound, and products of it stay finite.
 _G_MAX_S = 1e30
+# Lag of an integrator's output in clocks beyond which counts no longer follow the order of levels: several packets are
+# on their way at once, and a lower level may count less.
+SLOW_CLOCKS = 1.0
 # Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
 _X_CLIP = 0.75
 
@@ -166,6 +169,8 @@ class Extent:
         tail = np.zeros(self.x.shape)
         if not np.any(tau):
             return tail
+        if np.any(tau > SLOW_CLOCKS):
+            return tail + np.where(tau > SLOW_CLOCKS, np.inf, 1.0)
         with np.errstate(divide="ignore", under="ignore"):
             for after in range(1, 60):
                 fall = np.exp(-(after - 1) / np.where(tau > 0, tau, 1e-3))

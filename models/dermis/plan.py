@@ -130,7 +130,10 @@ class Plan:
     margin_lsb : ndarray or float
         [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
     left_out_lsb : float
-        The part of it that is what the plan leaves out, largest of the columns.
+        What of that the plan leaves out may come to in a code, largest of all (docs/auto.md).
+    moved_lsb : ndarray or float
+        [cols] packets by which the levels of all decisions are moved, for certified codes alone: what the columns of
+        the direct interface do to each other stays as it is.
     surrounding : dict
         Fields of Network other than the taxels and the bias.
     first_frame : int
@@ -156,6 +159,7 @@ class Plan:
     next_resistance_ohm: Floats | None = None
     margin_lsb: Floats | float = 0.0
     left_out_lsb: float = 0.0
+    moved_lsb: Floats | float = 0.0
 
     @property
     def frames(self) -> int:
@@ -281,15 +285,16 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
     return make(scene.load(scene_path, design), engine)
 
 
-def make(world: Scene, engine: str | None = None) -> Plan:
+def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None = None) -> Plan:
     """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers.
 
-    Where neither `engine` nor the scene names one it is the cheapest that can do what is kept.
+    Where neither `engine` nor the scene names one it is the cheapest that can do what is kept. With `auto` the plan
+    leaves out what fits its budget of the effects that the scene names.
     """
     from dermis import auto as chooser
     from dermis import engines
 
-    auto = world.table.effects.auto
+    auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine
     everything = whole(world, engine)
     if auto is None:

@@ -31,10 +31,13 @@ iofs vcm out {1e9*v_offset_v}
 rin iin vcm {r_in_ohm}
 .endif
 .if (v_range < 1e6)
-* Range: charge that would carry out further is lost in a clamp across cint, so the loop stays closed and nothing winds up: w stops at a
-* limit as in the event model. c_int_f / 50 ps: the overshoot is what out would travel in 50 ps, 0.13 mV at full scale.
-bclamp out iin i = v(out) > ({v_out_max_v}) ? (v(out) - ({v_out_max_v}))*{c_int_f/50e-12} :
-+ (v(out) < ({v_out_min_v}) ? (v(out) - ({v_out_min_v}))*{c_int_f/50e-12} : 0)
+* Range: charge that would carry out further is lost in a clamp across cint, so the loop stays closed and nothing winds up. It looks at
+* the charge, that is at what out settles to (times 1 + 1 / gain_dc, less the offset), not at out: a slow out would let it pass the limit, be
+* thrown back as far below it, and codes were 32 off at 1 MHz and +-0.6 V. c_int_f / 50 ps: the overshoot is what out would travel in
+* 50 ps, 0.13 mV at full scale.
+.param v_high = {v_out_max_v*(1 + 1/gain_dc) - v_offset_v} v_low = {v_out_min_v*(1 + 1/gain_dc) - v_offset_v}
+bclamp out iin i = v(out,iin) > ({v_high}) ? (v(out,iin) - ({v_high}))*{c_int_f/50e-12} :
++ (v(out,iin) < ({v_low}) ? (v(out,iin) - ({v_low}))*{c_int_f/50e-12} : 0)
 * The amplifier itself stops 50 mV further out; only a stiff source at iin (a short on the column of channel_direct) takes it there.
 brange v_amp vcm i = v(v_amp) > ({v_out_max_v + 0.05}) ? (v(v_amp) - ({v_out_max_v + 0.05}))*1e3 :
 + (v(v_amp) < ({v_out_min_v - 0.05}) ? (v(v_amp) - ({v_out_min_v - 0.05}))*1e3 : 0)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import engines
+from dermis.bounds import SLOW_CLOCKS
 from dermis.engines import closed, event, event_input
 
 if TYPE_CHECKING:
@@ -23,17 +24,18 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
     if not margin.any():
         return result.codes, result.codes
     # Beyond this the level may be anywhere a gate of any code takes the charge, and a run at such a level says nothing:
-    # a duty above 1/2 brings more than a packet every second clock and would still be seen to reach it.
-    unbounded = margin > 2.0 * plan.timing.code_max
+    # a duty above 1/2 brings more than a packet every second clock and would still be seen to reach it. Nor does one
+    # where counts do not follow the order of levels.
+    slow = plan.converter.t_gbw_s * plan.converter.f_clk_hz > SLOW_CLOCKS
+    unbounded = (margin > 2.0 * plan.timing.code_max) | (slow & (margin > 0))
     margin = np.where(unbounded, 0.0, margin)
     silent = dataclasses.replace(plan.converter, **dict.fromkeys(event.RANDOM, 0.0))
     steady = _steady(plan)
     x = result.info.get("x") if plan.engine == "closed" or steady else None
     ends = []
     for sign in (1.0, -1.0):
-        moved = silent.v_comp_offset_v + sign * margin * silent.packet_v()
         end = dataclasses.replace(
-            plan, converter=dataclasses.replace(silent, v_comp_offset_v=moved), margin_lsb=0.0, engine="event"
+            plan, converter=silent, moved_lsb=sign * margin, margin_lsb=0.0, engine="event"
         )
         if not engines.refused(end, "closed"):
             end = dataclasses.replace(end, engine="closed")

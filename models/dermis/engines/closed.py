@@ -70,6 +70,6 @@ def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.unsignedinteger]:
     start = {
         "w0": W_PRESET + c.preset_error_v / c.packet_v(),
         "packet": 1.0 + c.packet_error,
-        "threshold": c.v_comp_offset_v / c.packet_v(),
+        "threshold": (c.v_comp_offset_v + plan.moved_lsb * c.packet_v()) / c.packet_v(),
     }
     return code(x, timing.gate_clocks, timing.code_max, **start).astype(code_type(timing.code_max))

@@ -185,11 +185,12 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
     )
     scale = packet_v * amplitude
     start = W_PRESET + converter.preset_error_v / packet_v
+    level_v = converter.v_comp_offset_v + plan.moved_lsb * packet_v
     columns = {
         "w0": np.clip(start, limits[0] / scale, limits[1] / scale),
         "packet": 1.0 + converter.packet_error,
-        "rise": (converter.v_comp_offset_v + converter.v_hysteresis_v / 2) / scale,
-        "fall": (converter.v_comp_offset_v - converter.v_hysteresis_v / 2) / scale,
+        "rise": (level_v + converter.v_hysteresis_v / 2) / scale,
+        "fall": (level_v - converter.v_hysteresis_v / 2) / scale,
         "low": limits[0] / scale,
         "high": limits[1] / scale,
         "delay": converter.t_comp_delay_s * converter.f_clk_hz,
