@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact counts for hard cases: slow, obvious walks in rationals or fifty digits that share nothing with the engines.
 
-Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels moved
-by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one count.
+Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels
+moved by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one
+count.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 import mpmath
 
 from dermis.engines.event import walk_reference
-from dermis.vfc import count_exact, count_rational
+from dermis.vfc import count_rational
 
 DIGITS = 50
 
@@ -64,10 +65,27 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
     if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
         # The latch takes the packet earlier, but behind the one and before the next sample that may be another.
-        return count_exact(Fraction(x), clocks, cell["w0"], cell["packet"], cell["rise"])
+        return count(Fraction(x), clocks, *(Fraction(cell[n]) for n in ("w0", "packet", "rise")))
     with mpmath.workdps(DIGITS):
         numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}
         return sum(walk_reference(numbers, clocks, late, DIGITS).bits)
+
+
+def count(x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fraction) -> int:
+    """Ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in integers.
+
+    The same machine as vfc.bits_exact, ten times quicker: all of it in units of the common denominator.
+    """
+    unit = math.lcm(x.denominator, w0.denominator, packet.denominator, level.denominator)
+    step, w, one, top = (v.numerator * (unit // v.denominator) for v in (x, w0, packet, level))
+    ones, last = 0, False
+    for _ in range(clocks):
+        w += step
+        last = w >= top and not last
+        if last:
+            w -= one
+            ones += 1
+    return ones
 
 
 def _mpf(value: Any) -> mpmath.mpf:
@@ -132,7 +150,7 @@ def cell_of(
     return cell
 
 
-# ---- the leaky converter, exactly ---------------------------------------------------------------------------------------
+# ---- the leaky converter, exactly ----------------------------------------------------------------------------
 
 
 def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> list[int]:
@@ -183,7 +201,7 @@ def locked(q: int) -> list[tuple[int, int]]:
     return [(p, q) for p in range(1, q // 2 + 1) if math.gcd(p, q) == 1]
 
 
-# ---- very many clocks ---------------------------------------------------------------------------------------------------
+# ---- very many clocks ----------------------------------------------------------------------------------------
 
 
 def count_and_rest(x: float, clocks: int) -> tuple[int, Fraction]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 
 import click
@@ -21,8 +22,12 @@ PREPARE_LIMIT_S = 300.0
 """For what a module compiles before its cases run: loops by Numba, Verilog by Verilator."""
 
 
+SLOW = ("cosim", "verilator")
+"""Runs that are left out of the short set: processes and builds of seconds, which the tests of those engines make."""
+
+
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
-    """Cases whose group or name has one of the words in it; with `short` those of the short set only.
+    """Cases whose group or name has one of the words in it; with `short` those of the short set, less their slow runs.
 
     Raises
     ------
@@ -35,6 +40,9 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
         if (case.short or not short)
         and (not words or any(word in case.name or word == case.group for word in words))
     ]
+    if short:
+        quick = [{name: run for name, run in case.runs.items() if name not in SLOW} for case in found]
+        found = [dataclasses.replace(case, runs=runs) for case, runs in zip(found, quick, strict=True)]
     if not found:
         what = " ".join(words) or "(nothing)"
         raise InputError("command line", "--only", what, "part of a name that --list shows, or a group")
@@ -91,6 +99,32 @@ def prepare(cases: Sequence[Case]) -> Iterator[Row]:
                 yield verdict.error(f"{own[0].group}.prepare", outcome.fault)
 
 
+def _print(cases: Sequence[Case], rows: Sequence[Row]) -> None:
+    """A line a case with what each run found, then what missed or was not measured, and the counts."""
+    for case in cases:
+        runs = [_said(row) for row in _of(case, rows) if row["status"] != "SKIP"]
+        click.echo(f"{case.group} {case.name}: {'; '.join(runs)}")
+    for row in rows:
+        if row["status"] not in ("PASS", "SKIP"):
+            click.echo(f"{row['status']} {row['name']}: {row['value']} {row['unit']}: {row['note']}")
+    click.echo(summary(cases, rows))
+
+
+def summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
+    """How many runs ended how, and how long they took."""
+    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
+    timed = [row for row in rows if "seconds" in row]
+    longest = max(timed, key=lambda row: row["seconds"])
+    return (
+        f"{len(cases)} cases, {len(timed)} runs: {counts}; {sum(row['seconds'] for row in timed):.0f} s in all, "
+        f"the longest {longest['seconds']:.2g} s ({longest['name']})."
+    )
+
+
+def _of(case: Case, rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if row["name"].startswith(f"{case.group}.{case.name}.")]
+
+
 # ---- docs -------------------------------------------------------------------------------------------------------
 
 
@@ -117,21 +151,15 @@ def docs_table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
             "|---|---|---|---|---|",
         ]
         for case in (c for c in cases if c.group == group):
-            own = [row for row in rows if row["name"].startswith(f"{group}.{case.name}.")]
             cells = [
                 f"`{case.name}`",
                 case.why,
                 f"{case.expected}; {case.source}",
                 f"{case.limit:g} {case.unit}: {case.tolerance}",
-                "; ".join(_said(row) for row in own),
+                "; ".join(_said(row) for row in _of(case, rows)),
             ]
             lines.append("| " + " | ".join(_cell(cell) for cell in cells) + " |")
-    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
-    seconds = sum(row.get("seconds", 0.0) for row in rows)
-    head = f"{len(cases)} cases, {len(rows)} runs: {counts}; {seconds:.0f} s of runs, the longest "
-    longest = max((row for row in rows if "seconds" in row), key=lambda row: row["seconds"])
-    head += f"{longest['seconds']:.2g} s (`{longest['name']}`)."
-    return "\n".join([head, *lines])
+    return "\n".join([summary(cases, rows), *lines])
 
 
 # ---- command ----------------------------------------------------------------------------------------------------
@@ -156,7 +184,7 @@ def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, list
         return 0
     rows = [*prepare(cases), *run(cases, jobs)]
     verdict.write_rows("hard", rows)
-    verdict.print_rows(rows, f"Hard cases ({len(cases)})")
+    _print(cases, rows)
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]
     if docs and broken:
         click.echo(f"not written: {DOCS}, for {broken[0]} was not measured")

@@ -10,6 +10,7 @@ import pytest
 from rtl_reference import Duty, code, duty_of_resistance
 from rtl_run import ROOT, simulate
 
+from dermis.hard.converter_inputs import scanner_that_presets_once
 from dermis.lint import header_values
 
 pytestmark = pytest.mark.timeout(120)
@@ -129,21 +130,6 @@ def test_q_bar_of_both_flops_caps_the_rate_at_a_third(simulator: str) -> None:
 # (d) FACTS 1.4
 
 
-def presets_once(tmp_path: Path) -> Path:
-    """A scanner that presets in the first settle after enable and not between rows."""
-    return changed(
-        tmp_path,
-        "dermis_row_scanner",
-        "  assign preset_o       = preset_q;\n",
-        """  reg gated_q;
-  always @(posedge clk_i or negedge rst_ni)
-    if (!rst_ni) gated_q <= 1'b0;
-    else         gated_q <= active_q & (gated_q | ~preset_q);
-  assign preset_o      = preset_q & ~(gated_q & active_q);
-""",
-    )
-
-
 def counts_without_preset(x_rows: list[Duty], gate_clocks: int, settle_clocks: int) -> list[int]:
     """Counts of successive rows when only the first starts from -1/2 and the converter runs on through each settle."""
     packet = 2
@@ -171,7 +157,7 @@ def test_charge_of_a_312_ohm_taxel_is_counted_in_the_next_row_without_preset(
     overload, two = duty_of_resistance((312, 1)), (2, 510)
     x = [[overload], [two], [two]]
     assert [s["counts"] for s in read(simulator, x, None, 4, {})["slots"]] == [[255], [2], [2], [255]]
-    wrong = [s["counts"][0] for s in read(simulator, x, presets_once(tmp_path), 5, {})["slots"]]
+    wrong = [s["counts"][0] for s in read(simulator, x, scanner_that_presets_once(tmp_path), 5, {})["slots"]]
     assert wrong == counts_without_preset([overload, two, two, overload, two], 510, 115)
     # 98 after 510 clocks of overload (the first row is preset in its settle), 133 after 624, a slot without its break.
     assert wrong == [255, 98, 2, 255, 133]
@@ -186,7 +172,7 @@ def test_charge_of_a_312_ohm_taxel_fakes_100_counts_with_a_gate_of_512_clocks(
     x = [[overload], [two], [two]]
     right = read(simulator, x, None, 2, {}, **timing)
     assert [s["counts"] for s in right["slots"]] == [[256], [2]]
-    wrong = read(simulator, x, presets_once(tmp_path), 2, {}, **timing)
+    wrong = read(simulator, x, scanner_that_presets_once(tmp_path), 2, {}, **timing)
     assert [s["counts"][0] for s in wrong["slots"]] == [256, 100]
     assert counts_without_preset([overload, two], 512, 113) == [256, 100]
 
