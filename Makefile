@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate auto-check hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help setup sim run plan ablate accuracy auto-check hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults
 
 help: ## print this list
@@ -44,6 +44,9 @@ ablate: setup ## what each effect of a scene costs, one off at a time: SCENE=nam
 
 auto-check: setup ## 1000 random scenes as auto plans them, against everything on
 	@$(dermis) auto-check $(ARGS)
+
+accuracy: setup ## what accuracy costs in simulation time: error against time, drawn [ARGS=--docs]
+	@$(dermis) accuracy $(ARGS)
 
 hard: setup ## hard cases through every engine that can express them [ARGS="--only word --docs"]
 	@$(dermis) hard $(ARGS)

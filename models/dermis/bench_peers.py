@@ -93,7 +93,14 @@ _T_GATE_S = (
 )
 
 
-def xspice(circuit: Circuit, t_max_step_s: float, clocks: int, where: Path, limit_s: float) -> PeerRun:
+def xspice(
+    circuit: Circuit,
+    t_max_step_s: float,
+    clocks: int,
+    where: Path,
+    limit_s: float,
+    options: str = bench_vfc.OPTIONS,
+) -> PeerRun:
     """Plain ngspice: bridges, two d_dff and a gate in event-driven code models, clock edges from a d_source file."""
     where.mkdir(parents=True)
     circuit = short(circuit, clocks)
@@ -103,7 +110,7 @@ def xspice(circuit: Circuit, t_max_step_s: float, clocks: int, where: Path, limi
     delays = " ".join(f"{name}={_T_GATE_S}" for name in ("rise_delay", "fall_delay"))
     lines = [
         "one converter with event-driven code models",
-        *bench_vfc.blocks(circuit),
+        *bench_vfc.blocks(circuit, options=options),
         *bench_vfc.start_lines(circuit),
         "aclk [clk] ticks",
         '.model ticks d_source(input_file="clock.txt")',

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from dermis import bridge, children, hdl, netlist
@@ -50,6 +51,7 @@ class Circuit:
     The circuit starts where the row is driven, `break_clocks` after the slot of the chip.
     There is no preset: the integrator starts so far above half a packet that it stands there, w = -1/2, when the gate
     opens. With `preset` it is held at half a packet until then, as on the chip.
+    With `t_gbw_s` the amplifier's output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
     """
 
     i_in_a: float = 0.3717e-6  # 371.7 packets in 1000 clocks: no short cycle, and far from a tie
@@ -61,6 +63,7 @@ class Circuit:
     gate_clocks: int = 1000
     break_clocks: int = 1
     preset: bool = False
+    t_gbw_s: float = 0.0
 
     @property
     def timing(self) -> Timing:
@@ -119,7 +122,7 @@ class Circuit:
         return count_rational(self.duty, self.gate_clocks)
 
 
-def blocks(circuit: Circuit, packet_error: float = 0.0) -> list[str]:
+def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
     """Netlist of the converter in the project's own blocks: nodes d_charge, d_hold in; comp0, xvfc.v_int out."""
     values = {
         "i0_a": circuit.i0_a,
@@ -127,6 +130,8 @@ def blocks(circuit: Circuit, packet_error: float = 0.0) -> list[str]:
         "v_preset_v": 0.5 * circuit.packet_v,
         "packet_error": packet_error,
     }
+    if circuit.t_gbw_s:
+        values["int_t_gbw_s"] = circuit.t_gbw_s
     return [
         f'.include "{netlist.SPICE / "design.inc"}"',
         f'.include "{netlist.SPICE / "behavioural" / "blocks.inc"}"',
@@ -136,20 +141,29 @@ def blocks(circuit: Circuit, packet_error: float = 0.0) -> list[str]:
         f"iin 0 v_sum {spice_number(circuit.i_in_a)}",
         "xvfc v_sum d_charge d_hold comp0 ibias vdd vss vfc "
         + " ".join(f"{name}={spice_number(value)}" for name, value in values.items()),
-        OPTIONS,
+        options,
     ]
 
 
 def start_lines(circuit: Circuit) -> list[str]:
     """What replaces the preset: no hold, and the integrator's voltage as initial condition (for `uic`)."""
-    return ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={spice_number(circuit.v_start_v)}"]
+    start = spice_number(circuit.v_start_v)
+    lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
+    if circuit.t_gbw_s:
+        lines.append(f".ic v(xvfc.xintegrator.v_amp)={start}")
+    return lines
 
 
-def deck(circuit: Circuit, levels: Sequence[float] = (1.0, 1.0, 0.0), packet_error: float = 0.0) -> Deck:
+def deck(
+    circuit: Circuit,
+    levels: Sequence[float] = (1.0, 1.0, 0.0),
+    packet_error: float = 0.0,
+    options: str = OPTIONS,
+) -> Deck:
     """The circuit for lock-step; probes are the comparator, then the integrator."""
     names = netlist.source_names(1, 1)
     nodes = ["d_row0", "d_hold" if circuit.preset else "d_preset", "d_charge"]
-    lines = ["one converter", *blocks(circuit, packet_error)]
+    lines = ["one converter", *blocks(circuit, packet_error, options)]
     lines += [f"{name} {node} 0 external" for name, node in zip(names, nodes, strict=True)]
     if not circuit.preset:
         lines += start_lines(circuit)
@@ -174,12 +188,46 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
     v(n) = v_start - packet (n x - sum of whole clocks charged + (t_edge / 2 + late) / T while a packet is running):
     equal ramps up and down make every finished packet whole.
     """
+    if circuit.t_gbw_s:
+        return _exact_with_pole(circuit, charge, late_s)
     told = np.asarray(charge, dtype=float)
     before = np.concatenate([[0.0], told])  # in the clock that ends here
     whole = np.concatenate([[0.0], np.cumsum(told)])
     running = (0.5 * circuit.t_edge_s + late_s) * circuit.f_clk_hz * before
     clocks = np.array([float(n * circuit.duty) for n in range(whole.size)])
     return circuit.v_start_v - circuit.packet_v * (clocks - (whole - running))
+
+
+def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> Floats:
+    """`exact_voltage` behind the amplifier's pole, in 50 digits: t v' = u - v with u the voltage without the pole.
+
+    u is a parabola while the charge switch moves and a straight line elsewhere. Of u = a + b s + c s^2 follows
+    v = p(s) + (v(0) - p(0)) exp(-s / t) with p = u - t u' + t^2 u''.
+    """
+    mp.dps = 50
+    t_clk, t = 1 / mpf(repr(circuit.f_clk_hz)), mpf(repr(circuit.t_gbw_s))
+    ramp, late = mpf(repr(circuit.t_edge_s)), mpf(repr(late_s))
+    fall = mpf(repr(circuit.i_in_a)) / mpf(repr(circuit.c_int_f))
+    rise = mpf(repr(circuit.i0_a)) / mpf(repr(circuit.c_int_f))
+    u = v = mpf(circuit.v_start_v)
+    decay = {span: mp.exp(-span / t) for span in (late, ramp, t_clk - late - ramp)}
+    found, before = [v], 0
+    for told in [int(bit) for bit in charge]:
+        for span, level, change in (
+            (late, before, 0),
+            (ramp, before, told - before),
+            (t_clk - late - ramp, told, 0),
+        ):
+            if not span:
+                continue
+            b, c = rise * level - fall, rise * change / (2 * span)
+            end = u + b * span + c * span**2
+            p_begin = u - t * b + 2 * t**2 * c
+            p_end = end - t * (b + 2 * c * span) + 2 * t**2 * c
+            u, v = end, p_end + (v - p_begin) * decay[span]
+        before = told
+        found.append(v)
+    return np.array([float(x) for x in found])
 
 
 def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> float:
@@ -227,6 +275,7 @@ class Job:
 
     `simulator` None drives ngspice alone with the charge bits of replay.npz; `replay` puts a half in ngspice's place
     that costs nothing and answers with the comparator bits of replay.npz; `keep` returns what crossed the bridge.
+    `options` is the deck's line of options.
 
     The last two are faults, for the test that they are found: ngspice is given packets that are too large by
     `packet_error`, or hears of the 50th switching of the charge `late_s` too late.
@@ -241,6 +290,7 @@ class Job:
     build: str = ""
     packet_error: float = 0.0
     late_s: float = 0.0
+    options: str = OPTIONS
 
 
 @dataclass(frozen=True)
@@ -332,7 +382,7 @@ def ngspice_half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0
     """The circuit of a job, ready to be advanced."""
     circuit = job.circuit
     return NgspiceHalf(
-        deck(circuit, levels, job.packet_error),
+        deck(circuit, levels, job.packet_error, job.options),
         t_edge_s=circuit.t_edge_s,
         t_max_step_s=job.t_max_step_s,
         t_stop_s=bridge.analog_s(circuit.timing),

@@ -278,6 +278,7 @@ def settings() -> Iterator[tuple[str, Setting]]:
         for options in OPTIONS:
             for method in ("trap", "gear"):
                 for step in steps:
+                    # Below 100 ns without truncation control: some minutes each, with nothing new.
                     slow = name == "ring_modulator" and options == "exact" and step < 1e-7
                     if not slow:
                         yield name, Setting(method, step, options)
@@ -314,7 +315,7 @@ def sweep(jobs: int = 2) -> list[Row]:
 
 def _step_words(seconds: float) -> str:
     for unit, size in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("ps", 1e-12)):
-        if seconds >= size * (1.0 - 1e-9):
+        if seconds >= size * (1.0 - 1e-9):  # 1e-9 * 1000 is not quite 1e-6
             return f"{seconds / size:g} {unit}"
     raise ValueError(seconds)
 

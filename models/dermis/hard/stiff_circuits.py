@@ -116,7 +116,7 @@ def _amp_nodes(t: float, u: Floats) -> tuple[float, ...]:
             e = p["beta"] * math.exp((y - emitter) / p["uf"])
             step = (conductance * y + share * (e - p["beta"]) - current) / (conductance + share * e / p["uf"])
             y -= step
-            if abs(step) < 1e-15 * max(1.0, abs(y)):
+            if abs(step) < 1e-15 * max(1.0, abs(y)):  # some roundings of y
                 break
         return y, p["beta"] * (math.exp((y - emitter) / p["uf"]) - 1.0)
 
@@ -149,6 +149,7 @@ def _amp_reference(fine: int) -> Floats:
     """Explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate left is some 1e4 / s."""
     start = [_AMP_START[0] - _AMP_START[1], 3.0, 3.0, 3.0, 6.0]
     rtol = (1e-11, 1e-13)[fine]
+    # Capacitor voltages are some volts, and pass through zero: a thousandth of what is allowed of a volt.
     done = solve_ivp(
         _amp_rates, (0.0, 0.2), start, "DOP853", _AMP_TIMES, rtol=rtol, atol=1e-3 * rtol, max_step=1e-4
     )
@@ -329,6 +330,7 @@ def _nand_reference(fine: int) -> Floats:
     for begin in range(0, 80, 5):
         times = list(range(begin + 1, begin + 6))
         middle = begin + 2.5
+        # Volts again: a tenth, since node 11 comes within 0.2 mV of zero.
         done = solve_ivp(
             _nand_rates, (begin, begin + 5), state, "LSODA", times, args=(middle,), rtol=rtol, atol=0.1 * rtol
         )

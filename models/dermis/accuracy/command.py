@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis accuracy`: measures and draws what accuracy costs in time; rows in build/accuracy.json."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+
+from dermis import bench, bench_peers, verdict
+from dermis.accuracy import converter, figures, frames
+from dermis.accuracy.point import Point, pareto, to_csv
+from dermis.design import ROOT
+from dermis.files import write_atomic, write_between
+from dermis.verdict import Row
+
+OUT = ROOT / "build" / "accuracy"
+DOCS = ROOT / "docs" / "accuracy.md"
+BEGIN, END = "<!-- begin: accuracy (written by dermis accuracy --docs) -->", "<!-- end: accuracy -->"
+
+_FIGURES = {
+    "converter, no pole": "converter_ideal",
+    "converter, amplifier pole": "converter_pole",
+    frames.WORK: "frames_effects",
+}
+_NOT_YET = "the blocks have no view in SKY130 transistors yet"
+
+
+def draw(points: Sequence[Point], directory: Path) -> None:
+    """A figure and a csv a work."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for work, file in _FIGURES.items():
+        own = [p for p in points if p.work == work]
+        if not own:
+            continue
+        write_atomic(directory / f"{file}.csv", to_csv(own))
+        codes = work == frames.WORK
+        figures.draw(
+            own,
+            directory / f"{file}.png",
+            title=f"Accuracy against time: {work}"
+            + (
+                " (16 x 16; error 0: every code equal)"
+                if codes
+                else f" ({converter.CLOCKS} clocks of the gate)"
+            ),
+            time_label="processor time a frame / s" if codes else "processor time a clock / s",
+            error_label="mean |code - reference| / LSB"
+            if codes
+            else "largest error of the integrator at clock edges / V  (1 LSB is a packet, 0.1 V)",
+            lsb=1.0 if codes else converter.IDEAL.packet_v,
+            # One code of 256 that is one off would be 0.004 LSB; doubles carry 1e-16 V through 400 clocks of 0.1 V.
+            floor=1e-3 if codes else 1e-13,
+            floor_words="all 256 codes equal those of the 50-digit reference"
+            if codes
+            else "rounding of the reference as it is returned, in doubles",
+        )
+
+
+def ratios(points: Sequence[Point]) -> Iterator[Row]:
+    """Cosim against the peers on one circuit: time at equal error, error at equal time, growth with the step."""
+    for work in converter.CIRCUITS:
+        own = [p for p in points if p.work == work]
+        ours = [p for p in own if p.method.startswith("cosim")]
+        short = work.rsplit(", ", 1)[1].replace(" ", "_")
+        all_peers: list[Point] = []
+        for name in dict.fromkeys(p.method for p in own if p.method.startswith("peer")):
+            theirs = [p for p in own if p.method == name]
+            all_peers += theirs
+            yield from _against(f"{short}.{name.rsplit(' ', 1)[1].lower()}", ours, theirs)
+        if all_peers:
+            yield from _against(f"{short}.best_peer", ours, all_peers)
+        steps = [p for p in ours if p.method == "cosim, icarus, step"]
+        if len(steps) > 1:
+            errors = [p.error for p in steps]
+            note = "largest over least error of cosim over all maximum steps"
+            yield verdict.measured(f"accuracy.step_ratio.{short}", max(errors) / min(errors), "1", note)
+
+
+def _at(front: Sequence[Point], error: float) -> float | None:
+    """Time at which a front reaches an error, on straight lines in the logarithms; None where it never does."""
+    if error < front[-1].error:
+        return None
+    if error >= front[0].error:
+        return front[0].time_s
+    pairs = itertools.pairwise(front)
+    fast, slow = next((p, q) for p, q in pairs if q.error <= error < p.error)
+    share = math.log(fast.error / error) / math.log(fast.error / slow.error)
+    return fast.time_s * (slow.time_s / fast.time_s) ** share
+
+
+def _against(name: str, ours: Sequence[Point], theirs: Sequence[Point]) -> Iterator[Row]:
+    front = pareto(ours)
+    speed = [(p.time_s / t, p) for p in pareto(theirs) if (t := _at(front, p.error)) is not None]
+    if speed:
+        ratio, at = min(speed, key=lambda pair: pair[0])
+        note = "their time over ours to their error, the least over their front: "
+        note += f"{at.method}, {at.setting}, {at.error:.2g} V"
+        yield verdict.measured(f"accuracy.speed_at_equal_error.{name}", ratio, "1", note)
+    else:
+        yield verdict.error(f"accuracy.speed_at_equal_error.{name}", "none of our settings is as exact", "1")
+    gains = []
+    for point in pareto(theirs):
+        within = [p.error for p in front if p.time_s <= point.time_s]
+        if within:
+            gains.append(point.error / max(min(within), 1e-16))
+    if gains:
+        note = f"their error over our least in no more time, the least over the {len(gains)} points of their front"
+        yield verdict.measured(f"accuracy.error_at_equal_time.{name}", min(gains), "1", note)
+    else:
+        yield verdict.error(f"accuracy.error_at_equal_time.{name}", "none of our settings is as fast", "1")
+
+
+def order_rows(work: Path) -> Iterator[Row]:
+    """The order of convergence of the closed loop with an amplifier pole, which gates; and gear's, which is why not."""
+    errors, orders = converter.orders(work)
+    told = ", ".join(
+        f"{e:.3g} V at {converter.step_words(h)}"
+        for e, h in zip(errors, converter.ORDER_STEPS_S, strict=True)
+    )
+    note = f"least of {', '.join(f'{o:.3f}' for o in orders)}; {told}"
+    yield verdict.judge("accuracy.order", min(orders), note)
+
+
+def missing_rows() -> Iterator[Row]:
+    """What was not measured, and why."""
+    for peer in bench_peers.GUESTS:
+        if reason := bench_peers.missing(peer):
+            yield verdict.skip(f"accuracy.peer.{peer}", reason)
+    yield verdict.skip("accuracy.cosim.sky130", _NOT_YET)
+
+
+def point_rows(points: Sequence[Point]) -> Iterator[Row]:
+    """A row of error and time a point."""
+    for p in points:
+        least, most = min(p.seconds), max(p.seconds)
+        note = f"{p.setting}; {p.time_s:.3g} s ({least:.3g} .. {most:.3g}, {len(p.seconds)} runs); "
+        note += f"codes off by {p.largest_lsb:g} at most"
+        name = (
+            f"accuracy.{p.work}.{p.method}.{p.setting}".replace(": ", "_")
+            .replace(", ", ".")
+            .replace(" ", "_")
+        )
+        yield verdict.report(name, p.error, p.unit, note)
+
+
+def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
+    """The tables of docs/accuracy.md."""
+    lines = [
+        f"Machine: {bench.machine_line()}. Medians of {max(len(p.seconds) for p in points)} runs in turns.",
+        "",
+    ]
+    for work in _FIGURES:
+        own = [p for p in points if p.work == work]
+        if not own:
+            continue
+        front = set(pareto(own))
+        codes = work == frames.WORK
+        per = "frame" if codes else "clock"
+        lines += [f"### {work.capitalize()}", "", f"![{work}](figures/accuracy_{_FIGURES[work]}.png)", ""]
+        lines += [
+            f"| method | setting | error, {own[0].unit} | largest of a code, LSB | s a {per} | on the front |"
+        ]
+        lines += ["|---|---|--:|--:|--:|---|"]
+        for p in sorted(own, key=lambda p: p.time_s):
+            mark = "yes" if p in front else ""
+            lines.append(
+                f"| {p.method} | {p.setting} | {p.error:.3g} | {p.largest_lsb:g} | {p.time_s:.3g} | {mark} |"
+            )
+        lines.append("")
+    lines += ["### Ratios and gates", "", "| row | value | limit | status | note |", "|---|--:|---|---|---|"]
+    for row in rows:
+        value = "" if row["value"] is None else f"{row['value']:.4g}"
+        low = "" if row["min"] is None else f"at least {row['min']:g}"
+        high = "" if row["max"] is None else f"at most {row['max']:g}"
+        lines.append(f"| `{row['name']}` | {value} | {low}{high} | {row['status']} | {row['note']} |")
+    return "\n".join(lines)
+
+
+@click.command("accuracy")
+@click.option("--quick", is_flag=True, help="Fewer settings, once each.")
+@click.option(
+    "--repeat", type=click.IntRange(1, 99), default=3, show_default=True, help="Runs of each setting."
+)
+@click.option("--docs", is_flag=True, help="Also write docs/accuracy.md and docs/figures/accuracy_*.png.")
+@click.option("--only", type=click.Choice(["order", "converter", "frames"]), help="One part.")
+def accuracy_command(quick: bool, repeat: int, docs: bool, only: str | None) -> int:
+    """What accuracy costs in simulation time: error against time, drawn, in build/accuracy."""
+
+    def tell(words: str) -> None:
+        click.echo(words, err=True)
+
+    repeat = 1 if quick else repeat
+    with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
+        work = Path(scratch)
+        rows = list(order_rows(work)) if only in (None, "order") else []
+        points: list[Point] = []
+        if only in (None, "converter"):
+            points += converter.measure(work, repeat, quick, tell)
+        if only in (None, "frames"):
+            points += frames.measure(work / "frames", repeat, quick, tell)
+    if points:
+        rows += [*ratios(points), *missing_rows()]
+        draw(points, OUT)
+    verdict.write_rows("accuracy", [*rows, *point_rows(points)])
+    verdict.print_rows([*rows, *point_rows(points)], "What accuracy costs in time")
+    if docs and only is None:
+        write_between(DOCS, BEGIN, END, table(points, rows))
+        for file in _FIGURES.values():
+            shutil.copyfile(OUT / f"{file}.png", ROOT / "docs" / "figures" / f"accuracy_{file}.png")
+        click.echo("written: docs/accuracy.md")
+    return verdict.exit_code(rows)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Work-precision diagrams: error against time, log-log, Pareto front and the lines of 1 and 1/2 LSB."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from dermis.accuracy.point import Point, pareto
+from dermis.report import BLUE, GREEN, GREY, ORANGE, RED, save
+
+_COLOURS = (BLUE, GREEN, ORANGE, RED, "#CC79A7", "#56B4E9", "#000000", "#8B6F00", GREY)
+_MARKERS = "osD^vP*X<>"
+
+
+def draw(
+    points: Sequence[Point],
+    path: Path,
+    *,
+    title: str,
+    time_label: str,
+    error_label: str,
+    lsb: float,
+    floor: float,
+    floor_words: str,
+) -> None:
+    """Draw the points of one work.
+
+    Parameters
+    ----------
+    points : those of one work
+    path : where the PNG goes
+    title, time_label, error_label : words, labels with their units
+    lsb : one LSB in the unit of the error
+    floor : error 0 is drawn here, and the reference's own error is said to lie below
+    floor_words : what lies there
+    """
+    figure = Figure(figsize=(10.5, 6.2), layout="constrained")
+    axes = figure.add_subplot()
+    names = list(dict.fromkeys(p.method for p in points))
+    for i, name in enumerate(names):
+        own = sorted((p for p in points if p.method == name), key=lambda p: p.time_s)
+        x, y = [p.time_s for p in own], [max(p.error, floor) for p in own]
+        peer = name.startswith("peer")
+        axes.plot(
+            x,
+            y,
+            marker=_MARKERS[i % len(_MARKERS)],
+            color=_COLOURS[i % len(_COLOURS)],
+            linestyle="--" if peer else "-",
+            linewidth=1.2,
+            markersize=7,
+            markerfacecolor="none" if peer else None,
+            label=name,
+        )
+    front = pareto(points)
+    axes.plot(
+        [p.time_s for p in front],
+        [max(p.error, floor) for p in front],
+        drawstyle="steps-post",
+        color="#444444",
+        linewidth=6,
+        alpha=0.18,
+        label="Pareto front",
+        zorder=0,
+    )
+    for point in front:
+        axes.annotate(
+            point.setting,
+            (point.time_s, max(point.error, floor)),
+            textcoords="offset points",
+            xytext=(7, 7),
+            fontsize=8,
+            color="#333333",
+        )
+    for share, words in ((1.0, "1 LSB"), (0.5, "1/2 LSB")):
+        axes.axhline(share * lsb, color=GREY, linewidth=0.9, linestyle=":")
+        axes.text(
+            0.995,
+            share * lsb,
+            words,
+            transform=axes.get_yaxis_transform(),
+            ha="right",
+            va="bottom",
+            fontsize=9,
+        )
+    axes.axhspan(floor / 10, floor, color="#DDDDDD", alpha=0.6, zorder=-1)
+    axes.text(
+        0.005, floor, floor_words, transform=axes.get_yaxis_transform(), va="top", fontsize=8, color="#444444"
+    )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(floor / 6, max(4 * lsb, 4 * max(p.error for p in points)))
+    axes.set_xlabel(time_label)
+    axes.set_ylabel(error_label)
+    axes.set_title(title, fontsize=11)
+    axes.grid(which="major", linewidth=0.4, alpha=0.6)
+    figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    save(figure, path)
