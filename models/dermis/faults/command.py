@@ -17,7 +17,7 @@ from dermis.design import ROOT
 from dermis.errors import InputError, one_line
 from dermis.faults.bench import Bench
 from dermis.faults.trials import Trial, every
-from dermis.files import write_atomic, write_between
+from dermis.files import locked, write_atomic, write_between
 from dermis.verdict import Row
 
 DOCS = "docs/faults.md"
@@ -135,6 +135,14 @@ def faults_command(
         for trial in trials:
             click.echo(trial.name)
         return 0
+    PLACE.mkdir(parents=True, exist_ok=True)
+    with locked(PLACE / "lock", wait=False) as lock:
+        if lock is None:
+            raise InputError(PLACE, "lock", "held", "one `dermis faults` at a time in a tree")
+        return _faults(trials, seed, jobs, fresh, docs)
+
+
+def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
     bench = Bench(PLACE / "tree", seed)
     bench.copy()
     store = PLACE / f"rows_{batch.fingerprint(bench.tree)[:16]}_{seed}.json"

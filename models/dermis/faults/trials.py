@@ -427,7 +427,7 @@ def frame_files(work: Path) -> dict[str, Path]:
 
 def places(kind: str, data: bytes) -> dict[str, int]:
     """Where a file is cut: bytes that are left."""
-    ends = {"nothing": 0, "one_byte": 1, "half": len(data) // 2, "last_byte": len(data) - 1}
+    ends = {"nothing": 0, "one_byte": 1, "last_byte": len(data) - 1}
     if kind == "csv":
         line = data.index(b"\n") + 1
         return ends | {
