@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import float_flags
 from dermis.array import Network, in_range
 
 if TYPE_CHECKING:
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# A taxel or lateral resistor below 0.1 milliohm counts as that, a driver or input as none: the matrices here are
-# dense and lose the digits that stand behind a short, and nothing slow hangs on so little.
+# A taxel below 0.1 milliohm counts as that, a driver or input as none: the voltage across it is a difference that has
+# lost the digits of so small a current, and nothing slow hangs on so little.
 _G_MAX_S = 1e4
+# A lateral resistor carries no current that is read, and is eliminated without a subtraction.
+_G_LATERAL_MAX_S = 1e15
 # What conducts less takes longer than anything lasts.
 _G_MIN_S = 1e-60
 # Time constant in clocks up to which nobody feels lines settle before the gate: what they hold back is less than this
@@ -182,6 +185,7 @@ def transients(
     timing: Timing,
     negligible_c: float,
     before_c: float | None = None,
+    bearable_c: float = np.inf,
 ) -> Transients | None:
     """Find the exponentials that are left when the gate opens.
 
@@ -198,6 +202,8 @@ def transients(
     before_c : float, optional
         What flows before the gate is asked for as well, and this much of it counts as nothing. It is left out where
         it cannot be followed and has settled when the gate opens.
+    bearable_c : float
+        Rounding of the charge of a whole gate, in coulomb, above which the transient counts as not to be followed.
 
     Returns
     -------
@@ -214,7 +220,7 @@ def transients(
     if settled and before_c is None:
         return None
     try:
-        return _follow(network, g_frames_s, timing, negligible_c, before_c)
+        return _follow(network, g_frames_s, timing, negligible_c, before_c, bearable_c)
     except Unsupported:
         if settled:
             return None
@@ -227,6 +233,7 @@ def _follow(
     timing: Timing,
     negligible_c: float,
     before_c: float | None,
+    bearable_c: float,
 ) -> Transients | None:
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         raise Unsupported(
@@ -242,12 +249,19 @@ def _follow(
             "grounded rows, lines that settle before the gate, or engine cosim",
         )
     try:
-        return _Slots(in_range(network), g, timing).transients(negligible_c, before_c)
+        slots = _Slots(in_range(network), g, timing)
+        found = slots.transients(negligible_c, before_c)
     except np.linalg.LinAlgError:
         raise Unsupported(
             "on between conductances too far apart to solve for modes",
             "lines that settle before the gate, or engine cosim",
         ) from None
+    if not slots.rounding_c <= bearable_c:
+        raise Unsupported(
+            f"on with charges so large that what a gate gets of them is known to {slots.rounding_c:.1e} C only",
+            "smaller capacitances, leaks or column resistances, lines that settle before the gate, or engine cosim",
+        )
+    return found
 
 
 class _Slots:
@@ -255,32 +269,31 @@ class _Slots:
 
     def __init__(self, network: Network, g: Floats, timing: Timing) -> None:
         self.network, self.g, self.timing = network, g, timing
-        rows, cols = network.rows, network.cols
-        self.capacitance = np.zeros((rows + cols, rows + cols))
-        self.capacitance[:rows, rows:] = self.capacitance[rows:, :rows] = -network.c_taxel_f
-        diagonal = np.concatenate(
-            [
-                np.full(rows, network.c_row_f + cols * network.c_taxel_f),
-                np.full(cols, network.c_column_f + rows * network.c_taxel_f),
-            ]
-        )
-        np.fill_diagonal(self.capacitance, diagonal)
+        self.capacitance = _Capacitance(network.rows, network.cols, network)
+        # What rounding may make of the charge of a whole gate, once transients are found.
+        self.rounding_c = 0.0
 
     def _phase(self, driven: int | None, modes: _Modes | None) -> _Phase:
         """The network while a row is driven, or none; `modes` where they are known."""
-        to_source, source, matrix = self._system(driven)
+        to_source, source, link = self._system(driven)
         free = np.flatnonzero(np.isfinite(to_source))
         fixed = np.flatnonzero(np.isinf(to_source))
+        inside = link[:, free[:, np.newaxis], free]
+        outside = link[:, free[:, np.newaxis], fixed]
+        leak = to_source[free] + outside.sum(axis=2)
         if modes is None:
-            modes = _Modes(matrix[:, free[:, np.newaxis], free], self.capacitance[np.ix_(free, free)])
-        push = to_source[free] * source[free] - matrix[:, free[:, np.newaxis], fixed] @ source[fixed]
+            rate = self.timing.f_clk_hz / self.timing.slot_clocks
+            modes = _Modes(inside, leak, self.capacitance, free, rate)
         rest = np.broadcast_to(source, (self.g.shape[0], source.size)).copy()
-        rest[:, free] = np.linalg.solve(matrix[:, free[:, np.newaxis], free], push[..., np.newaxis])[..., 0]
-        lasting = modes.tau > 1.0 / self.timing.f_clk_hz / _FASTEST
-        return _Phase(to_source, free, matrix, modes, rest, lasting, self.capacitance)
+        push = to_source[free] * source[free] + outside @ source[fixed]
+        # A floating row on which nothing hangs rests anywhere; 1 S keeps its equation from being 0 = 0.
+        alone = (inside.sum(axis=2) + leak) == 0
+        rest[:, free] = _solve(inside, leak + alone, push[..., np.newaxis])[0][..., 0]
+        lasting = modes.rate_hz < self.timing.f_clk_hz * _FASTEST
+        return _Phase(to_source, free, link, modes, rest, lasting, self.capacitance)
 
     def _system(self, driven: int | None) -> tuple[Floats, Floats, Floats]:
-        """Conductance to a source [nodes] (inf: the source itself) and its voltage, and all conductances."""
+        """Conductance to a source [nodes] (inf: the source itself) and its voltage, and those from node to node."""
         network, rows, cols = self.network, self.network.rows, self.network.cols
         series = np.full(rows + cols, network.r_row_grounded_ohm, dtype=float)
         if driven is not None:
@@ -293,16 +306,14 @@ class _Slots:
             voltage[driven] = network.v_bias_v
         # A leak into a column behind its resistance shifts what it rests at; in front of none it shifts nothing.
         voltage[rows:] = network.v_column_offset_v + network.i_leak_a * network.r_column_ohm
-        matrix = np.zeros((self.g.shape[0], rows + cols, rows + cols))
-        matrix[:, :rows, rows:] = -self.g
-        matrix[:, rows:, :rows] = -self.g.transpose(0, 2, 1)
+        link = np.zeros((self.g.shape[0], rows + cols, rows + cols))
+        link[:, :rows, rows:] = self.g
+        link[:, rows:, :rows] = self.g.transpose(0, 2, 1)
         side = np.arange(rows, rows + cols - 1)
-        matrix[:, side, side + 1] = matrix[:, side + 1, side] = -min(rows * network.g_lateral_row_s, _G_MAX_S)
-        total = -matrix.sum(axis=2) + np.where(np.isfinite(to_source), to_source, 0.0)
-        # A floating row on which nothing hangs rests anywhere; 1 S keeps its equation from being 0 = 0.
-        nodes = np.arange(rows + cols)
-        matrix[:, nodes, nodes] = np.where(total > 0, total, 1.0)
-        return to_source, voltage, matrix
+        link[:, side, side + 1] = link[:, side + 1, side] = min(
+            rows * network.g_lateral_row_s, _G_LATERAL_MAX_S
+        )
+        return to_source, voltage, link
 
     def _inflow(self, phase: _Phase) -> Floats:
         """Current into each column's input for one volt of each mode, [frames, cols, modes].
@@ -310,8 +321,8 @@ class _Slots:
         What taxel capacitances bring to a column that is held is the change of their charge.
         """
         network, rows, cols = self.network, self.network.rows, self.network.cols
-        tau, shape = phase.modes.tau, phase.modes.shape
-        out = np.zeros((self.g.shape[0], cols, tau.shape[1]))
+        rate, shape = phase.modes.rate_hz, phase.modes.shape
+        out = np.zeros((self.g.shape[0], cols, rate.shape[1]))
         held = np.isinf(phase.to_source[rows:])
         position = {int(node): i for i, node in enumerate(phase.free)}
         for c in range(cols):
@@ -321,13 +332,32 @@ class _Slots:
             live = np.array([i for i, node in enumerate(phase.free) if node < rows], dtype=int)
             rows_shape = shape[:, live]
             through = np.matmul(self.g[:, phase.free[live]].transpose(0, 2, 1), rows_shape)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                lag = np.where(phase.lasting, network.c_taxel_f / tau, 0.0)
+            lag = network.c_taxel_f * np.where(phase.lasting, rate, 0.0)
             through -= (lag * rows_shape.sum(axis=1))[:, np.newaxis]
-            beside = phase.matrix[:, rows:, rows:][:, held][:, :, ~held]
+            beside = phase.link[:, rows:, rows:][:, held][:, :, ~held]
             free_columns = np.array([position[rows + c] for c in np.flatnonzero(~held)], dtype=int)
-            out[:, held] = through[:, held] - np.matmul(beside, shape[:, free_columns])
+            out[:, held] = through[:, held] + np.matmul(beside, shape[:, free_columns])
         return out
+
+    def _rounding(
+        self, phase: _Phase, voltage: Floats, strength: Floats, inflow: Floats, t_start: float
+    ) -> float:
+        """What rounding may make of the charge of a whole gate in a row that begins at `voltage`.
+
+        The strength of a mode rounds with all charges behind it; a shape with all other shapes at the same node, since
+        eigenvectors are known to a rounding of whole ones. Each row adds its own to what the next one begins with.
+        """
+        t_gate = self.timing.gate_clocks / self.timing.f_clk_hz
+        # A rate is known to a rounding of shift, the norm it is found from to one of the largest norm, 1 / shift.
+        modes, few = phase.modes, _ROUNDINGS * inflow.shape[2] * _EPS * phase.modes.spread
+        part = np.divide(few, modes.norm * modes.shift_hz, out=np.zeros_like(modes.norm), where=phase.lasting)
+        part *= 1.0 + (t_start + t_gate) * np.where(phase.lasting, modes.rate_hz, 0.0)
+        unsure = phase.clocks(t_start, t_gate, phase.rounding(voltage) + np.abs(strength) * part)[0]
+        there = np.abs(phase.clocks(t_start, t_gate, strength)[0]).sum(axis=1)
+        size = np.abs(inflow)
+        charge = np.matmul(size, unsure[..., np.newaxis])[..., 0]
+        charge += few * size.max(axis=2, initial=0.0) * there[:, np.newaxis]
+        return self.network.rows * float(charge.max())
 
     def transients(self, negligible_c: float, before_c: float | None) -> Transients | None:
         network, timing = self.network, self.timing
@@ -352,6 +382,9 @@ class _Slots:
                     pause.put(row, self._inflow(dark), *dark.clocks(0.0, t_clk, strength))
                 voltage_now = dark.after(t_break, strength)
             strength, inflow = phase.strength(voltage_now), self._inflow(phase)
+            self.rounding_c = max(
+                self.rounding_c, self._rounding(phase, voltage_now, strength, inflow, t_start)
+            )
             gate.put(row, inflow, *phase.clocks(t_start, t_clk, strength))
             if before_c is not None:
                 driven.put(row, inflow, *phase.clocks(0.0, t_clk, strength))
@@ -401,40 +434,56 @@ class _Sums:
 class _Phase:
     """The network between two switchings: what hangs on sources, its modes and where it settles.
 
-    `to_source` [nodes] and `matrix` [frames, nodes, nodes] are conductances, `free` the nodes behind a resistance,
+    `to_source` [nodes] and `link` [frames, nodes, nodes] are conductances, `free` the nodes behind a resistance,
     `rest` [frames, nodes] their settled voltages, `lasting` the modes that outlast a clock's beginning.
     """
 
     to_source: Floats
     free: NDArray[np.int64]
-    matrix: Floats
+    link: Floats
     modes: _Modes
     rest: Floats
     lasting: NDArray[np.bool_]
-    capacitance: Floats
+    capacitance: _Capacitance
 
     def strength(self, voltage: Floats) -> Floats:
-        """What of each mode is there, times its time constant, when the phase begins at `voltage` [frames, nodes]."""
+        """How much of each mode is there when the phase begins at `voltage` [frames, nodes], in volt."""
         # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
-        moved = np.matmul(voltage - self.rest, self.capacitance)[:, self.free]
-        return np.matmul(self.modes.shape.transpose(0, 2, 1), moved[..., np.newaxis])[..., 0]
+        charge = self.capacitance.times(self.modes.full, (voltage - self.rest)[..., np.newaxis])[..., 0]
+        return np.divide(charge, self.modes.norm, out=np.zeros_like(charge), where=self.modes.norm > 0)
+
+    def rounding(self, voltage: Floats) -> Floats:
+        """What rounding may make of each mode's strength: some roundings a node of all charges behind it, and of the
+        largest of all modes, since eigenvectors are known to a rounding of whole ones."""
+        size = (np.abs(voltage) + np.abs(self.rest))[..., np.newaxis]
+        charge = self.capacitance.times(np.abs(self.modes.full), size, 1.0)[..., 0]
+        part = (
+            _ROUNDINGS
+            * voltage.shape[1]
+            * _EPS
+            * self.modes.spread
+            * charge.max(axis=1, keepdims=True, initial=0.0)
+        )
+        part = np.broadcast_to(part, self.modes.norm.shape)
+        return np.divide(part, self.modes.norm, out=np.zeros_like(part), where=self.modes.norm > 0)
 
     def clocks(self, t: float, t_clk: float, strength: Floats) -> tuple[Floats, Floats]:
         """Integral of each mode over the clock that begins a time t later, and what is left of it a clock later."""
-        tau = self.modes.tau
-        with np.errstate(divide="ignore", invalid="ignore"):
-            decay = np.where(self.lasting, np.exp(-t_clk / tau), 0.0)
+        rate = np.where(self.lasting, self.modes.rate_hz, 0.0)
+        with np.errstate(under="ignore"):
+            decay = np.where(self.lasting, np.exp(-t_clk * rate), 0.0)
+            # A mode that outlasts any number of clocks brings the same in each.
+            whole = np.divide(-np.expm1(-t_clk * rate), rate, out=np.full_like(rate, t_clk), where=rate > 0)
             if t == 0.0:  # whole, however fast it is over
-                return strength * np.where(self.lasting, -np.expm1(-t_clk / tau), 1.0), decay
-            at = np.where(self.lasting, strength / tau * np.exp(-t / tau), 0.0)
-            lost = np.where(self.lasting, -tau * np.expm1(-t_clk / tau), 0.0)
-        return at * lost, decay
+                whole = np.where(self.lasting, whole, self.modes.norm)
+                return strength * whole, decay
+            return np.where(self.lasting, strength * np.exp(-t * rate) * whole, 0.0), decay
 
     def after(self, t: float, strength: Floats) -> Floats:
         """Voltages [frames, nodes] a time t later."""
-        tau = self.modes.tau
-        with np.errstate(divide="ignore", invalid="ignore"):
-            left = np.where(self.lasting, strength / tau * np.exp(-t / tau), 0.0)
+        rate = np.where(self.lasting, self.modes.rate_hz, 0.0)
+        with np.errstate(under="ignore"):
+            left = np.where(self.lasting, strength * np.exp(-t * rate), 0.0)
         voltage = self.rest.copy()
         voltage[:, self.free] += np.matmul(self.modes.shape, left[..., np.newaxis])[..., 0]
         return voltage
@@ -445,28 +494,108 @@ _FASTEST = 1000.0
 # Rounding of a dense solve of some hundred nodes; a wrong mode is off by 1.
 _RESIDUAL_MAX = 1e-6
 _EPS = np.finfo(float).eps
+# Roundings a node in an eigenvalue or eigenvector, of the largest: an estimate with room, twelve times what random
+# networks showed against 80 digits (tb/model/test_settling.py).
+_ROUNDINGS = 16
+
+
+def _solve(link: Floats, leak: Floats, drive: Floats) -> tuple[Floats, Floats]:
+    """Solve (leak + sum of links) v - link v = drive [frames, n, m] by star-mesh steps; v, and sqrt(1 / pivots)
+    times the inverse of the triangle that they leave, whose square is the inverse of the matrix."""
+    from dermis import star_mesh
+
+    frames, n = leak.shape
+    work = np.concatenate([link, leak[:, :, np.newaxis], drive, np.zeros((frames, n, n))], axis=2)
+    pivot = np.empty_like(leak)
+    with float_flags.watch("star_mesh.down"):
+        star_mesh.down(work, pivot, 0, n, 0)
+    own = np.arange(n)
+    work[:, own, work.shape[2] - n + own] = np.sqrt(pivot)
+    with float_flags.watch("star_mesh.up"):
+        star_mesh.up(work, pivot, 0, n)
+    return work[:, :, n + 1 : work.shape[2] - n], work[:, :, work.shape[2] - n :]
+
+
+class _Capacitance:
+    """Capacitors from every line to ground and across every taxel, taken one by one: what both ends of a large one do
+    alike never enters, where a matrix of them would subtract it again."""
+
+    def __init__(self, rows: int, cols: int, network: Network) -> None:
+        self.rows, self.across_f = rows, network.c_taxel_f
+        self.to_ground_f = np.repeat([network.c_row_f, network.c_column_f], [rows, cols])
+
+    def times(self, left: Floats, right: Floats, other_end: float = -1.0) -> Floats:
+        """left' C right of voltages [frames, nodes, k] and [frames, nodes, m]; with `other_end` 1 of magnitudes."""
+        out = np.matmul(left.transpose(0, 2, 1), self.to_ground_f[:, np.newaxis] * right)
+        if self.across_f:
+            out += self.across_f * np.matmul(
+                self._across(left, other_end).transpose(0, 2, 1), self._across(right, other_end)
+            )
+        return out
+
+    def _across(self, voltage: Floats, other_end: float) -> Floats:
+        difference = voltage[:, : self.rows, np.newaxis] + other_end * voltage[:, np.newaxis, self.rows :]
+        return difference.reshape(
+            voltage.shape[0], difference.shape[1] * difference.shape[2], voltage.shape[2]
+        )
+
+    def links(self, free: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Capacitances between free nodes [n, n], and from each of them to ground and to nodes that are held [n]."""
+        on_row = np.arange(self.to_ground_f.size) < self.rows
+        across = self.across_f * (on_row[:, np.newaxis] != on_row)
+        held = np.setdiff1d(np.arange(on_row.size), free)
+        return across[np.ix_(free, free)], self.to_ground_f[free] + across[np.ix_(free, held)].sum(axis=1)
 
 
 class _Modes:
-    """Time constants and shapes of C y' = -G y: C shape = tau G shape, shape' G shape = 1."""
+    """Rates and shapes of C y' = -G y: G shape = rate C shape, shape' (G + shift C) shape = 1, shape' C shape = norm.
 
-    def __init__(self, matrix: Floats, capacitance: Floats) -> None:
-        frames, n = matrix.shape[:2]
-        self.tau, self.shape = np.zeros((frames, n)), np.zeros((frames, n, n))
+    Rates are found from the norm, 1 / (rate + shift). Whatever is slow is then as far apart from the rest as what lasts
+    1 / shift and no further: time constants from picoseconds to ages in one network cost what there is in a slot no
+    digit. G + shift C has no sign but that of its diagonal and is eliminated without a subtraction (star_mesh), so a
+    short beside a gigaohm costs none either.
+    """
+
+    def __init__(
+        self, link: Floats, leak: Floats, capacitance: _Capacitance, free: NDArray[np.int64], shift_hz: float
+    ) -> None:
+        frames, n = leak.shape
+        self.shift_hz, self.spread = shift_hz, 1.0
+        self.rate_hz, self.norm = np.zeros((frames, n)), np.zeros((frames, n))
+        self.full = np.zeros((frames, capacitance.to_ground_f.size, n))
+        self.shape = self.full[:, free]
         if n == 0:
             return
-        root = np.linalg.cholesky(matrix)
-        half = np.linalg.solve(root, np.broadcast_to(capacitance, matrix.shape))
-        whole = np.linalg.solve(root, half.transpose(0, 2, 1))
-        tau, vectors = np.linalg.eigh((whole + whole.transpose(0, 2, 1)) / 2)
+        between, to_ground = capacitance.links(free)
+        links, leaks = link + shift_hz * between, leak + shift_hz * to_ground
+        leaks = leaks + ((links.sum(axis=2) + leaks) == 0)
+        root = np.zeros_like(self.full)
+        root[:, free] = _solve(links, leaks, np.zeros((frames, n, 0)))[1]
+        # What rounds across a large capacitor is what both its ends have in common.
+        self.spread = 1.0 + float(np.sqrt(shift_hz * capacitance.across_f) * np.abs(root).max())
+        norm, vectors = np.linalg.eigh(capacitance.times(root, root))
         # The slowest first, so that what is left out is at the end.
-        self.tau = np.maximum(tau[:, ::-1], 0.0)
-        self.shape = np.linalg.solve(root.transpose(0, 2, 1), vectors[:, :, ::-1])
-        left, right = (
-            np.matmul(capacitance, self.shape),
-            np.matmul(matrix, self.shape) * self.tau[:, np.newaxis],
-        )
-        size = np.matmul(np.abs(capacitance), np.abs(self.shape)).max(axis=1)
-        size += np.matmul(np.abs(matrix), np.abs(self.shape)).max(axis=1) * self.tau[:, :1]
-        if not (np.abs(left - right).max(axis=1) <= _RESIDUAL_MAX * size).all():
+        self.norm = np.clip(norm[:, ::-1], 0.0, 1.0 / shift_hz)
+        self.full = np.matmul(root, vectors[:, :, ::-1])
+        self.shape = self.full[:, free]
+        rate = np.divide(1.0, self.norm, out=np.full_like(norm, np.inf), where=self.norm > 1.0 / _FAST_HZ)
+        self.rate_hz = np.maximum(rate - shift_hz, 0.0)
+        self._check(links, leaks, shift_hz * between, shift_hz * to_ground, shift_hz)
+
+    def _check(
+        self, links: Floats, leaks: Floats, between: Floats, to_ground: Floats, shift_hz: float
+    ) -> None:
+        """Whether shift C shape = shift norm (G + shift C) shape; links and leaks are those of the right side."""
+        size = np.abs(self.shape)
+        left = (between.sum(axis=1) + to_ground)[:, np.newaxis] * self.shape - np.matmul(between, self.shape)
+        most = (between.sum(axis=1) + to_ground)[:, np.newaxis] * size + np.matmul(between, size)
+        total = (links.sum(axis=2) + leaks)[:, :, np.newaxis]
+        part = (shift_hz * self.norm)[:, np.newaxis]
+        right = (total * self.shape - np.matmul(links, self.shape)) * part
+        most = most.max(axis=1) + ((total * size + np.matmul(links, size)) * part[:, :, :1]).max(axis=1)
+        if not (np.abs(left - right).max(axis=1) <= _RESIDUAL_MAX * most).all():
             raise np.linalg.LinAlgError("a mode does not solve C phi = tau G phi")
+
+
+# Anything this fast is over at once.
+_FAST_HZ = 1e60

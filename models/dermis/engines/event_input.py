@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import float_flags, settling
+from dermis import float_flags, settling, solve_error
 from dermis.array import Network, column_currents_by_source
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
@@ -348,7 +348,12 @@ def _transients(plan: Plan, frame: int) -> settling.Transients | None:
     felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
     try:
         return settling.transients(
-            network, g, plan.timing, _NEGLIGIBLE / most, _UNFELT / most if felt else None
+            network,
+            g,
+            plan.timing,
+            _NEGLIGIBLE / most,
+            _UNFELT / most if felt else None,
+            solve_error.LIMIT_LSB / most,
         )
     except settling.Unsupported as error:
         if (settling.bound_c(network, g, plan.timing) * per_c).max() < _UNFOLLOWED:
