@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate accuracy auto-check hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults
 
 help: ## print this list
@@ -48,8 +48,14 @@ auto-check: setup ## 1000 random scenes as auto plans them, against everything o
 accuracy: setup ## what accuracy costs in simulation time: error against time, drawn [ARGS=--docs]
 	@$(dermis) accuracy $(ARGS)
 
+accuracy-chip: setup ## what resolution costs in conversion time on the chip: curves, csv and figures [ARGS=--docs]
+	@$(dermis) accuracy-chip $(ARGS)
+
 hard: setup ## hard cases through every engine that can express them [ARGS="--only word --docs"]
 	@$(dermis) hard $(ARGS)
+
+campaign: setup ## random scenes against the laws of the physics, resumable [ARGS="--engines rtl --scenes 2000 --docs"]
+	@$(dermis) campaign $(ARGS)
 
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
 	@$(dermis) sweep $(ARGS)

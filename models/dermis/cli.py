@@ -38,6 +38,10 @@ ELSEWHERE = {
     "auto-check": ("dermis.auto_check", "Random scenes as auto plans them against everything on."),
     "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
     "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
+    "campaign": (
+        "dermis.campaign.command",
+        "Random scenes through the engines, against each other and against laws of the physics.",
+    ),
     "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
     "faults": ("dermis.faults.command", "Kill, interrupt, fill, close, cut: what a disturbed run leaves."),
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),

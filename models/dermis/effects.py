@@ -325,7 +325,11 @@ class _ReferenceDrift(Strict):
 
 class _ClockJitter(Strict):
     t_s: float | None = entry(
-        None, "Of every edge, rms in s", _RMS, default_from="converter.t_jitter_s", ge=0
+        None,
+        "Of every edge, rms in s",
+        "a finite number >= 0, at most a tenth of a clock",
+        default_from="converter.t_jitter_s",
+        ge=0,
     )
 
 
@@ -942,6 +946,11 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
                 )
 
 
+# Jitter of an edge in clocks. Two edges in a row are 1 apart and move by sqrt(2) of it against each other: at a tenth
+# they keep their order to 7 sigma, once in 1e12 edges; from half a clock on every third pair would change places, and
+# what is counted is no clock any more.
+JITTER_MAX = 0.1
+
 _BELOW_ONE_CLOCK = {("comparator_delay", "t_s"), ("metastability", "t_aperture_s")}
 
 
@@ -960,6 +969,9 @@ def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -
     clock_s = 1.0 / setting.design.converter.f_clk_hz
     if (effect.name, name) in _BELOW_ONE_CLOCK and value >= clock_s:
         raise InputError(file, key, value, f"below one clock ({clock_s:g} s)")
+    if effect.name == "clock_jitter" and value > JITTER_MAX * clock_s:
+        allowed = f"at most a tenth of a clock ({JITTER_MAX * clock_s:g} s), or edges would overtake each other"
+        raise InputError(file, key, value, allowed)
 
 
 # Fields that several effects may write: what they write adds up. Every other field has one effect.

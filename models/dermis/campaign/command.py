@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis campaign`: many random worlds in worker processes, with a state that a killed campaign goes on from."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import click
+
+from dermis import batch, float_flags, verdict, workers
+from dermis.campaign import draw, laws, shrink, trial
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.files import write_atomic, write_between
+from dermis.progress import slots
+
+STATE = ROOT / "build" / "campaign"
+FOUND = ROOT / "tb" / "hard" / "found"
+DOCS = ROOT / "docs" / "campaign.md"
+
+# Worlds of one task: enough that handing it out costs nothing, few enough that little is lost when one is killed.
+_A_TASK = {"closed,event": 50, "rtl": 10, "cosim": 2}
+# Longest a single world may take. The first of its kind compiles loops (10 s, a minute on a busy machine) or Verilog.
+LIMIT_S = {"closed,event": 120.0, "rtl": 240.0, "cosim": 240.0}
+_SHORT = {"closed,event": 200, "rtl": 10, "cosim": 2}
+_FULL = {"closed,event": 100_000, "rtl": 2_000, "cosim": 300}
+# Seconds to shrink one example, and examples of a law that are shrunk and kept.
+_SHRINK_S, _KEPT = 120.0, 4
+_SAVE_S = 5.0
+
+
+@dataclass
+class Tally:
+    """What worlds came to, of a task or of all: sums of counts, and every world that is broken."""
+
+    worlds: int = 0
+    refused: int = 0
+    conversions: int = 0
+    asked: dict[str, int] = field(default_factory=dict)
+    broken: list[tuple[int, str, str]] = field(default_factory=list)  # world, law, what
+    seconds: float = 0.0
+
+    def add(self, other: Tally) -> None:
+        """Take another's counts in."""
+        self.worlds += other.worlds
+        self.refused += other.refused
+        self.conversions += other.conversions
+        self.seconds += other.seconds
+        for law, count in other.asked.items():
+            self.asked[law] = self.asked.get(law, 0) + count
+        self.broken += [(int(number), law, what) for number, law, what in other.broken]
+
+
+def worlds_of(engines: str, seed: int, first: int, stop: int) -> Tally:
+    """Worlds first .. stop - 1: what a worker does."""
+    tally, start = Tally(), time.process_time()
+    with tempfile.TemporaryDirectory() as directory:
+        for number in range(first, stop):
+            world = draw.world(seed, number, engines, Path(directory))
+            outcome = trial.run(world, engines, number, scratch=Path(directory))
+            broken = [(number, b.law, b.what) for b in outcome.broken]
+            tally.add(Tally(1, int(bool(outcome.refused)), outcome.conversions, dict(outcome.asked), broken))
+    tally.seconds = time.process_time() - start
+    return tally
+
+
+class Campaign:
+    """A campaign of `scenes` worlds and its state on disk.
+
+    Attributes
+    ----------
+    done : dict
+        First world of a task -> its tally.
+    """
+
+    def __init__(self, engines: str, seed: int, scenes: int) -> None:
+        self.engines, self.seed, self.scenes = engines, seed, scenes
+        self.done: dict[int, Tally] = {}
+        self.path = STATE / f"{engines.replace(',', '_')}_{seed}.json"
+
+    def load(self) -> int:
+        """Take up what an earlier run of the same code left, and return how many worlds that is."""
+        try:
+            data = json.loads(self.path.read_text(encoding="utf-8"))
+            if data["code"] != batch.fingerprint():
+                return 0
+            self.done = {int(first): Tally(**tally) for first, tally in data["done"].items()}
+        except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
+            return 0
+        return sum(t.worlds for t in self.done.values())
+
+    def save(self) -> None:
+        """Write the state, whole or not at all."""
+        data = {
+            "code": batch.fingerprint(),
+            "engines": self.engines,
+            "seed": self.seed,
+            "done": {str(first): asdict(tally) for first, tally in self.done.items()},
+        }
+        write_atomic(self.path, json.dumps(data))
+
+    def run(self, processes: int) -> None:
+        """Run what is not done yet; what hangs or crashes is found again world by world."""
+        step, limit_s = _A_TASK[self.engines], LIMIT_S[self.engines]
+        starts = [first for first in range(0, self.scenes, step) if first not in self.done]
+        again: list[int] = []
+        done = sum(t.worlds for t in self.done.values())
+        saved = time.monotonic()
+        with slots(f"campaign {self.engines}", self.scenes, "scenes") as on_done:
+            tasks = (
+                workers.Task(
+                    worlds_of,
+                    (self.engines, self.seed, first, min(first + step, self.scenes)),
+                    # Most worlds take milliseconds: a task has the time of a few that have to compile first.
+                    4.0 * limit_s,
+                )
+                for first in starts
+            )
+            for number, outcome in workers.run(tasks, processes):
+                if outcome.fault:
+                    again.append(starts[number])
+                    continue
+                self.done[starts[number]] = outcome.value
+                done += outcome.value.worlds
+                on_done(done)
+                if time.monotonic() - saved > _SAVE_S:
+                    self.save()
+                    saved = time.monotonic()
+            for first in again:
+                self.done[first] = self._one_by_one(first, processes)
+                done += self.done[first].worlds
+                on_done(done)
+        self.save()
+
+    def _one_by_one(self, first: int, processes: int) -> Tally:
+        numbers = range(first, min(first + _A_TASK[self.engines], self.scenes))
+        tasks = [
+            workers.Task(worlds_of, (self.engines, self.seed, n, n + 1), LIMIT_S[self.engines])
+            for n in numbers
+        ]
+        tally = Tally()
+        for number, outcome in workers.run(tasks, processes):
+            if outcome.fault:
+                tally.add(Tally(1, broken=[(numbers[number], "ends", outcome.fault)]))
+            else:
+                tally.add(outcome.value)
+        return tally
+
+    def total(self) -> Tally:
+        """All worlds together."""
+        tally = Tally()
+        for first in sorted(self.done):
+            tally.add(self.done[first])
+        return tally
+
+
+def keep(campaign: Campaign, total: Tally, where: Path, processes: int) -> list[Path]:
+    """Shrink the first examples of every law that was broken, and store them as cases."""
+    chosen: list[tuple[int, str, str]] = []
+    for law, examples in itertools.groupby(sorted(total.broken, key=lambda b: (b[1], b[0])), lambda b: b[1]):
+        chosen += [b for b in itertools.islice(examples, _KEPT) if law != "ends"]
+    tasks = [
+        workers.Task(shrunk, (campaign.engines, campaign.seed, number, law, what), 3.0 * _SHRINK_S)
+        for number, law, what in chosen
+    ]
+    kept = []
+    for number, outcome in workers.run(tasks, processes):
+        if outcome.fault:
+            continue
+        name = f"{chosen[number][1]}_{hashlib.sha256(outcome.value.encode()).hexdigest()[:8]}.toml"
+        write_atomic(where / name, outcome.value)
+        kept.append(where / name)
+    return kept
+
+
+def shrunk(engines: str, seed: int, number: int, law: str, what: str) -> str:
+    """The smallest world that breaks the law as this one does, as text: what a worker does."""
+    with tempfile.TemporaryDirectory() as scratch:
+        world = draw.world(seed, number, engines, Path(scratch))
+    small = shrink.shrink(world, engines, number, law, _SHRINK_S)
+    return replace(small, why=f"{law}: {what}", engines=engines).to_toml()
+
+
+def rows(campaign: Campaign, total: Tally) -> Iterator[verdict.Row]:
+    """Verdict rows of a campaign."""
+    name = campaign.engines.replace(",", "_")
+    note = f"seed {campaign.seed}, {total.refused} refused with one line"
+    yield verdict.judge(f"campaign.scenes.{name}", total.worlds, note)
+    yield verdict.report(
+        f"campaign.conversions.{name}", total.conversions, "conversions", f"{total.seconds:.0f} core-s"
+    )
+    ends = [b for b in total.broken if b[1] == "ends"]
+    yield verdict.judge(
+        f"campaign.broken.{name}.ends",
+        len(ends),
+        ends[0][2] if ends else "no hang, no crash, no process left",
+    )
+    for law in ["typed_errors", *laws.ENGINES[campaign.engines]]:
+        broken = [b for b in total.broken if b[1] == law]
+        note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(campaign.engines, law)
+        asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
+        yield verdict.judge(f"campaign.broken.{name}.{law}", len(broken), f"asked {asked} times: {note}")
+
+
+def record(campaign: Campaign, total: Tally, seconds: float, processes: int, found: list[verdict.Row]) -> str:
+    """The record of a campaign as Markdown for docs/campaign.md."""
+    failed = sum(r["status"] != "PASS" for r in found)
+    lines = [
+        f'`make campaign ARGS="--engines {campaign.engines} --scenes {campaign.scenes} --seed {campaign.seed} '
+        f'--processes {processes}"`: {total.worlds} scenes, {total.refused} of them refused with one line, '
+        f"{total.conversions} conversions, {len(total.broken)} laws broken, {failed} rows failed, "
+        f"{total.seconds / 60:.0f} core-minutes, {seconds / 60:.0f} minutes.",
+        "",
+        "| law | asked | broken |",
+        "|---|--:|--:|",
+    ]
+    for law in ("typed_errors", *laws.ENGINES[campaign.engines]):
+        asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
+        lines.append(
+            f"| {laws.meaning(campaign.engines, law)} | {asked} | {sum(b[1] == law for b in total.broken)} |"
+        )
+    return "\n".join(lines)
+
+
+@click.command("campaign")
+@click.option(
+    "--scenes", type=click.IntRange(1, 10**9), help="How many; default 100000, rtl 2000, cosim 300."
+)
+@click.option(
+    "--seed", default=0, show_default=True, type=click.IntRange(0, 2**32 - 1), help="Of all scenes."
+)
+@click.option(
+    "--engines",
+    default="closed,event",
+    show_default=True,
+    type=click.Choice(sorted(laws.ENGINES)),
+    help="closed,event against each other and the laws; rtl or cosim against event.",
+)
+@click.option("--resume/--fresh", default=True, show_default=True, help="Go on where a killed one stopped.")
+@click.option("--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="At a time.")
+@click.option("--docs", is_flag=True, help="Write the record into docs/campaign.md.")
+@click.option("--short", is_flag=True, help="A few scenes only.")
+@click.option(
+    "--found", type=click.Path(file_okay=False), default=str(FOUND), help="Where shrunk failures go as cases."
+)
+def campaign_command(
+    scenes: int | None,
+    seed: int,
+    engines: str,
+    resume: bool,
+    processes: int,
+    docs: bool,
+    short: bool,
+    found: str,
+) -> int:
+    """Random scenes through the engines, against each other and against laws of the physics."""
+    if short and scenes is not None:
+        raise InputError("command line", "--short and --scenes", scenes, "one of the two")
+    os.environ[float_flags.VARIABLE] = "raise"  # read by the workers when they start
+    many = _SHORT[engines] if short else scenes or _FULL[engines]
+    campaign = Campaign(engines, seed, many)
+    start = time.monotonic()
+    if resume and (there := campaign.load()):
+        click.echo(f"{there} scenes are there from before; --fresh begins anew", err=True)
+    try:
+        campaign.run(processes)
+    except BaseException:
+        campaign.save()  # what is done is done, whatever ended the rest
+        raise
+    total = campaign.total()
+    cases = keep(campaign, total, Path(found), processes) if total.broken else []
+    judged = list(rows(campaign, total))
+    verdict.write_rows("campaign", judged)
+    verdict.print_rows(judged, f"{many} random scenes, engines {engines}")
+    for path in cases:
+        click.echo(f"a case for tb/hard/found: {path}")
+    if docs:
+        name = engines.replace(",", "_")
+        text = record(campaign, total, time.monotonic() - start, processes, judged)
+        write_between(
+            DOCS, f"<!-- begin: {name} (written by dermis campaign --docs) -->", f"<!-- end: {name} -->", text
+        )
+    return verdict.exit_code(judged)

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The campaign finds a fault planted in each engine, shrinks it and goes on after a kill; found cases stay cured."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dermis.campaign import command, draw, laws, shrink, trial, world
+from dermis.campaign.world import World, lines_of
+from dermis.design import ROOT
+from dermis.engines import Result, certificate, closed, cosim, event, event_input, rtl
+from dermis.plan import Plan
+from dermis.workers import Outcome, Task
+
+FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
+UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
+
+
+def made(effects: dict[str, Any] | None = None, ohm: Any = None, **interface: Any) -> World:
+    """Two frames of 2 x 3 taxels from twice full scale down, with effects on."""
+    values = (
+        UNIT_OHM / np.linspace(0.03, 0.9, 12).reshape(2, 2, 3) if ohm is None else np.array(ohm, dtype=float)
+    )
+    rows, cols = values.shape[1:]
+    scene = {
+        "array": {"rows": rows, "cols": cols},
+        "stimulus": {"kind": "resistance", "file": "taxels.csv"},
+        "interface": interface or {"topology": "conveyor_mirror"},
+        "effects": effects or {},
+    }
+    return World(scene, files={"taxels.csv": lines_of(values)})
+
+
+def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str]:
+    """Laws that a world breaks; a few seeds, for some laws ask about one cell."""
+    names = list(laws.ENGINES[engines])
+    return {b.law for seed in range(seeds) for b in trial.run(one, engines, seed, names).broken}
+
+
+# ---- cases that campaigns found
+
+
+@pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
+def test_found_case_stays_cured(path: Path) -> None:
+    case = world.load(path)
+    outcome = trial.run(case, case.engines, 0, list(laws.ENGINES[case.engines]))
+    assert not outcome.broken, f"{case.why}: {outcome.broken}"
+    if case.refused:
+        assert case.refused in outcome.refused
+    else:
+        assert not outcome.refused
+
+
+def test_a_world_survives_its_file() -> None:
+    one = dataclasses.replace(
+        made({"row_driver": {"r_ohm": 3.5, "grounded_r_ohm": np.inf}, "auto": {"budget_lsb": 0.5}}),
+        design={"timing": {"break_clocks": 2}},
+        why='a "quoted" reason',
+        refused="x",
+    )
+    path = Path("made.toml")
+    assert world.load(_Text(one.to_toml(), path)) == one  # type: ignore[arg-type]
+
+
+class _Text:
+    """A file that is not there."""
+
+    def __init__(self, text: str, path: Path) -> None:
+        self.text, self.path = text, path
+
+    def read_text(self, encoding: str) -> str:
+        return self.text
+
+
+def test_a_campaign_draws_everything_there_is(tmp_path: Path) -> None:
+    """Every effect, stimulus, topology, refused ones and codes of other widths, within the first 400 scenes."""
+    drawn = [draw.world(0, n, "closed,event", tmp_path) for n in range(400)]
+    on = {name for one in drawn for name in one.scene["effects"]}
+    from dermis.effects import EFFECTS
+
+    assert on == {*EFFECTS, "auto"}
+    kinds = {one.scene["stimulus"]["kind"] for one in drawn}
+    assert kinds == {"indenter", "slip", "tapping", "ramp", "several", "uniform", "resistance"}
+    assert len({one.scene["interface"]["topology"] for one in drawn}) == 4
+    bits = {one.design.get("timing", {}).get("code_bits", 8) for one in drawn}
+    assert min(bits) == 1
+    assert max(bits) > 8
+    assert draw.world(0, 7, "closed,event", tmp_path) == draw.world(0, 7, "closed,event", tmp_path)
+    assert draw.world(1, 7, "closed,event", tmp_path) != draw.world(0, 7, "closed,event", tmp_path)
+
+
+# ---- planted faults
+
+
+def _counts(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    original = event.count_cells
+
+    def wrong(cells: event.Cells, clocks: int, *rest: Any) -> Any:
+        counts, end = original(cells, clocks, *rest)
+        return change(counts, cells), end
+
+    return wrong
+
+
+def _lost(module: Any, **fields: float) -> Callable[..., Result]:
+    """An engine that forgets an effect."""
+    original = module.run
+
+    def wrong(plan: Plan, *rest: Any, **options: Any) -> Result:
+        converter = dataclasses.replace(plan.converter, **fields)
+        return original(dataclasses.replace(plan, converter=converter), *rest, **options)
+
+    return wrong
+
+
+def test_nothing_is_found_where_nothing_is_wrong() -> None:
+    assert broken(made()) == set()
+    assert broken(made({"column_input": True, "offset_current": {"i_a": -3e-8}})) == set()
+
+
+def test_one_count_too_many_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event, "count_cells", _counts(lambda n, cells: n + (n > 100)))
+    assert "closed_equals_event" in broken(made())
+
+
+def test_a_clock_too_few_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = event.count_cells
+    monkeypatch.setattr(
+        event, "count_cells", lambda cells, clocks, *rest: original(cells, max(clocks - 1, 1), *rest)
+    )
+    assert "closed_equals_event" in broken(made())
+
+
+def test_a_wrong_sign_in_event_alone_is_found_by_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where engine closed cannot follow, fifty digits can."""
+    original = event.rows_of
+
+    def wrong(cells: event.Cells, charge_delay: float) -> event.Rows:
+        return original(dataclasses.replace(cells, leak=-cells.leak), charge_delay)
+
+    monkeypatch.setattr(event, "rows_of", wrong)
+    found = broken(made({"integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e5}}), seeds=8)
+    assert found & {"fifty_digits", "monotone", "typed_errors"}
+
+
+def test_one_count_too_few_in_closed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = closed.code
+    monkeypatch.setattr(closed, "code", lambda *a, **k: np.maximum(original(*a, **k) - 1, 0))
+    assert "closed_equals_event" in broken(made())
+
+
+def test_a_lost_effect_in_closed_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed, "run", _lost(closed, preset_error_v=0.0))
+    assert "closed_equals_event" in broken(made({"preset_error": {"v_v": 0.4}}))
+
+
+def test_a_certificate_that_is_too_narrow_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = certificate.certified
+    monkeypatch.setattr(
+        certificate,
+        "certified",
+        lambda plan, result: original(dataclasses.replace(plan, margin_lsb=0.0), result),
+    )
+    one = made({"auto": {"budget_lsb": 2.0}})
+    assert "budget" in broken(one)
+
+
+def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the coupling of columns once did: the frames of a part were repeated as often as the slowest of them."""
+    original = event_input.coupling
+
+    def wrong(plan: Plan, g: Any, x: Any) -> Any:
+        found = original(plan, g, x)
+        return found and dataclasses.replace(found, x=found.x + 1e-9 * len(g))
+
+    monkeypatch.setattr(event, "coupling", wrong)
+    direct = {"topology": "direct"}
+    assert "parts" in broken(made({"integrator_gain": True, "row_driver": True}, **direct))
+
+
+def test_a_current_that_leaves_the_wrong_column_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = event.column_currents
+
+    def wrong(network: Any, g: Any) -> Any:
+        current = original(network, g).copy()
+        current[..., 0] *= 1.01
+        return current
+
+    monkeypatch.setattr(event, "column_currents", wrong)
+    assert {"closed_equals_event", "symmetric"} <= broken(made({"row_driver": {"r_ohm": 5.0}}), seeds=5)
+
+
+def test_a_warning_and_a_foreign_exception_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event, "count_cells", _counts(lambda n, cells: n // np.zeros_like(n)))
+    assert {b.law for b in trial.run(made(), "closed,event", 0).broken} == {"typed_errors"}
+
+
+def test_a_lost_effect_in_the_verilog_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = made({"comparator_offset": {"v_v": 2.5}, "offset_current": {"i_a": 1e-7}})
+    assert broken(one, "rtl", 1) == set()
+    original = rtl.run_time_values
+
+    def wrong(*arguments: Any) -> Any:
+        values = original(*arguments)
+        values[..., rtl.value_places()["RISE"]] *= -1.0
+        return values
+
+    monkeypatch.setattr(rtl, "run_time_values", wrong)
+    assert broken(one, "rtl", 1) == {"through_verilog"}
+
+
+def test_a_lost_effect_in_the_deck_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = made({"charge_packet": {"packet_error": 0.1}}, ohm=[[[600.0]]])
+    assert broken(one, "cosim", 1) == set()
+    monkeypatch.setattr(cosim, "run", _lost(cosim, packet_error=0.0))
+    assert broken(one, "cosim", 1) == {"through_spice"}
+
+
+# ---- shrinking, and going on
+
+
+def test_a_failure_is_shrunk_to_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed, "run", _lost(closed, i_offset_a=0.0))
+    effects = {
+        "mirror_ratio": True,
+        "offset_current": {"i_a": 4.321e-6},
+        "charge_packet": True,
+        "column_input": True,
+    }
+    one = dataclasses.replace(made(effects), design={"timing": {"break_clocks": 3}})
+    small = shrink.shrink(one, "closed,event", 0, "closed_equals_event", 60.0)
+    assert list(small.scene["effects"]) == ["offset_current"]
+    assert small.scene["array"] == {"rows": 1, "cols": 1}
+    assert not small.design
+    assert len(small.files["taxels.csv"]) == 1
+    assert broken(small) >= {"closed_equals_event"}
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A campaign's state somewhere else."""
+    monkeypatch.setattr(command, "STATE", tmp_path)
+    monkeypatch.setattr(command, "worlds_of", _tally)
+    return tmp_path
+
+
+def _tally(engines: str, seed: int, first: int, stop: int) -> command.Tally:
+    numbers = range(first, stop)
+    wrong = [(n, "certified", "made up") for n in numbers if n == 7]
+    return command.Tally(len(numbers), 0, 3 * len(numbers), {"certified": len(numbers)}, wrong, 1.0)
+
+
+def _run(ends_after: int | None, hangs: int | None = None) -> Callable[..., Iterator[tuple[int, Outcome]]]:
+    def run(tasks: Iterator[Task], count: int) -> Iterator[tuple[int, Outcome]]:
+        for number, task in enumerate(tasks):
+            if number == ends_after:
+                raise KeyboardInterrupt
+            first, stop = task.arguments[2:]
+            if hangs is not None and first <= hangs < stop:
+                yield number, Outcome(fault="hangs: ended after 1 s")
+            else:
+                yield number, Outcome(task.function(*task.arguments))
+
+    return run
+
+
+def test_a_campaign_goes_on_where_it_was_ended(state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command.workers, "run", _run(None))
+    whole = command.Campaign("closed,event", 0, 333)
+    whole.run(1)
+    expected = whole.total()
+    assert expected.worlds == 333
+    assert expected.broken == [(7, "certified", "made up")]
+    whole.path.unlink()
+
+    monkeypatch.setattr(command.workers, "run", _run(3))
+    ended = command.Campaign("closed,event", 0, 333)
+    with pytest.raises(KeyboardInterrupt):
+        ended.run(1)
+    ended.save()
+    assert ended.total().worlds == 150
+
+    monkeypatch.setattr(command.workers, "run", _run(None))
+    again = command.Campaign("closed,event", 0, 333)
+    assert again.load() == 150
+    again.run(1)
+    assert again.total() == expected
+
+    # A state of other code counts for nothing.
+    data = json.loads(again.path.read_text())
+    again.path.write_text(json.dumps(data | {"code": "another"}))
+    assert command.Campaign("closed,event", 0, 333).load() == 0
+    again.path.write_text('{"half')
+    assert command.Campaign("closed,event", 0, 333).load() == 0
+
+
+def test_a_scene_that_hangs_is_named_and_the_others_count(
+    state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command.workers, "run", _run(None, hangs=61))
+    campaign = command.Campaign("closed,event", 0, 120)
+    campaign.run(1)
+    total = campaign.total()
+    assert total.worlds == 120
+    assert (61, "ends", "hangs: ended after 1 s") in total.broken
+    rows = {row["name"]: row for row in command.rows(campaign, total)}
+    assert rows["campaign.broken.closed_event.ends"]["status"] == "FAIL"
+    assert rows["campaign.broken.closed_event.certified"]["value"] == 1
