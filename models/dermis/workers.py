@@ -34,6 +34,9 @@ _MARK = "DERMIS_WORKERS"
 
 _PR_SET_CHILD_SUBREAPER = 36
 
+# How long a killed process may take to be gone: the kernel's time on a machine that is busy many times over.
+_GONE_S = 10.0
+
 
 @dataclass(frozen=True)
 class Task:
@@ -76,6 +79,7 @@ def run(tasks: Iterable[Task], workers: int, ahead: int | None = None) -> Iterat
     -----
     However the iteration ends (its end, `close`, an exception, Ctrl-C, SIGTERM), no process of it stays.
     """
+    children.guard()
     mark = f"{os.getpid()}-{time.monotonic_ns()}"
     numbered = enumerate(tasks)
     with _environment(ONE_THREAD | {_MARK: mark}), children.ending():
@@ -147,7 +151,7 @@ def _said(left: list[str]) -> str:
 
 def _end(pids: Iterable[int]) -> list[str]:
     """End processes and say which they were."""
-    names = []
+    names, ended = [], []
     for pid in pids:
         with contextlib.suppress(OSError):  # it ended meanwhile
             command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
@@ -155,11 +159,22 @@ def _end(pids: Iterable[int]) -> list[str]:
                 continue  # ended, and only waits to be collected
             os.kill(pid, signal.SIGKILL)
             names.append(one_line(command, 60))
-    # Only a worker has such children of its own; it adopts theirs, too.
-    with contextlib.suppress(ChildProcessError):
-        while names and os.waitpid(-1, os.WNOHANG)[0]:
-            pass
+            ended.append(pid)
+    until = time.monotonic() + _GONE_S
+    while ended and time.monotonic() < until:
+        # Only a worker has such children of its own; it adopts theirs, too.
+        with contextlib.suppress(ChildProcessError):  # none
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        ended = [pid for pid in ended if _alive(pid)]
+        time.sleep(0.01)
     return sorted(names)
+
+
+def _alive(pid: int) -> bool:
+    with contextlib.suppress(OSError):  # it is gone
+        return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
+    return False
 
 
 def _lost(wanted: Callable[[str], bool]) -> set[int]:

@@ -274,6 +274,8 @@ def _of_duty() -> list[Case]:
             "floor and ceiling of N x, and nothing else",
             "Morse and Hedlund 1940; FACTS 1.2, from the walk in rationals",
             {"event": functools.partial(converter_inputs.windows, 97, 40)},
+            refused={"closed": "counts from the preset only: no window begins elsewhere"}
+            | dict.fromkeys(("icarus", "verilator", "cosim"), "every gate begins with the preset"),
         ),
     ]
 
@@ -360,7 +362,10 @@ def _of_ties() -> list[Case]:
             "the edges written down by hand",
             {"icarus": functools.partial(converter_inputs.glitches, "dermis_sync_ff")},
             refused={
-                "verilator": "a build of 20 s for this alone; the wrapper's timing needs an event simulator"
+                "verilator": "two changes within a clock need an event simulator",
+                "closed": "has no pulses, only counts",
+                "event": "has a comparator that does not chatter",
+                "cosim": "as event; its deck hands over levels at clock edges only",
             },
         ),
         _case(
@@ -863,6 +868,9 @@ def _of_refusals() -> list[Case]:
             tolerance=_TYPED,
             unit="let through",
             short=True,
-            refused={"event": "a duty comes from currents, which are checked where they are solved"},
+            refused=dict.fromkeys(
+                ("event", "icarus", "verilator", "cosim"),
+                "its duties come from currents, which are checked where they are solved",
+            ),
         ),
     ]

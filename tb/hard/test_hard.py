@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The named suite: its short set, that its table is complete, and that no way of going wrong passes for an answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+import seeded_faults
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dermis import hard, verdict, vfc, workers
+from dermis.design import ROOT
+from dermis.errors import InputError
+from dermis.hard import Case, converter_inputs, converter_runs, exact, runner
+from dermis.hard.converter_runs import World
+
+# ---- the suite ----------------------------------------------------------------------------------------------
+
+
+# 25 s on one idle core. The first time after a change it compiles the loops as well: minutes when all is busy.
+@pytest.mark.timeout(900)
+def test_the_short_set_passes() -> None:
+    cases = runner.chosen((), short=True)
+    rows = [*runner.prepare(cases), *runner.run(cases, jobs=1)]
+    wrong = [row for row in rows if row["status"] not in ("PASS", "SKIP")]
+    assert not wrong
+    assert sum(row["status"] == "PASS" for row in rows) > len(cases)
+
+
+def test_the_table_of_cases_is_complete() -> None:
+    cases = hard.all_cases()
+    assert len(cases) >= 60
+    assert len({case.name for case in cases}) == len(cases)
+    for case in cases:
+        assert case.name == case.name.lower().replace(" ", "_")
+        assert case.group in ("converter", "array", "circuit", "stiff")
+        for text in (case.why, case.expected, case.source, case.tolerance, case.unit):
+            assert len(text) > 0, case.name
+        assert len(case.why.split()) > 5, f"{case.name}: a sentence says why"
+        assert case.runs, f"{case.name}: nothing runs it"
+        assert not set(case.runs) & set(case.refused), f"{case.name}: an engine both runs and cannot"
+        assert case.limit >= 0
+        assert 0 < case.limit_s <= 300
+        assert all(case.refused.values())
+
+
+def test_every_engine_either_runs_a_converter_case_or_says_why_not() -> None:
+    every = {"closed", "event", "icarus", "verilator", "cosim"}
+    for case in hard.all_cases():
+        if case.group == "converter" and not any(name.startswith("scene") for name in case.runs):
+            assert every <= set(case.runs) | set(case.refused), case.name
+
+
+def test_two_cases_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    twice = [case_of(seeded_faults.right)] * 2
+    monkeypatch.setattr("dermis.hard.converter.cases", lambda: twice)
+    with pytest.raises(ValueError, match="two hard cases are named seeded"):
+        hard.all_cases()
+
+
+def test_a_word_chooses_by_name_or_group_and_nothing_is_refused() -> None:
+    assert {case.name for case in runner.chosen(["tie_on_every"], short=False)} == {"tie_on_every_clock_edge"}
+    assert all(case.group == "converter" for case in runner.chosen(["converter"], short=False))
+    with pytest.raises(InputError, match="--only = no_such_case"):
+        runner.chosen(["no_such_case"], short=False)
+
+
+# ---- seeded faults ------------------------------------------------------------------------------------------
+
+
+def case_of(*runs: object, limit_s: float = 1.0) -> Case:
+    """A case whose runs are functions of seeded_faults."""
+    return Case(
+        name="seeded",
+        group="converter",
+        why="because it goes wrong on purpose",
+        expected="an ERROR or FAIL row",
+        source="this test",
+        tolerance="none",
+        limit=0.0,
+        unit="lsb",
+        runs={run.__name__: run for run in runs},  # type: ignore[attr-defined]
+        limit_s=limit_s,
+        refused={"closed": "knows no faults"},
+    )
+
+
+def left_over() -> list[str]:
+    """Command lines of processes that sleep as long as a seeded fault's."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (place / "cmdline").read_bytes().split(b"\0")
+        except OSError:  # it ended meanwhile
+            continue
+        if command[:2] == [b"sleep", seeded_faults.LONG_S.encode()]:
+            found.append(place.name)
+    return found
+
+
+def test_every_way_of_going_wrong_is_a_row_that_says_so() -> None:
+    expected = {
+        "right": ("PASS", "as it should be"),
+        "off_by_one": ("FAIL", "one too few"),
+        "hang": ("ERROR", "hangs: ended after 1 s"),
+        "hang_with_child": ("ERROR", f"left processes behind: sleep {seeded_faults.LONG_S}"),
+        "deaf": ("ERROR", "hangs: ended after 1 s"),
+        "too_slow": ("ERROR", " 1 s"),  # ended at its limit, or found beyond it, as the pool looks
+        "crash": ("ERROR", "crashed: its process ended with signal SIGSEGV"),
+        "leave": ("ERROR", "raised SystemExit: 0"),
+        "fail": ("ERROR", "raised ValueError: nobody expects this"),
+        "simulator": ("ERROR", "SimulatorError: ngspice stopped at 3 us, node v_int (log: ngspice.log)"),
+        "not_a_number": ("ERROR", "not a number: nan"),
+        "nothing": ("ERROR", "returned a NoneType, not a measurement"),
+        "orphan": ("ERROR", f"sleep {seeded_faults.LONG_S}"),
+        "forked": ("ERROR", "left processes behind"),
+    }
+    rows = runner.run([case_of(*(getattr(seeded_faults, name) for name in expected))], jobs=2)
+    found = {row["name"].rsplit(".", 1)[1]: row for row in rows}
+    assert found.pop("closed")["status"] == "SKIP"
+    assert set(found) == set(expected)
+    for name, (status, said) in expected.items():
+        assert found[name]["status"] == status, found[name]
+        assert said in found[name]["note"], found[name]
+    assert found["off_by_one"]["value"] == 1
+    assert found["right"]["seconds"] == 0.25
+    assert verdict.exit_code(rows) == 1
+    assert not left_over()
+
+
+def test_the_seconds_of_a_run_are_its_own() -> None:
+    begin = time.monotonic()
+    ends = list(workers.run([workers.Task(time.sleep, (0.2,), 30.0) for _ in range(3)], 3))
+    assert sorted(number for number, _ in ends) == [0, 1, 2]
+    for _, outcome in ends:
+        assert outcome.fault == ""
+        assert 0.2 <= outcome.seconds <= time.monotonic() - begin
+
+
+def test_what_the_consumer_leaves_early_is_ended() -> None:
+    quick = workers.run(
+        iter([workers.Task(seeded_faults.right), workers.Task(seeded_faults.hang_with_child)]), 2
+    )
+    assert next(quick)[1].value == seeded_faults.right()
+    quick.close()
+    assert not left_over()
+
+
+INTERRUPTED = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.path.insert(0, {here!r})
+import seeded_faults
+from dermis import cli, hard
+from dermis.hard import runner
+from test_hard_case import case
+if __name__ == "__main__":
+    hard.all_cases = lambda: [case()]
+    runner.prepare = lambda cases: iter(())
+    sys.argv = ["dermis", "hard"]
+    print("ready", flush=True)
+    cli.main()
+"""
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_all_and_leaves_no_child(tmp_path: Path, stop: signal.Signals) -> None:
+    here = str(Path(__file__).resolve().parent)
+    (tmp_path / "test_hard_case.py").write_text(
+        "import seeded_faults\nfrom dermis.hard import Case\n"
+        "def case():\n"
+        "    return Case('seeded', 'converter', 'w', 'e', 's', 't', 0.0, 'lsb',\n"
+        "                {'hang_with_child': seeded_faults.hang_with_child}, limit_s=100.0)\n"
+    )
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED.format(here=here))
+    child = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        until = time.monotonic() + 60
+        while not left_over():  # the worker is in its run, and has a child
+            assert time.monotonic() < until, "the run never began"
+            assert child.poll() is None, child.communicate()
+            time.sleep(0.05)
+        os.kill(child.pid, stop)
+        out, err = child.communicate(timeout=60)
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+    assert child.returncode == (130 if stop == signal.SIGINT else 143), (out, err)
+    assert "Traceback" not in err
+    assert not left_over()
+
+
+# ---- table and command --------------------------------------------------------------------------------------
+
+
+def test_the_table_says_each_error_and_its_seconds() -> None:
+    case = dataclasses.replace(case_of(seeded_faults.right, seeded_faults.off_by_one), why="a | b")
+    rows = [
+        runner.row_of(case, "right", workers.Outcome(seeded_faults.right(), "", 0.5)),
+        runner.row_of(case, "off_by_one", workers.Outcome(seeded_faults.off_by_one(), "", 0.125)),
+        runner.row_of(case, "hang", workers.Outcome(fault="hangs: ended after 1 s", seconds=1.0)),
+        verdict.skip("converter.seeded.closed", "knows no faults"),
+    ]
+    text = runner.docs_table([case], rows)
+    assert "1 cases, 3 runs: 1 PASS, 1 FAIL, 1 ERROR, 1 SKIP" in text
+    assert r"| `seeded` | a \| b |" in text
+    assert "right 0 (0.25 s); off_by_one 1 FAIL (0.12 s); hang ERROR (1 s)" in text
+    assert "closed: not expressible, knows no faults" in text
+    json.dumps(rows, allow_nan=False)
+
+
+# ---- the exact references -----------------------------------------------------------------------------------
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    x=st.fractions(-1, 2, max_denominator=999),
+    clocks=st.integers(1, 80),
+    w0=st.fractions(-1, 1, max_denominator=99),
+    packet=st.fractions(Fraction(1, 9), 2, max_denominator=99),
+    level=st.fractions(-1, 1, max_denominator=99),
+)
+def test_the_integer_count_is_the_walk_in_rationals(
+    x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fraction
+) -> None:
+    assert exact.count(x, clocks, w0, packet, level) == vfc.count_exact(x, clocks, w0, packet, level)
+
+
+@pytest.mark.parametrize("keep", [Fraction(1, 2), Fraction(99, 100), Fraction(999, 1000)])
+def test_every_plateau_up_to_q_12_has_the_width_of_the_contracted_rotation(keep: Fraction) -> None:
+    places = [place for q in range(2, 13) for place in exact.locked(q)]
+    assert len(places) == 23
+    edges = sorted((*exact.plateau(p, q, keep), p, q) for p, q in places)
+    for low, high, _, q in edges:
+        assert keep * (high - low) == exact.plateau_width(q, keep)
+    for (_, high, p, q), (low, _, p_next, q_next) in itertools.pairwise(edges):
+        assert high < low
+        assert Fraction(p, q) < Fraction(p_next, q_next)
+
+
+def test_plateau_one_half_is_that_of_the_facts() -> None:
+    low, high = (float(Fraction(99, 100) * edge) for edge in exact.plateau(1, 2, Fraction(99, 100)))
+    assert round(low, 6) == 0.497487
+    assert round(high, 6) == 0.502513
+
+
+def test_the_leaky_recursion_is_the_walk_in_fifty_digits() -> None:
+    effects = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 4e4}}
+    for x in (0.1, 1 / 3, 0.497, 0.503, 0.75):
+        cell = exact.cell_of(x, effects, {})
+        with mpmath.workdps(exact.DIGITS):
+            keep = mpmath.exp(-mpmath.mpf(cell["leak"].numerator) / cell["leak"].denominator)
+            ones = sum(exact.leaky_bits(mpmath.mpf(x), keep, 200, mpmath.mpf(-0.5)))
+        assert exact.interval(cell, 200) == (ones, ones)
+
+
+def test_a_margin_opens_the_interval_only_beside_a_level() -> None:
+    beside = exact.cell_of(100.5 / 510, {}, {})
+    assert exact.interval(beside, 510, margin=1e-9) == (100, 101)
+    assert exact.interval(exact.cell_of(100 / 510, {}, {}), 510, margin=1e-9) == (100, 100)
+
+
+def test_cases_see_an_engine_that_is_off_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World((0.1, 0.2, 100 / 510))
+    assert converter_runs.codes("event", world).error == 0.0
+    right = converter_runs.ENGINES["event"]
+    monkeypatch.setitem(converter_runs.ENGINES, "event", lambda w: right(w) + np.array([0, 0, 1] + [0] * 5))
+    found = converter_runs.codes("event", world)
+    assert found.error == 1.0
+    assert "101, exactly 100" in found.note
+
+
+def test_many_clocks_see_one_lost_packet_and_a_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = converter_runs.loop
+    right_error = converter_runs.many_clocks("event", 10**5, [0.1, 0.3]).error
+    assert right_error <= 2.0**-52, "the last two sums' half ulps: the limit of the case"
+    for count, drift in ((1, 0.0), (0, 1e-9)):
+
+        def wrong(*given: object, count: int = count, drift: float = drift) -> object:
+            found, rest = right(*given)  # type: ignore[arg-type]
+            return found + count, rest + drift
+
+        monkeypatch.setattr(converter_runs, "loop", wrong)
+        assert converter_runs.many_clocks("event", 10**5, [0.1, 0.3]).error >= 0.9 * max(count, drift)
+
+
+def test_a_scene_that_is_accepted_or_names_another_key_is_no_refusal() -> None:
+    assert converter_inputs.refused({}, "effects").error == 1.0
+    late = {"effects": {"comparator_delay": {"t_s": 1.0}}}
+    assert converter_inputs.refused(late, "effects.comparator_delay.t_s").error == 0.0
+    assert converter_inputs.refused(late, "effects.lateral").error == 1.0
