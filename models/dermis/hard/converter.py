@@ -135,7 +135,7 @@ def prepare(chosen: Sequence[Case]) -> None:
                 converter_runs.ENGINES[engine](run.args[1])
             elif run.func is converter_inputs.locking:
                 converter_inputs.locking((2,), Fraction(1, 2), 10, 0.1)
-            elif run.func in (converter_inputs.ripple, converter_inputs.cells):
+            elif run.func in (converter_inputs.ripple, converter_inputs.cells, converter_inputs.jitter):
                 run()
             elif run.func is converter_runs.many_clocks:
                 converter_runs.many_clocks("event", 10**5, (0.1,))  # a gate this long has a loop of its own
@@ -763,18 +763,32 @@ def _of_time() -> list[Case]:
             },
         ),
         _measured(
-            "jitter_of_three_clocks",
-            "Clock edges that pass each other: samples out of order, packets of negative width.",
-            "refused by name",
+            "jitter_of_a_clock_and_more",
+            "Clock edges that overtake each other: samples out of order, packets of negative width.",
+            "refused by name above a tenth of a clock, where ten sigma are between two edges",
             "a clock whose edges change places is none; docs/effects.md",
             {
-                "scene": functools.partial(
+                f"scene_{word}": functools.partial(
                     converter_inputs.refused,
-                    {"effects": {"clock_jitter": {"t_s": 6e-7}}},
+                    {"effects": {"clock_jitter": {"t_s": t_s}}},
                     "effects.clock_jitter.t_s",
                 )
+                for word, t_s in (("three_clocks", 6e-7), ("a_clock", 2e-7), ("just_above", 2.0001e-8))
             },
             tolerance=_TYPED,
+            short=True,
+        ),
+        _measured(
+            "jitter_of_a_tenth_of_a_clock",
+            "The most jitter there may be: 1.4 packets rms in a gate, and samples a tenth of a clock early or late.",
+            "mean and spread of the codes of a walk from edge to edge with numbers of its own",
+            "5120 such walks (hard.converter_inputs.jitter)",
+            {"event": functools.partial(converter_inputs.jitter, 2e-8)},
+            tolerance="five standard errors, which chance exceeds once in a million; the seeds are fixed",
+            limit=5.0,
+            unit="sigma",
+            refused={"closed": _NO_LEAK["closed"].format("jitter")}
+            | dict.fromkeys(("icarus", "verilator", "cosim"), "draws no random numbers: event does"),
         ),
     ]
 

@@ -242,6 +242,38 @@ def ripple(frame: int) -> Measured:
     return Measured(worst, "", seconds)
 
 
+def jitter(t_s: float) -> Measured:
+    """Codes under a jitter against a walk from edge to edge: difference of mean and of spread, in standard errors."""
+    frames, duty = 40, 100.3 / GATE
+    data = {
+        "array": {"rows": 8, "cols": 16},
+        "stimulus": {"kind": "uniform", "r_ohm": [UNIT_OHM / duty] * frames},
+        "effects": {"clock_jitter": {"t_s": t_s}},
+        "run": {"seed": 11},
+    }
+    made = plan.make(scene.from_data(data, Path("hard.toml")), "event")
+    begin = time.perf_counter()
+    found = event.run(made).codes.ravel().astype(float)
+    seconds = time.perf_counter() - begin
+    rng = np.random.default_rng(12)
+    edges = np.arange(GATE + 3) + t_s * made.timing.f_clk_hz * rng.standard_normal((found.size, GATE + 3))
+    ones, taken = np.zeros(found.size), np.zeros(found.size)
+    q = np.zeros((3, found.size))  # of this clock and of the two before
+    for n in range(1, GATE + 1):
+        # A one of clock n - 2 has its packet from edge n - 1 to this edge; that of n - 1 begins here.
+        taken += q[1] * (edges[:, n] - edges[:, n - 1])
+        bit = (-0.5 + duty * edges[:, n] - taken >= 0) & (q[0] == 0)
+        q = np.stack([bit.astype(float), q[0], q[1]])
+        ones += bit
+    spread = math.hypot(found.std(), ones.std())
+    apart = abs(found.mean() - ones.mean()) / (spread / math.sqrt(found.size))
+    # The variance of a variance: 2 v^2 / n for either.
+    v = found.var(), ones.var()
+    wider = abs(v[0] - v[1]) / math.sqrt(2 * (v[0] ** 2 + v[1] ** 2) / found.size)
+    note = f"{found.mean():.3f} +- {found.std():.3f} codes, from edge to edge {ones.mean():.3f} +- {ones.std():.3f}"
+    return Measured(float(max(apart, wider)), note, seconds)
+
+
 # ---- ghosts and traps ----------------------------------------------------------------------------------------
 
 
