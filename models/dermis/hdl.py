@@ -207,6 +207,7 @@ def build(
         [*sources, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
         make,
+        "sim.vvp" if simulator == "icarus" else toplevel,
     )
 
 
@@ -348,16 +349,19 @@ def program(
         [*sources, main, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, *flags],
         make,
+        name := "sim.vvp" if simulator == "icarus" else f"V{toplevel}",
     )
-    return ["vvp", "-n", str(target / "sim.vvp")] if simulator == "icarus" else [str(target / f"V{toplevel}")]
+    return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
 
 
 def _headers(includes: Sequence[Path]) -> list[Path]:
     return sorted(header for directory in includes for header in directory.glob("*.vh"))
 
 
-def _cached(stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None]) -> Path:
-    """Directory named by the content of files and a key; `make(directory, log)` fills it, once."""
+def _cached(
+    stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None], name: str
+) -> Path:
+    """Directory named by the content of files and a key; `make(directory, log)` puts `name` there, once."""
     digest = hashlib.sha256()
     for path in content:
         digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
@@ -374,6 +378,8 @@ def _cached(stem: Path, content: Sequence[Path], key: object, make: Callable[[Pa
         log = target.with_suffix(".log")
         log.unlink(missing_ok=True)
         make(target, log)
+        if not (target / name).is_file():  # kept, it would fail every run to come
+            raise SimulatorError(f"the build ended well and without {target / name}", log)
         (target / "built").touch()
     return target
 

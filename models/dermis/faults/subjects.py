@@ -43,7 +43,7 @@ def _scene(work: Path, shape: tuple[int, int, int], engine: str, effects: str = 
     return str(scene)
 
 
-_NOISE = "comparator_noise = { v_v = 0.01 }\ncomparator_delay = { t_s = 1e-8 }"
+_DELAY = "comparator_delay = { t_s = 1e-8 }"
 
 
 def _closed(work: Path, _: int) -> list[str]:
@@ -51,7 +51,7 @@ def _closed(work: Path, _: int) -> list[str]:
 
 
 def _batch(work: Path, _: int) -> list[str]:
-    return ["run", _scene(work, (300, 16, 16), "event", _NOISE), "--processes", "2"]
+    return ["run", _scene(work, (400, 16, 16), "event", _DELAY), "--processes", "2"]
 
 
 def _rtl(work: Path, _: int) -> list[str]:
@@ -86,7 +86,7 @@ SUBJECTS = {
     subject.name: subject
     for subject in (
         Subject("closed", _closed, ("parent",), 1.0),
-        Subject("batch", _batch, ("parent", "worker", "watchdog"), 2.0, ("dermis.pool:STALL_S=4",)),
+        Subject("batch", _batch, ("parent", "worker", "watchdog"), 1.5, ("dermis.pool:STALL_S=4",)),
         Subject("rtl", _rtl, ("parent", "hdl_simulator", "watchdog"), 0.4, _RTL_STALLS),
         Subject("verilator", _verilator, ("parent", "hdl_simulator"), 0.4, _RTL_STALLS),
         Subject("rtl_batch", _rtl_batch, ("worker", "hdl_simulator"), 0.4, ("dermis.pool:STALL_S=4",)),

@@ -1,0 +1,409 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults in the run itself: what is cured, shown to fail without the cure, and that the judge of `make faults` sees."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dermis import children, files, hdl, output, synth_cells, watchdog
+from dermis.design import ROOT
+from dermis.errors import InputError, SimulatorError
+from dermis.faults import bench as benches
+from dermis.faults import command, trials
+from dermis.faults.bench import Bench, Ended, Run
+
+END_S = 60.0
+"""What is to happen within milliseconds has happened by then, however loaded the machine; a hang has not."""
+
+
+# ---- the judge sees faults that are put there --------------------------------------------------------------------
+
+
+def judged(tmp_path: Path, script: str) -> tuple[Ended, list[str]]:
+    """Run a script as a command and judge its words and what it leaves."""
+    run = Run([sys.executable, "-c", script], ROOT, tmp_path)
+    ended = run.wait(END_S)
+    assert ended is not None
+    return ended, benches.judge_words(ended, {0, 2}) + run.orphans(within_s=1.0)
+
+
+LEAVES = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)"
+
+
+@pytest.mark.parametrize(
+    ("script", "seen"),
+    [
+        ("pass", []),
+        ("import sys; sys.exit('scene.toml: a = 1: less than 1')", ["exit code 1"]),
+        ("import sys; print('one line', file=sys.stderr); sys.exit(2)", []),
+        ("import sys; print('two\\nlines', file=sys.stderr); sys.exit(2)", ["2 lines"]),
+        ("import sys; sys.exit(2)", ["0 lines"]),
+        ("int('x')", ["exit code 1", "Traceback", "lines"]),
+        ("import os; os.abort()", ["exit code -6"]),
+        (LEAVES, ["sleep"]),
+    ],
+    ids=["fine", "code", "one_line", "two_lines", "no_line", "traceback", "abort", "orphan"],
+)
+def test_the_judge_sees_words_codes_and_processes_that_are_wrong(
+    tmp_path: Path, script: str, seen: list[str]
+) -> None:
+    _, faults = judged(tmp_path, script)
+    assert len(faults) >= len(seen)
+    assert bool(faults) == bool(seen)
+    for word in seen:
+        assert any(word in fault for fault in faults), faults
+
+
+def results(out: Path, code: int = 7) -> None:
+    """A whole set of results of one frame of 2 x 3."""
+    out.mkdir(parents=True, exist_ok=True)
+    codes = np.full((1, 2, 3), code, np.uint8)
+    for name in ("codes.npy", "codes_low.npy", "codes_high.npy"):
+        np.save(out / name, codes)
+    (out / "codes.csv").write_text(output.codes_csv(codes))
+    (out / "summary.json").write_text("{}\n")
+    (out / "resolved.toml").write_text("")
+
+
+def spoiled(out: Path, how: str) -> None:
+    """Spoil results in a way that a careless writer might."""
+    if how == "half_written":
+        (out / "codes.npy").write_bytes((out / "codes.npy").read_bytes()[:-3])
+    elif how == "half_a_table":
+        (out / "codes.csv").write_text((out / "codes.csv").read_text()[:20])
+    elif how == "missing":
+        (out / "summary.json").unlink()
+    elif how == "hidden":
+        (out / ".partial_1").mkdir()
+        (out / ".partial_1" / "codes.npy").write_bytes(b"")
+    elif how == "other_codes":
+        results(out, 8)
+
+
+@pytest.mark.parametrize("how", ["fine", "half_written", "half_a_table", "missing", "hidden", "other_codes"])
+def test_the_judge_sees_results_that_are_not_whole(tmp_path: Path, how: str) -> None:
+    out = tmp_path / "out"
+    results(out)
+    before = benches.contents(out)
+    spoiled(out, how)
+    reference = np.full((1, 2, 3), 7, np.uint8)
+    assert bool(benches.judge_out(out, before, Ended(0, "", ""), reference)) == (how != "fine")
+    # A run that failed has changed nothing at all.
+    assert bool(benches.judge_out(out, before, Ended(3, "", ""), reference)) == (how != "fine")
+
+
+def test_the_judge_sees_a_table_that_is_half_written(tmp_path: Path) -> None:
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "run.json").write_text(json.dumps([{"name": "a"}])[:-3])
+    assert benches.judge_tables(tmp_path) == ["run.json is half-written"]
+
+
+def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_path: Path) -> None:
+    def broken(_bench: Bench, _name: str) -> tuple[list[str], str]:
+        raise RuntimeError("not measured")
+
+    def counted(_bench: Bench, _name: str) -> tuple[list[str], str]:
+        calls.append(1)
+        return (["a fault"] if len(calls) > 1 else []), ""
+
+    calls: list[int] = []
+    store = tmp_path / "rows.json"
+    todo = [trials.Trial("kill.a.b.1", counted), trials.Trial("kill.a.b.2", broken)]
+    rows = command.run(todo, Bench(tmp_path), 1, store)
+    assert [row["status"] for row in rows] == ["PASS", "ERROR"]
+    # Broken off and started again: what was measured stays, the rest follows.
+    rows = command.run([*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, store)
+    assert [row["status"] for row in rows] == ["PASS", "ERROR", "FAIL"]
+    assert len(calls) == 2
+    assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)
+
+
+def test_there_are_a_hundred_kills_and_every_group() -> None:
+    names = [trial.name for trial in trials.every()]
+    assert len(names) == len(set(names))
+    assert sum(name.startswith("kill.") for name in names) >= 100
+    groups = {trial.group for trial in trials.every()}
+    assert groups == {
+        "kill",
+        "ctrl_c",
+        "disk",
+        "read_only",
+        "pdk",
+        "frames",
+        "tool",
+        "two",
+        "memory",
+        "clock",
+    }
+
+
+# ---- nothing stays ----------------------------------------------------------------------------------------------
+
+STARTS = """
+import subprocess, sys, time
+from dermis import children
+starts = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('ready', flush=True)"
+child = children.Child([sys.executable, "-c", starts + "; {behind}"])
+child.wait() if "{behind}" == "pass" else None
+print("at work", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize(
+    "behind", ["pass", "__import__('time').sleep(600)"], ids=["parent_gone", "parent_there"]
+)
+def test_sigkill_of_a_command_leaves_none_of_what_it_started(tmp_path: Path, behind: str) -> None:
+    """Without the watchdog `sleep` stays in both: it has a session of its own, and in one of them no parent."""
+    run = Run([sys.executable, "-c", STARTS.replace("{behind}", behind)], ROOT, tmp_path)
+    words = run.said[0]
+    assert benches.poll(lambda: {"ready", "at work"} <= set(words.read_text().split("\n")), END_S)
+    assert len(run.processes()) >= 3
+    run.child.send_signal(signal.SIGKILL)
+    assert run.wait(END_S) is not None
+    assert run.orphans(END_S) == []
+
+
+def test_the_end_of_a_child_is_that_of_all_it_started_also_when_it_has_ended_itself(tmp_path: Path) -> None:
+    child = children.Child([sys.executable, "-c", LEAVES])
+    child.wait()
+    assert len(child.processes()) == 1
+    child.end()
+    assert not child.processes()
+    # The same by way of run_child, whose child ends well and leaves a process.
+    assert children.run_child([sys.executable, "-c", LEAVES], tmp_path, tmp_path / "log", END_S) == 0
+    assert not watchdog.marked(
+        child.mark.rpartition("/")[0] + "/" + str(int(child.mark.rpartition("/")[2]) + 1)
+    )
+
+
+SIGNALLED = """
+import os, signal, sys, time
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL if number != signal.SIGINT else signal.default_int_handler)
+from dermis import cli
+import click
+@cli.cli.command()
+def sleeps() -> None:
+    print("at work", flush=True)
+    time.sleep(600)
+sys.argv[1:] = ["sleeps"]
+from dermis.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        (signal.SIGTERM, 143, "terminated"),
+        (signal.SIGHUP, 129, "terminated"),
+    ],
+)
+def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
+    tmp_path: Path, number: signal.Signals, code: int, word: str
+) -> None:
+    """Before, SIGTERM and SIGHUP ended a command at once, with -15 and -1, and its children stayed."""
+    run = Run([sys.executable, "-c", SIGNALLED], ROOT, tmp_path)
+    assert benches.poll(lambda: "at work" in run.said[0].read_text(), END_S)
+    run.child.send_signal(number)
+    run.child.send_signal(number)  # a process of a group gets it twice if its parent passes it on
+    ended = run.wait(END_S)
+    assert ended is not None
+    assert (ended.code, ended.error.strip()) == (code, word)  # click puts a line end behind ^C
+
+
+def test_what_asks_to_end_waits_for_what_must_not_stop_in_its_middle() -> None:
+    done = []
+
+    def asked() -> None:
+        with children.ending():
+            with children.held():
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(0)  # a place at which the signal would be an exception
+                done.append("all of it")
+            done.append("never")
+
+    with pytest.raises(children.Terminated) as raised:
+        asked()
+    assert done == ["all of it"]
+    assert raised.value.code == 143
+    assert children._asked_at is None
+
+
+# ---- results are whole ------------------------------------------------------------------------------------------
+
+
+def killed_at(number: int, work: Path, out: Path) -> int:
+    """Put results in `out` from a process that is killed at its n-th rename; its exit status."""
+    pid = os.fork()
+    if pid == 0:
+        calls = 0
+        real = {"replace": os.replace, "rename": os.rename}
+
+        def counted(name: str):
+            def call(*arguments: object) -> None:
+                nonlocal calls
+                calls += 1
+                if calls == number:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                real[name](*arguments)
+
+            return call
+
+        os.replace, os.rename = counted("replace"), counted("rename")
+        try:
+            with output._scratch(out) as scratch:
+                results(scratch, 9)
+                (scratch / "frame.png").write_bytes(b"new")
+                output._commit(scratch, out)
+        finally:
+            os._exit(0)
+    return os.waitpid(pid, 0)[1]
+
+
+@pytest.mark.parametrize("number", range(1, 9))
+@pytest.mark.parametrize("new", [True, False], ids=["new", "there"])
+def test_a_run_killed_at_any_rename_leaves_the_old_results_or_the_next_one_finds_the_new(
+    tmp_path: Path, number: int, new: bool
+) -> None:
+    """Renames alone, one file after another, left codes of the new run beside a summary of the old one."""
+    out = tmp_path / "out"
+    if not new:
+        results(out, 7)
+        (out / "waves.vcd").write_text("of the run before")
+        (out / "notes.txt").write_text("of the user")
+    before = benches.contents(out)
+    status = killed_at(number, tmp_path, out)
+    assert (status == signal.SIGKILL) == (number == 1 or not new)
+    with output.place(out):
+        after = benches.contents(out)
+    codes = {7: np.full((1, 2, 3), 7, np.uint8), 9: np.full((1, 2, 3), 9, np.uint8)}
+    if number == 1:
+        assert after == before
+    else:
+        assert benches.judge_results(out, codes[9]) == []
+        assert (out / "frame.png").read_bytes() == b"new"
+        assert not (out / "waves.vcd").exists()
+    assert (out / "notes.txt").exists() == (not new)
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_what_another_run_is_writing_is_not_tidied_away(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    results(out)
+    with output._scratch(out) as scratch, output.place(out):
+        assert scratch.is_dir()
+    (out / ".partial_1").mkdir()
+    with output.place(out):
+        assert not (out / ".partial_1").exists()
+
+
+def test_a_file_is_made_with_the_users_mask_which_nobody_sets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To ask for the mask was to set it to 0, for an instant and for every thread."""
+    (tmp_path / "plain").write_text("")
+    monkeypatch.setattr(os, "umask", None)
+    files.write_atomic(tmp_path / "atomic", "text")
+    assert (tmp_path / "atomic").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+# ---- builds and tools -------------------------------------------------------------------------------------------
+
+
+def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) -> None:
+    """It was kept as built, and failed every run to come."""
+
+    def nothing(target: Path, log: Path) -> None:
+        log.write_text("nothing to do")
+
+    def something(target: Path, log: Path) -> None:
+        (target / "sim.vvp").write_text("code")
+
+    with pytest.raises(SimulatorError, match=r"without .*sim\.vvp"):
+        hdl._cached(tmp_path / "top", [], "key", nothing, "sim.vvp")
+    target = hdl._cached(tmp_path / "top", [], "key", something, "sim.vvp")
+    assert hdl._cached(tmp_path / "top", [], "key", nothing, "sim.vvp") == target
+
+
+def test_a_lock_lasts_until_what_was_started_under_it_is_gone(tmp_path: Path) -> None:
+    """Compilers of a killed command wrote on into the build that the next command had begun."""
+    with files.locked(tmp_path / "lock") as lock, children.holding(lock):
+        child = children.Child(["sleep", "600"])
+    with files.locked(tmp_path / "lock", wait=False) as other:
+        assert other is None
+    child.end()
+    with files.locked(tmp_path / "lock", wait=False) as other:
+        assert other is not None
+
+
+def test_a_tool_that_hangs_is_ended_with_what_it_started(tmp_path: Path) -> None:
+    tool = tmp_path / "tool"
+    tool.write_text("#!/bin/sh\nsleep 600 &\nsleep 600\n")
+    tool.chmod(0o755)
+    code, _ = children.output_of([str(tool)], 0.5)
+    assert code is None
+    with pytest.raises(SimulatorError, match="tool cannot be started"):
+        children.output_of([str(tmp_path / "none" / "tool")], 0.5)
+
+
+@pytest.mark.parametrize("how", ["unreadable", "truncated", "garbage", "empty"])
+def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, how: str) -> None:
+    """A file without a cell ended in `zip() argument 2 is longer`, one that is no text was read all the same."""
+    path = tmp_path / "cells.lib"
+    path.write_text("library (a) {\n  // no cell\n" * 40)
+    trials.damage(path, how)
+    with pytest.raises(InputError, match=r"cells\.lib"):
+        synth_cells.cells(path)
+
+
+def test_patience_counts_no_time_in_which_this_process_did_not_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    patience = children.Patience(8.0)
+    assert not patience.over("a")
+    now[0] = 3600.0  # stopped with Ctrl-Z for an hour, and so was what it waits for
+    assert not patience.over("a")
+    now[0] += 4.0
+    assert patience.over("a")
+    assert not patience.over("b")
+
+
+# ---- one trial of each kind, with a real command ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    made = Bench(tmp_path_factory.mktemp("tree"))
+    made.copy()
+    return made
+
+
+@pytest.mark.parametrize("wanted", ["rtl.hdl_simulator.kill", "rtl.parent.kill", "npz.data"])
+def test_a_trial_of_the_campaign(bench: Bench, wanted: str) -> None:
+    trial = next(trial for trial in trials.every() if f".{wanted}" in trial.name)
+    faults, _ = trial.run(bench, trial.name)
+    assert faults == []
+
+
+def test_an_unknown_word_is_a_mistake_of_the_user() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "dermis", "faults", "--only", "nonsense"],
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
