@@ -18,8 +18,8 @@ from dermis.verdict import Row
 DOCS = "docs/hard_cases.md"
 BEGIN, END = "<!-- begin: hard (written by dermis hard --docs) -->", "<!-- end: hard -->"
 
-PREPARE_LIMIT_S = 300.0
-"""For what a module compiles before its cases run: loops by Numba, Verilog by Verilator."""
+PREPARE_LIMIT_S = 900.0
+"""For what a module compiles before its cases run, loops by Numba, Verilog by Verilator: 60 s on an idle core."""
 
 
 SLOW = ("cosim", "verilator")
