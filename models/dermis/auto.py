@@ -157,7 +157,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
             out = cannot | (network & set(names))
             if not weighing.fits(out, auto.budget_lsb):
                 continue
-            cost = _cost(name, set(names) - out)
+            cost = cost_ns(name, set(names) - out)
             if best is None or cost < best[0]:
                 best = (cost, name, out)
     if best is None:  # the engine asked for cannot; engines.check says so
@@ -196,6 +196,7 @@ def random_margin(plan: Plan) -> Floats:
     return _certain(_Weighing(plan, AutoTable()), set())
 
 
-def _cost(engine: str, on: set[str]) -> float:
+def cost_ns(engine: str, on: set[str]) -> float:
+    """Nanoseconds a conversion that an engine is reckoned to cost with these effects on."""
     solve = max((EFFECTS[n].cost_ns for n in on & _SOLVE), default=0.0)
     return ENGINE_COST_NS.get(engine, 0.0) + solve + sum(EFFECTS[n].cost_ns for n in sorted(on - _SOLVE))

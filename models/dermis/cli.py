@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import errno
 import importlib
 import os
@@ -131,7 +132,7 @@ def run(
     path = scenes.find(scene)
     made = plan.load(path, engine)
     engines.check(made)
-    if made.scene.table.effects.auto is not None:
+    if made.scene.table.effects.auto is not None or made.accuracy is not None:
         plan_table.print_plan(made)
     target: str | Path = ROOT / "build" / "run" / path.stem if out is None else out
     options: dict[str, Any] = {}
@@ -161,6 +162,11 @@ def run(
             rows = [{**row, "note": f"{row['note']}; the first {first.frames} frames"} for row in rows]
         full = int((result.codes >= made.timing.code_max).sum())
         rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
+        if made.accuracy is not None:
+            from dermis.accuracy import choice
+
+            rows += choice.reached(made, result, result.info["seconds"], path.stem)
+            result.info["accuracy"] = dataclasses.asdict(made.accuracy)
 
         def draw(directory: Path) -> None:
             fit = regression.fit_residual(made, result.codes)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from dermis.scene import Scene
 from dermis.sensor import Sensor, SensorState, age, make_sensor
 from dermis.stimulus import Surroundings, make_frames
 from dermis.vfc import Converter
+
+if TYPE_CHECKING:
+    from dermis.accuracy.choice import Chosen
 
 Floats = NDArray[np.float64]
 
@@ -159,6 +163,7 @@ class Plan:
     next_resistance_ohm: Floats | None = None
     margin_lsb: Floats | float = 0.0
     left_out_lsb: float = 0.0
+    accuracy: Chosen | None = None
     moved_lsb: Floats | float = 0.0
 
     @property
@@ -238,6 +243,10 @@ class Plan:
 
     def active_fields(self) -> frozenset[str]:
         """Names of the record fields that are away from the ideal."""
+        return self._active
+
+    @functools.cached_property
+    def _active(self) -> frozenset[str]:
         return self.network(0).active_fields() | self.converter.active_fields() | self.drive.active_fields()
 
     def effects_of_field(self, field: str) -> tuple[str, ...]:
@@ -251,7 +260,9 @@ class Plan:
 
     def resolved_toml(self, directory: Path | None = None) -> str:
         """The scene with every default, and with the engine of this plan; see Scene.to_toml."""
-        run = self.scene.table.run.model_copy(update={"engine": self.engine})
+        # An accuracy or a time will choose it again.
+        update = {} if self.accuracy else {"engine": self.engine}
+        run = self.scene.table.run.model_copy(update=update)
         table = self.scene.table.model_copy(update={"run": run})
         return Scene(self.scene.path, table, self.scene.effects, self.scene.design).to_toml(directory)
 
@@ -289,11 +300,19 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers.
 
     Where neither `engine` nor the scene names one it is the cheapest that can do what is kept. With `auto` the plan
-    leaves out what fits its budget of the effects that the scene names.
+    leaves out what fits its budget of the effects that the scene names; so does run.accuracy_lsb or run.time_s.
     """
     from dermis import auto as chooser
     from dermis import engines
 
+    if auto is None and (world.table.run.accuracy_lsb is not None or world.table.run.time_s is not None):
+        from dermis.accuracy import choice
+
+        if engine is not None:
+            allowed = "none beside run.accuracy_lsb or run.time_s, which choose it"
+            raise InputError("command line", "engine", engine, allowed)
+        made, chosen = choice.choose(world)
+        return replace(made, accuracy=chosen)
     auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine
     everything = whole(world, engine)

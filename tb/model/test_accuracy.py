@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+import tomllib
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,10 +16,13 @@ import pytest
 from mpmath import mpf
 from scipy.integrate import solve_ivp
 
-from dermis import bench_vfc, engines
-from dermis.accuracy import converter, exact
+from dermis import auto, bench_vfc, engines, plan, scene
+from dermis.accuracy import choice, converter, exact
 from dermis.accuracy.point import Point, pareto, to_csv
 from dermis.bench_engines import random_plan
+from dermis.effects import AutoTable
+from dermis.errors import InputError
+from dermis.scene import Scene
 from dermis.vfc import count_exact
 
 
@@ -76,8 +83,9 @@ def test_the_reference_refuses_what_it_does_not_know(tmp_path: Path) -> None:
 
 
 def test_a_later_option_replaces_the_earlier_one() -> None:
-    line = converter.options_with(converter.POLE, reltol=1e-6, method="gear")
-    assert line.split().count("reltol=1e-06") == 1
+    # A value that stands in no option set.
+    line = converter.options_with(converter.POLE, reltol=2e-6, method="gear")
+    assert line.split().count("reltol=2e-06") == 1
     assert "reltol=0.0001" not in line
     assert line.endswith("method=gear")
 
@@ -90,3 +98,118 @@ def test_the_front_holds_what_nothing_beats() -> None:
     points = [point(1.0, 0.5), point(2.0, 0.6), point(3.0, 0.1), point(0.5, 0.9), point(4.0, 0.1)]
     assert [p.time_s for p in pareto(points)] == [0.5, 1.0, 3.0]
     assert to_csv(points).count("\n") == 6
+
+
+# ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------
+
+HELD_OUT = ("cylindrical_indenter", "heavy_load", "round_punch", "slipping_cylinder", "spherical_fingertip")
+"""Scenes that took no part in the curve."""
+
+
+def wishing(name: str, tmp_path: Path, **run: float | str) -> Scene:
+    """A scene with every effect that auto considers, and this [run]."""
+    path = scene.find(name)
+    data = tomllib.loads(path.read_text())
+    everything = auto.with_auto(scene.load(path)).effects
+    data["effects"] = {effect: parameters.model_dump() for effect, parameters in everything.items()}
+    data["run"] = run
+    return scene.from_data(data, path)
+
+
+@pytest.mark.parametrize("name", HELD_OUT)
+@pytest.mark.parametrize("wanted", [0.01, 0.1])
+def test_scenes_that_the_curve_has_not_seen_reach_what_is_asked(
+    name: str, wanted: float, tmp_path: Path
+) -> None:
+    assert name not in choice.CURVE_SCENES
+    made = plan.make(wishing(name, tmp_path, accuracy_lsb=wanted))
+    rows = choice.reached(made, engines.run(made), 0.0, name)
+    assert rows[0]["status"] == "PASS", rows[0]
+    assert rows[0]["max"] == wanted
+    if wanted == 0.1:
+        assert len(made.on) < len(made.scene.effects), "nothing was left out, so nothing was shown"
+
+
+def test_a_curve_that_promises_too_much_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of an LSB from a budget of a hundred: the run says that it has not reached it."""
+    monkeypatch.setitem(choice.table(), "budget_over_error", 1000.0)
+    made = plan.make(
+        replace_effects(wishing("cylindrical_indenter", tmp_path, accuracy_lsb=0.1), "mirror_lag")
+    )
+    rows = choice.reached(made, engines.run(made), 0.0, "x")
+    assert rows[0]["status"] == "FAIL", rows[0]
+
+
+def replace_effects(world: Scene, without: str) -> Scene:
+    """The scene without one of its effects; a slow mirror keeps auto from leaving much out."""
+    table = world.table.effects.model_copy(update={without: None})
+    return scene.resolve(world.table.model_copy(update={"effects": table}), world.path, world.design)
+
+
+def test_a_shorter_time_costs_accuracy_and_none_at_all_is_refused(tmp_path: Path) -> None:
+    whole = plan.make(wishing("slipping_cylinder", tmp_path, time_s=10.0))
+    assert set(whole.on) == set(whole.scene.effects)
+    assert whole.accuracy is not None
+    short = plan.make(wishing("slipping_cylinder", tmp_path, time_s=0.3 * whole.accuracy.expected_s))
+    assert short.accuracy is not None
+    assert len(short.on) < len(whole.on)
+    assert short.accuracy.expected_s <= 0.3 * whole.accuracy.expected_s
+    with pytest.raises(InputError, match=r"run.time_s = 1e-09: at least"):
+        plan.make(wishing("slipping_cylinder", tmp_path, time_s=1e-9))
+
+
+@pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        ({"accuracy_lsb": 0.1, "time_s": 2.0}, "run.time_s"),
+        ({"accuracy_lsb": 0.1, "engine": "event"}, "run.engine"),
+        ({"time_s": 1.0, "engine": "closed"}, "run.engine"),
+        ({"accuracy_lsb": 0.0}, "run.accuracy_lsb"),
+        ({"accuracy_lsb": float("inf")}, "run.accuracy_lsb"),
+        ({"time_s": -1.0}, "run.time_s"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(run: dict[str, float | str], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        wishing("single_touch", tmp_path, **run)
+
+
+def test_neither_a_budget_nor_an_engine_stands_beside_an_accuracy(tmp_path: Path) -> None:
+    world = wishing("single_touch", tmp_path, accuracy_lsb=0.1)
+    with pytest.raises(InputError, match=r"engine = event"):
+        plan.make(world, "event")
+    table = world.table.effects.model_copy(update={"auto": AutoTable()})
+    with pytest.raises(InputError, match=r"effects\.auto"):
+        scene.resolve(world.table.model_copy(update={"effects": table}), world.path)
+
+
+def test_the_resolved_scene_is_the_same_plan(tmp_path: Path) -> None:
+    made = plan.make(wishing("single_touch", tmp_path, accuracy_lsb=0.1))
+    path = tmp_path / "resolved.toml"
+    path.write_text(made.resolved_toml(tmp_path))
+    again = plan.load(path)
+    assert again.on == made.on
+    assert again.engine == made.engine
+    assert again.accuracy == made.accuracy
+
+
+def test_a_run_states_what_it_reached(tmp_path: Path) -> None:
+    path = tmp_path / "wish.toml"
+    path.write_text(
+        'title = "wish"\n[array]\nrows = 4\ncols = 4\n[stimulus]\nkind = "uniform"\ncode = [90]\n'
+        "[effects]\nrow_driver = true\ncharge_packet = true\nintegrator_bandwidth = true\n"
+        "[run]\naccuracy_lsb = 0.2\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "dermis", "run", str(path), "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = json.loads((tmp_path / "out" / "summary.json").read_text())
+    names = {row["name"]: row for row in said["verdicts"]}
+    assert names["run.reached_lsb.wish"]["max"] == 0.2
+    assert names["run.reached_s.wish"]["value"] > 0
+    assert said["info"]["accuracy"]["wanted_lsb"] == 0.2

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 
 from dermis import bench, bench_peers, verdict
-from dermis.accuracy import converter, figures, frames
+from dermis.accuracy import choice, converter, figures, frames
 from dermis.accuracy.point import Point, pareto, to_csv
 from dermis.design import ROOT
 from dermis.files import write_atomic, write_between
@@ -188,13 +188,18 @@ def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
     "--repeat", type=click.IntRange(1, 99), default=3, show_default=True, help="Runs of each setting."
 )
 @click.option("--docs", is_flag=True, help="Also write docs/accuracy.md and docs/figures/accuracy_*.png.")
+@click.option("--table", "curve", is_flag=True, help="Only measure and write models/accuracy.json.")
 @click.option("--only", type=click.Choice(["order", "converter", "frames"]), help="One part.")
-def accuracy_command(quick: bool, repeat: int, docs: bool, only: str | None) -> int:
+def accuracy_command(quick: bool, repeat: int, docs: bool, curve: bool, only: str | None) -> int:
     """What accuracy costs in simulation time: error against time, drawn, in build/accuracy."""
 
     def tell(words: str) -> None:
         click.echo(words, err=True)
 
+    if curve:
+        choice.write(tell)
+        click.echo("written: models/accuracy.json")
+        return 0
     repeat = 1 if quick else repeat
     with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
         work = Path(scratch)
