@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The allow-list of deck lines: it takes every deck that the project writes and no line that could be a command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dermis import netlist, plan, scene
+from dermis.design import ROOT, TOPOLOGIES
+from dermis.effects import EFFECTS
+from dermis.errors import InputError
+from dermis.fuzz import deck
+
+
+def with_everything(topology: str) -> plan.Plan:
+    """A plan with every effect that an interface has, cosim has and the others leave room for."""
+    effects = {name: True for name, effect in EFFECTS.items() if topology in effect.topologies}
+    stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}
+    data = {"array": {"rows": 2, "cols": 2}, "stimulus": stimulus, "interface": {"topology": topology}}
+    while True:
+        try:
+            return plan.whole(scene.from_data({**data, "effects": effects}, Path("made.toml")), "cosim")
+        except InputError as error:
+            del effects[error.key.split(".")[1].split()[0]]
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_every_line_of_a_deck_with_every_effect_has_an_allowed_form(topology: str) -> None:
+    made = with_everything(topology)
+    assert len(made.on) > 15
+    lines = netlist.frame_deck(made, 0, [0.0] * 5, record=True).lines
+    assert deck.strange_lines(lines) == []
+    assert len(lines) > 40
+
+
+def test_the_parameters_of_the_design_have_the_allowed_form() -> None:
+    text = (ROOT / "spice" / "design.inc").read_text()
+    assert deck.strange_parameters(text) == []
+    assert text.count(".param") > 60
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ".control", ".endc", "shell touch x", "*", "* a comment", "", " ", ".include /etc/passwd",
+        '.include "/etc/passwd"', ".lib 'x' tt",
+        "quit", ".end", ".op", ".tran 1n 1u", "+ .control", "+ r0 ; shell", "rtaxel_r0c0 r0 c0 1e3\n.control",
+        "rtaxel_r0c0 r0 c0 1k",
+        "rtaxel_r0c0 r0 c0 nan", "rtaxel_r0c0 r0 c0 inf", "rtaxel_r0c0 r0 c0 {x}", "rtaxel_r0c0 r0 c0 `id`",
+        "rtaxel_r0c0 r0 c0 1e3 ; x",
+        "rtaxel_r0c0 r0 c0 1e3 $ x", "RTAXEL_R0C0 r0 c0 1e3", "vbias vbias 0 external",
+        "vbias vbias 0 pwl(0 0)", "v_d_row0 d_row0 0 1",
+        "btaxel_r0c0 r0 c0 i = system(x)", "btaxel_r0c0 r0 c0 i = v(r0,c0)*(1 + (2)*time)\nquit",
+        "xch0 col0 d_charge0 d_preset comp0 ibias "
+        "vdd vss channel_direct k=80.0 x=$(id)", ".options reltol=1e-3 post", ".options savecurrents",
+        ".param x = 1", "a1 %v(x) %v(y) m",
+        "dermis frame 0: 2 x 2, direct\n.control", "dermis frame 0: 2 x 2, $(id)",
+        "xrow0 d_row0 row0 vbias 0 row_driver", "٣", "rtaxel_r٣c0 r0 c0 1.0",
+        "\trtaxel_r0c0 r0 c0 1.0", "rtaxel_r0c0 r0 c0 1.0\r", "rtaxel_r0c0 r0 c0 1.0\x00",
+        ".subckt array\n.control", ".subckt other",
+    ],
+)  # fmt: skip
+def test_a_line_that_is_no_line_of_a_deck_is_refused(line: str) -> None:
+    assert deck.strange_lines([line]) == [line]
+
+
+@pytest.mark.parametrize(
+    "line", [".param x = 1\n.control", ".param x = {a}", ".control", "x", "* a\x1bb", ".param x = nan"]
+)
+def test_a_line_that_is_no_parameter_is_refused(line: str) -> None:
+    assert deck.strange_parameters(f"* fine\n.param a_b = 1e-05\n{line}\n")
