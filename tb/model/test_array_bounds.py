@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dermis import array as array_module
 from dermis import batch, engines, plan, solve_error, star_mesh
 from dermis.array import Network, NoSolution, column_currents
+from dermis.engines import event_input
 from dermis.errors import InputError, SimulatorError
 from dermis.hard import nodal
 
@@ -309,3 +310,18 @@ def test_conductances_that_are_none_are_refused() -> None:
     for bad in (np.nan, -1.0):
         with pytest.raises(ValueError, match="0 or above"):
             column_currents(network, np.full((1, 2, 2), bad))
+
+
+@pytest.mark.parametrize("trace_ohm", [0.0, 1e-23])
+def test_a_floating_row_on_which_nothing_conducts_is_seen_from_no_column(trace_ohm: float) -> None:
+    g = 1 / np.random.default_rng(0).uniform(500, 64250, (2, 3, 4))
+    lines = {"r_row_grounded_ohm": np.inf, "r_trace_row_ohm": trace_ohm, "r_trace_column_ohm": trace_ohm}
+    g[:, 1] = 0.0
+    with_it = event_input.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    g = np.delete(g, 1, axis=1)
+    without = event_input.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    own = np.arange(4)
+    # One row is driven in each slot; the open one leaves the columns as they are without it.
+    assert with_it[:, [0, 2]][..., own, own] == pytest.approx(
+        without[..., own, own], rel=1e-12
+    )  # a few roundings

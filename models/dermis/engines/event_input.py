@@ -98,8 +98,9 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
         np.fill_diagonal(resistance, network.r_row_driven_ohm)
     # A row of one common node: what it gives back of the current it takes, 0 where it is held hard.
     total = g.sum(axis=2)[:, None, :]
-    free = resistance * total
-    share = np.where(np.isinf(resistance), 1.0, free / (1.0 + np.where(np.isinf(resistance), 0.0, free)))
+    floats = np.isinf(resistance)
+    free = np.where(floats, 0.0, resistance) * total
+    share = np.where(floats, 1.0, free / (1.0 + free))
     share = np.divide(
         share, total, out=np.zeros(np.broadcast_shapes(share.shape, total.shape)), where=total > 0
     )
