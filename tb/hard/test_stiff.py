@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,3 +60,12 @@ def test_a_wrong_capacitor_shows(wrong: str) -> None:
     error = error_v(dataclasses.replace(amplifier, lines=lines), Setting("trap", 1e-5))
     limit = next(c.limit for c in stiff.cases() if c.name == "transistor_amplifier_10us")
     assert (error > limit) == (wrong != "2e-06"), f"{error} against {limit}"
+
+
+def test_gear_takes_no_leap_between_far_samples(tmp_path: Path) -> None:
+    """Ten steps a sample: where the driver let gear's step grow at once behind a sample it ran away to 4.5e8 V."""
+    ring = CIRCUITS["ring_modulator"]
+    tasks = [workers.Task(stiff.solve, (ring, Setting("gear", 1e-6), tmp_path / "ngspice.log"), 60.0)]
+    for _, outcome in workers.run(tasks, 1):
+        assert not outcome.fault, outcome.fault
+        assert np.abs(outcome.value.states[:, :7]).max() < 2.0, "sources of 0.5 and 2 V and diodes: below 2 V"

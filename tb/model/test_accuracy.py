@@ -85,8 +85,8 @@ def test_the_reference_refuses_what_it_does_not_know(tmp_path: Path) -> None:
 def test_a_later_option_replaces_the_earlier_one() -> None:
     # A value that stands in no option set.
     line = converter.options_with(converter.POLE, reltol=2e-6, method="gear")
-    assert line.split().count("reltol=2e-06") == 1
-    assert "reltol=0.0001" not in line
+    assert line.split().count("reltol=2e-06") == 1  # the one given here
+    assert "reltol=0.0001" not in line  # that of the set
     assert line.endswith("method=gear")
 
 
