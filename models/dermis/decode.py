@@ -89,7 +89,7 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
 
 
 SWEEPS = 8
-"""How often `taxels_alone` goes through the array: with a tenth of a current lost each leaves a tenth of the last error."""
+"""How often `taxels_alone` goes through the array: with a tenth of a current lost, each leaves a tenth of the error."""
 
 
 def taxels_alone(plan: Plan, x: Floats, sweeps: int = SWEEPS) -> Floats:

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Resolution of the chip against conversion time: the ruler is right, and each way to read is worth what is said."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dermis.accuracy import chip
+from dermis.design import load
+from dermis.plan import Plan
+
+PAPER = chip.gate_of(chip.PAPER_BITS)
+
+
+@pytest.mark.parametrize("bits", [3, 8, 13])
+def test_an_ideal_quantiser_is_worth_its_bits(bits: int) -> None:
+    duty = chip.random_duty(1, frames=40)
+    step = chip.HALF / 2**bits
+    # Gain and offset are a calibration's, and are not counted.
+    read = 1.03 * (np.floor(duty / step) + 0.5) * step - 0.01
+    # The mean square of 10 240 errors spread evenly is known to 1 %: 0.01 bit; at 3 bits the line bends into the steps.
+    assert chip.judge(duty, read).bits == pytest.approx(bits, abs=0.05)
+
+
+def test_full_scale_counts_to_the_highest_code_in_the_gate_of_its_bits() -> None:
+    assert PAPER == load().timing.gate_clocks
+    duty = np.full((1, 1, 1), 0.5)
+    for bits in (3, 8, 15):
+        read = chip.counts(chip.plan_at(duty, {}, gate_clocks=chip.gate_of(bits)))
+        assert read * chip.gate_of(bits) == 2**bits - 1
+
+
+def test_the_paper_s_point_has_eight_bits_and_its_slot() -> None:
+    point = chip.measured("", {}, chip.PAPER_HZ, PAPER)
+    assert point.slot_s == pytest.approx(125e-6)
+    assert chip.frame_hz(16, point.slot_s) == pytest.approx(500.0)
+    # 512 random forces know their mean square to 4 %, 0.03 bit; three of that
+    assert point.bits == pytest.approx(8.0, abs=0.1)
+    assert point.newtons == pytest.approx(15 / 2**point.bits)
+
+
+def test_noise_by_formula_is_noise_by_simulation() -> None:
+    """With a reference a hundred times noisier than the design's, so that nothing else counts."""
+    design = load().replace(charge={"flicker": 5e-3})
+    duty = chip.random_duty(1)
+    made = chip.plan_at(duty, {"flicker_noise": {"relative": 5e-3}}, gate_clocks=PAPER, seed=1)
+    power = 1 / 12 + (design.charge.flicker * duty * PAPER) ** 2
+    expected = chip.Resolution(float(np.sqrt(np.mean(power))) / PAPER / chip.HALF)
+    # 512 draws know their power to 6 %: 0.05 bit; two and a half of that
+    assert chip.judge(duty, chip.counts(made)).bits == pytest.approx(expected.bits, abs=0.12)
+
+
+def bits(read: object, gate: int = 126, effects: dict | None = None) -> float:
+    return chip.measured("", effects or {}, chip.PAPER_HZ, gate, seeds=(1,), read=read).bits
+
+
+def test_each_way_to_read_is_worth_what_is_said() -> None:
+    plain = bits(chip.counts)
+    # Differences of two mean squares of 512 errors: 0.06 bit; three of that.
+    assert bits(chip.with_residue(4)) - plain == pytest.approx(4.0, abs=0.2)
+    assert plain - bits(chip.without_preset) == pytest.approx(
+        0.5, abs=0.2
+    )  # two uniform errors instead of one
+    assert 1.0 < bits(chip.by_period) - plain < 2.0
+
+
+def test_a_residue_that_forgets_the_packet_under_way_is_seen() -> None:
+    def forgets(made: Plan) -> np.ndarray:
+        found = chip.event.run(made)
+        return (found.codes + np.asarray(found.info["w_end"]) + chip.HALF) / made.timing.gate_clocks
+
+    assert bits(forgets) < bits(chip.counts)
+
+
+def test_residue_holds_with_noise_at_the_threshold() -> None:
+    noisy = chip.NOISE | {"comparator_noise": {"v_v": 5e-3}}
+    # The noise itself, 5e-3 packet at the last decision only, is below a sixteenth.
+    assert bits(chip.with_residue(4), effects=noisy) > bits(chip.counts, effects=noisy) + 3
+
+
+def test_droop_is_put_back() -> None:
+    gate = 2046
+    points = {p.curve: p.bits for p in chip.droop([gate])}
+    assert points["as read"] < points["no series resistance"] - 1.5
+    # the roundings of fifteen others each pass on a per cent
+    assert points["row droop corrected"] == pytest.approx(points["no series resistance"], abs=0.1)
+
+
+def test_light_rows_behind_others_need_time_or_a_pedestal_with_a_slow_mirror() -> None:
+    found = {(p.curve, p.settle_s): p.bits for p in chip.pedestal([1e-6, 100e-6])}
+    slow, fast = "slow mirror (500 fC)", "fast mirror (50 fC)"
+    assert found[slow, 1e-6] < found[slow, 100e-6] - 0.1
+    # hundredths of a bit are forces beside a threshold
+    assert found[slow + ", pedestal", 1e-6] == pytest.approx(found[slow + ", pedestal", 100e-6], abs=0.05)
+    assert found[fast, 1e-6] == pytest.approx(found[fast, 100e-6], abs=0.05)
+
+
+def test_the_end_of_waiting_is_found() -> None:
+    flat = [8.0, 9.0, 10.0, 10.2, 10.3]
+    points = [chip.Point(chip.FULL, "event", 1e6, 2**k, 0.0, b, b, b, 0.0) for k, b in enumerate(flat, 4)]
+    assert chip.waiting_ends(points, 1e6).gate_clocks == 2**6
+
+
+def test_a_slot_is_divided_without_a_clock_too_many() -> None:
+    for slot_s, f in itertools.product(chip.SLOTS_S.values(), (5e6, 50e6)):
+        for settle_s in chip.shares(slot_s, f):
+            assert settle_s > 0
+            assert int((slot_s - settle_s) * f) >= chip.gate_of(3) - 1
+    assert chip.shares(2e-6, 5e6) == []
+
+
+def test_the_floor_of_energy_is_that_of_the_declared_currents() -> None:
+    # 0.5 mA of taxel at a quarter of the clock rate, its 80th part and 25 uA from 3.3 V for 125 us
+    assert chip.energy_j(125e-6) == pytest.approx(3.3 * (0.5e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)
+
+
+def test_a_gate_beyond_the_register_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"1\.\.65536"):
+        chip.plan_at(np.full((1, 1, 1), 0.1), {}, gate_clocks=65537)
+
+
+def test_the_table_holds_every_point(tmp_path: Path) -> None:
+    point = chip.measured("a, b", {}, chip.PAPER_HZ, PAPER, seeds=(1,))
+    chip.write(tmp_path / "t.csv", [point, replace(point, gate_clocks=14)])
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "t.csv").read_text())))
+    assert [r["curve"] for r in rows] == ["a, b", "a, b"]
+    assert float(rows[0]["frames_per_s_16x16"]) == pytest.approx(500.0)
+    assert math.isclose(float(rows[0]["bits"]), point.bits, abs_tol=5e-4)  # three decimals
