@@ -104,6 +104,7 @@ def seeds() -> list[bytes]:
     """Right and wrong calls of every command."""
     lines: list[list[str]] = [[], ["--help"], ["--version"], ["-x"], ["no_such_command"], ["--", "run"]]
     scene, out = "{place}/scene.toml", "{place}/out"
+    lines += [["calc"], ["calc", "--rows", "16"], ["calc", "--rows", "0"], ["calc", "--bits", "nan"]]
     for engine in ("closed", "event", "rtl", "cosim", "spice", ""):
         lines.append(["run", scene, "--engine", engine, "--out", out])
     lines += [["run", name, "--out", out] for name in SCENES]

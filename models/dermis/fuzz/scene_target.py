@@ -121,6 +121,7 @@ def seeds() -> list[bytes]:
     found.append(
         b'[array]\nrows = 256\ncols = 256\n[stimulus]\nkind = "uniform"\ncode = [' + b"1, " * 3000 + b"1]\n"
     )
+    found.append(b"a" + b".a" * 15_000 + b" = 1\n")
     topologies = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
     for n, topology in enumerate(topologies):
         found.append(
