@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import float_flags, settling, solve_error
-from dermis.array import Network, column_currents_by_source
+from dermis.array import Network, column_currents_by_source, in_range
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
 from dermis.vfc import W_PRESET, Y_MIN
@@ -90,30 +90,61 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
     after the other (one matrix for all where driven and grounded rows hang on the same resistance). Trace
     resistance is counted as if each taxel were alone on its two lines.
     """
+    network = in_range(network)
     rows, cols = network.rows, network.cols
     g = _behind_lines(network, np.minimum(g_frames_s, G_ACROSS_S))
     resistance = np.full((1, rows), network.r_row_grounded_ohm)
     if network.r_row_driven_ohm != network.r_row_grounded_ohm:
         resistance = np.full((rows, rows), network.r_row_grounded_ohm)
         np.fill_diagonal(resistance, network.r_row_driven_ohm)
-    # A row of one common node: what it gives back of the current it takes, 0 where it is held hard.
+    # A row is a star: what it takes from a column goes on to others and, where it hangs on something, to ground.
     total = g.sum(axis=2)[:, None, :]
     floats = np.isinf(resistance)
-    free = np.where(floats, 0.0, resistance) * total
-    share = np.where(floats, 1.0, free / (1.0 + free))
-    share = np.divide(
-        share, total, out=np.zeros(np.broadcast_shapes(share.shape, total.shape)), where=total > 0
-    )
+    tied = np.where(floats, 0.0, resistance)
+    onward = np.divide(
+        np.where(floats, 1.0, tied), np.where(floats, total, 1.0 + tied * total),
+        out=np.zeros(np.broadcast_shapes(total.shape, tied.shape)), where=~floats | (total > 0),
+    )  # fmt: skip
     # [frames, driven, cols, cols], a product of its own each: the digits do not hang on how many there are.
-    matrix = -np.matmul(g.transpose(0, 2, 1)[:, None] * share[:, :, None, :], g[:, None])
+    link = np.matmul(g.transpose(0, 2, 1)[:, None] * onward[:, :, None, :], g[:, None])
+    ground = np.matmul(np.where(floats, 0.0, 1.0 / (1.0 + tied * total)), g)
+    beside = np.arange(cols - 1)
+    lateral = min(rows * network.g_lateral_row_s, G_ACROSS_S)
+    link[..., beside, beside + 1] += lateral
+    link[..., beside + 1, beside] += lateral
     own = np.arange(cols)
-    matrix[..., own, own] += g.sum(axis=1)[:, None, :]
-    if network.g_lateral_row_s:
-        beside = network.rows * network.g_lateral_row_s * (np.eye(cols, k=1) + np.eye(cols, k=-1))
-        matrix += np.diag(beside.sum(axis=1)) - beside
+    link[..., own, own] = 0.0
     if network.r_column_ohm.any():
-        matrix = np.linalg.solve(np.eye(cols) + matrix * network.r_column_ohm, matrix)
+        link, ground = _behind_inputs(link, ground, network.r_column_ohm)
+    matrix = -link
+    matrix[..., own, own] = link.sum(axis=-1) + ground
     return matrix
+
+
+# Conductance of a column input of no resistance: harder than any taxel here, and products of two stay finite.
+_G_HARD_S = 1e30
+
+
+def _behind_inputs(link: Floats, ground: Floats, r_column_ohm: Floats) -> tuple[Floats, Floats]:
+    """Conductances between the far ends of the column inputs, [..., cols, cols], and from them to ground.
+
+    Every column line is taken out of the net by a star-mesh step: sums only, so shorts beside opens cost no digit.
+    """
+    cols = link.shape[-1]
+    inputs = 1.0 / np.maximum(r_column_ohm, 1.0 / _G_HARD_S)
+    # From each line to the lines, to the far ends of the inputs, to ground.
+    work = np.concatenate([link, np.zeros_like(link), ground[..., None]], axis=-1)
+    own = np.arange(cols)
+    work[..., own, cols + own] = inputs
+    out = np.zeros((*link.shape[:-1], cols + 1))
+    for k in range(cols):
+        star = work[..., k, k + 1 :]
+        share = star / star.sum(axis=-1, keepdims=True)
+        work[..., k + 1 :, k + 1 :] += work[..., k + 1 :, k, None] * share[..., None, :]
+        out += star[..., cols - k - 1 : -1, None] * share[..., None, cols - k - 1 :]
+    link = out[..., :cols]
+    link[..., own, own] = 0.0
+    return link, out[..., cols]
 
 
 def _behind_lines(network: Network, g: Floats) -> Floats:
