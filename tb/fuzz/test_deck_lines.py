@@ -54,7 +54,9 @@ def test_the_parameters_of_the_design_have_the_allowed_form() -> None:
         "vbias vbias 0 pwl(0 0)", "v_d_row0 d_row0 0 1",
         "btaxel_r0c0 r0 c0 i = system(x)", "btaxel_r0c0 r0 c0 i = v(r0,c0)*(1 + (2)*time)\nquit",
         "xch0 col0 d_charge0 d_preset comp0 ibias "
-        "vdd vss channel_direct k=80.0 x=$(id)", ".options reltol=1e-3 post", ".options savecurrents",  # a line that must be refused, no tolerance
+        "vdd vss channel_direct k=80.0 x=$(id)",
+        ".options reltol=1e-3 post",  # a line that must be refused, no tolerance
+        ".options savecurrents",
         ".param x = 1", "a1 %v(x) %v(y) m",
         "dermis frame 0: 2 x 2, direct\n.control", "dermis frame 0: 2 x 2, $(id)",
         "xrow0 d_row0 row0 vbias 0 row_driver", "٣", "rtaxel_r٣c0 r0 c0 1.0",
