@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ladder of retries: rungs taken by circuits that need them, in order, reported, and the end beyond the last."""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import re
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dermis import ladder, spice_batch
+from dermis.errors import SimulatorError
+from dermis.hard import circuits
+from dermis.ngspice import Deck, NgspiceHalf
+
+
+def apart(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function in a process of its own: ngspice keeps its circuit in global variables."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def climbed(lines: tuple[str, ...], probe: str = "b") -> tuple[float, list[ladder.Retry], ladder.Level]:
+    samples, way = circuits.lockstep(lines, [probe], [1e-8], t_max_step_s=1e-9)
+    return float(samples[-1, 0]), way.retries, way.level
+
+
+def converter(size: int) -> tuple[int, list[ladder.Retry], list[str]]:
+    lines: list[str] = []
+    way = ladder.Climb(f"size {size}", report=lines.append)
+    return (
+        ladder.climb(functools.partial(circuits.count_pulses, circuits.transistor_converter(size)), way),
+        way.retries,
+        lines,
+    )
+
+
+# An ideal source that drives only a gate, told to carry its current to 1e-30 A: rounding alone is more.
+UNATTAINABLE = (*circuits.transistor_converter(9), ".options abstol=1e-30")
+
+
+def unattainable() -> tuple[int, list[ladder.Retry]]:
+    way = ladder.Climb("abstol", report=lambda line: None)
+    return ladder.climb(functools.partial(circuits.count_pulses, UNATTAINABLE), way), way.retries
+
+
+@pytest.mark.parametrize("rung", list(circuits.NEEDS))
+def test_a_start_is_taken_by_the_circuit_that_needs_it_and_by_none_below(rung: str) -> None:
+    value, retries, level = apart(climbed, circuits.NEEDS[rung])
+    names = ["plain"] + [start.name for start in ladder.START[1:]]
+    assert level.name == rung
+    assert [retry.rung for retry in retries] == names[: names.index(rung)]
+    assert [retry.next for retry in retries] == names[1 : names.index(rung) + 1]
+    # reltol 1e-6 of a volt
+    assert abs(value - float(circuits.needed_operating_point(rung))) < 1e-6
+
+
+def test_fourteen_transistors_abort_plainly_and_count_exactly_with_capacitance() -> None:
+    pulses, retries, lines = apart(converter, 2)
+    assert pulses == circuits.DUTY * circuits.GATE
+    (retry,) = retries
+    assert (retry.rung, retry.next) == ("plain", "capacitance")
+    assert "Timestep too small" in retry.said
+    assert retry.time_s > 0
+    assert retry.node
+    (line,) = lines
+    assert all(word in line for word in ("size 2", "Timestep too small", "capacitance", "docs/ladder.md"))
+
+
+def test_a_start_and_a_step_may_both_be_needed() -> None:
+    pulses, retries, _ = apart(converter, 5)
+    assert pulses == circuits.DUTY * circuits.GATE
+    assert [retry.next for retry in retries] == ["gmin_stepping", "gmin_stepping and capacitance"]
+
+
+def order(phase: ladder.Phase) -> list[str]:
+    """Names of the rungs that a circuit takes which always fails in one way."""
+    names = []
+
+    def attempt(level: ladder.Level) -> None:
+        names.append(level.name)
+        raise ladder.Abort(phase, "no", 1e-6, "x", None)
+
+    with pytest.raises(SimulatorError, match=r"at 1e-06 s: no; tried: .*; try: "):
+        ladder.climb(attempt, ladder.Climb("it", report=lambda line: None))
+    return names
+
+
+def test_the_order_of_the_rungs() -> None:
+    assert order("steps") == ["plain", "capacitance", "gear", "loose"]
+    starts = ["gmin_stepping", "source_stepping", "ramp"]
+    assert order("start") == ["plain", *starts, "loose", *(f"{name} and loose" for name in starts)]
+
+
+def test_every_rung_that_changes_a_result_says_by_how_much() -> None:
+    for rung in (*ladder.START, *ladder.STEPS):
+        assert rung.error.startswith("none") or re.search(r"\d|order", rung.error), rung.name
+
+
+def exhausted(lines: tuple[str, ...]) -> SimulatorError:
+    with pytest.raises(SimulatorError) as caught:
+        circuits.lockstep(lines, ["c"], [1e-6, 2e-6])
+    return caught.value
+
+
+def test_beyond_the_ladder_are_time_node_and_advice() -> None:
+    error = apart(exhausted, circuits.LATE_RELAY)
+    assert error.exit_code == 3
+    assert re.search(
+        r'at 1\.5\d*e-06 s.*node "c".*tried: plain, capacitance, gear, loose; try: look at c', str(error)
+    )
+    error = apart(exhausted, circuits.RELAY)
+    assert re.search(
+        r"at 0 s.*tried: plain, gmin_stepping, .*ramp and loose; try: a nodeset at c", str(error)
+    )
+
+
+def test_a_batch_deck_takes_the_same_ladder_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    deck = tmp_path / "needs_ramp.sp"
+    body = "\n".join(circuits.NEEDS["ramp"])
+    deck.write_text(f"batch\n{body}\n.tran 1n 10n\n.meas tran b find v(b) at=5n\n.end\n")
+    measured = spice_batch.run(deck)
+    assert [retry.next for retry in measured.retries] == ["gmin_stepping", "source_stepping", "ramp"]
+    # reltol 1e-6 of a volt
+    assert abs(measured.values["b"] - float(circuits.needed_operating_point("ramp"))) < 1e-6
+    assert capsys.readouterr().err.count("ngspice, needs_ramp, at 0 s") == 3
+
+
+def floating() -> None:
+    """A node without an operating point, to which ngspice alone gives 0.25 V by a hidden transient."""
+    deck = Deck(("hidden", *circuits.FLOATING), (), (), (), ("b",))
+    half = NgspiceHalf(deck, t_edge_s=1e-9, t_max_step_s=1e-7, t_stop_s=1e-6, log=Path("/dev/null"))
+    half.advance(0.0, [])
+
+
+def test_a_hidden_transient_is_no_answer() -> None:
+    with pytest.raises(ladder.Abort, match=r"singular matrix.*b"):
+        apart(floating)
+
+
+def not_a_number() -> None:
+    """A sample beyond the range of numbers."""
+    lines = ("sample", "v1 a 0 1", "r1 a 0 1k", "e1 b 0 a 0 1e308", "e2 c 0 b 0 1e10", "r2 c 0 1")
+    half = NgspiceHalf(
+        Deck(lines, (), (), (), ("c",)),
+        t_edge_s=1e-9,
+        t_max_step_s=1e-7,
+        t_stop_s=1e-6,
+        log=Path("/dev/null"),
+    )
+    half.advance(1e-7, [])
+
+
+def test_a_sample_that_is_no_number_is_an_abort() -> None:
+    with pytest.raises(ladder.Abort, match=r"inf|nan|operating point|too small"):
+        apart(not_a_number)
+
+
+def again() -> tuple[str, float]:
+    """An abort in mid-run, then another circuit in the same process."""
+    try:
+        circuits.count_pulses(circuits.transistor_converter(2), ladder.PLAIN)
+    except ladder.Abort as abort:
+        said = abort.phase
+    samples, way = circuits.lockstep(("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n"), ["b"], [1e-6])
+    return said + way.level.name, float(samples[0, 0])
+
+
+def test_a_process_can_have_another_circuit_behind_an_abort_and_without_its_capacitors() -> None:
+    said, value = apart(again)
+    assert said == "stepsplain"
+    assert value == pytest.approx(1.0, abs=1e-6)  # reltol of the operating point
