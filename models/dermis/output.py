@@ -139,7 +139,7 @@ def _scratch(out: Path) -> Iterator[Path]:
     while True:
         scratch = base / f"{prefix}{secrets.token_hex(4)}"
         scratch.mkdir()
-        with suppress(FileNotFoundError), locked(scratch):
+        with suppress(FileNotFoundError), locked(scratch):  # gone between mkdir and lock: another name
             if scratch.exists():  # else it was tidied away before it was locked
                 try:
                     yield scratch

@@ -94,6 +94,8 @@ def test_droop_is_put_back() -> None:
     assert points["row droop corrected"] == pytest.approx(points["no series resistance"], abs=0.1)
 
 
+# Two more kinds of loop are compiled for it: some 10 s where nothing is cached.
+@pytest.mark.long
 def test_light_rows_behind_others_need_time_or_a_pedestal_with_a_slow_mirror() -> None:
     found = {(p.curve, p.settle_s): p.bits for p in chip.pedestal([1e-6, 100e-6])}
     slow, fast = "slow mirror (500 fC)", "fast mirror (50 fC)"
