@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from dermis import auto, bench_vfc, engines, plan, scene
 from dermis.accuracy import choice, converter, exact
-from dermis.accuracy.point import Point, pareto, to_csv
+from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
 from dermis.effects import AutoTable
 from dermis.errors import InputError
@@ -98,6 +98,7 @@ def test_the_front_holds_what_nothing_beats() -> None:
     points = [point(1.0, 0.5), point(2.0, 0.6), point(3.0, 0.1), point(0.5, 0.9), point(4.0, 0.1)]
     assert [p.time_s for p in pareto(points)] == [0.5, 1.0, 3.0]
     assert to_csv(points).count("\n") == 6
+    assert pareto(from_csv(to_csv(points)))[0].time_s == 0.5
 
 
 # ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------

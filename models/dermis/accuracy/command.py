@@ -14,7 +14,7 @@ import click
 
 from dermis import bench, bench_peers, verdict
 from dermis.accuracy import choice, converter, figures, frames
-from dermis.accuracy.point import Point, pareto, to_csv
+from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.design import ROOT
 from dermis.files import write_atomic, write_between
 from dermis.verdict import Row
@@ -32,13 +32,12 @@ _NOT_YET = "the blocks have no view in SKY130 transistors yet"
 
 
 def draw(points: Sequence[Point], directory: Path) -> None:
-    """A figure and a csv a work."""
+    """A figure a work."""
     directory.mkdir(parents=True, exist_ok=True)
     for work, file in _FIGURES.items():
         own = [p for p in points if p.work == work]
         if not own:
             continue
-        write_atomic(directory / f"{file}.csv", to_csv(own))
         codes = work == frames.WORK
         figures.draw(
             own,
@@ -182,6 +181,11 @@ def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
+def _copy_figures(docs: bool) -> None:
+    for file in _FIGURES.values() if docs else ():
+        shutil.copyfile(OUT / f"{file}.png", ROOT / "docs" / "figures" / f"accuracy_{file}.png")
+
+
 @click.command("accuracy")
 @click.option("--quick", is_flag=True, help="Fewer settings, once each.")
 @click.option(
@@ -189,8 +193,13 @@ def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
 )
 @click.option("--docs", is_flag=True, help="Also write docs/accuracy.md and docs/figures/accuracy_*.png.")
 @click.option("--table", "curve", is_flag=True, help="Only measure and write models/accuracy.json.")
+@click.option(
+    "--redraw", is_flag=True, help="Only draw the figures again, from the csv files of the last run."
+)
 @click.option("--only", type=click.Choice(["order", "converter", "frames"]), help="One part.")
-def accuracy_command(quick: bool, repeat: int, docs: bool, curve: bool, only: str | None) -> int:
+def accuracy_command(
+    quick: bool, repeat: int, docs: bool, curve: bool, redraw: bool, only: str | None
+) -> int:
     """What accuracy costs in simulation time: error against time, drawn, in build/accuracy."""
 
     def tell(words: str) -> None:
@@ -199,6 +208,11 @@ def accuracy_command(quick: bool, repeat: int, docs: bool, curve: bool, only: st
     if curve:
         choice.write(tell)
         click.echo("written: models/accuracy.json")
+        return 0
+    if redraw:
+        files = [OUT / f"{file}.csv" for file in _FIGURES.values()]
+        draw([point for file in files if file.exists() for point in from_csv(file.read_text())], OUT)
+        _copy_figures(docs)
         return 0
     repeat = 1 if quick else repeat
     with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
@@ -211,12 +225,14 @@ def accuracy_command(quick: bool, repeat: int, docs: bool, curve: bool, only: st
             points += frames.measure(work / "frames", repeat, quick, tell)
     if points:
         rows += [*ratios(points), *missing_rows()]
+        for work, file in _FIGURES.items():
+            if own := [p for p in points if p.work == work]:
+                write_atomic(OUT / f"{file}.csv", to_csv(own))
         draw(points, OUT)
     verdict.write_rows("accuracy", [*rows, *point_rows(points)])
     verdict.print_rows([*rows, *point_rows(points)], "What accuracy costs in time")
     if docs and only is None:
         write_between(DOCS, BEGIN, END, table(points, rows))
-        for file in _FIGURES.values():
-            shutil.copyfile(OUT / f"{file}.png", ROOT / "docs" / "figures" / f"accuracy_{file}.png")
+        _copy_figures(docs)
         click.echo("written: docs/accuracy.md")
     return verdict.exit_code(rows)

@@ -66,12 +66,12 @@ def draw(
         label="Pareto front",
         zorder=0,
     )
-    for point in front:
+    for point in _apart(front, floor):
         axes.annotate(
             point.setting,
             (point.time_s, max(point.error, floor)),
             textcoords="offset points",
-            xytext=(7, 7),
+            xytext=(8, 8),
             fontsize=8,
             color="#333333",
         )
@@ -86,16 +86,28 @@ def draw(
             va="bottom",
             fontsize=9,
         )
-    axes.axhspan(floor / 10, floor, color="#DDDDDD", alpha=0.6, zorder=-1)
-    axes.text(
-        0.005, floor, floor_words, transform=axes.get_yaxis_transform(), va="top", fontsize=8, color="#444444"
-    )
+    least = min(p.error for p in points)
+    bottom = floor / 6 if least < 30 * floor else least / 10
+    if bottom < floor:
+        axes.axhspan(floor / 10, floor, color="#DDDDDD", alpha=0.6, zorder=-1)
+        across = axes.get_yaxis_transform()
+        axes.text(0.005, 0.7 * floor, floor_words, transform=across, va="top", fontsize=8, color="#444444")
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_ylim(floor / 6, max(4 * lsb, 4 * max(p.error for p in points)))
+    axes.set_ylim(bottom, max(4 * lsb, 4 * max(p.error for p in points)))
     axes.set_xlabel(time_label)
     axes.set_ylabel(error_label)
     axes.set_title(title, fontsize=11)
     axes.grid(which="major", linewidth=0.4, alpha=0.6)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     save(figure, path)
+
+
+def _apart(front: Sequence[Point], floor: float) -> list[Point]:
+    """Points of a front whose words do not run into each other: one of those close together."""
+    named: list[Point] = []
+    for point in front:
+        near = named and point.time_s < 2.0 * named[-1].time_s
+        if not (near and max(point.error, floor) > 0.5 * max(named[-1].error, floor)):
+            named.append(point)
+    return named

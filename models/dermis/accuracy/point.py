@@ -67,6 +67,18 @@ def to_csv(points: Sequence[Point]) -> str:
     return text.getvalue()
 
 
+def from_csv(text: str) -> list[Point]:
+    """The points of a text of `to_csv`; of each one's runs the least, the median and the most."""
+    found = []
+    for row in csv.DictReader(io.StringIO(text)):
+        seconds = tuple(float(row[name]) for name in ("least_s", "seconds", "most_s"))
+        words = row["work"], row["method"], row["setting"]
+        found.append(
+            Point(*words, float(row["error"]), row["unit"], float(row["largest_error_lsb"]), seconds)
+        )
+    return found
+
+
 def pareto(points: Sequence[Point]) -> list[Point]:
     """Points that no other one beats in both error and time, the fastest first."""
     front: list[Point] = []
