@@ -469,6 +469,7 @@ def _of_leak() -> list[Case]:
             World((0.1, 0.4999, 0.75), {"integrator_bandwidth": {"gbw_hz": 1e4}}),
             ("event", "icarus", "cosim"),
             refused={"closed": _NO_LEAK["closed"].format("bandwidth")} | _LATER,
+            analog=World((0.1,), {"integrator_bandwidth": {"gbw_hz": 1e4}}),
             certificate=1e-3,
             limit_s=30.0,
         ),

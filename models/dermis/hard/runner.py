@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator, Sequence
 
 import click
@@ -52,11 +53,14 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
 def run(cases: Sequence[Case], jobs: int) -> list[Row]:
     """Run cases and return a row a run, in the order of the cases; `seconds` in a row is its wall time."""
     pairs = [(case, name) for case in cases for name in case.runs]
-    tasks = [workers.Task(case.runs[name], (), case.limit_s) for case, name in pairs]
+    # Made one by one as they begin: on a machine that is busy with other things a run takes longer, and may.
+    tasks = (workers.Task(case.runs[name], (), case.limit_s * _busy()) for case, name in pairs)
     rows: list[Row | None] = [None] * len(pairs)
     with progress.slots("hard", len(pairs), "runs") as tell:
         for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
-            rows[number] = row_of(*pairs[number], outcome)
+            row = rows[number] = row_of(*pairs[number], outcome)
+            if row["status"] != "PASS":  # now, for what comes may take minutes
+                click.echo(_wrong(row), err=True)
             tell(done)
     by_case: dict[str, list[Row]] = {case.name: [] for case in cases}
     for (case, _), row in zip(pairs, rows, strict=True):
@@ -67,6 +71,11 @@ def run(cases: Sequence[Case], jobs: int) -> list[Row]:
             verdict.skip(_name(case, engine), why, case.unit) for engine, why in case.refused.items()
         ]
     return [row for case in cases for row in by_case[case.name]]
+
+
+def _busy() -> float:
+    """How many processes want each core, at least 1: so much longer does a run take that would have had one alone."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 def _name(case: Case, engine: str) -> str:
@@ -106,8 +115,12 @@ def _print(cases: Sequence[Case], rows: Sequence[Row]) -> None:
         click.echo(f"{case.group} {case.name}: {'; '.join(runs)}")
     for row in rows:
         if row["status"] not in ("PASS", "SKIP"):
-            click.echo(f"{row['status']} {row['name']}: {row['value']} {row['unit']}: {row['note']}")
+            click.echo(_wrong(row))
     click.echo(summary(cases, rows))
+
+
+def _wrong(row: Row) -> str:
+    return f"{row['status']} {row['name']}: {row['value']} {row['unit']}: {row['note']}"
 
 
 def summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
