@@ -258,7 +258,8 @@ def _bytes(data: bytes, rng: random.Random, phrases: Sequence[str]) -> bytes:
 def _repeat(data: bytes, rng: random.Random, phrases: Sequence[str]) -> bytes:
     first, last = sorted((_cut(data, rng), _cut(data, rng)))
     block = data[first:last][: rng.choice((1, 8, 64, 4096))]
-    return data[:last] + block * (1 << rng.randint(1, 14)) + data[last:]
+    times = min(1 << rng.randint(1, 14), SIZE_MAX // max(1, len(block)) + 1)
+    return data[:last] + block * times + data[last:]
 
 
 def _whole(data: bytes, rng: random.Random, phrases: Sequence[str]) -> bytes:
