@@ -116,9 +116,10 @@ class _Python(ast.NodeVisitor):
         outer = self.statement
         if isinstance(node, ast.stmt):
             self.statement = node
-        for _, block in ast.iter_fields(node):
-            if isinstance(block, list):
-                self._note_runs(block)
+        if isinstance(node, ast.stmt | ast.mod | ast.ExceptHandler | ast.match_case):  # what holds statements
+            for _, block in ast.iter_fields(node):
+                if isinstance(block, list):
+                    self._note_runs(block)
         super().visit(node)
         self.statement = outer
 
