@@ -133,7 +133,7 @@ def _square_time() -> None:
 def _resolved_loses() -> None:
     whole = schema._toml_value
     schema._toml_value = lambda value: (
-        f"{value:.3g}" if isinstance(value, float) and value % 1 else whole(value)
+        f"{value:.1g}" if isinstance(value, float) and value % 1 else whole(value)
     )
 
 
@@ -209,7 +209,7 @@ FAULTS: dict[str, Fault] = {
         "scene", ("time", "memory"), "dotted keys of any length go to the parser", _square_time
     ),
     "writes_beside": Fault("scene", ("write",), "a cache is written beside the scene", _writes_beside),
-    "resolved_loses": Fault("scene", ("again",), "the resolved scene keeps three digits", _resolved_loses),
+    "resolved_loses": Fault("scene", ("again",), "the resolved scene keeps one digit", _resolved_loses),
     "header_believed": Fault(
         "frames", ("memory",), "memory is taken as an npy header says", _header_believed
     ),
