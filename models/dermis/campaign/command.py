@@ -43,6 +43,7 @@ class Tally:
 
     worlds: int = 0
     refused: int = 0
+    given_up: int = 0
     conversions: int = 0
     asked: dict[str, int] = field(default_factory=dict)
     broken: list[tuple[int, str, str]] = field(default_factory=list)  # world, law, what
@@ -52,6 +53,7 @@ class Tally:
         """Take another's counts in."""
         self.worlds += other.worlds
         self.refused += other.refused
+        self.given_up += other.given_up
         self.conversions += other.conversions
         self.seconds += other.seconds
         for law, count in other.asked.items():
@@ -67,7 +69,8 @@ def worlds_of(engines: str, seed: int, first: int, stop: int) -> Tally:
             world = draw.world(seed, number, engines, Path(directory))
             outcome = trial.run(world, engines, number, scratch=Path(directory))
             broken = [(number, b.law, b.what) for b in outcome.broken]
-            tally.add(Tally(1, int(bool(outcome.refused)), outcome.conversions, dict(outcome.asked), broken))
+            refused, given_up = int(bool(outcome.refused)), int(outcome.given_up)
+            tally.add(Tally(1, refused, given_up, outcome.conversions, dict(outcome.asked), broken))
     tally.seconds = time.process_time() - start
     return tally
 
@@ -192,7 +195,7 @@ def shrunk(engines: str, seed: int, number: int, law: str, what: str) -> str:
 def rows(campaign: Campaign, total: Tally) -> Iterator[verdict.Row]:
     """Verdict rows of a campaign."""
     name = campaign.engines.replace(",", "_")
-    note = f"seed {campaign.seed}, {total.refused} refused with one line"
+    note = f"seed {campaign.seed}, {total.refused} refused with one line, {total.given_up} of them as exit 3"
     yield verdict.judge(f"campaign.scenes.{name}", total.worlds, note)
     yield verdict.report(
         f"campaign.conversions.{name}", total.conversions, "conversions", f"{total.seconds:.0f} core-s"
@@ -215,7 +218,8 @@ def record(campaign: Campaign, total: Tally, seconds: float, processes: int, fou
     failed = sum(r["status"] != "PASS" for r in found)
     lines = [
         f'`make campaign ARGS="--engines {campaign.engines} --scenes {campaign.scenes} --seed {campaign.seed} '
-        f'--processes {processes}"`: {total.worlds} scenes, {total.refused} of them refused with one line, '
+        f'--processes {processes}"`: {total.worlds} scenes, {total.refused} of them refused with one line '
+        f"({total.given_up} as exit 3), "
         f"{total.conversions} conversions, {len(total.broken)} laws broken, {failed} rows failed, "
         f"{total.seconds / 60:.0f} core-minutes, {seconds / 60:.0f} minutes.",
         "",

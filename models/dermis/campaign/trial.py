@@ -30,10 +30,12 @@ class Broken:
 class Outcome:
     """What became of a world.
 
-    `refused` is the message of an InputError of the scene itself; `asked` counts how often each law was asked.
+    `refused` is the message of an InputError of the scene itself, or of the SimulatorError with which an array solve
+    gave it up (exit 3); `asked` counts how often each law was asked.
     """
 
     refused: str = ""
+    given_up: bool = False
     broken: list[Broken] = field(default_factory=list)
     asked: Counter[str] = field(default_factory=Counter)
     conversions: int = 0
@@ -68,6 +70,9 @@ def run(
                     outcome.broken += [Broken(name, what) for what in law(subject)]
                 except InputError:
                     pass  # what the law runs beside the scene may be beyond what an engine takes
+                except SimulatorError as error:
+                    if engines != "closed,event":  # there it is the Verilog or ngspice that failed
+                        outcome.broken.append(Broken(name, f"exit 3: {error}"))
                 except Exception as error:  # any other is what is looked for: it becomes a finding
                     outcome.broken.append(Broken(name, _told(error)))
     return outcome
@@ -79,6 +84,8 @@ def _subject(world: World, directory: Path, seed: int, outcome: Outcome) -> laws
         _ = subject.result
     except InputError as error:
         outcome.refused = str(error).replace(str(directory), "")
+    except SimulatorError as error:
+        outcome.refused, outcome.given_up = str(error), True
     except Exception as error:  # as above
         outcome.broken.append(Broken("typed_errors", _told(error)))
     else:
@@ -87,8 +94,6 @@ def _subject(world: World, directory: Path, seed: int, outcome: Outcome) -> laws
 
 
 def _told(error: Exception) -> str:
-    if isinstance(error, SimulatorError):
-        return f"exit 3: {error}"
     where = traceback.extract_tb(error.__traceback__)
     own = [f"{Path(f.filename).name}:{f.lineno}" for f in where if "dermis" in f.filename]
     return f"{type(error).__name__}: {error} ({' '.join(own[-2:])})"

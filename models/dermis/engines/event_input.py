@@ -241,18 +241,20 @@ def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Fl
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_over_gate(x, start, level, clocks, mean, end):  # type: ignore
-    """Mean of the charge over a gate, and its end, of converters with nothing on that start below their level.
+    """Mean of the charge over a gate, and its end, of converters with nothing on.
 
-    One m is decided at clock t = ceil((level - start + m) / x), and its packet is gone from t + 1 to t + 2.
+    One m is decided at clock t = ceil((level - start + m) / x), where that is two clocks or more behind the one
+    before, and its packet is gone from t + 1 to t + 2. What a duty above 1/2 brings beyond that is not kept.
     """
     for f in range(x.shape[0]):
         for r in range(x.shape[1]):
             for c in range(x.shape[2]):
-                duty = min(max(x[f, r, c], 1e-9), 0.5)
+                fast = max(x[f, r, c], 1e-9)
+                duty = min(fast, 0.5)
                 total, at_end = start[c] + 0.5 * clocks * duty, start[c] + clocks * duty
-                period, wait = 1.0 / duty, (level[c] - start[c]) / duty - 1e-9
+                period, wait = 1.0 / fast, (level[c] - start[c]) / fast - 1e-9
                 for m in range(clocks // 2 + 1):
-                    after = clocks - math.ceil(wait + m * period)
+                    after = clocks - max(math.ceil(min(max(wait + m * period, 0.0), clocks + 1.0)), 2 * m + 1)
                     if after <= 1:
                         break
                     total -= (after - 1.5) / clocks
@@ -290,11 +292,16 @@ def course(plan: Plan, part: slice, dark: bool = False) -> Course:
     timing = plan.timing
     slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
     at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
-    at = at / (plan.drive.t_frame_s * timing.f_clk_hz)
+    clocks = plan.drive.t_frame_s * timing.f_clk_hz
+    # The last gate may end with the frame: a rounding of its length there would leave a part of a short behind, or less
+    # than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is over.
+    if abs(clocks - round(clocks)) <= 1e-9 * clocks:
+        clocks = float(round(clocks))
+    at = np.minimum(at / clocks, 1.0)
     now, then = np.minimum(g, _G_SHORT_S), np.minimum(plan.next_conductance_s(part), _G_SHORT_S)
     if not network.active_fields():
         share = at.reshape(3, 1, plan.rows, 1)
-        follows = plan.v_bias_v * (now + share * (then - now))
+        follows = plan.v_bias_v * _between(now, then, share)
         return Course(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
     unit_a = float((plan.converter.k * plan.converter.i0_a).min())
     follows, rest = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
@@ -320,7 +327,7 @@ def _through_frame(
 
     def solve(share: float) -> tuple[Floats, Floats]:
         if share not in solved:
-            solved[share] = currents(network, now[waiting] + share * (then[waiting] - now[waiting]))
+            solved[share] = currents(network, _between(now[waiting], then[waiting], share))
         return solved[share]
 
     for count in (3, 5, 9):
@@ -343,10 +350,15 @@ def _through_frame(
             return out[0], out[1]
         solved = {share: (follows[~met], rest[~met]) for share, (follows, rest) in solved.items()}
     for k, share in enumerate(at):
-        found = currents(network, now[waiting] + share * (then[waiting] - now[waiting]))
+        found = currents(network, _between(now[waiting], then[waiting], share))
         for into, values in zip(out, found, strict=True):
             into[k // rows, waiting, k % rows] = values[:, k % rows]
     return out[0], out[1]
+
+
+def _between(now: Floats, then: Floats, share: float | Floats) -> Floats:
+    """Conductances on their way: each end alone where its share is 1, whatever the other is."""
+    return (1.0 - share) * now + share * then
 
 
 def _instants(count: int) -> Floats:
