@@ -10,10 +10,12 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+import logging
 import os
 import re
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from dermis import engines, pool, solve_error
+from dermis import children, engines, pool, solve_error
 from dermis.design import ROOT
 from dermis.engines import Result
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import InputError, SimulatorError, one_line
 from dermis.plan import Plan
 
 # 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
@@ -40,7 +42,10 @@ CONNECT_S = 10
 _ADDRESS = r"(tcp|tls|ws|wss)://[^/\s]+:\d{1,5}"
 
 WORKER_S = 60
-"""How long a scheduler may take to have a worker."""
+"""How long a scheduler may take to have a worker, or to have one again once all are lost."""
+
+LOOK_S = 2.0
+"""Between two looks at whether a cluster is still there."""
 
 _DECIDE = (
     "models/dermis/**/*.py",
@@ -97,8 +102,8 @@ def run(
     """
     engines.check(plan)
     if scheduler is not None:
-        with _cluster(scheduler) as (executor, workers):
-            return _run_parts(plan, executor, workers, progress, certified, options)
+        with _cluster(scheduler) as (executor, workers, look):
+            return _run_parts(plan, executor, workers, progress, certified, options, look)
     if processes > 1 and plan.engine == "cosim":
         raise InputError(
             "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
@@ -125,6 +130,7 @@ def _run_parts(
     progress: Callable[[int], None] | None,
     certified: bool,
     options: dict[str, Any],
+    look: Callable[[], None] = lambda: None,
 ) -> Result:
     light = replace(plan, force_n=None)  # no engine reads it
     todo = bounds(plan, workers)
@@ -142,7 +148,10 @@ def _run_parts(
     for _ in range(2 * workers):  # enough that no worker waits, few enough that the parts do not pile up
         start()
     while running:
-        for task in wait(running, return_when=FIRST_COMPLETED).done:
+        ended = wait(running, LOOK_S, FIRST_COMPLETED).done
+        if not ended:
+            look()
+        for task in ended:
             index = running.pop(task)
             try:
                 results[index] = task.result()
@@ -192,12 +201,13 @@ def fingerprint(root: Path = ROOT) -> str:
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """The workers of a Dask scheduler as an executor, and how many there are."""
+def _cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+    """The workers of a Dask scheduler as an executor, how many there are, and a look at whether they still are."""
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
     if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
         raise InputError("command line", "--scheduler", address, allowed)
     import distributed
+    from distributed.comm import CommClosedError
 
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
@@ -212,9 +222,27 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
             raise SimulatorError(f"the scheduler {address} has no worker after {WORKER_S} s") from None
         workers = sum(client.nthreads().values())
         executor = client.get_executor(pure=False, retries=0)
+        patience = children.Patience(WORKER_S)
+
+        def look() -> None:
+            if client.status != "running":
+                raise SimulatorError(f"the scheduler {address} is gone")
+            there = len(client.scheduler_info()["workers"])
+            # A number that changes while there are workers, so that it counts only the time without any.
+            if patience.over(time.monotonic() if there else 0):
+                raise SimulatorError(f"the scheduler {address} has had no worker for {WORKER_S} s")
+
+        # What it has to say of a cluster that is lost is several tracebacks; the run's own error is one line.
+        logging.disable(logging.CRITICAL)
         try:
-            yield executor, workers
+            yield executor, workers, look
+        except (distributed.KilledWorker, CancelledError, CommClosedError) as error:
+            executor.shutdown(wait=False)
+            said = one_line(str(error), 200) or type(error).__name__
+            raise SimulatorError(f"the cluster of {address} lost a part of the run: {said}") from None
         except BaseException:
             executor.shutdown(wait=False)
             raise
+        finally:
+            logging.disable(logging.NOTSET)
         executor.shutdown()

@@ -205,6 +205,9 @@ def main() -> None:
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     with children.ending():
         code = _run()
+    # Python ends by SIGINT, whatever exit code it is told, where Ctrl-C once came through exec of a string, as in the
+    # making of a dataclass, also if it was caught; the next such call forgets it.
+    exec("")
     try:
         sys.stdout.flush()
     except OSError as error:

@@ -354,6 +354,18 @@ def program(
     return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
 
 
+def _whole(program: Path) -> bool:
+    """Whether a build has made its program: Icarus ends with 0 on a full disk, and leaves what there was room for."""
+    if not program.is_file():
+        return False
+    if program.suffix != ".vvp":
+        return True
+    # Its last section says how many lines it has.
+    _, found, rest = program.read_bytes().rpartition(b"\n:file_names ")
+    count, _, names = rest.partition(b";\n")
+    return bool(found) and count.isdigit() and names.count(b";\n") == int(count) and names.endswith(b";\n")
+
+
 def _headers(includes: Sequence[Path]) -> list[Path]:
     return sorted(header for directory in includes for header in directory.glob("*.vh"))
 
@@ -378,8 +390,8 @@ def _cached(
         log = target.with_suffix(".log")
         log.unlink(missing_ok=True)
         make(target, log)
-        if not (target / name).is_file():  # kept, it would fail every run to come
-            raise SimulatorError(f"the build ended well and without {target / name}", log)
+        if not _whole(target / name):  # kept, it would fail every run to come
+            raise SimulatorError(f"the build ended well and without a whole {target / name}", log)
         (target / "built").touch()
     return target
 

@@ -78,21 +78,18 @@ class _Workers(Executor):
                 if self._ended:
                     raise WorkerLost("the run was ended")
                 command = [sys.executable, "-m", "dermis.pool"]
-                worker = Child(command, self._environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
+                worker = Child(command, self._environment, **pipes)
                 self._workers.append(worker)
-            assert worker.stdin is not None
-            _send(worker.stdin, [path or os.getcwd() for path in sys.path])
+            self._put(worker, _packed([path or os.getcwd() for path in sys.path]))
             self._own.worker = worker
         return worker
 
     def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
         worker = self._worker()
-        assert worker.stdin is not None
-        assert worker.stdout is not None
         try:
-            _send(worker.stdin, (function, arguments, options))
-            self._watch(worker)
-            done, value = _receive(worker.stdout)
+            self._put(worker, _packed((function, arguments, options)))
+            done, value = pickle.loads(self._get(worker, _LENGTH.unpack(self._get(worker, _LENGTH.size))[0]))
         except (OSError, EOFError):
             worker.end()
             self._own.worker = None
@@ -101,9 +98,29 @@ class _Workers(Executor):
             raise value
         return value
 
-    def _watch(self, worker: Child) -> None:
-        patience = Patience(STALL_S)
-        while not select.select([worker.stdout], [], [], LOOK_S)[0]:
+    def _put(self, worker: Child, data: bytes) -> None:
+        assert worker.stdin is not None
+        pipe, left = worker.stdin.fileno(), memoryview(data)
+        os.set_blocking(pipe, False)
+        while left:
+            self._wait(worker, pipe, select.POLLOUT)
+            left = left[os.write(pipe, left) :]
+
+    def _get(self, worker: Child, size: int) -> bytes:
+        assert worker.stdout is not None
+        pipe, data = worker.stdout.fileno(), bytearray()
+        while len(data) < size:
+            self._wait(worker, pipe, select.POLLIN)
+            data += (part := os.read(pipe, size - len(data)))
+            if not part:
+                raise EOFError
+        return bytes(data)
+
+    def _wait(self, worker: Child, pipe: int, event: int) -> None:
+        """Wait until a pipe takes or gives something: one that stands still may do so at any byte."""
+        ready, patience = select.poll(), Patience(STALL_S)
+        ready.register(pipe, event)
+        while not ready.poll(1000 * LOOK_S):
             if patience.over(_used(worker)):
                 worker.end()
                 self._own.worker = None
@@ -122,10 +139,13 @@ def _used(worker: Child) -> int:
     return ticks
 
 
-def _send(pipe: IO[bytes], value: Any) -> None:
+def _packed(value: Any) -> bytes:
     data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    pipe.write(_LENGTH.pack(len(data)))
-    pipe.write(data)
+    return _LENGTH.pack(len(data)) + data
+
+
+def _send(pipe: IO[bytes], value: Any) -> None:
+    pipe.write(_packed(value))
     pipe.flush()
 
 

@@ -223,6 +223,25 @@ def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
     assert (ended.code, ended.error.strip()) == (code, word)  # click puts a line end behind ^C
 
 
+THROUGH_EXEC = """
+import signal, sys
+from dermis import cli
+cli.cli = lambda **_: exec("import os, signal; os.kill(os.getpid(), signal.SIGINT)\\nfor _ in range(1000): pass")
+cli.main()
+"""
+
+
+def test_ctrl_c_within_exec_of_a_string_is_130_as_well(tmp_path: Path) -> None:
+    """It was -2: Python remembers, and ends by the signal at its very end, whatever code it was told."""
+    (tmp_path / "asked.py").write_text(THROUGH_EXEC)
+    run = Run(
+        [sys.executable, "-m", "asked"], ROOT, tmp_path, {"PYTHONPATH": f"{tmp_path}:{ROOT / 'models'}"}
+    )
+    ended = run.wait(END_S)
+    assert ended is not None
+    assert (ended.code, ended.error) == (130, "interrupted\n")
+
+
 def test_what_asks_to_end_waits_for_what_must_not_stop_in_its_middle() -> None:
     done = []
 
@@ -329,8 +348,15 @@ def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) ->
         log.write_text("nothing to do")
 
     def something(target: Path, log: Path) -> None:
-        (target / "sim.vvp").write_text("code")
+        (target / "sim.vvp").write_text('code\n:file_names 2;\n    "N/A";\n    "<interactive>";\n')
 
+    def cut(target: Path, log: Path) -> None:
+        """As Icarus leaves it, with exit code 0, where the disk is full."""
+        something(target, log)
+        os.truncate(target / "sim.vvp", (target / "sim.vvp").stat().st_size - 5)
+
+    with pytest.raises(SimulatorError, match=r"without .*sim\.vvp"):
+        hdl._cached(tmp_path / "top", [], "key", cut, "sim.vvp")
     with pytest.raises(SimulatorError, match=r"without .*sim\.vvp"):
         hdl._cached(tmp_path / "top", [], "key", nothing, "sim.vvp")
     target = hdl._cached(tmp_path / "top", [], "key", something, "sim.vvp")
