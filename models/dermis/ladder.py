@@ -25,9 +25,6 @@ C_NODE_F = 1e-16
 """Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
 5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
 
-I_LOOSE_A = 1e-10
-"""Rung `loose`: abstol, and gmin times a volt. Of i0 = 25 uA it is 4e-6, 0.002 of a count in 510 clocks."""
-
 T_RAMP_S = 1e-5
 """Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
 length decides how good a guess is, not how good a result is: Newton's method confirms it."""
@@ -98,14 +95,8 @@ STEPS = (
         "of second order, held by truncation control as that of the trapezoidal rule is",
         f"{_NODES} {_WATCH} method=gear maxord=2",
     ),
-    Rung(
-        "loose",
-        "0.1 fF from every node to ground, abstol and gmin 1e-10",
-        "1e-10 A a branch and junction: 4e-6 of 25 uA, 0.002 of a count",
-        f"{_NODES} {_WATCH} abstol={I_LOOSE_A:g} gmin={I_LOOSE_A:g}",
-    ),
 )
-"""Ways to step, in the order in which they are tried; the last one is also what is left when no start works."""
+"""Ways to step, in the order in which they are tried. None loosens a tolerance (docs/ladder.md says why)."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +122,6 @@ class Level:
         """The next rung for what failed, or None."""
         if phase == "start" and self.start + 1 < len(START):
             return Level(self.start + 1, self.steps)
-        if phase == "start" and self.steps + 1 < len(STEPS):
-            return Level(0, len(STEPS) - 1)
         if phase == "steps" and self.steps + 1 < len(STEPS):
             return Level(self.start, self.steps + 1)
         return None
