@@ -77,9 +77,8 @@ START = (
 )
 """Ways to an operating point, in the order in which they are tried."""
 
-# A deck without a pole has truncation control off (netlist.py); a rung that brings capacitors, or another integration
-# method, needs it. chgtol stays, so that a node capacitor alone shortens no step.
-_WATCH = "trtol=7"
+# Truncation control stays as the deck has it. A deck without a pole has it off (netlist.py): switched on, it looks at
+# the node capacitors too, to reltol 1e-6 of chgtol, 1e-20 C, and no step passes an edge of an ideal comparator.
 _NODES = f"cshunt={C_NODE_F:g}"
 STEPS = (
     Rung("plain", "the deck as it is", "none"),
@@ -87,13 +86,13 @@ STEPS = (
         "capacitance",
         "0.1 fF from every node to ground",
         "1e-16 C a volt and node: 2e-5 of a packet of 5 pC",
-        f"{_NODES} {_WATCH}",
+        _NODES,
     ),
     Rung(
         "gear",
         "the same, integrated by Gear's second-order formula",
-        "of second order, held by truncation control as that of the trapezoidal rule is",
-        f"{_NODES} {_WATCH} method=gear maxord=2",
+        "of second order: none on straight lines, else held by the deck's truncation control",
+        f"{_NODES} method=gear maxord=2",
     ),
 )
 """Ways to step, in the order in which they are tried. None loosens a tolerance (docs/ladder.md says why)."""

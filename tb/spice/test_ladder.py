@@ -75,10 +75,10 @@ def leap(foot: int) -> tuple[float, list[str | None]]:
 
     def attempt(level: ladder.Level) -> float:
         half = NgspiceHalf(
-            deck, t_edge_s=1e-9, t_max_step_s=1e-6, t_stop_s=1e-5, log=Path("/dev/null"), level=level
+            deck, t_edge_s=1e-9, t_max_step_s=1e-6, t_stop_s=1e-4, log=Path("/dev/null"), level=level
         )
-        samples = [half.advance(k * 1e-6, [])[0] for k in range(11)]
-        return max(abs(sample - circuits.leap_v()) for sample in samples[6:])
+        samples = [half.advance(k * 1e-6, [])[0] for k in range(101)]
+        return max(abs(sample - circuits.leap_v()) for sample in samples[61:])
 
     return ladder.climb(attempt, way), [retry.next for retry in way.retries]
 
@@ -94,6 +94,20 @@ def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear()
     assert retries == []
     # the millionth of a volt that vntol is
     assert error < 1e-6
+
+
+def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
+    effects = circuits.BENDS if poles else None
+    made = circuits.chip("conveyor_mirror", effects=effects, ohms=(500.0, 1275.0, 7.5e3, 1e6))
+    codes, way = circuits.read_frame(made, begin=ladder.Level(0, steps))
+    return codes.ravel().tolist(), way.retries
+
+
+@pytest.mark.parametrize("poles", [False, True])
+@pytest.mark.parametrize("steps", [1, 2])
+def test_the_decks_of_scenes_have_the_same_codes_on_every_rung(steps: int, poles: bool) -> None:
+    # 510 times 250 ohm over R; 0.1275 of a packet is none
+    assert apart(own_deck, steps, poles) == ([255, 100, 17, 0], [])
 
 
 def order(phase: ladder.Phase) -> list[str]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -263,3 +264,40 @@ def test_the_judge_catches_one_wrong_code(resistance_plan: MakePlan) -> None:
     assert exact_row(right)["status"] == "PASS"
     assert exact_row(wrong)["status"] == "FAIL"
     assert exact_row(wrong)["value"] == 1
+
+
+# Wherever the co-simulation makes a deck, there or in the parent, a circuit that ngspice gives up in mid-run stands
+# beside the converters and touches them nowhere.
+LEAPING = """
+import os
+if "DERMIS_COSIM_JOB" in os.environ:
+    import dataclasses
+    from dermis import netlist
+    from dermis.hard.circuits import LEAP
+    plain = netlist.frame_deck
+    def frame_deck(*arguments, **options):
+        deck = plain(*arguments, **options)
+        return dataclasses.replace(deck, lines=(*deck.lines, *LEAP))
+    netlist.frame_deck = frame_deck
+"""
+
+
+def test_a_frame_given_up_in_mid_run_is_read_again_on_the_next_rung(
+    resistance_plan: MakePlan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    made = resistance_plan(of_codes(np.array([[100]])))
+    (tmp_path / "hook").mkdir()
+    (tmp_path / "hook" / "sitecustomize.py").write_text(LEAPING)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "hook"), prepend=os.pathsep)
+    got = cosim.run(made)
+    assert got.codes.tolist() == [[[100]]]
+    ((frame, (retry,)),) = got.info["retries"].items()
+    assert (frame, retry["rung"], retry["next"]) == ("frame 0", "plain", "capacitance")
+    assert "Timestep too small" in retry["said"]
+    assert retry["node"] == "leap"
+    # the law begins there
+    assert retry["time_s"] == pytest.approx(6e-5, rel=1e-6)
+    assert "ngspice, frame 0, at " in capfd.readouterr().err

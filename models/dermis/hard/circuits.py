@@ -268,9 +268,9 @@ fraction of the supply, where source stepping stops."""
 LEAP = (
     "vleap high 0 1",
     "rleap high leap 1meg",
-    "bleap leap 0 i = time > 5u ? 1e-6*tanh(200*(v(leap) - 0.5)) : 0",
+    "bleap leap 0 i = time > 60u ? 1e-6*tanh(200*(v(leap) - 0.5)) : 0",
 )
-"""A saturating law that begins at 5 us, at a node without charge: no step leads from 1 V to where it settles."""
+"""A saturating law that begins at 60 us, at a node without charge: no step leads from 1 V to where it settles."""
 
 
 def leap_v() -> float:
@@ -584,7 +584,10 @@ def unmoved(change: str, bent: bool) -> Measured:
 
 
 def read_frame(
-    made: plan.Plan, options: str = "", t_max_step_s: float = 1e-6
+    made: plan.Plan,
+    options: str = "",
+    t_max_step_s: float = 1e-6,
+    begin: ladder.Level = ladder.PLAIN,
 ) -> tuple[NDArray[np.int64], ladder.Climb]:
     """Codes [1, rows, cols] of the first frame: its deck, with a row scanner and two flip-flops a column in Python."""
     timing, rows, cols = made.timing, made.rows, made.cols
@@ -626,7 +629,7 @@ def read_frame(
         return np.minimum(counts, timing.code_max)
 
     with _folder() as folder:
-        way = ladder.Climb("hard chip", report=lambda line: None)
+        way = ladder.Climb("hard chip", begin, report=lambda line: None)
         return ladder.climb(attempt, way), way
 
 
