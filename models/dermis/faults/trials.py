@@ -7,6 +7,7 @@ A trial returns what was wrong, in words; none is a pass.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import re
@@ -709,6 +710,53 @@ def two_sims(bench: Bench, name: str) -> tuple[list[str], str]:
     return faults + benches.judge_tables(bench.tree), "both done"
 
 
+# ---- a campaign goes on -----------------------------------------------------------------------------------------
+
+SCENES = 800
+"""Of a campaign that is disturbed: half a minute, with the state on disk every five seconds."""
+
+_GOES_ON = re.compile(r"^(\d+) scenes are there from before.*\n", re.MULTILINE)
+
+
+def tallies(state: Path) -> dict[str, Any]:
+    """What a campaign has found so far, but for the seconds that it took."""
+    done = json.loads(state.read_text())["done"]
+    return {first: {**tally, "seconds": 0.0} for first, tally in sorted(done.items())}
+
+
+def goes_on(number: signal.Signals, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Disturb a campaign once it has kept something: the next one takes that, and ends with what it would have had."""
+    work = bench.work(name)
+    seed = 1000 + number
+    arguments = ["campaign", "--scenes", str(SCENES), "--seed", str(seed), "--found", str(work / "found")]
+    state = bench.tree / "build" / "campaign" / f"closed_event_{seed}.json"
+    state.unlink(missing_ok=True)
+    run = bench.dermis(arguments, work)
+    # Its workers compile loops first.
+    benches.poll(lambda: state.is_file() or run.child.poll() is not None, 4 * benches.END_LIMIT_S)
+    kept = len(tallies(state)) if state.is_file() else 0
+    benches.send(run.child.pid, number)
+    ended = run.wait()
+    faults = [f"leaves {left}" for left in run.orphans()]
+    if ended is None or not kept:
+        return ["hangs, or kept nothing", *faults], ""
+    codes = {signal.SIGKILL: {-9}, signal.SIGINT: {130}, signal.SIGTERM: {143}}[number]
+    faults += benches.judge_words(ended, codes | {0, 1})
+    ended = bench.dermis(arguments, work).wait(2 * benches.END_LIMIT_S)
+    if ended is None:
+        return [*faults, "a rerun hangs"], ""
+    said = _GOES_ON.search(ended.error)
+    if said is None:
+        faults.append("begins anew")
+    faults += benches.judge_words(Ended(ended.code, ended.out, _GOES_ON.sub("", ended.error)), {0, 1})
+    found = tallies(state)
+    state.unlink()
+    whole = bench.dermis([*arguments, "--fresh"], work).wait(2 * benches.END_LIMIT_S)
+    if whole is None or tallies(state) != found:
+        faults.append("finds other things than a campaign that was not disturbed")
+    return faults, f"went on from {said.group(1) if said else 0} scenes"
+
+
 # ---- the list ---------------------------------------------------------------------------------------------------
 
 KILLS = {
@@ -835,4 +883,6 @@ def every() -> list[Trial]:
         number += 1
         add(f"two.{subject}.first_killed.{number}", two, SUBJECTS[subject], False, True)
     add("two.sim.two_files", two_sims)
+    for what, sent in (("kill", signal.SIGKILL), ("ctrl_c", signal.SIGINT), ("term", signal.SIGTERM)):
+        add(f"resume.campaign.{what}", goes_on, sent)
     return found
