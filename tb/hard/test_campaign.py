@@ -55,6 +55,7 @@ def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str
 )
 def test_found_case_stays_cured(path: Path) -> None:
     case = world.load(path)
+    assert len(FOUND) >= 10
     outcome = trial.run(case, case.engines, 0, list(laws.ENGINES[case.engines]))
     assert not outcome.broken, f"{case.why}: {outcome.broken}"
     if case.refused:
@@ -259,7 +260,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def _tally(engines: str, seed: int, first: int, stop: int) -> command.Tally:
     numbers = range(first, stop)
     wrong = [(n, "certified", "made up") for n in numbers if n == 7]
-    return command.Tally(len(numbers), 0, 0, 3 * len(numbers), {"certified": len(numbers)}, wrong, 1.0)
+    return command.Tally(len(numbers), 0, 0, 3 * len(numbers), {"certified": len(numbers)}, {}, wrong, 1.0)
 
 
 def _run(ends_after: int | None, hangs: int | None = None) -> Callable[..., Iterator[tuple[int, Outcome]]]:
@@ -297,6 +298,12 @@ def test_a_campaign_goes_on_where_it_was_ended(state: Path, monkeypatch: pytest.
     assert again.load() == 150
     again.run(1)
     assert again.total() == expected
+
+    # Nor does a longer or shorter run count what is not its own.
+    shorter = command.Campaign("closed,event", 0, 75)
+    assert shorter.load() == 50
+    shorter.run(1)
+    assert shorter.total().worlds == 75
 
     # A state of other code counts for nothing.
     data = json.loads(again.path.read_text())

@@ -17,6 +17,7 @@ import click
 
 from dermis import batch, float_flags, verdict, workers
 from dermis.campaign import draw, laws, shrink, trial
+from dermis.campaign.world import World
 from dermis.design import ROOT
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
@@ -32,6 +33,8 @@ _A_TASK = {"closed,event": 50, "rtl": 10, "cosim": 2}
 LIMIT_S = {"closed,event": 120.0, "rtl": 240.0, "cosim": 240.0}
 _SHORT = {"closed,event": 200, "rtl": 10, "cosim": 2}
 _FULL = {"closed,event": 100_000, "rtl": 2_000, "cosim": 300}
+# From so many scenes on every law must have had something to compare: the rarest is asked for one scene in 50.
+_TELLING = {"closed,event": 2_000, "rtl": 10, "cosim": 10}
 # Seconds to shrink one example, and examples of a law that are shrunk and kept.
 _SHRINK_S, _KEPT = 120.0, 4
 _SAVE_S = 5.0
@@ -46,6 +49,7 @@ class Tally:
     given_up: int = 0
     conversions: int = 0
     asked: dict[str, int] = field(default_factory=dict)
+    compared: dict[str, int] = field(default_factory=dict)
     broken: list[tuple[int, str, str]] = field(default_factory=list)  # world, law, what
     seconds: float = 0.0
 
@@ -56,8 +60,9 @@ class Tally:
         self.given_up += other.given_up
         self.conversions += other.conversions
         self.seconds += other.seconds
-        for law, count in other.asked.items():
-            self.asked[law] = self.asked.get(law, 0) + count
+        for mine, theirs in ((self.asked, other.asked), (self.compared, other.compared)):
+            for law, count in theirs.items():
+                mine[law] = mine.get(law, 0) + count
         self.broken += [(int(number), law, what) for number, law, what in other.broken]
 
 
@@ -70,7 +75,17 @@ def worlds_of(engines: str, seed: int, first: int, stop: int) -> Tally:
             outcome = trial.run(world, engines, number, scratch=Path(directory))
             broken = [(number, b.law, b.what) for b in outcome.broken]
             refused, given_up = int(bool(outcome.refused)), int(outcome.given_up)
-            tally.add(Tally(1, refused, given_up, outcome.conversions, dict(outcome.asked), broken))
+            tally.add(
+                Tally(
+                    1,
+                    refused,
+                    given_up,
+                    outcome.conversions,
+                    dict(outcome.asked),
+                    dict(outcome.compared),
+                    broken,
+                )
+            )
     tally.seconds = time.process_time() - start
     return tally
 
@@ -81,12 +96,13 @@ class Campaign:
     Attributes
     ----------
     done : dict
-        First world of a task -> its tally.
+        First world of a task, and the one behind its last, as "first-stop" -> its tally. Tasks of a run of another
+        length stay in the state and count for nothing here.
     """
 
     def __init__(self, engines: str, seed: int, scenes: int) -> None:
         self.engines, self.seed, self.scenes = engines, seed, scenes
-        self.done: dict[int, Tally] = {}
+        self.done: dict[str, Tally] = {}
         self.path = STATE / f"{engines.replace(',', '_')}_{seed}.json"
 
     def load(self) -> int:
@@ -95,10 +111,15 @@ class Campaign:
             data = json.loads(self.path.read_text(encoding="utf-8"))
             if data["code"] != batch.fingerprint():
                 return 0
-            self.done = {int(first): Tally(**tally) for first, tally in data["done"].items()}
+            self.done = {name: Tally(**tally) for name, tally in data["done"].items()}
         except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
             return 0
-        return sum(t.worlds for t in self.done.values())
+        return self.total().worlds
+
+    def tasks(self) -> list[tuple[int, int]]:
+        """First world, and the one behind the last, of every task of this run."""
+        step = _A_TASK[self.engines]
+        return [(first, min(first + step, self.scenes)) for first in range(0, self.scenes, step)]
 
     def save(self) -> None:
         """Write the state, whole or not at all."""
@@ -106,45 +127,41 @@ class Campaign:
             "code": batch.fingerprint(),
             "engines": self.engines,
             "seed": self.seed,
-            "done": {str(first): asdict(tally) for first, tally in self.done.items()},
+            "done": {name: asdict(tally) for name, tally in self.done.items()},
         }
         write_atomic(self.path, json.dumps(data))
 
     def run(self, processes: int) -> None:
         """Run what is not done yet; what hangs or crashes is found again world by world."""
-        step, limit_s = _A_TASK[self.engines], LIMIT_S[self.engines]
-        starts = [first for first in range(0, self.scenes, step) if first not in self.done]
-        again: list[int] = []
-        done = sum(t.worlds for t in self.done.values())
+        limit_s = LIMIT_S[self.engines]
+        waiting = [task for task in self.tasks() if _name(task) not in self.done]
+        again: list[tuple[int, int]] = []
+        done = self.total().worlds
         saved = time.monotonic()
         with slots(f"campaign {self.engines}", self.scenes, "scenes") as on_done:
             tasks = (
-                workers.Task(
-                    worlds_of,
-                    (self.engines, self.seed, first, min(first + step, self.scenes)),
-                    # Most worlds take milliseconds: a task has the time of a few that have to compile first.
-                    4.0 * limit_s,
-                )
-                for first in starts
+                # Most worlds take milliseconds: a task has the time of a few that have to compile first.
+                workers.Task(worlds_of, (self.engines, self.seed, *task), 4.0 * limit_s)
+                for task in waiting
             )
             for number, outcome in workers.run(tasks, processes):
                 if outcome.fault:
-                    again.append(starts[number])
+                    again.append(waiting[number])
                     continue
-                self.done[starts[number]] = outcome.value
+                self.done[_name(waiting[number])] = outcome.value
                 done += outcome.value.worlds
                 on_done(done)
                 if time.monotonic() - saved > _SAVE_S:
                     self.save()
                     saved = time.monotonic()
-            for first in again:
-                self.done[first] = self._one_by_one(first, processes)
-                done += self.done[first].worlds
+            for task in again:
+                self.done[_name(task)] = self._one_by_one(task, processes)
+                done += self.done[_name(task)].worlds
                 on_done(done)
         self.save()
 
-    def _one_by_one(self, first: int, processes: int) -> Tally:
-        numbers = range(first, min(first + _A_TASK[self.engines], self.scenes))
+    def _one_by_one(self, task: tuple[int, int], processes: int) -> Tally:
+        numbers = range(*task)
         tasks = [
             workers.Task(worlds_of, (self.engines, self.seed, n, n + 1), LIMIT_S[self.engines])
             for n in numbers
@@ -160,43 +177,54 @@ class Campaign:
     def total(self) -> Tally:
         """All worlds together."""
         tally = Tally()
-        for first in sorted(self.done):
-            tally.add(self.done[first])
+        for task in self.tasks():
+            if _name(task) in self.done:
+                tally.add(self.done[_name(task)])
         return tally
+
+
+def _name(task: tuple[int, int]) -> str:
+    return f"{task[0]}-{task[1]}"
 
 
 def keep(campaign: Campaign, total: Tally, where: Path, processes: int) -> list[Path]:
     """Shrink the first examples of every law that was broken, and store them as cases."""
     chosen: list[tuple[int, str, str]] = []
-    for law, examples in itertools.groupby(sorted(total.broken, key=lambda b: (b[1], b[0])), lambda b: b[1]):
-        chosen += [b for b in itertools.islice(examples, _KEPT) if law != "ends"]
+    for _, examples in itertools.groupby(sorted(total.broken, key=lambda b: (b[1], b[0])), lambda b: b[1]):
+        chosen += list(itertools.islice(examples, _KEPT))
     tasks = [
         workers.Task(shrunk, (campaign.engines, campaign.seed, number, law, what), 3.0 * _SHRINK_S)
         for number, law, what in chosen
     ]
     kept = []
     for number, outcome in workers.run(tasks, processes):
-        if outcome.fault:
-            continue
-        name = f"{chosen[number][1]}_{hashlib.sha256(outcome.value.encode()).hexdigest()[:8]}.toml"
-        write_atomic(where / name, outcome.value)
+        index, law, what = chosen[number]
+        # What hangs or crashes does so while it is shrunk: it is stored as it was drawn.
+        text = outcome.value or _case(campaign.engines, campaign.seed, index, f"{law}: {what}").to_toml()
+        name = f"{law}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.toml"
+        write_atomic(where / name, text)
         kept.append(where / name)
     return kept
 
 
+def _case(engines: str, seed: int, number: int, why: str) -> World:
+    with tempfile.TemporaryDirectory() as scratch:
+        return replace(draw.world(seed, number, engines, Path(scratch)), why=why, engines=engines)
+
+
 def shrunk(engines: str, seed: int, number: int, law: str, what: str) -> str:
     """The smallest world that breaks the law as this one does, as text: what a worker does."""
-    with tempfile.TemporaryDirectory() as scratch:
-        world = draw.world(seed, number, engines, Path(scratch))
-    small = shrink.shrink(world, engines, number, law, _SHRINK_S)
-    return replace(small, why=f"{law}: {what}", engines=engines).to_toml()
+    one = _case(engines, seed, number, f"{law}: {what}")
+    return (one if law == "ends" else shrink.shrink(one, engines, number, law, _SHRINK_S)).to_toml()
 
 
 def rows(campaign: Campaign, total: Tally) -> Iterator[verdict.Row]:
     """Verdict rows of a campaign."""
     name = campaign.engines.replace(",", "_")
     note = f"seed {campaign.seed}, {total.refused} refused with one line, {total.given_up} of them as exit 3"
-    yield verdict.judge(f"campaign.scenes.{name}", total.worlds, note)
+    yield verdict.judge(f"campaign.scenes_missing.{name}", campaign.scenes - total.worlds, note)
+    share = total.given_up / max(total.worlds, 1)
+    yield verdict.judge(f"campaign.given_up.{name}", share, f"{total.given_up} scenes end with exit 3")
     yield verdict.report(
         f"campaign.conversions.{name}", total.conversions, "conversions", f"{total.seconds:.0f} core-s"
     )
@@ -210,7 +238,12 @@ def rows(campaign: Campaign, total: Tally) -> Iterator[verdict.Row]:
         broken = [b for b in total.broken if b[1] == law]
         note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(campaign.engines, law)
         asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
-        yield verdict.judge(f"campaign.broken.{name}.{law}", len(broken), f"asked {asked} times: {note}")
+        compared = total.worlds if law == "typed_errors" else total.compared.get(law, 0)
+        yield verdict.judge(
+            f"campaign.broken.{name}.{law}", len(broken), f"compared {compared}, asked {asked} times: {note}"
+        )
+        if total.worlds >= _TELLING[campaign.engines]:
+            yield verdict.judge(f"campaign.compared.{name}.{law}", compared)
 
 
 def record(campaign: Campaign, total: Tally, seconds: float, processes: int, found: list[verdict.Row]) -> str:
@@ -223,14 +256,14 @@ def record(campaign: Campaign, total: Tally, seconds: float, processes: int, fou
         f"{total.conversions} conversions, {len(total.broken)} laws broken, {failed} rows failed, "
         f"{total.seconds / 60:.0f} core-minutes, {seconds / 60:.0f} minutes.",
         "",
-        "| law | asked | broken |",
-        "|---|--:|--:|",
+        "| law | asked | compared | broken |",
+        "|---|--:|--:|--:|",
     ]
     for law in ("typed_errors", *laws.ENGINES[campaign.engines]):
         asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
-        lines.append(
-            f"| {laws.meaning(campaign.engines, law)} | {asked} | {sum(b[1] == law for b in total.broken)} |"
-        )
+        compared = total.worlds if law == "typed_errors" else total.compared.get(law, 0)
+        broken = sum(b[1] == law for b in total.broken)
+        lines.append(f"| {laws.meaning(campaign.engines, law)} | {asked} | {compared} | {broken} |")
     return "\n".join(lines)
 
 
@@ -268,6 +301,8 @@ def campaign_command(
     """Random scenes through the engines, against each other and against laws of the physics."""
     if short and scenes is not None:
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
+    if short and docs:
+        raise InputError("command line", "--short and --docs", "both", "a record of more than the short run")
     os.environ[float_flags.VARIABLE] = "raise"  # read by the workers when they start
     many = _SHORT[engines] if short else scenes or _FULL[engines]
     campaign = Campaign(engines, seed, many)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must hold for every scene whatever is in it: each law is a function that returns what breaks it, or nothing.
 
-A law takes a `Subject` (a plan, what the engines made of it, random numbers of its own) and yields one line for each
-thing that is wrong. Laws that need further runs say in `SHARE` for which part of the scenes they are asked.
+A law takes a `Subject` (a plan, what the engines made of it, random numbers of its own), yields COMPARED where it says
+anything about such a scene, and one line for each thing that is wrong. Laws that need further runs say in `SHARE` for
+which part of the scenes they are asked.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ from dermis.engines import Result, closed, event, event_input
 from dermis.plan import Plan
 
 Floats = NDArray[np.float64]
+
+COMPARED = ""
+"""What a law yields where a scene is one it can say something about, before what it finds."""
 
 # Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the rest is margin for what
 # is divided afterwards. Two orders of the same elimination differ by no more.
@@ -121,6 +125,7 @@ def _where(wrong: NDArray[np.bool_]) -> str:
 
 def numbers(s: Subject) -> Iterator[str]:
     """Codes lie in range and nothing is not a number."""
+    yield COMPARED
     r = s.result
     if r.codes.shape != s.plan.resistance_ohm.shape:
         yield f"shape {r.codes.shape}"
@@ -134,6 +139,7 @@ def numbers(s: Subject) -> Iterator[str]:
 
 def certified(s: Subject) -> Iterator[str]:
     """The certified codes hold the codes."""
+    yield COMPARED
     r = s.result
     outside = (r.codes < r.low) | (r.codes > r.high)
     if outside.any():
@@ -146,6 +152,7 @@ def closed_equals_event(s: Subject) -> Iterator[str]:
     plan = dataclasses.replace(s.plan, engine="closed")
     if engines.refused(plan, "closed"):
         return
+    yield COMPARED
     codes = engines.run(plan).codes
     differ = codes != s.result.codes
     if differ.any():
@@ -162,6 +169,7 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
     x = float(s.x[f, r, c])
     if not abs(x) < 1e12:  # beyond, both only saturate
         return
+    yield COMPARED
     plan, converter = s.plan, s.plan.converter
     packet_v = float(converter.packet_v()[c])
     w0 = vfc.W_PRESET + float(converter.preset_error_v[c]) / packet_v
@@ -176,7 +184,7 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
         }
         if code not in {min(n, plan.timing.code_max) for n in beside}:
             yield f"code {code}, exact arithmetic {exact} at x = {x!r}, cell {f}, {r}, {c}"
-    if not s.active & {"packet_error", "preset_error_v", "v_comp_offset_v"} and 0 <= x <= 0.5 and code < 255:
+    if not s.active & {"packet_error", "preset_error_v", "v_comp_offset_v"} and 0 <= x <= 0.5:
         if abs(Fraction(x) * clocks - code) >= 1 and code < plan.timing.code_max:
             yield f"charge balance: code {code} at N x = {clocks * x!r}"
 
@@ -185,6 +193,7 @@ def words(s: Subject) -> Iterator[str]:
     """Ideal converters: equal windows differ by at most one, gaps take two values; all: never two ones in a row."""
     if s.noisy or not s.memoryless:
         return
+    yield COMPARED
     rng = s.rng("words")
     f, r, c = s.cell(rng)
     cells = s.steady()
@@ -231,6 +240,7 @@ def fifty_digits(s: Subject) -> Iterator[str]:
         abs(cell["x"]) > 1e6 or cell["across"] > 1e6
     ):  # the reference stops at every instant where anything changes
         return
+    yield COMPARED
     clocks = min(int(rng.integers(1, 40)), s.plan.timing.gate_clocks)
     walk = event.walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
     one = event.Cells(**{name: np.array([value]) for name, value in cell.items()})
@@ -244,6 +254,7 @@ def parts(s: Subject) -> Iterator[str]:
     """Codes do not depend on how frames are cut into parts."""
     if s.plan.frames < 2:
         return
+    yield COMPARED
     cut = int(s.rng("parts").integers(1, s.plan.frames))
     found = []
     for first, stop in ((0, cut), (cut, s.plan.frames)):
@@ -267,6 +278,7 @@ def parts(s: Subject) -> Iterator[str]:
 
 def repeated(s: Subject) -> Iterator[str]:
     """The same plan gives the same codes again, and so does the resolved scene."""
+    yield COMPARED
     again = engines.run(s.plan)
     if not np.array_equal(again.codes, s.result.codes):
         yield "a second run gives other codes"
@@ -293,6 +305,7 @@ def monotone(s: Subject) -> Iterator[str]:
     ohm = s.plan.resistance_ohm.copy()
     if not np.isfinite(ohm[at]):
         return
+    yield COMPARED
     ohm[at] *= float(rng.choice([0.0, 0.5, 0.97]))
     more = event.run(dataclasses.replace(s.plan, resistance_ohm=ohm))
     before, after = float(s.x[at]), float(more.info["x"][at])
@@ -324,6 +337,7 @@ def symmetric(s: Subject) -> Iterator[str]:
     """Rows and columns in another order, or mirrored, give codes in that order."""
     if s.noisy:
         return
+    yield COMPARED
     rng = s.rng("symmetric")
     rows, cols = np.arange(s.plan.rows), np.arange(s.plan.cols)
     if not s.active & (_IN_TIME | {"r_trace_column_ohm"}):
@@ -361,6 +375,7 @@ def superposed(s: Subject) -> Iterator[str]:
     network, g = s.plan.network(0), s.plan.conductance_s()
     if not g.max() < 1e12:  # shorts: infinite currents, whose shares are limits
         return
+    yield COMPARED
     driven, rest = column_currents_by_source(network, g)
     twice, _ = column_currents_by_source(dataclasses.replace(network, v_bias_v=2.0 * network.v_bias_v), g)
     if not np.array_equal(twice, 2.0 * driven):
@@ -410,6 +425,7 @@ def scaled(s: Subject) -> Iterator[str]:
         return
     if (ohm == 0).any() or any(v and not _LEAST < abs(v) < _MOST for v in absolute) or "t_meta_s" in s.active:
         return
+    yield COMPARED
     factor = float(2.0 ** s.rng("scaled").integers(-6, 7))
     around = {}
     for name, value in s.plan.surrounding.items():
@@ -438,6 +454,7 @@ def budget(s: Subject) -> Iterator[str]:
     chosen = planning.make(s.scene)
     if engines.refuses(chosen, chosen.engine):
         return
+    yield COMPARED
     found = engines.certify(chosen, engines.run(chosen))
     codes = s.result.codes
     outside = (codes < found.low) | (codes > found.high)
@@ -465,6 +482,7 @@ def _beside(s: Subject, engine: str, **options: Any) -> Iterator[str]:
     plan = dataclasses.replace(s.plan, engine=engine)
     engines.check(plan)
     codes = engines.run(plan, **options).codes.astype(int)
+    yield COMPARED
     ideal = not s.active
     apart = np.abs(codes - s.result.codes)
     most = 0 if ideal and engine == "rtl" else 1

@@ -31,13 +31,15 @@ class Outcome:
     """What became of a world.
 
     `refused` is the message of an InputError of the scene itself, or of the SimulatorError with which an array solve
-    gave it up (exit 3); `asked` counts how often each law was asked.
+    gave it up (exit 3); `asked` counts how often each law was asked, `compared` how
+    often it had something to compare.
     """
 
     refused: str = ""
     given_up: bool = False
     broken: list[Broken] = field(default_factory=list)
     asked: Counter[str] = field(default_factory=Counter)
+    compared: Counter[str] = field(default_factory=Counter)
     conversions: int = 0
 
 
@@ -67,7 +69,9 @@ def run(
                     continue
                 outcome.asked[name] += 1
                 try:
-                    outcome.broken += [Broken(name, what) for what in law(subject)]
+                    said = list(law(subject))
+                    outcome.compared[name] += laws.COMPARED in said
+                    outcome.broken += [Broken(name, what) for what in said if what != laws.COMPARED]
                 except InputError:
                     pass  # what the law runs beside the scene may be beyond what an engine takes
                 except SimulatorError as error:
