@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from dermis.plan import Plan
 
 
+_ASKED_CELLS = 32 * 32
+"""Taxels up to which engines are asked before a refusal names them: what has to settle is solved for that, row by
+row, which took more than 100 s of processor time on a sheet of 255 x 40."""
+
+
 @dataclass
 class Result:
     """Codes [frames, rows, cols] of `code_type` and what else an engine found out.
@@ -69,6 +74,16 @@ def _can(plan: Plan, engine: str) -> bool:
     return not refused(plan, engine) and refuses(plan, engine) is None
 
 
+def _named(plan: Plan) -> tuple[list[str], str]:
+    """Engines to name in a refusal, and what their names leave open."""
+    from dermis.plan import ENGINES
+
+    able = [name for name in ENGINES if not refused(plan, name)]
+    if plan.rows * plan.cols > _ASKED_CELLS:
+        return able, " where its values allow it"
+    return [name for name in able if refuses(plan, name) is None], ""
+
+
 def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
     """The first engine, in the order of what they cost, that refuses nothing of a plan; None if there is none."""
     from dermis.plan import ENGINES
@@ -91,13 +106,13 @@ def check(plan: Plan) -> None:
 
 
 def _check_fields(plan: Plan) -> None:
-    from dermis.plan import ENGINES
-
     if lost := refused(plan, plan.engine):
-        able = [name for name in ENGINES if _can(plan, name)]
+        able, open_ = _named(plan)
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
         allowed = (
-            f"engine {' or '.join(able)}" if able else "no engine can do all of this scene's effects together"
+            f"engine {' or '.join(able)}{open_}"
+            if able
+            else "no engine can do all of this scene's effects together"
         )
         what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
         raise InputError(plan.scene.path, what, f"not possible with engine {plan.engine}", allowed)
