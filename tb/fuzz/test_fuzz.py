@@ -6,10 +6,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
-from dermis import scene, schema, stimulus
+from dermis import batch, engines, plan, scene, schema, stimulus, verdict
 from dermis import spi_protocol as spi
 from dermis.errors import InputError
 from dermis.fuzz import command, grammar, oracle, register_model, target, worker
@@ -80,8 +82,10 @@ def test_mutations_are_the_same_for_one_seed() -> None:
     assert max(len(one.mutate(data, random.Random(n))) for n in range(200)) <= grammar.SIZE_MAX
 
 
+@pytest.mark.skipif(bool(command.missing()), reason=command.missing() or "never")
 def test_the_state_of_a_run_is_taken_up_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "WORK", tmp_path)
+    monkeypatch.setattr(command, "WORK", tmp_path / "work")
+    monkeypatch.setattr(command, "FOUND", tmp_path / "found")
     monkeypatch.setattr(command, "ROUND", 30)
     counted: list[int] = []
     half = command.run_target("spi", 30, 0, counted.append)
@@ -89,8 +93,114 @@ def test_the_state_of_a_run_is_taken_up_again(tmp_path: Path, monkeypatch: pytes
     assert half.inputs >= 30
     assert whole.inputs > half.inputs
     assert (whole.rounds, whole.crashes, whole.findings) == (2, 0, [])
-    assert json.loads((tmp_path / "spi" / "state.json").read_text())["progress"]["inputs"] == whole.inputs
+    assert json.loads((tmp_path / "work/spi/state.json").read_text())["progress"]["inputs"] == whole.inputs
     assert command._load("spi", 1) == command.Progress()
+
+
+def _with_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int | None, inputs: int, left: bytes = b""
+) -> list[dict[str, int]]:
+    """Put an end of our choice in the place of a worker's; what the workers were asked for."""
+    monkeypatch.setattr(command, "WORK", tmp_path / "work")
+    monkeypatch.setattr(command, "FOUND", tmp_path / "found")
+    (tmp_path / "found").mkdir(exist_ok=True)
+    asked: list[dict[str, int]] = []
+
+    def ends(log: Path, limit_s: float, **more: Any) -> int | None:
+        asked.append(more)
+        log.write_text("the last words")
+        if inputs:
+            (log.parent / "counts").write_bytes(worker.COUNTS.pack(inputs, inputs, 0))
+        if left:
+            (log.parent / "found" / "crash-1").write_bytes(left)
+        return code
+
+    monkeypatch.setattr(command, "_worker", ends)
+    return asked
+
+
+def test_a_state_of_other_code_counts_for_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _with_worker(tmp_path, monkeypatch, 0, 10)
+    command.run_target("spi", 10, 0, int)
+    command.run_target("spi", 10, 0, int)
+    assert len(asked) == 1
+    monkeypatch.setattr(batch, "fingerprint", lambda: "another")
+    assert command.run_target("spi", 10, 0, int).inputs == 10
+    assert len(asked) == 2
+    for text in ("", "{}", '{"code": "another", "seed": 0, "progress": {"unknown": 1}}'):
+        command._state("spi").write_text(text)
+        assert command._load("spi", 0) == command.Progress()
+
+
+@pytest.mark.parametrize(("code", "said"), [(None, "was ended at 900 s"), (-9, "ended with exit code -9")])
+def test_a_worker_that_dies_and_leaves_no_input_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int | None, said: str
+) -> None:
+    _with_worker(tmp_path, monkeypatch, code, 4)
+    done = command.run_target("spi", 8, 0, int)
+    rows = command.rows_of({"spi": done}, {"spi": 8}, {})
+    row = next(row for row in rows if row["name"] == "fuzz.ends.spi")
+    assert row["status"] == "ERROR"
+    assert f"2 of 2 processes, the first: round 1 {said} after 4 inputs" in row["note"]
+    assert verdict.exit_code(rows) == 1
+
+
+def test_a_worker_that_dies_on_an_input_leaves_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _with_worker(tmp_path, monkeypatch, -11, 8, b"deadly")
+    done = command.run_target("spi", 8, 0, int)
+    assert (done.died, len(done.findings)) == ([], 1)
+    assert [path.read_bytes() for path in (tmp_path / "found").iterdir()] == [b"deadly"]
+
+
+def test_a_target_short_of_its_inputs_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _with_worker(tmp_path, monkeypatch, 1, 1, b"deadly")
+    done = command.run_target("spi", 1000, 0, int)
+    assert len(asked) == command.RESTARTS + 1
+    row = command.rows_of({"spi": done}, {"spi": 1000}, {})[0]
+    assert (row["name"], row["value"], row["status"]) == ("fuzz.inputs.spi", len(asked), "FAIL")
+    assert command.rows_of({"spi": done}, {"spi": len(asked)}, {})[0]["status"] == "PASS"
+
+
+@pytest.mark.parametrize("part", [["--only", "spi"], ["--inputs", "5"], ["--no-faults"]])
+def test_tables_of_a_part_are_not_written(part: list[str]) -> None:
+    told = CliRunner().invoke(command.fuzz_command, ["--docs", *part])
+    assert isinstance(told.exception, InputError)
+    assert str(told.exception).startswith("command line: --docs = with --only")
+
+
+def test_without_atheris_the_command_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None)
+    told = CliRunner().invoke(command.fuzz_command, [])
+    assert isinstance(told.exception, InputError)
+    assert "atheris is not installed" in str(told.exception)
+
+
+def test_a_run_with_nothing_left_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _with_worker(tmp_path, monkeypatch, 0, 3)
+    monkeypatch.setattr(command, "cover", lambda name, done: None)
+    monkeypatch.setattr(command, "missing", lambda: "")
+    monkeypatch.setattr(verdict, "write_rows", lambda target, rows: None)
+    arguments = ["--only", "spi", "--inputs", "3", "--no-faults"]
+    first, second = (CliRunner().invoke(command.fuzz_command, arguments) for _ in range(2))
+    assert "every input was run before on this code" not in first.output
+    assert "every input was run before on this code" in second.output
+    assert len(asked) == 1
+
+
+def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To name engines took over 100 s of processor time at 255 x 40; small sheets are still asked by value."""
+    made = plan.make(scene.load(command.FOUND / "scene_time_settling"))
+    asked: list[str] = []
+    monkeypatch.setattr(engines, "refuses", lambda plan, engine: asked.append(engine))
+    with pytest.raises(InputError, match=r"engine event where its values allow it$"):
+        engines.check(made)
+    assert asked == []
+    monkeypatch.setattr(engines, "_ASKED_CELLS", made.rows * made.cols)
+    with pytest.raises(InputError, match=r"engine event$"):
+        engines.check(made)
+    assert asked == ["event"]
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import re
 import shutil
@@ -18,7 +19,7 @@ from typing import Any
 
 import click
 
-from dermis import children, progress, verdict
+from dermis import batch, children, progress, verdict
 from dermis.design import ROOT
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic, write_between
@@ -68,6 +69,7 @@ class Progress:
     branches: int = 0
     features: int = 0
     findings: list[str] = field(default_factory=list)
+    died: list[str] = field(default_factory=list)
     lines: dict[str, list[int]] = field(default_factory=dict)
 
 
@@ -76,16 +78,19 @@ def _state(name: str) -> Path:
 
 
 def _load(name: str, seed: int) -> Progress:
-    """What an earlier run of the same seed has done, or nothing."""
-    path = _state(name)
-    if not path.exists():
-        return Progress()
-    told = json.loads(path.read_text())
-    return Progress(**told["progress"]) if told["seed"] == seed else Progress()
+    """What an earlier run of the same seed on the same code has done, or nothing."""
+    try:
+        told = json.loads(_state(name).read_text())
+        if (told["code"], told["seed"]) == (batch.fingerprint(), seed):
+            return Progress(**told["progress"])
+    except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
+        pass
+    return Progress()
 
 
 def _save(name: str, seed: int, done: Progress) -> None:
-    write_atomic(_state(name), json.dumps({"seed": seed, "progress": asdict(done)}, indent=1))
+    told = {"code": batch.fingerprint(), "seed": seed, "progress": asdict(done)}
+    write_atomic(_state(name), json.dumps(told, indent=1))
 
 
 def _worker(log: Path, limit_s: float, **asked: Any) -> int | None:
@@ -112,7 +117,10 @@ def _asked(log: Path, limit_s: float, **asked: Any) -> Any:
 
 
 def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], None]) -> Progress:
-    """Run inputs of a target, from where an earlier run of this seed stopped; findings go to tb/fuzz/found."""
+    """Run inputs of a target, from where an earlier run of this seed and code stopped.
+
+    Findings go to tb/fuzz/found; a process that ended and left no input is told in `died`.
+    """
     directory = WORK / name
     done = _load(name, seed)
     if not done.inputs:
@@ -137,7 +145,7 @@ def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], Non
         )
         ran = counts.read_bytes() if counts.exists() else b""
         if len(ran) != worker.COUNTS.size or not worker.COUNTS.unpack(ran)[0]:
-            raise SimulatorError(f"the worker of {name} ran no input (exit code {code})", log)
+            raise SimulatorError(f"the worker of {name} ran no input ({_end(code)})", log)
         total, taken, refused = worker.COUNTS.unpack(ran)
         done.inputs, done.taken, done.refused = (
             done.inputs + total,
@@ -148,7 +156,10 @@ def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], Non
         done.rounds += 1
         if code != 0:
             done.crashes += 1
-            _keep_crash(name, directory / "found", log, code)
+            if not _keep_crash(name, directory / "found", log, code):
+                done.died.append(
+                    f"round {done.rounds} {_end(code)} after {total} inputs and left none; see {log}"
+                )
         text = log.read_text(errors="replace")
         if told := re.findall(r"cov: (\d+) ft: (\d+)", text):
             done.branches, done.features = (
@@ -160,12 +171,18 @@ def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], Non
     return done
 
 
-def _keep_crash(name: str, found: Path, log: Path, code: int | None) -> None:
-    """Make a finding of the input that libFuzzer left when the process ended."""
+def _end(code: int | None) -> str:
+    return f"was ended at {ROUND_S:g} s" if code is None else f"ended with exit code {code}"
+
+
+def _keep_crash(name: str, found: Path, log: Path, code: int | None) -> bool:
+    """Make a finding of the input that libFuzzer left when the process ended; whether it left one."""
+    kept = False
     for left in sorted(found.iterdir()):
         if left.name.split("-")[0] in ("crash", "timeout", "oom", "leak"):
             data = left.read_bytes()
             left.unlink()
+            kept = True
             stem = f"{name}_crash_{hashlib.sha256(data).hexdigest()[:8]}"
             (found / stem).write_bytes(data)
             end = one_line(log.read_text(errors="replace")[-400:], 300)
@@ -176,6 +193,7 @@ def _keep_crash(name: str, found: Path, log: Path, code: int | None) -> None:
                 "text": f"exit code {code}: {end}",
             }
             (found / f"{stem}.json").write_text(json.dumps(told))
+    return kept
 
 
 def _store(name: str, directory: Path) -> list[str]:
@@ -249,9 +267,11 @@ def rows_of(
     """The rows of build/fuzz.json."""
     rows = []
     for name, state in done.items():
-        missing = "" if state.inputs >= wanted[name] else f"; {wanted[name]} were asked for"
-        note = f"{state.taken} taken, {state.refused} refused, {state.seconds:.0f} s{missing}"
-        rows.append(verdict.report(f"fuzz.inputs.{name}", state.inputs, "inputs", note))
+        note = f"{state.taken} taken, {state.refused} refused, {state.seconds:.0f} s"
+        rows.append(verdict.within(f"fuzz.inputs.{name}", state.inputs, "inputs", wanted[name], None, note))
+        if state.died:
+            note = f"{len(state.died)} of {state.rounds} processes, the first: {state.died[0]}"
+            rows.append(verdict.error(f"fuzz.ends.{name}", one_line(note, 400)))
         first = "; " + one_line(state.findings[0], 200) if state.findings else ""
         rows.append(
             verdict.judge(f"fuzz.findings.{name}", len(state.findings), f"of {state.inputs} inputs{first}")
@@ -310,6 +330,21 @@ def _counts(inputs: int | None, only: tuple[str, ...]) -> dict[str, int]:
     return {name: max(1, round(inputs * INPUTS[name] / share)) for name in names}
 
 
+def _whole(only: tuple[str, ...], inputs: int | None, seed_faults: bool, docs: bool) -> None:
+    """Refuse to write tables of a part, and to run without atheris."""
+    if docs and (only or inputs is not None or not seed_faults):
+        raise InputError("command line", "--docs", "with --only, --inputs or --no-faults", "a whole run")
+    if reason := missing():
+        raise InputError(
+            "command line", "fuzz", reason, "Python 3.11 to 3.13 on x86_64, as requirements.txt says"
+        )
+
+
+def missing() -> str:
+    """Why inputs guided by coverage cannot be run here, or nothing."""
+    return "" if importlib.util.find_spec("atheris") else "atheris is not installed"
+
+
 @click.command("fuzz")
 @click.option(
     "--only", multiple=True, metavar="TARGET", help=f"Only this target (repeatable): {', '.join(GUIDES)}."
@@ -321,7 +356,7 @@ def _counts(inputs: int | None, only: tuple[str, ...]) -> dict[str, int]:
 )
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of the mutations.")
 @click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Targets at a time.")
-@click.option("--fresh", is_flag=True, help="Forget what an earlier run of this seed has done.")
+@click.option("--fresh", is_flag=True, help="Forget what an earlier run of this seed and code has done.")
 @click.option(
     "--faults/--no-faults", "seed_faults", default=True, help="Also show that every seeded fault is seen."
 )
@@ -337,17 +372,22 @@ def fuzz_command(
 ) -> int:
     """Hostile input, guided by coverage, to everything that reads; rows in build/fuzz.json.
 
-    A run that is interrupted goes on where it stopped. What is found is made small, stored in tb/fuzz/found and
-    replayed by `make test` from then on.
+    A run that is interrupted goes on where it stopped, unless the code has changed since. What is found is made
+    small, stored in tb/fuzz/found and replayed by `make test` from then on.
     """
     from dermis.fuzz.faults import FAULTS
 
     wanted = _counts(inputs, only)
+    _whole(only, inputs, seed_faults, docs)
     if fresh:
         for name in wanted:
             shutil.rmtree(WORK / name, ignore_errors=True)
     WORK.mkdir(parents=True, exist_ok=True)
     FOUND.mkdir(parents=True, exist_ok=True)
+    if not any(_load(name, seed).inputs < wanted[name] for name in wanted):
+        click.echo(
+            "every input was run before on this code with this seed; --fresh runs them again", err=True
+        )
     done: dict[str, Progress] = {}
     ran, lock = 0, threading.Lock()
     with progress.slots("fuzz", sum(wanted.values()), "inputs") as show, children.threads(jobs) as pool:
@@ -373,6 +413,9 @@ def fuzz_command(
     rows = rows_of(done, wanted, faults)
     verdict.write_rows("fuzz", rows)
     verdict.print_rows(rows, "Hostile input")
-    if docs:
+    broken = [row["name"] for row in rows if row["status"] == "ERROR"]
+    if docs and broken:
+        click.echo(f"not written: {DOCS.relative_to(ROOT)}, for {broken[0]} was not measured", err=True)
+    elif docs:
         write_between(DOCS, BEGIN, END, docs_table(done, faults))
     return verdict.exit_code(rows)
