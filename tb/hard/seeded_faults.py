@@ -13,8 +13,13 @@ import time
 from dermis.errors import SimulatorError
 from dermis.hard import Measured
 
-LONG_S = "1717"
-"""Seconds that a process left behind would sleep: nobody else's sleeps so long."""
+SLEEP = "DERMIS_SEEDED_SLEEP"
+"""Variable with the seconds that a process left behind would sleep: of this test's alone, so that they are its mark."""
+
+
+def long_s() -> str:
+    """Those seconds."""
+    return os.environ[SLEEP]
 
 
 def right() -> Measured:
@@ -29,13 +34,13 @@ def off_by_one() -> Measured:
 
 def hang() -> Measured:
     """Never ends."""
-    time.sleep(float(LONG_S))
+    time.sleep(float(long_s()))
     return Measured(0.0)
 
 
 def hang_with_child() -> Measured:
     """Never ends, and has started a program in a session of its own."""
-    subprocess.Popen(["sleep", LONG_S], start_new_session=True)
+    subprocess.Popen(["sleep", long_s()], start_new_session=True)
     return hang()
 
 
@@ -83,7 +88,7 @@ def nothing() -> None:
 
 def orphan() -> Measured:
     """Right, but for a process that it started and forgot."""
-    subprocess.Popen(["sh", "-c", f"setsid sleep {LONG_S} & exit 0"]).wait()
+    subprocess.Popen(["sh", "-c", f"setsid sleep {long_s()} & exit 0"]).wait()
     return Measured(0.0)
 
 
@@ -91,6 +96,6 @@ def forked() -> Measured:
     """Right, but for a copy of itself in a session of its own."""
     if os.fork() == 0:
         os.setsid()
-        time.sleep(float(LONG_S))
+        time.sleep(float(long_s()))
         os._exit(0)
     return Measured(0.0)

@@ -272,7 +272,7 @@ def _of_duty() -> list[Case]:
             "A Sturmian word: equal windows of one duty differ by at most one, whatever the phase a "
             "window begins at.",
             "floor and ceiling of N x, and nothing else",
-            "Morse and Hedlund 1940; FACTS 1.2, from the walk in rationals",
+            "Morse and Hedlund 1940, and the walk in rationals",
             {"event": functools.partial(converter_inputs.windows, 97, 40)},
             refused={"closed": "counts from the preset only: no window begins elsewhere"}
             | dict.fromkeys(("icarus", "verilator", "cosim"), "every gate begins with the preset"),
@@ -733,7 +733,7 @@ def _of_time() -> list[Case]:
             "a_billion_clocks",
             "A sum of 10^9 duties, none a short binary number: a rounding a clock, all of one sign, is 5e-8 packets.",
             "floor(10^9 x + 1/2), and -1/2 + 10^9 x less that as the charge left",
-            "the closed form in rationals, which the walk confirms for short gates (tb/model/test_vfc.py)",
+            "the one count that leaves a charge in -1 .. 0, in rationals; for short gates it is the walk's (tb/hard)",
             {
                 "closed": functools.partial(converter_runs.many_clocks, "closed", billion, duties),
                 "event": functools.partial(converter_runs.many_clocks, "event", billion, duties[:1]),
@@ -834,14 +834,13 @@ def _of_traps() -> list[Case]:
                 (
                     "synchronizer_gated_by_its_second_flop",
                     "sync_second_qbar",
-                    "Pulses get two clocks wide and take two packets: half of the edges are gone (FACTS "
-                    "1.5).",
+                    "Pulses get two clocks wide and take two packets: half of the edges are gone.",
                     "128, 100, 50 and 5 for codes 255, 200, 100 and 10",
                 ),
                 (
                     "synchronizer_gated_by_both_flops",
                     "sync_both_qbar",
-                    "Two clocks of dead time cap the rate at a third (FACTS 1.5).",
+                    "Two clocks of dead time cap the rate at a third.",
                     "170, 170, 100 and 10 for codes 255, 200, 100 and 10",
                 ),
             )

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exact counts for hard cases: slow, obvious walks in rationals or fifty digits that share nothing with the engines.
+"""Exact counts for hard cases: slow, obvious walks in integers, rationals or fifty digits.
+
+Nothing is shared with the loops and formulas of the engines; `event.walk_reference`, the walk in fifty digits, stands
+beside them as the reference that their own tests use.
 
 Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels
 moved by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one
@@ -17,7 +20,6 @@ from typing import Any
 import mpmath
 
 from dermis.engines.event import walk_reference
-from dermis.vfc import count_rational
 
 DIGITS = 50
 
@@ -204,8 +206,12 @@ def locked(q: int) -> list[tuple[int, int]]:
 # ---- very many clocks ----------------------------------------------------------------------------------------
 
 
-def count_and_rest(x: float, clocks: int) -> tuple[int, Fraction]:
-    """Exact count and charge left after very many clocks of an ideal converter, 0 <= x <= 1/2, by the closed form."""
-    duty = Fraction(x)
-    ones = count_rational(duty, clocks)
-    return ones, Fraction(-1, 2) + clocks * duty - ones
+def count_and_rest(x: float | Fraction, clocks: int) -> tuple[int, Fraction]:
+    """Exact count and charge left after very many clocks of an ideal converter, 0 <= x <= 1/2.
+
+    Behind a decision the charge is at least -1 (a packet left at 0 or more) and below 0 (it stood below 0, or at most
+    x - 1 below it remains), so one count alone is left by the balance: -1 <= -1/2 + N x - count < 0.
+    """
+    charge = Fraction(-1, 2) + clocks * Fraction(x)
+    ones = charge.numerator // charge.denominator + 1
+    return ones, charge - ones

@@ -341,7 +341,12 @@ HARD: tuple[Hard, ...] = (
     ),
     Hard("one_by_one", "a matrix of one number", partial(_random_g, "1", 1, 1), TRACES, short=True),
     Hard("one_row", "no grounded row at all", partial(_random_g, "1n", 1, 16), TRACES),
-    Hard("one_column", "no neighbour", partial(_random_g, "n1", 12, 1), TRACES),
+    Hard(
+        "one_column",
+        "a single column has no neighbour to share a row with",
+        partial(_random_g, "n1", 12, 1),
+        TRACES,
+    ),
     Hard(
         "offsets_1e_minus_20",
         "offsets 1e-20 of the bias, alone: their own digits count",

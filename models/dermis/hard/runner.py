@@ -127,6 +127,8 @@ def summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
     """How many runs ended how, and how long they took."""
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
     timed = [row for row in rows if "seconds" in row]
+    if not timed:
+        return f"{len(cases)} cases, none of them run: {counts}"
     longest = max(timed, key=lambda row: row["seconds"])
     return (
         f"{len(cases)} cases, {len(timed)} runs: {counts}; {sum(row['seconds'] for row in timed):.0f} s in all, "
