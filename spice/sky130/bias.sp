@@ -1,0 +1,37 @@
+* SPDX-License-Identifier: Apache-2.0
+* Reference current: 10 uA = v(vref) over r_ref_ohm, an external resistor; the line ibias makes 5 uA in every nmos of w=5 l=2 of a block.
+* A 2 uA start through a poly resistor feeds the amplifier; its spread of +-20 % moves nothing but loop gain.
+.subckt bias vref ibias vdd vss params: r_ref_ohm=50k
+* amplifier: pair, mirror load, tail
+xstart vdd v_start vss sky130_fd_pr__res_xhigh_po w=1 l=600
+xn_start v_start v_start vss vss nmos w=5 l=4
+xn_tail v_tail v_start vss vss nmos w=5 l=4 k=2
+xn_ref v_gate vref v_tail vss nmos w=10 l=1
+xn_sense v_load v_r v_tail vss nmos w=10 l=1
+xp_load v_load v_load vdd vdd pmos w=5 l=2
+xp_gate v_gate v_load vdd vdd pmos w=5 l=2
+* reference branch and copy
+xn_cp v_cp v_start vss vss nmos w=5 l=4
+xp_cp v_cp v_cp vdd vdd pmos w=1 l=5
+xp_r v_rc v_gate vdd vdd pmos w=20 l=4 k=2
+xp_rc v_r v_cp v_rc vdd pmos w=20 l=1
+xp_copy v_copyc v_gate vdd vdd pmos w=20 l=4 k=2
+xp_copyc ibias v_cp v_copyc vdd pmos w=20 l=1
+rref v_r 0 {r_ref_ohm}
+xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=100 l=100
+xn_line ibias ibias vss vss nmos w=5 l=2 k=2
+xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50
+.ends bias
+* The gate lines a block makes from ibias: p for 10 uA in a pmos of w=20 l=2, and those of its cascodes.
+.subckt bias_p ibias vbp vdd vss
+xn_b vbp ibias vss vss nmos w=5 l=2 k=2
+xp_b vbp vbp vdd vdd pmos w=20 l=2
+.ends bias_p
+.subckt bias_cascode_p ibias vcp vdd vss
+xn_b vcp ibias vss vss nmos w=5 l=2 k=2
+xp_b vcp vcp vdd vdd pmos w=2 l=2
+.ends bias_cascode_p
+.subckt bias_cascode_n vbp vcn vdd vss
+xp_b vcn vbp vdd vdd pmos w=20 l=2
+xn_b vcn vcn vss vss nmos w=1 l=2
+.ends bias_cascode_n

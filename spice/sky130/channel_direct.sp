@@ -1,0 +1,7 @@
+* SPDX-License-Identifier: Apache-2.0
+* Direct interface (Fig. 3): the column is the summing node of an integrator of 80 times the current; k is taken and not used.
+.subckt channel_direct col d_charge d_preset comp ibias vdd vss params: k=80
+xintegrator col 0 d_preset v_int ibias vdd vss integrator_direct
+xcharge d_charge col ibias vdd vss charge_source units=400
+xcomparator 0 v_int comp ibias vdd vss comparator
+.ends channel_direct

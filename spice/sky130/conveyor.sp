@@ -1,0 +1,16 @@
+* SPDX-License-Identifier: Apache-2.0
+* Second-generation current conveyor for currents into x: x follows y, and z sources what enters x plus the pedestal of 50 uA.
+* The pedestal keeps the pmos at x conducting (and the mirror behind it fast) when no taxel is pressed; the mirror takes it away again.
+* The gate line needs -1.1 V at 1 mA, below what the cascoded amplifier reaches, so a follower stands between. 10 pF make it slower than the
+* pole of x with a column of 400 pF, which the pedestal keeps above 0.4 MHz.
+.subckt conveyor y x z ibias vdd vss
+xamp y x v_amp ibias vdd vss ota pairs=1 branches=1
+xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=70 l=70
+xn_follow vdd v_amp v_gate vss nmos w=20 l=0.5 k=2
+xn_sink v_gate ibias vss vss nmos w=5 l=2 k=4
+xp_x z v_gate x x pmos w=20 l=0.5 k=50
+xbias_p ibias vbp vdd vss bias_p
+xbias_cp ibias vcp vdd vss bias_cascode_p
+xp_pedestal v_ped vbp vdd vdd pmos w=20 l=2 k=5
+xp_pedc x vcp v_ped vdd pmos w=20 l=0.5 k=5
+.ends conveyor

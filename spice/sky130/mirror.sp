@@ -1,0 +1,67 @@
+* SPDX-License-Identifier: Apache-2.0
+* Asymmetrical current mirror: k devices at the input, one at the output; out sources 1/k of what enters in (polarity = -1: sinks it).
+* The conveyor's pedestal of 50 uA comes in as well and is taken away at out, by a current of 50 uA / k made the same way.
+* k > 0 fixes the ratio; k = 0 takes 20, 40, 80, 160 from the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices whose gates are let go,
+* so that no switch carries the current.
+.subckt mirror in out d_k0 d_k1 ibias vdd vss params: k=0 polarity=1
+xbias_p ibias vbp vdd vss bias_p
+xbias_cn vbp vcn vdd vss bias_cascode_n
+xn_outc v_copy vcn v_out vss nmos w=5 l=0.5
+xn_out v_out in vss vss nmos w=5 l=2
+xn_pedc v_pedcopy vcn v_ped vss nmos w=5 l=0.5
+xn_ped v_ped v_pedgate vss vss nmos w=5 l=2
+xp_ped v_p vbp vdd vdd pmos w=10 l=2
+xp_pedc v_pedgate vcp v_p vdd pmos w=10 l=0.5
+.if (k > 0)
+xin in in vcn vss mirror_group units={k}
+xpedin v_pedgate v_pedgate vcn vss mirror_group units={k/10}
+.else
+xlevel0 d_k0 k0 k0_n logic_level
+xlevel1 d_k1 k1 k1_n logic_level
+xnand0 k01_n k0 v_nand vss nmos w=2 l=0.5
+xnand1 v_nand k1 vss vss nmos w=2 l=0.5
+xnand2 k01_n k0 vdd vdd pmos w=4 l=0.5
+xnand3 k01_n k1 vdd vdd pmos w=4 l=0.5
+xinv0 k01 k01_n vss vss nmos w=2 l=0.5
+xinv1 k01 k01_n vdd vdd pmos w=4 l=0.5
+xin in in vcn vss mirror_group units=20
+xin0 in g_0 vcn vss mirror_group units=20
+xin1 in g_1 vcn vss mirror_group units=60
+xin01 in g_01 vcn vss mirror_group units=60
+xs0 in g_0 k0 k0_n vdd vss mirror_gate
+xs1 in g_1 k1 k1_n vdd vss mirror_gate
+xs01 in g_01 k01 k01_n vdd vss mirror_gate
+xpedin v_pedgate v_pedgate vcn vss mirror_group units=2
+xpedin0 v_pedgate p_0 vcn vss mirror_group units=2
+xpedin1 v_pedgate p_1 vcn vss mirror_group units=6
+xpedin01 v_pedgate p_01 vcn vss mirror_group units=6
+xsp0 v_pedgate p_0 k0 k0_n vdd vss mirror_gate
+xsp1 v_pedgate p_1 k1 k1_n vdd vss mirror_gate
+xsp01 v_pedgate p_01 k01 k01_n vdd vss mirror_gate
+.endif
+xbias_cp ibias vcp vdd vss bias_cascode_p
+.if (polarity > 0)
+xturn v_copy out vcp vdd mirror_turn
+vpedout v_pedcopy out 0
+.else
+vout v_copy out 0
+xturn v_pedcopy out vcp vdd mirror_turn
+.endif
+.ends mirror
+* So many input devices of the mirror, gate by itself.
+.subckt mirror_group in gate vcn vss params: units=1
+xn_in v_in gate vss vss nmos w=5 l=2 k={units}
+xn_inc in vcn v_in vss nmos w=5 l=0.5 k={units}
+.ends mirror_group
+* The gate of a group: on it follows the mirror's, off it lies on vss.
+.subckt mirror_gate line gate on off vdd vss
+xswitch line gate on off vdd vss switch
+xn_off gate off vss vss nmos w=2 l=0.5
+.ends mirror_gate
+* 1:1: what is drawn from in is sourced at out.
+.subckt mirror_turn in out vcp vdd
+xp_in v_in in vdd vdd pmos w=20 l=2
+xp_inc in vcp v_in vdd pmos w=20 l=0.5
+xp_out v_out in vdd vdd pmos w=20 l=2
+xp_outc out vcp v_out vdd pmos w=20 l=0.5
+.ends mirror_turn
