@@ -63,7 +63,9 @@ class _Ended(BaseException):
 _busy = False
 
 
-def run(tasks: Iterable[Task], workers: int, ahead: int | None = None) -> Iterator[tuple[int, Outcome]]:
+def run(
+    tasks: Iterable[Task], workers: int, ahead: int | None = None, *, fresh: bool = False
+) -> Iterator[tuple[int, Outcome]]:
     """Run tasks in worker processes and yield (number of the task, outcome) as they end, in any order.
 
     Parameters
@@ -74,6 +76,8 @@ def run(tasks: Iterable[Task], workers: int, ahead: int | None = None) -> Iterat
         Processes at a time.
     ahead : int, optional
         Tasks handed out at a time; default twice the workers.
+    fresh : bool
+        A new process for each task: for libraries that keep what a task has left in them, as ngspice does.
 
     Notes
     -----
@@ -84,7 +88,7 @@ def run(tasks: Iterable[Task], workers: int, ahead: int | None = None) -> Iterat
     numbered = enumerate(tasks)
     with _environment(ONE_THREAD | {_MARK: mark}), children.ending():
         context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
-        pool = pebble.ProcessPool(workers, initializer=_enter, context=context)
+        pool = pebble.ProcessPool(workers, int(fresh), initializer=_enter, context=context)
         running: dict[Any, tuple[int, Task]] = {}
         try:
             while True:

@@ -167,6 +167,12 @@ def test_the_seconds_of_a_run_are_its_own() -> None:
         assert 0.2 <= outcome.seconds <= time.monotonic() - begin
 
 
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_fresh_process_for_each_task_where_that_is_asked_for(fresh: bool) -> None:
+    ends = list(workers.run([workers.Task(os.getpid)] * 3, 1, fresh=fresh))
+    assert len({outcome.value for _, outcome in ends}) == (3 if fresh else 1)
+
+
 def test_what_the_consumer_leaves_early_is_ended() -> None:
     quick = workers.run(
         iter([workers.Task(seeded_faults.right), workers.Task(seeded_faults.hang_with_child)]), 2

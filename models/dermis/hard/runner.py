@@ -23,6 +23,9 @@ PREPARE_LIMIT_S = 900.0
 """For what a module compiles before its cases run, loops by Numba, Verilog by Verilator: 60 s on an idle core."""
 
 
+NGSPICE = ("circuit", "stiff")
+"""Groups with ngspice in their own process, which keeps circuits that did not come to their end: a process a run."""
+
 SLOW = ("cosim", "verilator")
 """Runs that are left out of the short set: processes and builds of seconds, which the tests of those engines make."""
 
@@ -53,15 +56,21 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
 def run(cases: Sequence[Case], jobs: int) -> list[Row]:
     """Run cases and return a row a run, in the order of the cases; `seconds` in a row is its wall time."""
     pairs = [(case, name) for case in cases for name in case.runs]
-    # Made one by one as they begin: on a machine that is busy with other things a run takes longer, and may.
-    tasks = (workers.Task(case.runs[name], (), case.limit_s * _busy()) for case, name in pairs)
     rows: list[Row | None] = [None] * len(pairs)
+    done = 0
     with progress.slots("hard", len(pairs), "runs") as tell:
-        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
-            row = rows[number] = row_of(*pairs[number], outcome)
-            if row["status"] != "PASS":  # now, for what comes may take minutes
-                click.echo(_wrong(row), err=True)
-            tell(done)
+        for fresh in (False, True):
+            own = [i for i, (case, _) in enumerate(pairs) if (case.group in NGSPICE) == fresh]
+            # Made one by one as they begin: on a machine that is busy with other things a run takes longer, and may.
+            tasks = (
+                workers.Task(pairs[i][0].runs[pairs[i][1]], (), pairs[i][0].limit_s * _busy()) for i in own
+            )
+            for number, outcome in workers.run(tasks, jobs, fresh=fresh):
+                row = rows[own[number]] = row_of(*pairs[own[number]], outcome)
+                if row["status"] != "PASS":  # now, for what comes may take minutes
+                    click.echo(_wrong(row), err=True)
+                done += 1
+                tell(done)
     by_case: dict[str, list[Row]] = {case.name: [] for case in cases}
     for (case, _), row in zip(pairs, rows, strict=True):
         assert row is not None
