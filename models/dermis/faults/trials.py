@@ -146,7 +146,8 @@ def unheard(ended: Ended | None, number: signal.Signals, codes: set[int]) -> End
     return ended
 
 
-_OURS = re.compile("dermis|interrupted|terminated")
+_OURS = re.compile(r"interrupted|terminated|models/dermis/(?!__(main|init)__\.py\", line \d\b)\w")
+"""A word, or a line of the package but the first of the modules that Python itself loads for `-m dermis`."""
 
 
 def kill(
