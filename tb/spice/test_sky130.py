@@ -140,8 +140,8 @@ xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}
 """
 
 
-# A known miss, measured: the sourced packet of Fig. 5b is short by 5 %. It is not the headroom of the pair (gates 0.4 V lower
-# and four times the width change it by 0.1 %) and not the gate line (one of its own changes nothing).
+# A known miss: the sourced packet of Fig. 5b is short by 5 %. It is not the headroom of the pair (its gates 0.4 V
+# lower and four times the width change it by 0.1 %) and not the gate line (one of its own changes nothing).
 SHORT = pytest.mark.xfail(
     strict=True, reason="sky130.packet_error of the sourcing charge source is -0.05 at ss"
 )
