@@ -970,7 +970,9 @@ def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -
     if (effect.name, name) in _BELOW_ONE_CLOCK and value >= clock_s:
         raise InputError(file, key, value, f"below one clock ({clock_s:g} s)")
     if effect.name == "clock_jitter" and value > JITTER_MAX * clock_s:
-        allowed = f"at most a tenth of a clock ({JITTER_MAX * clock_s:g} s), or edges would overtake each other"
+        allowed = (
+            f"at most a tenth of a clock ({JITTER_MAX * clock_s:g} s), or edges would overtake each other"
+        )
         raise InputError(file, key, value, allowed)
 
 

@@ -639,7 +639,9 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
         if width not in (rows * cols, cols):
             raise InputError(shown, f"line {number}", f"{found} values", layout)
         if found != width:
-            raise InputError(shown, f"line {number}", f"{found} values", f"{width} values, as the lines above")
+            raise InputError(
+                shown, f"line {number}", f"{found} values", f"{width} values, as the lines above"
+            )
         if len(values) + width > VALUES_MAX:
             raise InputError(
                 shown, f"line {number}", f"{len(values) + width} values", f"at most {VALUES_MAX} values"
