@@ -14,12 +14,18 @@ def _leave(number: int, _: object) -> None:
 def main() -> None:
     """Load the command line, which takes some tenths of a second and has nothing to tidy up, and run it."""
     # Before any import but that of signal, each of which would be a traceback.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    for number in numbers:
         if signal.getsignal(number) is not signal.SIG_IGN:  # a shell has it so for what runs behind it
             signal.signal(number, _leave)
     from dermis import cli
 
-    cli.main()
+    try:
+        cli.main()
+    finally:
+        # The interpreter gives signals back their default action as it ends: one more Ctrl-C would be an end with -2.
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

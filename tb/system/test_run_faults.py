@@ -143,6 +143,7 @@ def test_there_are_a_hundred_kills_and_every_group() -> None:
         "two",
         "memory",
         "clock",
+        "resume",
     }
 
 
