@@ -85,7 +85,9 @@ def test_no_current_is_further_from_the_nodal_matrix_than_its_bound(
 ) -> None:
     rng = np.random.default_rng(7)
     used = np.array([fraction_used(wild_network(rng)) for _ in range(draws)])
-    record_property("fraction of the bound used: largest, median", (used.max(), np.median(used)))
+    record_property(
+        "fraction of the bound used: largest, median", (float(used.max()), float(np.median(used)))
+    )
     print(
         f"{draws} networks: largest fraction of the bound used {used.max():.2g}, median {np.median(used):.2g}"
     )
