@@ -63,9 +63,7 @@ class _Ended(BaseException):
 _busy = False
 
 
-def run(
-    tasks: Iterable[Task], workers: int, ahead: int | None = None, *, fresh: bool = False
-) -> Iterator[tuple[int, Outcome]]:
+def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator[tuple[int, Outcome]]:
     """Run tasks in worker processes and yield (number of the task, outcome) as they end, in any order.
 
     Parameters
@@ -74,8 +72,6 @@ def run(
         Taken from as workers become free, so it may be endless.
     workers : int
         Processes at a time.
-    ahead : int, optional
-        Tasks handed out at a time; default twice the workers.
     fresh : bool
         A new process for each task: for libraries that keep what a task has left in them, as ngspice does.
 
@@ -92,7 +88,8 @@ def run(
         running: dict[Any, tuple[int, Task]] = {}
         try:
             while True:
-                for number, task in itertools.islice(numbered, (ahead or 2 * workers) - len(running)):
+                # No more than there are workers: with tasks that wait, Pebble may blame one for what another did.
+                for number, task in itertools.islice(numbered, workers - len(running)):
                     future = pool.schedule(
                         _measured, (f"{mark}/{number}", task.function, *task.arguments), timeout=task.limit_s
                     )
@@ -106,7 +103,7 @@ def run(
         finally:
             pool.stop()
             pool.join()
-            _end(_lost(lambda found: found.partition("/")[0] == mark))
+            _end(lambda: _lost(lambda found: found.partition("/")[0] == mark))
 
 
 def _outcome(future: concurrent.futures.Future[Outcome], task: Task, marks: set[str]) -> Outcome:
@@ -114,12 +111,12 @@ def _outcome(future: concurrent.futures.Future[Outcome], task: Task, marks: set[
         found = future.result()
     except concurrent.futures.TimeoutError:
         fault = f"hangs: ended after {task.limit_s:g} s"
-        return Outcome(fault=fault + _said(_end(_lost(marks.__contains__))), seconds=task.limit_s)
+        return Outcome(fault=fault + _said(_end(lambda: _lost(marks.__contains__))), seconds=task.limit_s)
     except pebble.ProcessExpired as error:
         code = error.exitcode
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         return Outcome(
-            fault=f"crashed: its process ended with {how}" + _said(_end(_lost(marks.__contains__)))
+            fault=f"crashed: its process ended with {how}" + _said(_end(lambda: _lost(marks.__contains__)))
         )
     except Exception as error:  # the task or its value could not be sent: nothing was measured
         return Outcome(fault=f"{type(error).__name__}: {one_line(str(error), 300)}")
@@ -145,7 +142,7 @@ def _measured(mark: str, function: Callable[..., Any], *arguments: Any) -> Outco
         fault = f"raised {type(error).__name__}: {one_line(str(error), 300)}"
     _busy = False
     seconds = time.perf_counter() - start
-    orphans = _said(_end(children.tree(os.getpid()) - {os.getpid()}))
+    orphans = _said(_end(_own))
     return Outcome(value, (fault + orphans).removeprefix("; "), seconds)
 
 
@@ -153,32 +150,34 @@ def _said(left: list[str]) -> str:
     return f"; left processes behind: {', '.join(left)}" if left else ""
 
 
-def _end(pids: Iterable[int]) -> list[str]:
-    """End processes and say which they were."""
-    names, ended = [], []
-    for pid in pids:
-        with contextlib.suppress(OSError):  # it ended meanwhile
-            command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-            if not command:
-                continue  # ended, and only waits to be collected
-            os.kill(pid, signal.SIGKILL)
-            names.append(one_line(command, 60))
-            ended.append(pid)
+def _end(find: Callable[[], set[int]]) -> list[str]:
+    """End the processes that `find` sees until it sees none, and say which they were.
+
+    One look is not enough: what is just starting another process may be gone before it is ended, and the other one is
+    not among those that were seen.
+    """
+    names: dict[int, str] = {}
     until = time.monotonic() + _GONE_S
-    while ended and time.monotonic() < until:
+    while (pids := find()) and time.monotonic() < until:
+        for pid in pids:
+            with contextlib.suppress(OSError):  # it ended meanwhile
+                command = (
+                    Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                )
+                if command:  # else it has ended, and only waits to be collected
+                    os.kill(pid, signal.SIGKILL)
+                    names[pid] = one_line(command, 60)
         # Only a worker has such children of its own; it adopts theirs, too.
         with contextlib.suppress(ChildProcessError):  # none
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-        ended = [pid for pid in ended if _alive(pid)]
         time.sleep(0.01)
-    return sorted(names)
+    return sorted(names.values())
 
 
-def _alive(pid: int) -> bool:
-    with contextlib.suppress(OSError):  # it is gone
-        return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
-    return False
+def _own() -> set[int]:
+    """What this process has started, and what that has."""
+    return children.tree(os.getpid()) - {os.getpid()}
 
 
 def _lost(wanted: Callable[[str], bool]) -> set[int]:
@@ -231,5 +230,5 @@ def _leave_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
-        _end(children.tree(os.getpid()) - {os.getpid()})
+        _end(_own)
         os._exit(1)
