@@ -10,7 +10,12 @@ import pytest
 from dermis import sky130, spice_batch, verdict
 
 CORNERS = (("tt", 27.0), ("ss", -40.0), ("ff", 125.0))
-corners = pytest.mark.parametrize(("corner", "celsius"), CORNERS, ids=[f"{c}_{t:g}" for c, t in CORNERS])
+# One corner in every test run, the others in the long one: each run of ngspice is a second or two.
+AT = [
+    pytest.param(*at, marks=pytest.mark.long if n else (), id=f"{at[0]}_{at[1]:g}")
+    for n, at in enumerate(CORNERS)
+]
+corners = pytest.mark.parametrize(("corner", "celsius"), AT)
 
 SUPPLIES = """\
 vdd vdd 0 {vdd}
@@ -149,7 +154,11 @@ SHORT = pytest.mark.xfail(
 
 @pytest.mark.parametrize(
     ("corner", "celsius", "polarity"),
-    [(*CORNERS[0], 1), pytest.param(*CORNERS[1], -1, marks=SHORT), (*CORNERS[2], 1)],
+    [
+        (*CORNERS[0], 1),
+        pytest.param(*CORNERS[1], -1, marks=[SHORT, pytest.mark.long]),
+        pytest.param(*CORNERS[2], 1, marks=pytest.mark.long),
+    ],
 )
 def test_preset_integral_decision_and_packet(tmp_path, corner, celsius, polarity) -> None:
     found = measure(tmp_path, VFC.format(i_in=polarity * 3.4e-6, polarity=polarity), corner, celsius)

@@ -26,6 +26,7 @@ from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.plan import Plan
 from dermis.scene import Scene
+from dermis.schema import SIZE_MAX
 from dermis.verdict import Row
 
 TABLE = ROOT / "models" / "accuracy.json"
@@ -87,7 +88,7 @@ def choose(world: Scene) -> tuple[Plan, Chosen]:
     """
     run, loose = world.table.run, table()["budget_over_error"]
     if run.accuracy_lsb is not None:
-        budget = run.accuracy_lsb * loose
+        budget = min(run.accuracy_lsb * loose, SIZE_MAX)  # the largest that a scene may name
         made = with_budget(world, budget)
         taken = expected_s(made)
     else:
