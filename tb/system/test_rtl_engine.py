@@ -382,7 +382,7 @@ def writes(text: str) -> str:
     ("program", "said"),
     [
         ("raise SystemExit(1)", "exit code 1"),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "exit code -11"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended with signal SIGSEGV"),
         ("pass", "left no frames"),
         (writes(GOOD[:-1]), "0 whole frames instead of 1"),
         (writes(GOOD * 2), "2 whole frames instead of 1"),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
 import os
 import pickle
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import engines, netlist
+from dermis import array, engines, netlist
 from dermis import plan as planning
 from dermis import scene as scenes
 from dermis.errors import InputError
@@ -152,6 +153,10 @@ def prepare(place: Path) -> None:
         (place / "scene.toml").write_bytes(scene)
         with contextlib.suppress(InputError):  # one of them is refused, and all load what they need
             planning.load(place / "scene.toml")
+    # Loops compile on first use, for longer than an input may take: those of arrays with traces, offsets and leaks.
+    lines = array.Network(np.full((3, 3), 1e-3), 0.5, 1.0, 2.0, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
+    for rest in ({}, {"v_column_offset_v": np.full(3, 1e-3), "i_leak_a": np.full(3, 1e-9)}):
+        array.column_currents(dataclasses.replace(lines, **rest))
     oracle.small_limits()
 
 
