@@ -94,7 +94,7 @@ def table(rows: Sequence[Row]) -> str:
         f"{sum(row['status'] == status for row in rows)} {status}" for status in verdict.COLOURS
     )
     seconds = sum(row.get("seconds", 0.0) for row in rows)
-    head = f"{len(rows)} trials, {kills} of them kills: {counts}; {seconds:.0f} s of trials, two at a time."
+    head = f"{len(rows)} trials, {kills} of them kills: {counts}; {seconds:.0f} s of trials."
     return "\n".join([head, "", *lines])
 
 

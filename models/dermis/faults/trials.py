@@ -78,6 +78,15 @@ def earlier(bench: Bench, out: Path) -> dict[str, str]:
     return benches.contents(out)
 
 
+def beginning(bench: Bench, subject: Subject, name: str) -> tuple[Path, list[str], Path, dict[str, str]]:
+    """A trial's directory, the arguments of its command, and OUT with results of an earlier run and their digests."""
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    work = bench.work(name)
+    out = work / "out"
+    return work, subject.make(work, number_of(name)), out, earlier(bench, out)
+
+
 def reference(bench: Bench, subject: Subject) -> np.ndarray | None:
     """Codes of an undisturbed run; None where every trial has a scene of its own."""
     return None if subject.name == "build" else bench.references[subject.name]
@@ -329,12 +338,7 @@ def stdout_full(subject: Subject, bench: Bench, name: str) -> tuple[list[str], s
 
 def limited(subject: Subject, kind: int, size: int, bench: Bench, name: str) -> tuple[list[str], str]:
     """Run under a limit of the system: size of a file, memory, open files or processes."""
-    baseline(bench, SUBJECTS["closed"])
-    baseline(bench, subject)
-    work = bench.work(name)
-    arguments = subject.make(work, number_of(name))
-    out = work / "out"
-    before = earlier(bench, out)
+    work, arguments, out, before = beginning(bench, subject, name)
     run = bench.dermis(
         [*arguments, "--out", str(out)], work, preexec_fn=lambda: resource.setrlimit(kind, (size, size))
     )
@@ -415,12 +419,7 @@ time_t time(time_t *out) {
 
 def clock(subject: Subject, bench: Bench, name: str) -> tuple[list[str], str]:
     """Run while the system's time jumps by days, for the command and all that it starts."""
-    baseline(bench, SUBJECTS["closed"])
-    baseline(bench, subject)
-    work = bench.work(name)
-    arguments = subject.make(work, number_of(name))
-    out = work / "out"
-    before = earlier(bench, out)
+    work, arguments, out, before = beginning(bench, subject, name)
     (work / "jumps.c").write_text(_JUMPS)
     library = work / "jumps.so"
     compiler = ["cc", "-shared", "-fPIC", "-o", str(library), str(work / "jumps.c"), "-ldl"]
@@ -620,12 +619,7 @@ _TOOL = {
 
 def tool(which: str, how: str, subject: Subject, bench: Bench, name: str) -> tuple[list[str], str]:
     """Run with an external tool that is missing, fails, or says and does the wrong thing."""
-    baseline(bench, SUBJECTS["closed"])
-    baseline(bench, subject)
-    work = bench.work(name)
-    arguments = subject.make(work, number_of(name))
-    out = work / "out"
-    before = earlier(bench, out)
+    work, arguments, out, before = beginning(bench, subject, name)
     shims = work / "bin"
     shims.mkdir()
     for directory in ("/usr/local/bin", "/usr/bin", "/bin"):
