@@ -20,6 +20,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.faults import bench as benches
 from dermis.faults import command, trials
 from dermis.faults.bench import Bench, Ended, Run
+from dermis.kept import Kept
 
 END_S = 60.0
 """What is to happen within milliseconds has happened by then, however loaded the machine; a hang has not."""
@@ -117,11 +118,12 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
 
     calls: list[int] = []
     store = tmp_path / "rows.json"
+    kept = Kept(store, "code")
     todo = [trials.Trial("kill.a.b.1", counted), trials.Trial("kill.a.b.2", broken)]
-    rows = command.run(todo, Bench(tmp_path), 1, store)
+    rows = command.run(todo, Bench(tmp_path), 1, kept)
     assert [row["status"] for row in rows] == ["PASS", "ERROR"]
     # Broken off and started again: what was measured stays, the rest follows.
-    rows = command.run([*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, store)
+    rows = command.run([*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, Kept(store, "code"))
     assert [row["status"] for row in rows] == ["PASS", "ERROR", "FAIL"]
     assert len(calls) == 2
     assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)

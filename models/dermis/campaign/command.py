@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
 import os
 import tempfile
 import time
@@ -21,6 +20,7 @@ from dermis.campaign.world import World
 from dermis.design import ROOT
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
+from dermis.kept import Kept
 from dermis.progress import slots
 
 STATE = ROOT / "build" / "campaign"
@@ -37,7 +37,6 @@ _FULL = {"closed,event": 100_000, "rtl": 2_000, "cosim": 300}
 _TELLING = {"closed,event": 2_000, "rtl": 10, "cosim": 10}
 # Seconds to shrink one example, and examples of a law that are shrunk and kept.
 _SHRINK_S, _KEPT = 120.0, 4
-_SAVE_S = 5.0
 
 
 @dataclass
@@ -100,36 +99,16 @@ class Campaign:
         length stay in the state and count for nothing here.
     """
 
-    def __init__(self, engines: str, seed: int, scenes: int) -> None:
+    def __init__(self, engines: str, seed: int, scenes: int, *, fresh: bool = False) -> None:
         self.engines, self.seed, self.scenes = engines, seed, scenes
-        self.done: dict[str, Tally] = {}
-        self.path = STATE / f"{engines.replace(',', '_')}_{seed}.json"
-
-    def load(self) -> int:
-        """Take up what an earlier run of the same code left, and return how many worlds that is."""
-        try:
-            data = json.loads(self.path.read_text(encoding="utf-8"))
-            if data["code"] != batch.fingerprint():
-                return 0
-            self.done = {name: Tally(**tally) for name, tally in data["done"].items()}
-        except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
-            return 0
-        return self.total().worlds
+        path = STATE / f"{engines.replace(',', '_')}_{seed}.json"
+        self.kept = Kept(path, batch.fingerprint(), fresh=fresh)
+        self.done = {name: Tally(**tally) for name, tally in self.kept.pieces.items()}
 
     def tasks(self) -> list[tuple[int, int]]:
         """First world, and the one behind the last, of every task of this run."""
         step = _A_TASK[self.engines]
         return [(first, min(first + step, self.scenes)) for first in range(0, self.scenes, step)]
-
-    def save(self) -> None:
-        """Write the state, whole or not at all."""
-        data = {
-            "code": batch.fingerprint(),
-            "engines": self.engines,
-            "seed": self.seed,
-            "done": {name: asdict(tally) for name, tally in self.done.items()},
-        }
-        write_atomic(self.path, json.dumps(data))
 
     def run(self, processes: int) -> None:
         """Run what is not done yet; what hangs or crashes is found again world by world."""
@@ -137,7 +116,6 @@ class Campaign:
         waiting = [task for task in self.tasks() if _name(task) not in self.done]
         again: list[tuple[int, int]] = []
         done = self.total().worlds
-        saved = time.monotonic()
         with slots(f"campaign {self.engines}", self.scenes, "scenes") as on_done:
             tasks = (
                 # Most worlds take milliseconds: a task has the time of a few that have to compile first.
@@ -148,17 +126,17 @@ class Campaign:
                 if outcome.fault:
                     again.append(waiting[number])
                     continue
-                self.done[_name(waiting[number])] = outcome.value
-                done += outcome.value.worlds
+                done += self._keep(waiting[number], outcome.value)
                 on_done(done)
-                if time.monotonic() - saved > _SAVE_S:
-                    self.save()
-                    saved = time.monotonic()
             for task in again:
-                self.done[_name(task)] = self._one_by_one(task, processes)
-                done += self.done[_name(task)].worlds
+                done += self._keep(task, self._one_by_one(task, processes))
                 on_done(done)
-        self.save()
+        self.kept.save()
+
+    def _keep(self, task: tuple[int, int], tally: Tally) -> int:
+        self.done[_name(task)] = tally
+        self.kept.put(_name(task), asdict(tally), now=False)
+        return tally.worlds
 
     def _one_by_one(self, task: tuple[int, int], processes: int) -> Tally:
         numbers = range(*task)
@@ -305,13 +283,13 @@ def campaign_command(
         raise InputError("command line", "--short and --docs", "both", "a record of more than the short run")
     os.environ[float_flags.VARIABLE] = "raise"  # read by the workers when they start
     many = _SHORT[engines] if short else scenes or _FULL[engines]
-    campaign = Campaign(engines, seed, many)
-    if resume and (there := campaign.load()):
+    campaign = Campaign(engines, seed, many, fresh=not resume)
+    if there := campaign.total().worlds:
         click.echo(f"{there} scenes are there from before; --fresh begins anew", err=True)
     try:
         campaign.run(processes)
     except BaseException:
-        campaign.save()  # what is done is done, whatever ended the rest
+        campaign.kept.save()  # what is done is done, whatever ended the rest
         raise
     total = campaign.total()
     cases = keep(campaign, total, Path(found), processes) if total.broken else []

@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 import concurrent.futures
-import json
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 import click
 
@@ -17,7 +15,8 @@ from dermis.design import ROOT
 from dermis.errors import InputError, one_line
 from dermis.faults.bench import Bench
 from dermis.faults.trials import Trial, every
-from dermis.files import locked, write_atomic, write_between
+from dermis.files import locked, write_between
+from dermis.kept import Kept
 from dermis.verdict import Row
 
 DOCS = "docs/faults.md"
@@ -52,10 +51,9 @@ def measure(trial: Trial, bench: Bench) -> Row:
     return {**row, "seconds": round(time.monotonic() - start, 1)}
 
 
-def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Path) -> list[Row]:
+def run(trials: Sequence[Trial], bench: Bench, jobs: int, kept: Kept) -> list[Row]:
     """Run trials side by side, keep each row as it comes, and take those that are there already."""
-    done: dict[str, Row] = json.loads(store.read_text()) if store.is_file() else {}
-    todo = [trial for trial in trials if trial.name not in done]
+    todo = [trial for trial in trials if trial.name not in kept.pieces]
     with (
         progress.slots("faults", len(trials), "trials") as on_trials,
         children.ending(),
@@ -66,14 +64,13 @@ def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Path) -> list[R
             for number, task in enumerate(
                 concurrent.futures.as_completed(tasks), len(trials) - len(todo) + 1
             ):
-                done[tasks[task].name] = task.result()
-                write_atomic(store, json.dumps(done, indent=1) + "\n")
+                kept.put(tasks[task].name, task.result())
                 on_trials(number)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             bench.end()
             raise
-    return [done[trial.name] for trial in trials]
+    return [kept.pieces[trial.name] for trial in trials]
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -145,10 +142,9 @@ def faults_command(
 def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
     bench = Bench(PLACE / "tree", seed)
     bench.copy()
-    store = PLACE / f"rows_{batch.fingerprint(bench.tree)[:16]}_{seed}.json"
-    if fresh:
-        store.unlink(missing_ok=True)
-    rows = run(trials, bench, jobs, store)
+    rows = run(
+        trials, bench, jobs, Kept(PLACE / f"rows_{seed}.json", batch.fingerprint(bench.tree), fresh=fresh)
+    )
     verdict.write_rows("faults", rows)
     verdict.print_rows(rows, f"Faults in the run itself ({len(rows)} trials)")
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]

@@ -715,7 +715,7 @@ _GOES_ON = re.compile(r"^(\d+) scenes are there from before.*\n", re.MULTILINE)
 
 def tallies(state: Path) -> dict[str, Any]:
     """What a campaign has found so far, but for the seconds that it took."""
-    done = json.loads(state.read_text())["done"]
+    done = json.loads(state.read_text())["pieces"]
     return {first: {**tally, "seconds": 0.0} for first, tally in sorted(done.items())}
 
 

@@ -25,6 +25,7 @@ from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic, write_between
 from dermis.fuzz import worker
 from dermis.fuzz.target import GUIDES, NAMES
+from dermis.kept import Kept
 from dermis.verdict import Row
 
 WORK = ROOT / "build" / "fuzz"
@@ -73,24 +74,13 @@ class Progress:
     lines: dict[str, list[int]] = field(default_factory=dict)
 
 
-def _state(name: str) -> Path:
-    return WORK / name / "state.json"
+def _kept(name: str, seed: int) -> Kept:
+    return Kept(WORK / name / "state.json", f"{batch.fingerprint()} {seed}")
 
 
-def _load(name: str, seed: int) -> Progress:
+def _progress(kept: Kept) -> Progress:
     """What an earlier run of the same seed on the same code has done, or nothing."""
-    try:
-        told = json.loads(_state(name).read_text())
-        if (told["code"], told["seed"]) == (batch.fingerprint(), seed):
-            return Progress(**told["progress"])
-    except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
-        pass
-    return Progress()
-
-
-def _save(name: str, seed: int, done: Progress) -> None:
-    told = {"code": batch.fingerprint(), "seed": seed, "progress": asdict(done)}
-    write_atomic(_state(name), json.dumps(told, indent=1))
+    return Progress(**kept.pieces.get("progress", {}))
 
 
 def _worker(log: Path, limit_s: float, **asked: Any) -> int | None:
@@ -122,7 +112,8 @@ def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], Non
     Findings go to tb/fuzz/found; a process that ended and left no input is told in `died`.
     """
     directory = WORK / name
-    done = _load(name, seed)
+    kept = _kept(name, seed)
+    done = _progress(kept)
     if not done.inputs:
         shutil.rmtree(directory, ignore_errors=True)
     for part in ("found", "corpus"):
@@ -166,7 +157,7 @@ def run_target(name: str, inputs: int, seed: int, on_inputs: Callable[[int], Non
                 max(a, int(b)) for a, b in zip((done.branches, done.features), told[-1], strict=True)
             )
         done.findings = sorted({*done.findings, *_store(name, directory)})
-        _save(name, seed, done)
+        kept.put("progress", asdict(done))
         on_inputs(total)
     return done
 
@@ -384,7 +375,7 @@ def fuzz_command(
             shutil.rmtree(WORK / name, ignore_errors=True)
     WORK.mkdir(parents=True, exist_ok=True)
     FOUND.mkdir(parents=True, exist_ok=True)
-    if not any(_load(name, seed).inputs < wanted[name] for name in wanted):
+    if not any(_progress(_kept(name, seed)).inputs < wanted[name] for name in wanted):
         click.echo(
             "every input was run before on this code with this seed; --fresh runs them again", err=True
         )
@@ -401,7 +392,7 @@ def fuzz_command(
         def one(name: str) -> Progress:
             state = run_target(name, wanted[name], seed, on_inputs)
             cover(name, state)
-            _save(name, seed, state)
+            _kept(name, seed).put("progress", asdict(state))
             return state
 
         futures = {name: pool.submit(one, name) for name in wanted}
