@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is measured of the blocks in SKY130 transistors: a deck for every bench, and what follows from its `.meas`.
+
+A bench is one entry of BENCHES: the text of its device under test, stimulus and measures, and a function that turns
+what ngspice found into quantities in SI units. A quantity `q` is judged against `sky130.q` of models/spec.toml, which
+also covers `q.sink` and `q.source`; one without a limit is reported. Conditions are no business of a bench: models,
+temperature, supplies and reference stand before it in the deck (`deck`), which also draws the mismatch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from dermis import sky130
+
+SUPPLY_V = 1.65
+"""Half the nominal supply: the rails are at plus and minus this (docs/sky130.md)."""
+
+Found = Mapping[str, float]
+"""What a deck's `.meas` found, by lower-case name."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Where a bench is measured.
+
+    Attributes
+    ----------
+    corner : one of sky130.CORNERS
+    celsius : temperature
+    supply : both rails, as a share of their nominal value
+    sample : seed of the mismatch, from 1 on; None: every device is as its corner says
+    """
+
+    corner: str = "tt"
+    celsius: float = 27.0
+    supply: float = 1.0
+    sample: int | None = None
+
+    @property
+    def at(self) -> str:
+        """As the command line takes it, without the sample."""
+        return f"{self.corner},{self.celsius:g},{self.supply:g}"
+
+    def __str__(self) -> str:
+        return self.at + ("" if self.sample is None else f" sample {self.sample}")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One deck, and what it measures.
+
+    Attributes
+    ----------
+    name : lower_snake
+    body : the deck between the supplies and `.end`; vdd, vss, vref (0.5 V) and ibias (spice/sky130/bias.sp) are there
+    values : module-level function from what the `.meas` found to the quantities
+    units : quantity -> SI unit, of everything that `values` gives
+    samples : mismatch moves its quantities, so it takes part in Monte Carlo
+    limit_s : wall clock of one attempt of ngspice
+    """
+
+    name: str
+    body: str
+    values: Callable[[Found], dict[str, float]]
+    units: Mapping[str, str]
+    samples: bool = False
+    limit_s: float = 150.0
+
+
+def deck(body: str, condition: Condition, options: str = "") -> str:
+    """The whole deck of a bench at a condition; `options`: further words for an `.options` line."""
+    seed = () if condition.sample is None else (f".options seed={condition.sample}",)
+    return "\n".join(
+        (
+            "bench",
+            *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None),
+            *seed,
+            *((f".options {options}",) if options else ()),
+            f"vdd vdd 0 {SUPPLY_V * condition.supply:.6g}",
+            f"vss vss 0 {-SUPPLY_V * condition.supply:.6g}",
+            "vref vref 0 0.5",
+            "xbias vref ibias vdd vss bias",
+            body.strip(),
+            ".end\n",
+        )
+    )
+
+
+# ---- reference -----------------------------------------------------------------------------------------------
+
+# The drain where the line is, as a cascode holds it.
+REFERENCE = """\
+xn out ibias vss vss nmos w=5 l=2
+eout out x ibias 0 1
+vx x 0 0
+.dc vx 0 0.1 0.1
+.meas dc i_unit find i(vx) at=0
+"""
+
+
+def reference(found: Found) -> dict[str, float]:
+    """Current of a unit device against 5 uA."""
+    return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
+
+
+# ---- amplifier -----------------------------------------------------------------------------------------------
+
+AMPLIFIER = """\
+xdut inp inn out ibias vdd vss ota
+vin inp 0 dc 0 ac 1
+lback out inn 1e9
+cback inn 0 1e3
+cload out 0 3p
+.save v(out)
+.ac dec 40 1 1g
+.meas ac gain_db find vdb(out) at=1
+.meas ac gbw_hz when vdb(out)=0
+.meas ac phase_rad find vp(out) when vdb(out)=0
+"""
+
+
+def amplifier(found: Found) -> dict[str, float]:
+    """Gain at 1 Hz, where it is one, and how far the phase is from -180 degrees there."""
+    return {
+        "amplifier_gain_db": found["gain_db"],
+        "amplifier_gbw_hz": found["gbw_hz"],
+        "amplifier_phase_margin_deg": 180.0 + found["phase_rad"] * 57.29578,
+    }
+
+
+AMPLIFIER_OFFSET = """\
+xdut 0 out out ibias vdd vss ota
+vx x 0 0
+.dc vx 0 1 1
+.meas dc offset find v(out) at=0
+"""
+
+
+def amplifier_offset(found: Found) -> dict[str, float]:
+    """Output of the amplifier closed on itself."""
+    return {"amplifier_offset_v": found["offset"]}
+
+
+# ---- conveyor and mirror -------------------------------------------------------------------------------------
+
+POINTS = 11
+"""Currents of a line, from none to x = 1/2, evenly."""
+
+_CHAIN = """\
+vy y 0 0
+ix 0 x 0
+xconveyor y x z ibias vdd vss conveyor
+xmirror z sum {pins} ibias vdd vss mirror k={devices}
+vsum sum 0 0
+"""
+
+
+def chain_full_a(k: int) -> float:
+    """Current into the conveyor at x = 1/2, amperes."""
+    return 12.5e-6 * k
+
+
+def _sweep(k: int) -> str:
+    full = chain_full_a(k)
+    meas = "".join(
+        f".meas dc out{n} find i(vsum) at={full * n / (POINTS - 1)!r}\n"
+        f".meas dc x{n} find v(x) at={full * n / (POINTS - 1)!r}\n"
+        for n in range(POINTS)
+    )
+    return f".dc ix 0 {full * 1.01} {full / (POINTS - 1)}\n{meas}"
+
+
+def chain_body(k: int, devices: int | None = None) -> str:
+    """Conveyor and mirror of a fixed ratio k; `devices`: so many in the mirror's input instead."""
+    return _CHAIN.format(pins="0 0", devices=devices or k) + _sweep(k)
+
+
+def chain_by_pins_body(k: int) -> str:
+    """The same with the ratio chosen at the pins: 20, 40, 80, 160 are 0 .. 3 in the pins (d_k1 d_k0)."""
+    choice = (20, 40, 80, 160).index(k)
+    pins = f"vk0 d_k0 0 {choice % 2}\nvk1 d_k1 0 {choice // 2}\n"
+    return _CHAIN.format(pins="d_k0 d_k1", devices=0) + pins + _sweep(k)
+
+
+def chain_lsb(found: Found) -> list[float]:
+    """Output current at each of the points, in packets a gate."""
+    return [found[f"out{n}"] / 25e-6 * 510 for n in range(POINTS)]
+
+
+def chain(found: Found, k: int) -> dict[str, float]:
+    """Distance of the output from the line through both ends, that line, and the column's voltage."""
+    lsb = chain_lsb(found)
+    gain = (lsb[-1] - lsb[0]) / 255.0
+    inl = [have - lsb[0] - gain * 255.0 * n / (POINTS - 1) for n, have in enumerate(lsb)]
+    step = chain_full_a(k) / (POINTS - 1)
+    return {
+        f"chain_inl_lsb.k{k}": max(map(abs, inl)),
+        f"chain_gain_error.k{k}": gain - 1.0,
+        f"chain_offset_lsb.k{k}": lsb[0],
+        f"conveyor_r_x_ohm.k{k}": (found[f"x{POINTS - 1}"] - found[f"x{POINTS - 2}"]) / step,
+        f"conveyor_v_offset_v.k{k}": found[f"x{POINTS - 1}"],
+    }
+
+
+_CHAIN_UNITS = {
+    "chain_inl_lsb": "lsb",
+    "chain_gain_error": "1",
+    "chain_offset_lsb": "lsb",
+    "conveyor_r_x_ohm": "ohm",
+    "conveyor_v_offset_v": "V",
+}
+
+
+# ---- integrator, comparator and charge source ----------------------------------------------------------------
+
+# A charge of 1 us into 5 pF, then a packet: slopes and steps of the integrator are the currents, its first value
+# the preset.
+_VFC = """\
+vpre d_preset 0 pwl(0 1 1u 1 1.001u 0)
+vcharge d_charge 0 pwl(0 0 2u 0 2.001u 1 2.2u 1 2.201u 0)
+iin 0 sum {i_in}
+xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}
+.tran 10n 3.2u
+.meas tran v_0 find v(xdut.v_int) at=1.1u
+.meas tran v_1 find v(xdut.v_int) at=1.9u
+.meas tran v_2 find v(xdut.v_int) at=2.3u
+.meas tran v_3 find v(xdut.v_int) at=3.1u
+.meas tran comp_0 find v(comp) at=0.9u
+.meas tran comp_1 find v(comp) at=1.95u
+.meas tran comp_2 find v(comp) at=3.1u
+"""
+_SLOPE_V_S = 0.68e6  # 3.4 uA on 5 pF
+
+
+def vfc_body(polarity: int) -> str:
+    """Integrator, comparator and charge source of a polarity."""
+    return _VFC.format(i_in=polarity * _SLOPE_V_S * 5e-12, polarity=polarity)
+
+
+def vfc(found: Found, polarity: int) -> dict[str, float]:
+    """Preset, slope and packet; the preset is half a packet less what came in the 99 ns behind its release."""
+    side = "sink" if polarity > 0 else "source"
+    slope = (found["v_0"] - found["v_1"]) / 0.8e-6 * polarity
+    packet = (found["v_2"] - found["v_1"]) * polarity + slope * 0.4e-6
+    return {
+        f"capacitor_error.{side}": _SLOPE_V_S / slope - 1.0,
+        f"preset_error_v.{side}": polarity * found["v_0"] + _SLOPE_V_S * 0.0995e-6 - 0.5,
+        f"packet_error.{side}": packet * (_SLOPE_V_S / slope) - 1.0,
+    }
+
+
+_VFC_UNITS = {"capacitor_error": "1", "preset_error_v": "V", "packet_error": "1"}
+
+COMPARATOR = """\
+vin inn 0 pwl(0 0.1 100n 0.1 300n -0.4)
+xdut 0 inn out ibias vdd vss comparator
+cout out 0 50f
+.tran 2n 1.2u
+.meas tran late when v(out)=0 rise=1
+"""
+
+
+def comparator(found: Found) -> dict[str, float]:
+    """From where the ramp of 0.5 V a clock passes the other input; an offset of 1 mV is 0.4 ns of it."""
+    return {"comparator_delay_s": found["late"] - 140e-9}
+
+
+# ---- row driver ----------------------------------------------------------------------------------------------
+
+
+def row_driver_body(driven: int) -> str:
+    """The current of a whole row, out of the driver."""
+    return (
+        f"vd d 0 {driven}\nvb vb 0 0.5\nxdut d row vb 0 vdd vss row_driver\nil row 0 0\n"
+        ".dc il 0 16m 16m\n.meas dc none find v(row) at=0\n.meas dc full find v(row) at=0.016"
+    )
+
+
+def row_driver(found: Found, side: str) -> dict[str, float]:
+    """What a row sags with 16 mA, by that current."""
+    return {f"row_driver_r_ohm.{side}": (found["none"] - found["full"]) / 16e-3}
+
+
+# ---- all -----------------------------------------------------------------------------------------------------
+
+
+def _with(units: Mapping[str, str], suffix: str) -> dict[str, str]:
+    return {f"{name}.{suffix}": unit for name, unit in units.items()}
+
+
+_ALL = (
+    Bench("reference", REFERENCE, reference, {"reference_error": "1"}, samples=True),
+    Bench(
+        "amplifier",
+        AMPLIFIER,
+        amplifier,
+        {"amplifier_gain_db": "dB", "amplifier_gbw_hz": "Hz", "amplifier_phase_margin_deg": "deg"},
+    ),
+    Bench("amplifier_offset", AMPLIFIER_OFFSET, amplifier_offset, {"amplifier_offset_v": "V"}, samples=True),
+    Bench("chain_k80", chain_body(80), partial(chain, k=80), _with(_CHAIN_UNITS, "k80"), samples=True),
+    *(
+        Bench(f"chain_k{k}", chain_by_pins_body(k), partial(chain, k=k), _with(_CHAIN_UNITS, f"k{k}"))
+        for k in (20, 40, 160)
+    ),
+    Bench("vfc_sink", vfc_body(1), partial(vfc, polarity=1), _with(_VFC_UNITS, "sink"), samples=True),
+    Bench("vfc_source", vfc_body(-1), partial(vfc, polarity=-1), _with(_VFC_UNITS, "source"), samples=True),
+    Bench("comparator", COMPARATOR, comparator, {"comparator_delay_s": "s"}, samples=True),
+    *(
+        Bench(
+            f"row_driver_{side}",
+            row_driver_body(driven),
+            partial(row_driver, side=side),
+            {f"row_driver_r_ohm.{side}": "ohm"},
+        )
+        for driven, side in ((1, "driven"), (0, "held"))
+    ),
+)
+BENCHES: dict[str, Bench] = {bench.name: bench for bench in _ALL}
