@@ -20,6 +20,8 @@ from dermis.design import ROOT, Limit, spec
 from dermis.files import write_atomic
 
 Row = dict[str, Any]
+AIM_MISSED = "aim missed"
+"""How the note of a row begins whose value misses a limit that does not gate; every other SKIP has no value."""
 COLOURS = {"PASS": "green", "FAIL": "bold red", "ERROR": "bold magenta", "SKIP": "yellow"}
 
 
@@ -69,15 +71,21 @@ def _row(
 def judge(name: str, value: Any, note: str = "") -> Row:
     """Judge a value against its limit and return the verdict row.
 
-    A limit with ``gate = false`` that is missed gives SKIP with the miss in the note: shown, not failed.
+    A limit with ``gate = false`` is an aim: one that is missed gives SKIP, "aim missed" with value and aim in the note.
     """
     rule = limit(name)
     row = within(name, value, rule.unit, rule.min, rule.max, note)
     if row["status"] == "FAIL" and not rule.gate:
-        miss = f"{'below' if rule.min is not None and row['value'] < rule.min else 'above'} the limit"
-        miss += ", which informs and does not gate"
+        below = rule.min is not None and row["value"] < rule.min
+        aim = f"at least {rule.min:g}" if below else f"at most {rule.max:g}"
+        miss = f"{AIM_MISSED}: {row['value']:.4g}, wanted {aim}"
         return row | {"status": "SKIP", "note": f"{miss}; {note}" if note else miss}
     return row
+
+
+def aims_missed(rows: Sequence[Row]) -> list[Row]:
+    """The rows whose value misses a limit that does not gate."""
+    return [row for row in rows if row["status"] == "SKIP" and row["note"].startswith(AIM_MISSED)]
 
 
 def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
@@ -108,9 +116,10 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
 
 
 def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
-    """The row of the median of several measurements; the spread is in the note."""
+    """The row of the median of several measurements; the spread is in the note, and every one under "runs"."""
     spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
-    return measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
+    row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
+    return row | {"runs": [float(value) for value in values]}
 
 
 def skip(name: str, reason: str, unit: str = "") -> Row:
@@ -154,7 +163,8 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
         table.add_row(*cells, f"[{colour}]{row['status']}[/]", row["note"].replace("[", r"\["))
     console.print(table)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
-    console.print(counts, highlight=False)
+    missed = len(aims_missed(rows))
+    console.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
 
 
 def exit_code(rows: Sequence[Row]) -> int:

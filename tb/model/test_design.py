@@ -260,6 +260,16 @@ def test_a_value_gets_the_one_status_its_limit_gives(name: str, value: float | N
     assert row["note"]
 
 
+def test_a_missed_aim_says_what_it_reached_and_what_was_wanted(capsys: pytest.CaptureFixture[str]) -> None:
+    row = verdict.judge("cosim.clocks_per_s.icarus", 4999, "why")
+    assert row["note"] == "aim missed: 4999, wanted at least 5000; why"
+    assert verdict.judge("cosim.frame_s", 61.0)["note"] == "aim missed: 61, wanted at most 60"
+    met, unmeasured = verdict.judge("cosim.frame_s", 1.0), verdict.skip("cosim.frame_s", "no ngspice")
+    assert verdict.aims_missed([row, met, unmeasured]) == [row]
+    verdict.print_rows([row, met, unmeasured])
+    assert "2 SKIP, 1 of them missed aims" in capsys.readouterr().out
+
+
 def test_a_name_without_a_limit_is_not_judged() -> None:
     with pytest.raises(KeyError, match="no limit"):
         verdict.judge("frame.nonsense", 1)
