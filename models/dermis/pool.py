@@ -27,7 +27,14 @@ from dermis.children import Child, Patience, ended
 from dermis.errors import SimulatorError
 
 ONE_THREAD = dict.fromkeys(
-    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+    (
+        "OPENBLAS_NUM_THREADS",
+        "OMP_NUM_THREADS",
+        "OMP_THREAD_LIMIT",  # ngspice sets the number itself
+        "MKL_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
+    "1",
 )
 """Each worker has one core; linear algebra that starts a thread a core in each of them would only fight for it."""
 
