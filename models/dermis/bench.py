@@ -29,7 +29,9 @@ from typing import Any
 import click
 import numpy as np
 
-from dermis import bench_engines, bench_peers, bench_vfc, engines, plan, verdict
+from dermis import bench_engines, bench_history, bench_peers, bench_vfc, engines, plan, verdict
+from dermis.accuracy import converter
+from dermis.batch import fingerprint
 from dermis.bench_vfc import Circuit, Job, Run
 from dermis.design import ROOT
 from dermis.engines import cosim
@@ -170,6 +172,14 @@ def _accuracy(m: Measurements) -> Iterator[Row]:
     for name, run in held.items():
         yield verdict.judge(f"cosim.edge_error_v.{name}", m.error_v(run, m.held), notes[name])
         yield verdict.judge(f"cosim.count_error.{name}", _miscount(m.held, run), f"{run.codes[0]} pulses")
+
+
+def _order(m: Measurements) -> Iterator[Row]:
+    where = m.place()
+    where.mkdir(parents=True)
+    _, orders = converter.orders(where)
+    note = f"largest steps of {', '.join(converter.step_words(h) for h in converter.ORDER_STEPS_S)}, amplifier pole"
+    yield verdict.judge("accuracy.order", min(orders), note)
 
 
 def _peer_accuracy(m: Measurements) -> Iterator[Row]:
@@ -355,6 +365,7 @@ SECTIONS = (
         _accuracy,
         300,
     ),
+    Section(("accuracy.order",), _order, 300),
     Section(
         _steps("peer.xspice.edge_error_v", "peer.xspice.count_error", "cosim.error_ratio.xspice"),
         _peer_accuracy,
@@ -503,10 +514,22 @@ def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
     "--only", multiple=True, metavar="NAME", help="Rows of this name or below it only (may be repeated)."
 )
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
-def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool) -> int:
-    """Measure accuracy and speed, into build/bench.json; with --only, what was measured now is all that is in it."""
-    if docs and (quick or only):
-        raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
+@click.option("--bless", is_flag=True, help="Also make this run the one that later ones are compared with.")
+@click.option("--history", is_flag=True, help="Only show the runs that were kept, beside each other.")
+def bench_command(
+    quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool, bless: bool, history: bool
+) -> int:
+    """Measure accuracy and speed, into build/bench.json; with --only, what was measured now is all that is in it.
+
+    Every run is kept in build/bench_history and compared with the blessed one, models/bench_blessed.json.
+    """
+    for flag, given in (("--docs", docs), ("--bless", bless)):
+        if given and (quick or only):
+            raise InputError("command line", flag, "with --quick or --only", "a whole run")
+    if history:
+        bench_history.print_history(bench_history.history())
+        return 0
+    before = bench_history.blessed()  # one that cannot be read is said before anything is measured
     sections = chosen(only)
     base = ROOT / "build" / "bench"
     base.mkdir(parents=True, exist_ok=True)
@@ -518,8 +541,16 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: 
         click.echo(f"bench: {section.names[0]} and {len(section.names) - 1} more ...", err=True)
         rows += run_section(section, m)
         click.echo(f"bench:   {time.perf_counter() - begin:.0f} s", err=True)
+    machine = machine_line()
+    run = bench_history.record(
+        rows, machine, fingerprint()[:12], {"quick": quick, "repeat": m.repeat, "only": list(only)}
+    )
+    kept = bench_history.keep(run)
+    said = list(bench_history.report(rows, machine, before, whole=not only and not quick))
+    rows += bench_history.summary(rows, before)
     verdict.write_rows("bench", rows)
     verdict.print_rows(rows, "Benchmark")
+    click.echo("\n".join([*said, f"kept: {kept.relative_to(ROOT)}"]))
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]
     if broken:
         click.echo(f"decks and logs of what broke are in {work}")
@@ -530,4 +561,7 @@ def bench_command(quick: bool, repeat: int | None, only: tuple[str, ...], docs: 
     elif docs:
         write_docs(rows)
         click.echo(f"written: {DOCS}")
+    if bless:
+        bench_history.bless(run, rows)
+        click.echo(f"written: {bench_history.BLESSED.relative_to(ROOT)}")
     return verdict.exit_code(rows)
