@@ -5,7 +5,9 @@
 .subckt integrator iin vcm d_preset out ibias vdd vss params: polarity=1
 xlevel d_preset on off logic_level
 xamp vcm iin v_amp ibias vdd vss ota
-xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.2
+* Behind the capacitor the amplifier sees nothing but the line iin, a tenth of the 3 pF that it is made for: 1 pF keeps it from ringing.
+xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=22 l=22
+xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.7
 xs_unity iin v_amp on off vdd vss switch
 xs_preset out v_preset on off vdd vss switch
 xs_out out v_amp off on vdd vss switch k=2
@@ -21,7 +23,7 @@ rlow v_preset vcm 50k
 .subckt integrator_direct iin vcm d_preset out ibias vdd vss
 xlevel d_preset on off logic_level
 xamp vcm iin v_amp ibias vdd vss ota pairs=320 branches=320
-xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.2 m=80
+xc_int out iin sky130_fd_pr__cap_mim_m3_1 w=50 l=49.7 m=80
 xs_unity iin v_amp on off vdd vss switch k=40
 xs_preset out v_preset on off vdd vss switch k=40
 xs_out out v_amp off on vdd vss switch k=160
