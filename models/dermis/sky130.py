@@ -121,10 +121,13 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
     return path
 
 
-def deck_head(corner: str = "tt", temperature_c: float = 27.0, mismatch: bool = False) -> Sequence[str]:
-    """The lines of a deck that bring the models of a corner and the blocks of spice/sky130."""
+def deck_head(
+    corner: str = "tt", temperature_c: float = 27.0, mismatch: bool = False, blocks: Path | None = None
+) -> Sequence[str]:
+    """The lines of a deck that bring the models of a corner and the blocks of spice/sky130, or of a changed copy."""
+    folder = blocks or ROOT / "spice" / "sky130"
     return (
         f'.include "{models(corner, mismatch)}"',
-        f'.include "{ROOT / "spice" / "sky130" / "blocks.inc"}"',
+        f'.include "{folder / "blocks.inc"}"',
         f".temp {temperature_c:g}",
     )
