@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -240,7 +241,13 @@ def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
 
 
 def spicebind(
-    circuit: Circuit, t_max_step_s: float, clocks: int, where: Path, limit_s: float, waves: bool = True
+    circuit: Circuit,
+    t_max_step_s: float,
+    clocks: int,
+    where: Path,
+    limit_s: float,
+    waves: bool = True,
+    options: str = bench_vfc.OPTIONS,
 ) -> PeerRun:
     """SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the process."""
     import spicebind as package
@@ -250,7 +257,7 @@ def spicebind(
     program = _compile(circuit, clocks, where)
     lines = [
         "one converter",
-        *bench_vfc.blocks(circuit),
+        *bench_vfc.blocks(circuit, options=options),
         *bench_vfc.start_lines(circuit),
         "vd_charge d_charge 0 external",
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
@@ -277,7 +284,13 @@ def spicebind(
 
 
 def cocotbext_ams(
-    circuit: Circuit, t_max_step_s: float, clocks: int, where: Path, limit_s: float, waves: bool = True
+    circuit: Circuit,
+    t_max_step_s: float,
+    clocks: int,
+    where: Path,
+    limit_s: float,
+    waves: bool = True,
+    options: str = bench_vfc.OPTIONS,
 ) -> PeerRun:
     """cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
     where.mkdir(parents=True)
@@ -293,9 +306,14 @@ def cocotbext_ams(
         ".ends",
     ]
     (where / "analog.sp").write_text("\n".join(inner) + "\n")
-    (where / "limits.txt").write_text(
-        f"{clocks} {t_max_step_s!r} {circuit.v_start_v!r} {circuit.f_clk_hz!r} {int(waves)}\n"
-    )
+    starts = ["v_int"] + (["xintegrator.v_amp"] if circuit.t_gbw_s else [])
+    told = {
+        "step_s": t_max_step_s,
+        "end_s": (clocks + 2) / circuit.f_clk_hz,
+        "waves": waves,
+        "lines": [f".ic v(x1.xvfc.{node})={circuit.v_start_v!r}" for node in starts] + [options],
+    }
+    (where / "limits.json").write_text(json.dumps(told))
     command = [sys.executable, "-m", "dermis.bench_peers", where]
     bench_vfc.call(command, where, limit_s, **{AMS_VARIABLE: str(where)})
     if (where / "error.txt").exists():
@@ -320,7 +338,8 @@ async def _ams_run(dut: Any, where: Path) -> None:
     import cocotbext.ams as ams
     from cocotbext.ams import _bridge
 
-    clocks, step, start, f_clk, waves = (float(word) for word in (where / "limits.txt").read_text().split())
+    told = json.loads((where / "limits.json").read_text())
+    step = told["step_s"]
     write = _bridge.generate_netlist
 
     def without_dc(**options: Any) -> list[str]:
@@ -342,9 +361,8 @@ async def _ams_run(dut: Any, where: Path) -> None:
         extra_lines=[
             f'.include "{bench_vfc.netlist.SPICE / "design.inc"}"',
             f'.include "{bench_vfc.netlist.SPICE / "behavioural" / "blocks.inc"}"',
-            f".ic v(x1.xvfc.v_int)={start!r}",
             ".save v(x1.xvfc.v_int)",
-            bench_vfc.OPTIONS,
+            *told["lines"],
         ],
     )
     chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=step * 1e9)
@@ -368,10 +386,10 @@ async def _ams_run(dut: Any, where: Path) -> None:
         simulator._vcd_writer = Watch()
         return simulator
 
-    if waves:
+    if told["waves"]:
         chip._create_simulator = watched
     begin = time.perf_counter()
-    await chip.start(duration_ns=(clocks + 2) * 1e9 / f_clk)
+    await chip.start(duration_ns=told["end_s"] * 1e9)
     seconds = time.perf_counter() - begin
     table = np.array(points).reshape(-1, 2)
     np.savez(where / "result.npz", time_s=table[:, 0], v_int=table[:, 1], seconds=seconds)

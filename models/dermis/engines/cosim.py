@@ -51,10 +51,14 @@ def refuses(plan: Plan) -> InputError | None:
 
 @dataclass(frozen=True)
 class Solver:
-    """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s."""
+    """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s.
+
+    `options` is an `.options` line that comes before the deck's own: of an option given twice ngspice takes the first.
+    """
 
     t_edge_s: float = 1e-9
     t_max_step_s: float = 1e-6
+    options: str = ""
 
 
 @dataclass(frozen=True)

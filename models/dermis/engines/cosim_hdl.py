@@ -13,7 +13,7 @@ import os
 import pickle
 import sys
 import traceback
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +76,8 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             )
         else:
             deck = netlist.frame_deck(plan, index, levels, record=job.record)
+            if job.solver.options:
+                deck = replace(deck, lines=(deck.lines[0], job.solver.options, *deck.lines[1:]))
             write_atomic(job_dir / f"frame_{index}.cir", "\n".join(deck.lines) + "\n")
 
             def start(level: ladder.Level) -> NgspiceHalf:
