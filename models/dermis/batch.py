@@ -14,7 +14,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import replace
@@ -102,7 +102,7 @@ def run(
     """
     engines.check(plan)
     if scheduler is not None:
-        with _cluster(scheduler) as (executor, workers, look):
+        with cluster(scheduler) as (executor, workers, look):
             return _run_parts(plan, executor, workers, progress, certified, options, look)
     if processes > 1 and plan.engine == "cosim":
         raise InputError(
@@ -123,6 +123,38 @@ def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
     return list(itertools.pairwise(edges))
 
 
+def spread(
+    calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]],
+    executor: Executor,
+    workers: int,
+    look: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[int, Future[Any]]]:
+    """Give calls to an executor, and yield (number of the call, its future) as they end, in any order.
+
+    Parameters
+    ----------
+    calls : function and arguments each; taken from as workers become free
+    executor, workers : of `pool.workers` or `cluster`, and how many there are
+    look : called while nothing ends; raises where nothing will
+    """
+    waiting = enumerate(calls)
+    running: dict[Future[Any], int] = {}
+
+    def start(many: int) -> None:
+        for index, (function, arguments) in itertools.islice(waiting, many):
+            running[executor.submit(function, *arguments)] = index
+
+    start(2 * workers)  # enough that no worker waits, few enough that the calls do not pile up
+    while running:
+        ended = wait(running, LOOK_S, FIRST_COMPLETED).done
+        if not ended:
+            look()
+        for task in ended:
+            index = running.pop(task)
+            start(1)
+            yield index, task
+
+
 def _run_parts(
     plan: Plan,
     executor: Executor,
@@ -134,34 +166,18 @@ def _run_parts(
 ) -> Result:
     light = replace(plan, force_n=None)  # no engine reads it
     todo = bounds(plan, workers)
-    waiting = iter(enumerate(todo))
     results: dict[int, Result] = {}
-    running: dict[Future[Result], int] = {}
     done = 0
-
-    def start() -> None:
-        for index, (first, stop) in waiting:
-            task = executor.submit(_run_part, light.part(first, stop), fingerprint(), certified, options)
-            running[task] = index
-            return
-
-    for _ in range(2 * workers):  # enough that no worker waits, few enough that the parts do not pile up
-        start()
-    while running:
-        ended = wait(running, LOOK_S, FIRST_COMPLETED).done
-        if not ended:
-            look()
-        for task in ended:
-            index = running.pop(task)
-            try:
-                results[index] = task.result()
-            except pool.WorkerLost as error:
-                first, stop = todo[index]
-                raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
-            start()
-            done += (todo[index][1] - todo[index][0]) * plan.rows
-            if progress is not None:
-                progress(done)
+    calls = ((_run_part, (light.part(*part), fingerprint(), certified, options)) for part in todo)
+    for index, task in spread(calls, executor, workers, look):
+        first, stop = todo[index]
+        try:
+            results[index] = task.result()
+        except pool.WorkerLost as error:
+            raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
+        done += (stop - first) * plan.rows
+        if progress is not None:
+            progress(done)
     return _joined([results[i] for i in range(len(todo))], [stop - first for first, stop in todo])
 
 
@@ -182,12 +198,23 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
 
 def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]) -> Result:
     """Run one part in a worker."""
+    same_version(version)
+    result = engines.run(part, **options)
+    return engines.certify(part, result) if certified else result
+
+
+def same_version(version: str) -> None:
+    """Refuse work from another version of dermis.
+
+    Raises
+    ------
+    SimulatorError
+        The fingerprint is not that of this machine.
+    """
     if fingerprint() != version:
         raise SimulatorError(
             f"a worker on {os.uname().nodename} has another version of dermis than the one that gives it work"
         )
-    result = engines.run(part, **options)
-    return engines.certify(part, result) if certified else result
 
 
 @functools.cache
@@ -201,7 +228,7 @@ def fingerprint(root: Path = ROOT) -> str:
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     """The workers of a Dask scheduler as an executor, how many there are, and a look at whether they still are."""
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
     if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
