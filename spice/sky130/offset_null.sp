@@ -2,7 +2,7 @@
 * Offset null: y holds the voltage at which a conveyor's col is on ground, whatever offset mismatch gives the conveyor's amplifier.
 * While d_preset is 1 V (rows change, the column settles) the nulling amplifier stores its own offset and y is held; in the gate, when the
 * column is quiet, it compares col with ground and moves y, 2 us to a factor of e. 20 pF keep kT/C at 14 uV; 32 pF and a tail of 2 uA make
-* the loop five times slower than the conveyor. Nothing holds y before the first gate but two diodes back to back, 0.1 Gohm and more.
+* the loop five times slower than the conveyor. Nothing holds y before the first gate but two diodes back to back.
 .subckt offset_null col y d_preset ibias vdd vss
 xlevel d_preset on off logic_level
 xamp 0 v_in v_amp ibias vdd vss ota pairs=0.2 branches=0.2
@@ -12,6 +12,6 @@ xc_own v_side v_in sky130_fd_pr__cap_mim_m3_1 w=100 l=100
 xs_own v_in v_amp on off vdd vss switch_small
 xs_y v_amp y off on vdd vss switch_small
 xc_y y vss sky130_fd_pr__cap_mim_m3_1 w=125 l=125
-xp_y v_mid v_mid y y pmos w=20 l=0.5
-xp_0 v_mid v_mid 0 0 pmos w=20 l=0.5
+xp_y v_mid v_mid y y pmos w=20 l=0.5 k=5
+xp_0 v_mid v_mid 0 0 pmos w=20 l=0.5 k=5
 .ends offset_null
