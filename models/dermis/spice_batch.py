@@ -52,7 +52,7 @@ class Measured:
     retries: tuple[ladder.Retry, ...]
 
 
-def run(deck: Path, limit_s: float = 60.0) -> Measured:
+def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -> Measured:
     """Run a deck and return what each of its `.meas` found.
 
     Parameters
@@ -61,6 +61,8 @@ def run(deck: Path, limit_s: float = 60.0) -> Measured:
         Its folder receives what is run, ``<name>.run.sp``, and the log, ``<name>.log``.
     limit_s : float
         Wall-clock limit of every attempt.
+    level : ladder.Level
+        Where on the ladder it begins: higher where the lower rungs are known to fail.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def run(deck: Path, limit_s: float = 60.0) -> Measured:
     tool = shutil.which("ngspice")
     if tool is None:
         raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
-    way = ladder.Climb(deck.stem)
+    way = ladder.Climb(deck.stem, level)
     values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), way)
     return Measured(values, tuple(way.retries))
 

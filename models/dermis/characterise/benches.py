@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from dermis import sky130
 
@@ -70,13 +71,21 @@ class Bench:
     limit_s: float = 150.0
 
 
-def deck(body: str, condition: Condition, options: str = "") -> str:
-    """The whole deck of a bench at a condition; `options`: further words for an `.options` line."""
+def deck(body: str, condition: Condition, options: str = "", blocks: Path | None = None) -> str:
+    """The whole deck of a bench at a condition.
+
+    Parameters
+    ----------
+    body : as in Bench
+    condition : models, temperature, supplies, mismatch
+    options : further words for an `.options` line
+    blocks : a changed copy of spice/sky130, to be measured in its place
+    """
     seed = () if condition.sample is None else (f".options seed={condition.sample}",)
     return "\n".join(
         (
             "bench",
-            *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None),
+            *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None, blocks),
             *seed,
             *((f".options {options}",) if options else ()),
             f"vdd vdd 0 {SUPPLY_V * condition.supply:.6g}",
