@@ -9,7 +9,7 @@ temperature, supplies and reference stand before it in the deck (`deck`), which 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -100,18 +100,19 @@ def deck(body: str, condition: Condition, options: str = "", blocks: Path | None
 
 # ---- reference -----------------------------------------------------------------------------------------------
 
-# The drain where the line is, as a cascode holds it.
 REFERENCE = """\
-xn out ibias vss vss nmos w=5 l=2
-eout out x ibias 0 1
-vx x 0 0
+xbias_p ibias vbp vdd vss bias_p
+xbias_cn vbp vcn vdd vss bias_cascode_n
+xn v_unit ibias vss vss nmos w=5 l=2
+xnc out vcn v_unit vss nmos w=5 l=0.5
+vx out 0 0
 .dc vx 0 0.1 0.1
 .meas dc i_unit find i(vx) at=0
 """
 
 
 def reference(found: Found) -> dict[str, float]:
-    """Current of a unit device against 5 uA."""
+    """Current of a cascoded unit device against 5 uA."""
     return {"reference_error": -found["i_unit"] / 5e-6 - 1.0}
 
 
@@ -155,8 +156,8 @@ def amplifier_offset(found: Found) -> dict[str, float]:
 
 # ---- conveyor and mirror -------------------------------------------------------------------------------------
 
-POINTS = 11
-"""Currents of a line, from none to x = 1/2, evenly."""
+SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
+"""Currents of a line, as shares of that at x = 1/2: evenly, and closer to 64.25 kohm, which is 0.0078."""
 
 _CHAIN = """\
 vy y 0 0
@@ -175,11 +176,11 @@ def chain_full_a(k: int) -> float:
 def _sweep(k: int) -> str:
     full = chain_full_a(k)
     meas = "".join(
-        f".meas dc out{n} find i(vsum) at={full * n / (POINTS - 1)!r}\n"
-        f".meas dc x{n} find v(x) at={full * n / (POINTS - 1)!r}\n"
-        for n in range(POINTS)
+        f".meas dc {name}{n} find {what} at={full * share:.9g}\n"
+        for n, share in enumerate(SHARES)
+        for name, what in (("out", "i(vsum)"), ("x", "v(x)"))
     )
-    return f".dc ix 0 {full * 1.01} {full / (POINTS - 1)}\n{meas}"
+    return f".dc ix 0 {full * 1.01:.9g} {full / 100:.9g}\n{meas}"
 
 
 def chain_body(k: int, devices: int | None = None) -> str:
@@ -195,27 +196,42 @@ def chain_by_pins_body(k: int) -> str:
 
 
 def chain_lsb(found: Found) -> list[float]:
-    """Output current at each of the points, in packets a gate."""
-    return [found[f"out{n}"] / 25e-6 * 510 for n in range(POINTS)]
+    """Output current at each of SHARES, in packets a gate."""
+    return [found[f"out{n}"] / 25e-6 * 510 for n in range(len(SHARES))]
+
+
+def _off_line(x: Sequence[float], y: Sequence[float]) -> list[float]:
+    """Distance of each y from the line through the first and the last point."""
+    slope = (y[-1] - y[0]) / (x[-1] - x[0])
+    return [b - y[0] - slope * (a - x[0]) for a, b in zip(x, y, strict=True)]
+
+
+def code_residual_lsb(found: Found, k: int) -> list[float]:
+    """What a taxel's code is off at each of SHARES, once gain and offset of its column are calibrated.
+
+    A taxel of conductance G draws G (V_b - v(x)), with V_b = 0.5 V: what the conveyor gives way bends the code too.
+    """
+    siemens = [chain_full_a(k) * share / (0.5 - found[f"x{n}"]) for n, share in enumerate(SHARES)]
+    return _off_line(siemens, chain_lsb(found))
 
 
 def chain(found: Found, k: int) -> dict[str, float]:
     """Distance of the output from the line through both ends, that line, and the column's voltage."""
     lsb = chain_lsb(found)
-    gain = (lsb[-1] - lsb[0]) / 255.0
-    inl = [have - lsb[0] - gain * 255.0 * n / (POINTS - 1) for n, have in enumerate(lsb)]
-    step = chain_full_a(k) / (POINTS - 1)
+    last = len(SHARES) - 1
     return {
-        f"chain_inl_lsb.k{k}": max(map(abs, inl)),
-        f"chain_gain_error.k{k}": gain - 1.0,
+        f"chain_inl_lsb.k{k}": max(map(abs, _off_line(SHARES, lsb))),
+        f"code_inl_lsb.k{k}": max(map(abs, code_residual_lsb(found, k))),
+        f"chain_gain_error.k{k}": (lsb[-1] - lsb[0]) / 255.0 - 1.0,
         f"chain_offset_lsb.k{k}": lsb[0],
-        f"conveyor_r_x_ohm.k{k}": (found[f"x{POINTS - 1}"] - found[f"x{POINTS - 2}"]) / step,
-        f"conveyor_v_offset_v.k{k}": found[f"x{POINTS - 1}"],
+        f"conveyor_r_x_ohm.k{k}": (found[f"x{last}"] - found[f"x{last - 1}"]) / (0.1 * chain_full_a(k)),
+        f"conveyor_v_offset_v.k{k}": found[f"x{last}"],
     }
 
 
 _CHAIN_UNITS = {
     "chain_inl_lsb": "lsb",
+    "code_inl_lsb": "lsb",
     "chain_gain_error": "1",
     "chain_offset_lsb": "lsb",
     "conveyor_r_x_ohm": "ohm",
@@ -263,6 +279,47 @@ def vfc(found: Found, polarity: int) -> dict[str, float]:
 
 _VFC_UNITS = {"capacitor_error": "1", "preset_error_v": "V", "packet_error": "1"}
 
+# Packets in the rhythms of x = 1/2 and x = 1/10, the input current with them: what the integrator gains over whole
+# periods is the packet less the input's charge, so it says how much smaller a packet in a crowd is.
+_T_CLK_S = 200e-9
+_DENSE_S, _SPARSE_S = (1.1e-6, 1.5e-6, 1.9e-6, 2.3e-6), (3.2e-6, 5.2e-6)
+_DENSITY = """\
+vpre d_preset 0 pwl(0 1 1u 1 1.001u 0)
+vcharge d_charge 0 pwl(0 0 {packets})
+iin 0 sum pwl(0 {dense} 2.7u {dense} 2.701u {sparse})
+xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}
+.tran 10n 7.2u
+.meas tran dense_0 find v(xdut.v_int) at=1.49u
+.meas tran dense_1 find v(xdut.v_int) at=2.69u
+.meas tran sparse_0 find v(xdut.v_int) at=5.19u
+.meas tran sparse_1 find v(xdut.v_int) at=7.19u
+"""
+
+
+def density_body(polarity: int) -> str:
+    """Three packets in the rhythm of x = 1/2, then one in that of x = 1/10."""
+    packets = " ".join(
+        f"{t:.9g} 0 {t + 1e-9:.9g} 1 {t + _T_CLK_S:.9g} 1 {t + _T_CLK_S + 1e-9:.9g} 0"
+        for t in (*_DENSE_S, *_SPARSE_S)
+    )
+    dense, sparse = polarity * 12.5e-6, polarity * 2.5e-6
+    return _DENSITY.format(packets=packets, dense=dense, sparse=sparse, polarity=polarity)
+
+
+def density(found: Found, polarity: int) -> dict[str, float]:
+    """How far the middle of the range is off the line through its ends, where a packet shrinks with their rate.
+
+    With a packet q (1 + e x / (1/2)) the count is x (1 - 2 e x), whose distance from the line through 0 and x = 1/2 is
+    e / 8 of a packet a clock at x = 1/4, 510 e / 8 codes; e is what the two rhythms differ by, over the 4/5 of the
+    range that lie between them.
+    """
+    c_f = 5e-12
+    dense = 12.5e-6 * 2 * _T_CLK_S + polarity * c_f * (found["dense_1"] - found["dense_0"]) / 3
+    sparse = 2.5e-6 * 10 * _T_CLK_S + polarity * c_f * (found["sparse_1"] - found["sparse_0"])
+    side = "sink" if polarity > 0 else "source"
+    return {f"packet_density_lsb.{side}": 510 / 8 * (dense / sparse - 1.0) / 0.8}
+
+
 COMPARATOR = """\
 vin inn 0 pwl(0 0.1 100n 0.1 300n -0.4)
 xdut 0 inn out ibias vdd vss comparator
@@ -275,6 +332,20 @@ cout out 0 50f
 def comparator(found: Found) -> dict[str, float]:
     """From where the ramp of 0.5 V a clock passes the other input; an offset of 1 mV is 0.4 ns of it."""
     return {"comparator_delay_s": found["late"] - 140e-9}
+
+
+# A level that moves by 10 mV moves where a count begins by 0.01 packet: half a millivolt is fine enough a step.
+COMPARATOR_OFFSET = """\
+vin inn 0 0
+xdut 0 inn out ibias vdd vss comparator
+.dc vin -50m 50m 0.5m
+.meas dc offset when v(out)=0
+"""
+
+
+def comparator_offset(found: Found) -> dict[str, float]:
+    """Input at which the output is half way."""
+    return {"comparator_offset_v": found["offset"]}
 
 
 # ---- row driver ----------------------------------------------------------------------------------------------
@@ -317,6 +388,22 @@ _ALL = (
     Bench("vfc_sink", vfc_body(1), partial(vfc, polarity=1), _with(_VFC_UNITS, "sink"), samples=True),
     Bench("vfc_source", vfc_body(-1), partial(vfc, polarity=-1), _with(_VFC_UNITS, "source"), samples=True),
     Bench("comparator", COMPARATOR, comparator, {"comparator_delay_s": "s"}, samples=True),
+    Bench(
+        "comparator_offset",
+        COMPARATOR_OFFSET,
+        comparator_offset,
+        {"comparator_offset_v": "V"},
+        samples=True,
+    ),
+    *(
+        Bench(
+            f"density_{side}",
+            density_body(polarity),
+            partial(density, polarity=polarity),
+            {f"packet_density_lsb.{side}": "lsb"},
+        )
+        for polarity, side in ((1, "sink"), (-1, "source"))
+    ),
     *(
         Bench(
             f"row_driver_{side}",
