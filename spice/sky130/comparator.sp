@@ -9,7 +9,11 @@ xn_inn v_pair inn v_tail vss nmos w=20 l=1 k=2
 xp_load v_load v_load vdd vdd pmos w=10 l=1 k=2
 xp_pair v_pair v_load vdd vdd pmos w=10 l=1 k=2
 xp_first v_first v_pair vdd vdd pmos w=10 l=1 k=2
-xn_first v_first ibias vss vss nmos w=5 l=2 k=4
+* The first stage swings from rail to rail: a gate line of its own keeps that from ibias, which makes the packets.
+xbias_p ibias vbp vdd vss bias_p
+xp_own v_own vbp vdd vdd pmos w=20 l=2
+xn_own v_own v_own vss vss nmos w=5 l=2 k=2
+xn_first v_first v_own vss vss nmos w=5 l=2 k=4
 xn_out out v_first vss vss nmos w=5 l=0.5
 xp_out out v_first vdd vdd pmos w=12 l=0.5
 .ends comparator
