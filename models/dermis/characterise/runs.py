@@ -15,7 +15,7 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +32,9 @@ FAILED = ROOT / "build" / "characterise" / "failed"
 
 START = ladder.Level(start=1)
 """Newton's method by itself finds the operating point of none of these decks: it is not tried first."""
+
+MODELS = ROOT / "build" / "sky130"
+"""Where dermis.sky130 puts the models of a corner, in files that are named after their content."""
 
 _INCLUDE = re.compile(r'^\s*\.include\s+"?([^"\n]+?)"?\s*$', re.IGNORECASE)
 _SUBCKT = re.compile(r"^\s*\.subckt\s+(\S+)", re.IGNORECASE)
@@ -54,23 +57,24 @@ class Measured:
     seconds: float = 0.0
 
 
-def _lines(text: str, folder: Path) -> list[str]:
-    """A deck's lines with its includes in their places; a file of models as its name, which is a hash of it."""
-    lines: list[str] = []
+def _lines(text: str, folder: Path) -> Iterator[str]:
+    """A deck's lines without comments and with its includes in their places, but for a corner's models."""
     for line in text.splitlines():
         if found := _INCLUDE.match(line):
             path = folder / found[1]
-            if path.parent == ROOT / "build" / "sky130":
-                lines.append(f".include {path.name}")
+            if path.parent == MODELS:
+                yield line
             else:
-                lines += _lines(path.read_text(encoding="utf-8"), path.parent)
+                yield from _lines(path.read_text(encoding="utf-8"), path.parent)
         elif (words := line.split()) and not words[0].startswith("*"):
-            lines.append(" ".join(words))
-    return lines
+            yield " ".join(words)
 
 
-def content(text: str) -> str:
-    """What a deck comes to: no comments, its includes in their places, and only the subcircuits that it reaches."""
+def resolved(text: str) -> str:
+    """A deck in one piece: no comments, and of the blocks only those that it reaches.
+
+    What is run and what is hashed are then one and the same, whatever happens to the files meanwhile.
+    """
     own: list[str] = []
     circuits: dict[str, list[str]] = {}
     inside: list[str] | None = None
@@ -87,13 +91,16 @@ def content(text: str) -> str:
             if word in circuits and word not in reached:
                 reached[word] = circuits[word]
                 waiting.append(circuits[word])
-    return "\n".join([*own, *(line for name in sorted(reached) for line in reached[name])])
+    blocks = [line for name in sorted(reached) for line in reached[name]]
+    title, *rest = [line for line in own if line.lower() != ".end"]
+    return "\n".join([title, *blocks, *rest, ".end"]) + "\n"
 
 
 def key(text: str) -> str:
-    """The hash of all that decides about a deck's results."""
+    """The hash of all that decides about the results of a resolved deck."""
     solved = (ngspice_version(), START, ladder.START, ladder.STEPS)
-    return hashlib.sha256(f"{solved}\n{content(text)}".encode()).hexdigest()[:24]
+    # A file of models is named after its content, and lies elsewhere on another machine.
+    return hashlib.sha256(f"{solved}\n{text.replace(str(MODELS), '')}".encode()).hexdigest()[:24]
 
 
 def kept(name: str) -> Measured | None:
@@ -117,7 +124,7 @@ def keep(name: str, what: str, measured: Measured) -> None:
 
 
 def simulate(text: str, limit_s: float) -> Measured:
-    """Run a deck, whatever is kept.
+    """Run a resolved deck, whatever is kept.
 
     Raises
     ------
@@ -126,7 +133,6 @@ def simulate(text: str, limit_s: float) -> Measured:
     """
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="characterise_") as folder:
-        # No block has this name: ngspice looks for an include beside the deck first.
         path = Path(folder) / "characterise.sp"
         path.write_text(text, encoding="utf-8")
         try:
@@ -154,7 +160,7 @@ def measured(
     SimulatorError
         As `simulate`.
     """
-    text = deck(body, condition, options, blocks)
+    text = resolved(deck(body, condition, options, blocks))
     name = key(text)
     there = kept(name)
     if there is None:
