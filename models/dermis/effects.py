@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, create_model
@@ -802,6 +802,19 @@ class AutoTable(Strict):
     )
 
 
+class ExtractedTable(Strict):
+    """[effects] extracted: what was measured of the chip in transistors, as the effects it amounts to."""
+
+    corner: Literal["tt", "ff", "ss", "sf", "fs"] = entry(
+        "tt", "Corner of the process", 'one of "tt", "ff", "ss", "sf", "fs"'
+    )
+    temperature_c: _Number = entry(
+        27.0,
+        "Temperature of the chip, in degrees Celsius",
+        "a finite number; models/extracted has a file for it",
+    )
+
+
 # [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is leaving
 # it out; auto considers what is left out too.
 EffectsTable: type[Strict] = create_model(
@@ -814,6 +827,15 @@ EffectsTable: type[Strict] = create_model(
             None,
             "Every effect with defaults is considered, named or not; what together stays within the budget is "
             "left out (docs/auto.md)",
+            "a table",
+        ),
+    ),
+    extracted=(
+        ExtractedTable | None,
+        entry(
+            None,
+            "The effects that the chip in transistors has, with the values measured of it (docs/equivalence.md); none "
+            "of them may be named beside it, but false leaves one out",
             "a table",
         ),
     ),

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
+from dermis import extracted
 from dermis.design import ROOT, Design
 from dermis.design import load as load_design
 from dermis.effects import EFFECTS, EffectsTable, Setting, check_together, resolve_effects
@@ -142,7 +143,8 @@ class Scene:
     path : Path
         Where it was read; file names in it are relative to this.
     table : SceneTable
-        The resolved tables. `table.effects` is as written; `effects` holds what is on, every parameter given.
+        The resolved tables. `table.effects` is as written, but for `extracted`, in whose place its effects stand;
+        `effects` holds what is on, every parameter given.
     effects : dict
         Effect name -> parameters.
     design : Design
@@ -252,10 +254,19 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
     t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
     stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
+    named = table.effects
+    if named.extracted is not None:
+        named = extracted.expanded(named, interface, design, path)
     resolved = table.model_copy(
-        update={"array": array, "sensor": sensor, "interface": interface, "stimulus": stimulus}
+        update={
+            "array": array,
+            "sensor": sensor,
+            "interface": interface,
+            "stimulus": stimulus,
+            "effects": named,
+        }
     )
-    on = resolve_effects(table.effects, Setting.of(resolved, design, _no_rng), path)
+    on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     check_together(on, interface.topology, packet_v, path)
     return Scene(path, resolved, on, design)
 
