@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults
 
 help: ## print this list
@@ -59,6 +59,9 @@ campaign: setup ## random scenes against the laws of the physics, resumable [ARG
 
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
 	@$(dermis) sweep $(ARGS)
+
+characterise: setup ## the SKY130 blocks over corners and mismatch against their limits, resumable [ARGS="--only sky130.packet_error"]
+	@$(dermis) characterise $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)

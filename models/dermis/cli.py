@@ -43,6 +43,10 @@ ELSEWHERE = {
         "dermis.campaign.command",
         "Random scenes through the engines, against each other and against laws of the physics.",
     ),
+    "characterise": (
+        "dermis.characterise.command",
+        "The SKY130 blocks over corners, temperatures, supplies and mismatch, against their limits.",
+    ),
     "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
     "faults": ("dermis.faults.command", "Kill, interrupt, fill, close, cut: what a disturbed run leaves."),
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),

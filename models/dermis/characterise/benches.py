@@ -415,3 +415,20 @@ _ALL = (
     ),
 )
 BENCHES: dict[str, Bench] = {bench.name: bench for bench in _ALL}
+
+# Codes of 255 that a unit of a quantity is worth at x = 1/2, where it is worth most; by name up to the first dot.
+CODES_A_UNIT: dict[str, float] = {
+    "packet_error": 255.0,
+    "chain_gain_error": 255.0,
+    "reference_error": 255.0,
+    "chain_inl_lsb": 1.0,
+    "chain_offset_lsb": 1.0,
+    "code_inl_lsb": 1.0,
+    "packet_density_lsb": 1.0,
+    # Where a count begins, in packets of 1 V; the capacitor decides what half a volt of preset is in packets.
+    "preset_error_v": 1.0,
+    "capacitor_error": 0.5,
+    "comparator_offset_v": 1.0,
+    # A late decision is x packets a clock of 200 ns late.
+    "comparator_delay_s": 0.5 / 200e-9,
+}
