@@ -48,6 +48,14 @@ ELSEWHERE = {
         "The SKY130 blocks over corners, temperatures, supplies and mismatch, against their limits.",
     ),
     "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
+    "equivalence": (
+        "dermis.equivalence.command",
+        "Channels in transistors against the models extracted from them, and seeded faults.",
+    ),
+    "extract": (
+        "dermis.equivalence.command",
+        "Measure the blocks in transistors and write the parameters of models/extracted.",
+    ),
     "faults": ("dermis.faults.command", "Kill, interrupt, fill, close, cut: what a disturbed run leaves."),
     "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
     "fuzz": (
@@ -153,12 +161,20 @@ def run(
     if scheduler is not None and (processes > 1 or waves):
         other = "--processes" if processes > 1 else "--waves"
         raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
+
+    def simulate(which: plan.Plan) -> engines.Result:
+        with progress.slots(path.stem, which.frames * which.rows) as on_slots:
+            return batch.run(
+                which, on_slots, processes=processes, scheduler=scheduler, certified=True, **options
+            )
+
     with output.place(target) as where:
         start = time.perf_counter()
-        with progress.slots(path.stem, made.frames * made.rows) as on_slots:
-            result = batch.run(
-                made, on_slots, processes=processes, scheduler=scheduler, certified=True, **options
-            )
+        result = simulate(made)
+        if made.accuracy is not None:
+            from dermis.accuracy import choice
+
+            made, result = choice.settled(made, result, simulate)
         result.info["seconds"] = time.perf_counter() - start
         first = made.part(0, min(made.frames, max(1, JUDGED // (made.rows * made.cols))))
         rows = regression.compare(first, engines.Result(result.codes[: first.frames]), path.stem)
@@ -167,8 +183,6 @@ def run(
         full = int((result.codes >= made.timing.code_max).sum())
         rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
         if made.accuracy is not None:
-            from dermis.accuracy import choice
-
             rows += choice.reached(made, result, result.info["seconds"], path.stem)
             result.info["accuracy"] = dataclasses.asdict(made.accuracy)
 

@@ -63,7 +63,12 @@ def test_the_count_in_fifty_digits_is_the_rational_one() -> None:
             expected = count_exact(x, 510, packet=packet)
             start, level = mpf(-1) / 2, mpf(0)
             wanted = mpf(x.numerator) / x.denominator
-            took = exact.count(wanted, 510, mpf(packet.numerator) / packet.denominator, start, level, mpf(0))
+            size = mpf(packet.numerator) / packet.denominator
+            took, w_end = exact.count(wanted, 510, size, start, level, mpf(0))
+            drawn = (510 * x - Fraction(1, 2) - Fraction(float(w_end))) / packet
+            # Decided in the last two clocks and not yet drawn: the rest is whole packets, up to a double's rounding.
+            assert abs(float(drawn) - round(drawn)) < 1e-12
+            assert 0 <= took - round(drawn) <= 2
             assert took == expected
 
 
@@ -103,8 +108,8 @@ def test_the_front_holds_what_nothing_beats() -> None:
 
 # ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------
 
-HELD_OUT = ("cylindrical_indenter", "heavy_load", "round_punch", "slipping_cylinder", "spherical_fingertip")
-"""Scenes that took no part in the curve."""
+UNSEEN = ("light_touch", "quarter_code_fingertip", "press_and_release", "slanted_edge", "triangular_indenter")
+"""Scenes that neither the curve nor its check on held-out scenes has seen."""
 
 
 def wishing(name: str, tmp_path: Path, **run: float | str) -> Scene:
@@ -117,8 +122,11 @@ def wishing(name: str, tmp_path: Path, **run: float | str) -> Scene:
     return scene.from_data(data, path)
 
 
-@pytest.mark.parametrize("name", HELD_OUT)
-@pytest.mark.parametrize("wanted", [0.01, 0.1])
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [(name, 0.01) for name in choice.HELD_OUT_SCENES]
+    + [(name, 0.1) for name in (*choice.HELD_OUT_SCENES, *UNSEEN)],
+)
 def test_scenes_that_the_curve_has_not_seen_reach_what_is_asked(
     name: str, wanted: float, tmp_path: Path
 ) -> None:
@@ -139,6 +147,40 @@ def test_a_curve_that_promises_too_much_is_seen(tmp_path: Path, monkeypatch: pyt
     )
     rows = choice.reached(made, engines.run(made), 0.0, "x")
     assert rows[0]["status"] == "FAIL", rows[0]
+
+
+def test_a_run_that_misses_goes_on_with_the_next_finer_setting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(choice.table(), "budget_over_error", 1000.0)
+    made = plan.make(
+        replace_effects(wishing("cylindrical_indenter", tmp_path, accuracy_lsb=0.1), "mirror_lag")
+    )
+    first = engines.run(made)
+    done, result = choice.settled(made, first, engines.run)
+    row = choice.reached(done, result, 0.0, "x")[0]
+    assert row["status"] == "PASS", row
+    assert done.accuracy is not None
+    assert done.accuracy.missed[0] == (made.accuracy.budget_lsb, choice.reached_lsb(made, first))
+    assert "before, a budget of 100 LSB reached" in row["note"]
+    assert set(made.on) < set(done.on)
+    # One that reaches what is asked is left alone.
+    assert choice.settled(done, result, pytest.fail) == (done, result)
+
+
+def test_a_held_out_scene_that_misses_makes_the_promise_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def promised(loose: float, tell: object) -> list[dict[str, float]]:
+        asked.append(loose)
+        return [{"asked_lsb": 0.1, "reached_lsb": 0.2 if len(asked) < 3 else 0.05}]
+
+    monkeypatch.setattr(choice, "promised", promised)
+    monkeypatch.setattr(choice, "CURVE_SCENES", ("flat_indenter",))
+    made = choice.measure(lambda words: None)
+    assert asked == pytest.approx([asked[0], asked[0] / 1.5, asked[0] / 1.5**2])
+    assert [len(entry["misses"]) for entry in made["held_out"]["tried"]] == [1, 1, 0]
+    assert made["budget_over_error"] == pytest.approx(asked[-1], abs=1e-3), "written with three digits"
 
 
 def replace_effects(world: Scene, without: str) -> Scene:

@@ -8,11 +8,12 @@ import math
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from dermis import bench, bench_peers, verdict
+from dermis import bench, bench_peers, design, verdict
 from dermis.accuracy import choice, converter, figures, frames
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.design import ROOT
@@ -27,8 +28,38 @@ _FIGURES = {
     "converter, no pole": "converter_ideal",
     "converter, amplifier pole": "converter_pole",
     frames.WORK: "frames_effects",
+    frames.INTEGRATORS: "frames_integrators",
 }
-_NOT_YET = "the blocks have no view in SKY130 transistors yet"
+_NOT_YET = "no engine reads an array through SKY130 transistors yet"
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """How a work is drawn: `floor` is where error 0 stands, with what the reference itself is good for."""
+
+    time: str
+    error: str
+    lsb: float
+    floor: float
+    floor_words: str
+
+
+def _axes(work: str) -> _Axes:
+    design_packet_v = design.load().converter.packet_v
+    if work == frames.WORK:
+        # One code of 256 that is one off would be 0.004 LSB.
+        words = "all 256 codes equal those of the 50-digit reference"
+        error = "mean |code - reference| / LSB; certified: mean of the stated bound"
+        return _Axes("processor time a frame / s", error, 1.0, 1e-3, words)
+    words = "rounding of the reference as it is returned, in doubles"
+    if work == frames.INTEGRATORS:
+        error = f"largest error of an integrator in its gate / V  (1 LSB is a packet, {design_packet_v:g} V)"
+        # Doubles carry 1e-16 V through 510 clocks of 1 V.
+        return _Axes("processor time a frame / s", error, design_packet_v, 1e-14, words)
+    packet_v = converter.IDEAL.packet_v
+    error = f"largest error of the integrator at clock edges / V  (1 LSB is a packet, {packet_v:g} V)"
+    # Doubles carry 1e-16 V through 400 clocks of 0.1 V.
+    return _Axes("processor time a clock / s", error, packet_v, 1e-13, words)
 
 
 def draw(points: Sequence[Point], directory: Path) -> None:
@@ -38,42 +69,37 @@ def draw(points: Sequence[Point], directory: Path) -> None:
         own = [p for p in points if p.work == work]
         if not own:
             continue
-        codes = work == frames.WORK
+        axes = _axes(work)
+        what = "16 x 16" if work in (frames.WORK, frames.INTEGRATORS) else f"{converter.CLOCKS} clocks"
         figures.draw(
             own,
             directory / f"{file}.png",
-            title=f"Accuracy against time: {work}"
-            + (
-                " (16 x 16; error 0: every code equal)"
-                if codes
-                else f" ({converter.CLOCKS} clocks of the gate)"
-            ),
-            time_label="processor time a frame / s" if codes else "processor time a clock / s",
-            error_label="mean |code - reference| / LSB"
-            if codes
-            else "largest error of the integrator at clock edges / V  (1 LSB is a packet, 0.1 V)",
-            lsb=1.0 if codes else converter.IDEAL.packet_v,
-            # One code of 256 that is one off would be 0.004 LSB; doubles carry 1e-16 V through 400 clocks of 0.1 V.
-            floor=1e-3 if codes else 1e-13,
-            floor_words="all 256 codes equal those of the 50-digit reference"
-            if codes
-            else "rounding of the reference as it is returned, in doubles",
+            title=f"Accuracy against time: {work} ({what})",
+            time_label=axes.time,
+            error_label=axes.error,
+            lsb=axes.lsb,
+            floor=axes.floor,
+            floor_words=axes.floor_words,
         )
 
 
 def ratios(points: Sequence[Point]) -> Iterator[Row]:
-    """Cosim against the peers on one circuit: time at equal error, error at equal time, growth with the step."""
+    """Cosim, and any of our engines, against the peers on one circuit; growth of the error with the step."""
     for work in converter.CIRCUITS:
         own = [p for p in points if p.work == work]
         ours = [p for p in own if p.method.startswith("cosim")]
+        every = [p for p in own if not p.method.startswith("peer")]
         short = work.rsplit(", ", 1)[1].replace(" ", "_")
         all_peers: list[Point] = []
         for name in dict.fromkeys(p.method for p in own if p.method.startswith("peer")):
             theirs = [p for p in own if p.method == name]
             all_peers += theirs
-            yield from _against(f"{short}.{name.rsplit(' ', 1)[1].lower()}", ours, theirs)
+            peer = name.rsplit(" ", 1)[1].lower()
+            yield from _against(f"{short}.{peer}", ours, theirs)
+            yield from _against(f"{short}.any_engine.{peer}", every, theirs)
         if all_peers:
             yield from _against(f"{short}.best_peer", ours, all_peers)
+            yield from _against(f"{short}.any_engine.best_peer", every, all_peers)
         steps = [p for p in ours if p.method == "cosim, icarus, step"]
         if len(steps) > 1:
             errors = [p.error for p in steps]
@@ -159,8 +185,7 @@ def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
         if not own:
             continue
         front = set(pareto(own))
-        codes = work == frames.WORK
-        per = "frame" if codes else "clock"
+        per = "clock" if work in converter.CIRCUITS else "frame"
         lines += [f"### {work.capitalize()}", "", f"![{work}](figures/accuracy_{_FIGURES[work]}.png)", ""]
         lines += [
             f"| method | setting | error, {own[0].unit} | largest of a code, LSB | s a {per} | on the front |"
@@ -222,7 +247,9 @@ def accuracy_command(
         if only in (None, "converter"):
             points += converter.measure(work, repeat, quick, tell)
         if only in (None, "frames"):
-            points += frames.measure(work / "frames", repeat, quick, tell)
+            more, gates = frames.measure(work / "frames", repeat, quick, tell)
+            points += more
+            rows += gates
     if points:
         rows += [*ratios(points), *missing_rows()]
         for work, file in _FIGURES.items():

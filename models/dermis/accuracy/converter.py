@@ -3,7 +3,8 @@
 
 Two circuits, both those of bench_vfc: without a pole, where the reference is exact rationals, and with the amplifier's
 pole of 1 MHz, where it is the closed form in 50 digits. Each is given the charge pulses that the method's own digital
-side made, so that its error is one of the analog solution; a wrong count shows beside it.
+side made, so that its error is one of the analog solution; a wrong count shows beside it. The reference's charge pulses
+rise and fall in 1 ns for every method, also for one that knows no such ramp.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from dermis import bench_peers, bench_vfc, cpu_time, netlist, workers
+from dermis.accuracy import chip, probe
 from dermis.accuracy.point import Point
 from dermis.analog import Edge
 from dermis.bench_vfc import CHARGE, Circuit, Job
+from dermis.engines import rtl
 from dermis.errors import SimulatorError
 from dermis.ngspice import NgspiceHalf
 
@@ -27,6 +30,7 @@ RUN_LIMIT_S = 120.0
 CLOCKS = 400
 T_GBW_S = 1.0 / (2.0 * math.pi * 1e6)
 STEPS_S = (10e-9, 30e-9, 100e-9, 300e-9, 1e-6)
+EXTRAPOLATED_S = (300e-9, 100e-9, 80e-9, 60e-9, 30e-9)
 # The project takes 1e-4; two decades to either side.
 RELTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
@@ -43,6 +47,15 @@ def options_with(line: str, **other: float | str) -> str:
         name: f"{value:g}" if isinstance(value, float) else str(value) for name, value in other.items()
     }
     return ".options " + " ".join(f"{name}={value}" for name, value in values.items())
+
+
+def tolerances(reltol: float, **other: str) -> str:
+    """The options behind a pole with all tolerances moved together, as reltol is moved from the project's 1e-4."""
+    share = reltol / 1e-4
+    # They go along with reltol, so that none of them hides the others: at 1e-4 these are the project's (netlist.py).
+    return options_with(
+        POLE, reltol=reltol, abstol=1e-12 * share, vntol=1e-7 * share, chgtol=1e-14 * share, **other
+    )
 
 
 @dataclass(frozen=True)
@@ -73,17 +86,71 @@ def _ours(simulator: str, step: float, options: str) -> Callable[[Circuit, Path]
     return run
 
 
+def _extrapolated(step: float) -> Callable[[Circuit, Path], tuple[float, float, float]]:
+    """Twice the same pulses, the second time at half the step and without the Verilog: (4 v(h / 2) - v(h)) / 3.
+
+    The error of a trapezoid begins with h^2 and goes on with h^4 (Richardson); what the two differ by is also an
+    estimate of the error of either. For the voltage alone: the comparator has seen that of the first run.
+    """
+
+    def run(circuit: Circuit, where: Path) -> tuple[float, float, float]:
+        job = Job(circuit, 1, step, "verilator", keep=True, options=EXACT)
+        coarse = bench_vfc.measure(job, where, RUN_LIMIT_S)
+        again = replace(job, t_max_step_s=step / 2, simulator=None)
+        fine = bench_vfc.measure(again, where.with_name(where.name + "_fine"), RUN_LIMIT_S, coarse)
+        assert coarse.voltage is not None
+        assert coarse.charge is not None
+        assert fine.voltage is not None
+        better = (4.0 * fine.voltage[0] - coarse.voltage[0]) / 3.0
+        error = bench_vfc.edge_error_v(circuit, better, coarse.charge[0])
+        miscount = float(np.max(np.abs(coarse.codes - circuit.pulses)))
+        return error, miscount, float(coarse.cpu_seconds[0] + fine.cpu_seconds[0]) / circuit.clocks
+
+    return run
+
+
+_RTL_FRAMES = {"verilator": 4000, "icarus": 40}  # so many that the start of a process is little of the time
+
+
+def _rtl(simulator: str) -> Callable[[Circuit, Path], tuple[float, float, float]]:
+    """The same circuit in engine `rtl`: the Verilog with real-number models, whose packets begin at the edge itself."""
+
+    def run(circuit: Circuit, where: Path) -> tuple[float, float, float]:
+        effects = {}
+        if circuit.t_gbw_s:
+            effects["integrator_bandwidth"] = {"gbw_hz": 1.0 / (2.0 * math.pi * circuit.t_gbw_s)}
+        gate, settle_s = (
+            circuit.gate_clocks,
+            (circuit.settle_clocks + circuit.break_clocks) / circuit.f_clk_hz,
+        )
+        frames = _RTL_FRAMES[simulator]
+        duty = np.full((frames, 1, 1), float(circuit.duty))
+        made = chip.plan_at(duty, effects, circuit.f_clk_hz, gate, settle_s)
+        seen, output, charge = probe.run(made, simulator, where)
+        opened = replace(circuit, settle_clocks=0)
+        exact = bench_vfc.exact_voltage(opened, charge[0, 0])[1:]
+        error = float(np.max(np.abs(-circuit.packet_v * output[0, 0] - exact)))
+        rtl.run(made.part(0, 1), simulator=simulator)  # builds, so that it is not timed
+        begin = cpu_time.cpu_used_s()
+        codes = rtl.run(made, simulator=simulator).codes
+        seconds = cpu_time.cpu_used_s() - begin
+        if not np.array_equal(codes[:1], seen.codes):
+            raise SimulatorError("the models with a probe count otherwise")
+        miscount = float(np.max(np.abs(codes.astype(int) - circuit.pulses)))
+        return error, miscount, seconds / (frames * made.timing.slot_clocks)
+
+    return run
+
+
 # The start of a peer's process is taken off by a second run of so many clocks.
 _FEW = 40
 
 
 def _peer(name: str, step: float, options: str) -> Callable[[Circuit, Path], tuple[float, float, float]]:
     def once(circuit: Circuit, clocks: int, where: Path) -> tuple[bench_peers.PeerRun, float]:
+        run = bench_peers.xspice if name == "xspice" else bench_peers.GUESTS[name]
         begin = cpu_time.cpu_used_s()
-        if name == "xspice":
-            done = bench_peers.xspice(circuit, step, clocks, where, RUN_LIMIT_S, options)
-        else:
-            done = bench_peers.GUESTS[name](circuit, step, clocks, where, RUN_LIMIT_S)
+        done = run(circuit, step, clocks, where, RUN_LIMIT_S, options=options)
         return done, cpu_time.cpu_used_s() - begin
 
     def run(circuit: Circuit, where: Path) -> tuple[float, float, float]:
@@ -101,16 +168,13 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
     tolerances = RELTOLS[1::2] if quick else RELTOLS
     few = steps if quick else STEPS_S[::2]
     for simulator in ("icarus",) if quick else ("icarus", "verilator"):
+        yield Method(f"rtl, {simulator}", "exact between edges, no ramps", _rtl(simulator))
         for step in steps if simulator == "icarus" else few:
             run = _ours(simulator, step, EXACT)
             yield Method(f"cosim, {simulator}, step", f"trap, step {step_words(step)}", run)
     for method in ("trap", "gear") if circuit.t_gbw_s else ():
         for reltol in tolerances:
-            # abstol, vntol and chgtol go along, so that none of them hides the others.
-            share = reltol / 1e-4
-            # Those of netlist.py at its reltol of 1e-4, and in proportion.
-            scaled = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
-            options = options_with(POLE, reltol=reltol, **scaled, method=method, maxord="2")
+            options = tolerances(reltol, method=method, maxord="2")
             yield Method(
                 f"cosim, icarus, {method}, reltol",
                 f"{method}, reltol {reltol:g}",
@@ -122,11 +186,16 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
             yield Method(
                 "cosim, icarus, trap, chgtol", f"trap, chgtol {chgtol:g}", _ours("icarus", 1e-6, options)
             )
-    for step in few:
-        options = POLE if circuit.t_gbw_s else EXACT
-        yield Method("peer: ngspice XSPICE", f"trap, step {step_words(step)}", _peer("xspice", step, options))
-    # The others jump the charge switch between two steps whatever follows it: the plain circuit shows all of it.
-    for peer in () if circuit.t_gbw_s else bench_peers.GUESTS:
+    for step in (100e-9,) if quick else EXTRAPOLATED_S:
+        if circuit.t_gbw_s:
+            words = f"steps {step_words(step)} and {step_words(step / 2)}"
+            yield Method("cosim, verilator, extrapolated", words, _extrapolated(step))
+    # Peers take the options with truncation control as well where that serves them; it makes the guests' errors larger.
+    for words, options in (("", EXACT), (", truncation control", POLE)):
+        for step in few:
+            setting = f"trap, step {step_words(step)}{words}"
+            yield Method("peer: ngspice XSPICE", setting, _peer("xspice", step, options))
+    for peer in bench_peers.GUESTS:
         if bench_peers.missing(peer) is None:
             for step in few:
                 yield Method(f"peer: {peer}", f"exchange, step {step_words(step)}", _peer(peer, step, EXACT))

@@ -6,6 +6,8 @@ Slow and obvious on purpose, and written from the circuit alone: it shares nothi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import NDArray
@@ -56,10 +58,11 @@ def _column_currents(plan: Plan, frame: int, row: int) -> list[mpf]:
     return [solution[rows + c] / r_column[c] for c in range(cols)]
 
 
-def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> int:
-    """Ones in a gate: charge w is a straight line within a clock, the output v follows it with time constant lag.
+def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> tuple[int, mpf]:
+    """Ones in a gate, and the charge at its end: charge w is a straight line within a clock, the output v follows it.
 
-    All in packets and clocks. A one decided at clock n draws its packet between the clocks n + 1 and n + 2.
+    All in packets and clocks, `lag` is the time constant. A one decided at clock n draws its packet between the clocks
+    n + 1 and n + 2.
     """
     w = v = start
     decay = mp.exp(-1 / lag) if lag else mpf(0)
@@ -73,11 +76,25 @@ def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) ->
             v = w
         before, last = last, bool(v >= level) and not last
         ones += last
-    return ones
+    return ones, w
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame as it is, all [rows, cols]: codes, charge at the end of each gate and input a clock in packets."""
+
+    codes: NDArray[np.int64]
+    w_end: NDArray[np.float64]
+    x: NDArray[np.float64]
 
 
 def codes(plan: Plan, frames: int) -> NDArray[np.int64]:
-    """Codes of the first frames of a plan.
+    """Codes of the first frames of a plan; raises what `frame` raises."""
+    return np.array([frame(plan, number).codes for number in range(frames)])
+
+
+def frame(plan: Plan, number: int = 0) -> Frame:
+    """One frame of a plan.
 
     Raises
     ------
@@ -88,21 +105,22 @@ def codes(plan: Plan, frames: int) -> NDArray[np.int64]:
         raise ValueError(f"no reference for {', '.join(sorted(unknown))}")
     mp.dps = DIGITS
     converter = plan.converter
-    found = np.zeros((frames, plan.rows, plan.cols), dtype=np.int64)
+    shape = (plan.rows, plan.cols)
+    found = Frame(np.zeros(shape, dtype=np.int64), np.zeros(shape), np.zeros(shape))
     f_clk = mpf(converter.f_clk_hz)
-    for frame in range(frames):
-        for row in range(plan.rows):
-            for c, current in enumerate(_column_currents(plan, frame, row)):
-                k, i0 = mpf(float(converter.k[c])), mpf(float(converter.i0_a[c]))
-                packet_v = i0 / f_clk / mpf(float(converter.c_int_f[c]))
-                x = (mpf(float(converter.gain[c])) * current / k + mpf(float(converter.i_offset_a[c]))) / i0
-                ones = count(
-                    x,
-                    plan.timing.gate_clocks,
-                    1 + mpf(float(converter.packet_error[c])),
-                    mpf(-1) / 2 + mpf(float(converter.preset_error_v[c])) / packet_v,
-                    mpf(float(converter.v_comp_offset_v[c])) / packet_v,
-                    mpf(float(converter.t_gbw_s[c])) * f_clk,
-                )
-                found[frame, row, c] = min(ones, plan.timing.code_max)
+    for row in range(plan.rows):
+        for c, current in enumerate(_column_currents(plan, number, row)):
+            k, i0 = mpf(float(converter.k[c])), mpf(float(converter.i0_a[c]))
+            packet_v = i0 / f_clk / mpf(float(converter.c_int_f[c]))
+            x = (mpf(float(converter.gain[c])) * current / k + mpf(float(converter.i_offset_a[c]))) / i0
+            ones, w_end = count(
+                x,
+                plan.timing.gate_clocks,
+                1 + mpf(float(converter.packet_error[c])),
+                mpf(-1) / 2 + mpf(float(converter.preset_error_v[c])) / packet_v,
+                mpf(float(converter.v_comp_offset_v[c])) / packet_v,
+                mpf(float(converter.t_gbw_s[c])) * f_clk,
+            )
+            found.codes[row, c] = min(ones, plan.timing.code_max)
+            found.w_end[row, c], found.x[row, c] = float(w_end), float(x)
     return found
