@@ -21,7 +21,7 @@ MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
 .PHONY: help setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
-        waves generate gen-check calc clean faults
+        waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
@@ -62,6 +62,12 @@ sweep: setup ## ngspice: resistance against frequency for the four interfaces, c
 
 characterise: setup ## the SKY130 blocks over corners and mismatch against their limits, resumable [ARGS="--only sky130.packet_error"]
 	@$(dermis) characterise $(ARGS)
+
+extract: setup ## parameters of the channels in transistors, into models/extracted [ARGS=--check]
+	@$(dermis) extract $(ARGS)
+
+equivalence: setup ## channels in transistors against what was extracted from them [ARGS="--only tt_27C --faults --docs"]
+	@$(dermis) equivalence $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
