@@ -8,16 +8,19 @@ element behind. Every number is formatted from a float and every name is made he
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from dermis import sky130
 from dermis.array import Network
 from dermis.design import ROOT
+from dermis.errors import InputError
 from dermis.ngspice import Deck
 from dermis.plan import Drive, Plan
 from dermis.spice_text import array_subckt, spice_number
 from dermis.vfc import Converter
+from dermis.views import CONVERTER, Views
 
 SPICE = ROOT / "spice"
 
@@ -55,6 +58,15 @@ HONOURS = frozenset(
 )
 """Record fields a deck can express; a field not named here is refused, never ignored."""
 
+OF_BLOCK = {
+    "row_driver": {"r_row_driven_ohm", "r_row_grounded_ohm"},
+    "conveyor": {"r_column_ohm", "v_column_offset_v", "gain", "inv_i_range_a", "q_mirror_c"},
+    "integrator": {"inv_gain_dc", "g_in_s", "v_int_max_v", "v_int_min_v", "preset_error_v", "t_gbw_s"},
+    "comparator": {"v_comp_offset_v", "v_hysteresis_v", "t_comp_delay_s"},
+    "charge_source": {"packet_error"},
+}
+"""Record fields that say what a block does. Transistors do what they do: beside them such a field is refused."""
+
 # A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a
 # capacitor follows those exactly at any step: there is no truncation error to watch (trtol), and the tolerances are
 # those of Newton's method, which linear decks meet in the least number of iterations anyway.
@@ -67,16 +79,112 @@ _OPTIONS_POLE = {"reltol": 1e-4, "abstol": 1e-12, "vntol": 1e-7, "chgtol": 1e-14
 # A clamp inside the converter's own swing is met at every packet, and what it takes decides which clock the next one
 # falls on. At 1e-4 a code of a range of -0.25 .. 0.6 V is off by 3; at 1e-5 by 1; here by none.
 _OPTIONS_CLAMP = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
+
+# Transistors. Newton's method has to be done with a node of an open-loop amplifier: abstol above the noise of a
+# megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet. With trtol 2 the charge of a gate is within 0.02 LSB of
+# what steps of 5 ns and tolerances 100 times tighter give, with 7 within 0.08, at two thirds of the iterations.
+_OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
+
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 
-def source_names(rows: int, cols: int) -> tuple[str, ...]:
-    """Names of the sources that the digital side drives: rows, preset, charge switches."""
+def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> tuple[str, ...]:
+    """Names of the sources that the digital side drives: rows, preset, charge switches of all or some columns."""
     return (
         *(f"v_d_row{r}" for r in range(rows)),
         "v_d_preset",
-        *(f"v_d_charge{c}" for c in range(cols)),
+        *(f"v_d_charge{c}" for c in (range(cols) if columns is None else columns)),
     )
+
+
+def honours(plan: Plan) -> frozenset[str]:
+    """Record fields that the decks of a plan can express in the views it takes."""
+    blocks = set(plan.views.in_transistors(plan.topology))
+    if _channel_in_transistors(plan.views, plan.topology):
+        blocks |= set(CONVERTER)  # its channel hands on no parameters
+    lost = set().union(*(OF_BLOCK[block] for block in blocks))
+    if plan.topology == "direct" and "integrator" in blocks:
+        lost |= {"v_column_offset_v"}
+    return HONOURS - lost
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What the transistors of a plan's views are not made for, or None."""
+    views, world = plan.views, plan.scene
+    blocks = views.in_transistors(plan.topology)
+    interface, design = world.table.interface, world.design
+    if not blocks:
+        return None
+    if views.columns is not None and len(parts(plan)) == 1 and len(views.columns) < plan.cols:
+        allowed = "every column, where columns see each other: the direct interface, or lateral resistors"
+        return InputError(world.path, "run.views.columns", list(views.columns), allowed)
+    channel = blocks & set(CONVERTER)
+    if plan.topology == "direct" and 0 < len(channel) < len(CONVERTER):
+        block = next(b for b in CONVERTER if b not in channel)
+        allowed = '"sky130" as the rest of the channel: the direct interface has blocks of other sizes'
+        return InputError(world.path, f"run.views.{block}", '"behavioural"', allowed)
+    if plan.topology == "direct" and channel and interface.k != design.interface.k:
+        allowed = f"{design.interface.k}, the size of the sky130 direct interface"
+        return InputError(world.path, "interface.k", interface.k, allowed)
+    if not channel and "conveyor" not in blocks:
+        return None
+    for key, made in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
+        if (value := getattr(interface, key)) != made:
+            allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
+            return InputError(world.path, f"interface.{key}", value, allowed)
+    return None
+
+
+def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
+    """Columns by the circuit that has them: circuits that may be solved apart.
+
+    Transistors cost by the device and by the step, and every column has its own instants to step on. Columns behind
+    conveyors stand at their virtual grounds, so a column sees of the others no more than what they draw from the rows;
+    lateral resistors and the direct interface tie them together. Models by themselves are solved fastest together.
+    """
+    columns = range(plan.cols)
+    heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
+    if (
+        not heavy
+        or plan.topology == "direct"
+        or {"g_lateral_row_s", "g_lateral_column_s"} & plan.active_fields()
+    ):
+        return (tuple(columns),)
+    light = tuple(c for c in columns if c not in heavy)
+    return (*((c,) for c in heavy), *((light,) if light else ()))
+
+
+def _channel_in_transistors(views: Views, topology: str) -> bool:
+    """Whether the file of the channel is that of the transistors: with its conveyor, or in one piece if direct."""
+    blocks = views.in_transistors(topology)
+    return ("conveyor" if topology != "direct" else "integrator") in blocks
+
+
+def _includes(views: Views, topology: str) -> Iterator[str]:
+    """The lines that bring the blocks of a deck, each from the folder of its view."""
+    blocks = views.in_transistors(topology)
+    yield f'.include "{SPICE / "design.inc"}"'
+    if not blocks:
+        yield f'.include "{SPICE / "behavioural" / "blocks.inc"}"'
+        return
+    yield f'.include "{sky130.models(views.corner)}"'
+    yield f".temp {spice_number(views.temperature_c)}"
+    yield from (f'.include "{SPICE / "sky130" / name}"' for name in ("devices.inc", "bias.sp", "ota.sp"))
+    fine = blocks >= set(CONVERTER)
+    where = {
+        "row_driver": ("row_driver.sp",),
+        "conveyor": ("conveyor.sp", "conveyor_multi.sp", "mirror.sp"),
+        **{name: (f"{name}.sp",) for name in CONVERTER},
+    }
+    for block, files in where.items():
+        view = "sky130" if block in blocks else "behavioural"
+        extra = (
+            {"sky130": "offset_null.sp", "behavioural": "mirror_lag.sp"}[view] if block == "conveyor" else ""
+        )
+        yield from (f'.include "{SPICE / view / name}"' for name in (*files, extra) if name)
+    yield f'.include "{SPICE / ("sky130" if fine else "behavioural") / "vfc.sp"}"'
+    channel = "sky130" if _channel_in_transistors(views, topology) else "behavioural"
+    yield f'.include "{SPICE / channel / f"channel_{topology}.sp"}"'
 
 
 def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, float]:
@@ -123,7 +231,14 @@ def _assignments(values: Mapping[str, float]) -> str:
     return " ".join(f"{name}={spice_number(value)}" for name, value in values.items())
 
 
-def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool = False) -> Deck:
+def frame_deck(
+    plan: Plan,
+    frame: int,
+    levels: Sequence[float],
+    *,
+    record: bool = False,
+    columns: Sequence[int] | None = None,
+) -> Deck:
     """Write the deck of one frame.
 
     Parameters
@@ -132,9 +247,11 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
     frame : int
         Which frame's resistances stand in the array.
     levels : sequence of float
-        Value of every source at time zero, in the order of `source_names`.
+        Value of every source at time zero, in the order of `source_names`, of all columns.
     record : bool
         Probe the integrators as well, for waveforms.
+    columns : sequence of int, optional
+        Those that the deck has channels for (see `parts`). The others end at their virtual grounds.
 
     Returns
     -------
@@ -143,63 +260,93 @@ def frame_deck(plan: Plan, frame: int, levels: Sequence[float], *, record: bool 
     """
     network = plan.network(frame)
     rows, cols = network.rows, network.cols
+    columns = tuple(range(cols)) if columns is None else tuple(columns)
+    views = plan.views.at(columns)
+    transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
     supply = plan.scene.design.supply
     lines = [
         f"dermis frame {frame}: {rows} x {cols}, {plan.topology}",
-        f'.include "{SPICE / "design.inc"}"',
-        f'.include "{SPICE / "behavioural" / "blocks.inc"}"',
-        f"vdd vdd 0 {spice_number(supply.vdd_v)}",
-        f"vss vss 0 {spice_number(supply.vss_v)}",
+        *_includes(views, plan.topology),
+        f"vdd vdd 0 {spice_number(supply.vdd_v * views.supply_scale)}",
+        f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
         f"vbias vbias 0 {_bias(plan, frame)}",
-        "vibias ibias 0 0",
     ]
+    if transistors:
+        lines += [f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias"]
+    else:
+        lines.append("vibias ibias 0 0")
     # A dc value beside `external` crashes libngspice 39.
-    lines += [f"{name} {name[2:]} 0 external" for name in source_names(rows, cols)]
-    driver = {
-        "r_on_ohm": float(network.r_row_driven_ohm),
-        "r_ground_ohm": min(float(network.r_row_grounded_ohm), 1e18),  # inf: floating
-        "v_bias_v": float(network.v_bias_v),
-    }
-    if plan.drive.ripple:
-        driver["follow"] = 1
-    lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
+    names = source_names(rows, cols, columns)
+    lines += [f"{name} {name[2:]} 0 external" for name in names]
+    if "row_driver" in transistors:
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 vdd vss row_driver" for r in range(rows)]
+    else:
+        driver = {
+            "r_on_ohm": float(network.r_row_driven_ohm),
+            "r_ground_ohm": min(float(network.r_row_grounded_ohm), 1e18),  # inf: floating
+            "v_bias_v": float(network.v_bias_v),
+        }
+        if plan.drive.ripple:
+            driver["follow"] = 1
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
 
     lines += _array(plan, frame, network)
     if network.c_row_f:
         lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
     if network.c_column_f:
-        lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in range(cols)]
+        lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in columns]
     pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in range(cols)]
     lines.append(f"xarray {' '.join(pins)} array")
+    lines += [line for c in range(cols) if c not in columns for line in _far_column(plan, network, c)]
 
-    for c in range(cols):
+    for c in columns:
         node = f"col{c}"
         if direct and network.r_column_ohm[c]:
             node = f"vg{c}"
             lines.append(f"rcolumn{c} col{c} {node} {spice_number(float(network.r_column_ohm[c]))}")
         if leak := float(network.i_leak_a[c]):
             lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
-        values = _assignments(_channel_parameters(plan, network, c))
+        if _channel_in_transistors(views, plan.topology):
+            values = _assignments({"k": plan.scene.table.interface.k})
+        else:
+            values = _assignments(_channel_parameters(plan, network, c))
         lines.append(
             f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}"
         )
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
-    lines.append(options(has_pole(plan), clamp_bites(plan.converter)))
-    probes = [f"comp{c}" for c in range(cols)]
+    if transistors:
+        lines.append(f".options {_assignments(_OPTIONS_TRANSISTORS)}")
+    else:
+        lines.append(options(has_pole(plan), clamp_bites(plan.converter)))
+    probes = [f"comp{c}" for c in columns]
     if record:
-        probes += [integrator_node(c) for c in range(cols)]
-    abrupt = (True,) * (rows + 1) + (False,) * cols
-    return Deck(
-        tuple(lines),
-        source_names(rows, cols),
-        tuple(levels),
-        abrupt,
-        tuple(probes),
-        longest_step_s(plan.drive),
-    )
+        whole = direct and _channel_in_transistors(views, "direct")
+        probes += [integrator_nodes(c)[whole] for c in columns]
+    abrupt = (True,) * (rows + 1) + (False,) * len(columns)
+    started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
+    return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest_step_s(plan.drive))
+
+
+V_REF_V = 0.5
+"""What spice/sky130/bias.sp is made for: 10 uA over its resistor."""
+
+
+def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
+    """A column whose channel is in another circuit: its virtual ground, behind what the network puts before it.
+
+    Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm off by that change
+    what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V: 0.003 LSB.
+    """
+    r, v = 0.0, 0.0
+    if not plan.views.has_transistors(column, plan.topology):
+        r, v = float(network.r_column_ohm[column]), float(network.v_column_offset_v[column])
+    end = f"far{column}" if r else f"col{column}"
+    if r:
+        yield f"rfar{column} col{column} {end} {spice_number(r)}"
+    yield f"vfar{column} {end} 0 {spice_number(v)}"
 
 
 def _bias(plan: Plan, frame: int) -> str:
@@ -252,7 +399,12 @@ def options(pole: bool, clamp: bool = False) -> str:
 
 def integrator_node(column: int) -> str:
     """Name of the integrator output of a channel in the flattened deck."""
-    return f"xch{column}.xvfc.v_int"
+    return integrator_nodes(column)[0]
+
+
+def integrator_nodes(column: int) -> tuple[str, str]:
+    """Its name in every channel but one, and in that of the direct interface in transistors, which is one piece."""
+    return f"xch{column}.xvfc.v_int", f"xch{column}.v_int"
 
 
 # A leak this many clocks long bends a clock's straight line by 1 / (12 n^2) of what it takes: 3e-5 of a packet in all.

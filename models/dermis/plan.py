@@ -24,6 +24,7 @@ from dermis.scene import Scene
 from dermis.sensor import Sensor, SensorState, age, make_sensor
 from dermis.stimulus import Surroundings, make_frames
 from dermis.vfc import Converter
+from dermis.views import Views
 
 if TYPE_CHECKING:
     from dermis.accuracy.choice import Chosen
@@ -130,7 +131,9 @@ class Plan:
     drive : Drive
     effects : tuple of EffectState
         Every effect there is, on or off, with the reason.
-    engine, seed, views : str, int, str
+    engine, seed : str, int
+    views : Views
+        View of every SPICE block, for engine cosim.
     margin_lsb : ndarray or float
         [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
     left_out_lsb : float
@@ -157,7 +160,7 @@ class Plan:
     effects: tuple[EffectState, ...]
     engine: str
     seed: int
-    views: str
+    views: Views
     surrounding: dict[str, Any]
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
@@ -418,7 +421,7 @@ def whole(world: Scene, engine: str | None) -> Plan:
         ),
         engine=engine,
         seed=table.run.seed,
-        views=table.run.views,
+        views=Views.of(table.run.views),
         surrounding=dict(contribution.network),
     )
 

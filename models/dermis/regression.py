@@ -26,6 +26,7 @@ from dermis.plan import Plan
 from dermis.scene import SCENES
 from dermis.sensor import InverseSensor
 from dermis.verdict import Row
+from dermis.views import BEHAVIOURAL
 
 OUT = ROOT / "build" / "sim"
 
@@ -92,6 +93,32 @@ def _reference(made: Plan) -> str | None:
     return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
 
 
+def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
+    """Verdict rows of codes read in transistors: against ideal blocks, as read, and with each column calibrated."""
+    ideal = replace(made, views=BEHAVIOURAL)
+    reference = _reference(ideal)
+    if reference is None:
+        return [verdict.skip(f"frame.transistor_error_lsb.{name}", "no other engine takes its effects")]
+    exact = engines.run(replace(ideal, engine=reference)).codes.astype(float)
+    inside = (exact > 0) & (exact < made.timing.code_max) & (codes < made.timing.code_max)
+    error = np.abs(codes - exact)
+    note = f"{codes.size} codes against engine {reference}, as read: gain and offset of the channels"
+    rows = [verdict.report(f"frame.transistor_error_lsb.{name}", float(error.max()), "lsb", note)]
+    rest = []
+    for column in range(made.cols):
+        x, y = (some[:, :, column][inside[:, :, column]] for some in (exact, codes))
+        if np.unique(x).size >= 3:
+            gain, offset = np.polyfit(x, y, 1)
+            rest.append(np.abs(y - gain * x - offset).max())
+    key = f"frame.transistor_residual_lsb.{name}"
+    if rest:
+        note = f"{len(rest)} columns, gain and offset of each taken away; both codes are whole numbers"
+        rows.append(verdict.report(key, float(max(rest)), "lsb", note))
+    else:
+        rows.append(verdict.skip(key, "no column has three codes to fit a line to", "lsb"))
+    return rows
+
+
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
     """Judge the codes of a run against a neighbouring engine, and a straight line.
 
@@ -102,6 +129,8 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     expected : codes that a frame file holds, to be read back
     """
     codes = result.codes.astype(int)
+    if made.views.in_transistors(made.topology):
+        return _compare_transistors(made, codes, name)
     rows = []
     reference = _reference(made)
     if reference is not None:

@@ -23,6 +23,8 @@ from dermis.sensor import SensorTable
 from dermis.sensor import resolve as resolve_sensor
 from dermis.stimulus import StimulusTable
 from dermis.stimulus import resolve as resolve_stimulus
+from dermis.views import View, ViewsTable
+from dermis.views import resolve as resolve_views
 
 SCENES = ROOT / "models" / "scenes"
 """The scenes that come along."""
@@ -113,8 +115,10 @@ class RunTable(Strict):
         gt=0,
     )
     seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
-    views: Literal["behavioural"] = entry(
-        "behavioural", "View of the SPICE blocks in cosim", 'one of "behavioural"'
+    views: View | ViewsTable = entry(
+        "behavioural",
+        "View of the SPICE blocks in cosim: models, or transistors (docs/views.md)",
+        'a table, or one of "behavioural", "sky130"',
     )
 
 
@@ -252,6 +256,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
         lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
         allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
         raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
+    run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
     t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
     stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
     named = table.effects
@@ -263,6 +268,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
             "sensor": sensor,
             "interface": interface,
             "stimulus": stimulus,
+            "run": run,
             "effects": named,
         }
     )
@@ -336,7 +342,7 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
         field = model.model_fields[name]
         members = _members(field.annotation)
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
-        if members and bool not in typing.get_args(field.annotation):
+        if members and not _other_than_tables(field.annotation):
             tagged = len(members) > 1
             for member in members:
                 tag = typing.get_args(member.model_fields["kind"].annotation)[0] if tagged else ""
@@ -347,6 +353,12 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
         yield prefix + name, _default(field, extra), str(extra.get("allowed", "")), field.description or ""
     for name, member in inner:
         yield from _rows(name + ".", member)
+
+
+def _other_than_tables(annotation: Any) -> bool:
+    """Whether a key may hold true or false, or a word, instead of a table."""
+    parts = typing.get_args(annotation)
+    return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
 
 
 def _default(field: Any, extra: dict[str, Any]) -> str:

@@ -15,7 +15,7 @@ from vcd.gtkw import GTKWSave
 
 from dermis.engines import Result
 from dermis.files import atomic
-from dermis.netlist import integrator_node
+from dermis.netlist import integrator_nodes
 from dermis.plan import Plan
 
 
@@ -26,7 +26,11 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
     while f"wave{frame}_time_s" in record:
         time = record[f"wave{frame}_time_s"]
         times.append(time + float(record[f"wave{frame}_begin_s"]))
-        volts.append([record[f"wave{frame}_{integrator_node(c)}"] for c in range(cols)])
+        names = [
+            next(n for n in (f"wave{frame}_{node}" for node in integrator_nodes(c)) if n in record)
+            for c in range(cols)
+        ]
+        volts.append([record[name] for name in names])
         frame += 1
     if not times:
         return np.zeros(0), np.zeros((cols, 0))

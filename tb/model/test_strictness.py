@@ -91,6 +91,10 @@ def legal(allowed: str, value: Any) -> bool | None:
             return False
         items = [_number(said.removeprefix("a list of at least 2"), v) for v in value]
         return False if False in items else None
+    if said.startswith("a list of different"):
+        if not isinstance(value, list) or not value:
+            return False
+        return False if False in [_number("a whole number >= 0", v) for v in value] else None
     said, _, listed = said.partition(", or a list of ")
     if isinstance(value, list) and listed:
         wanted = said if "them" in listed else "a whole number >= 0"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import solve_error
-from dermis.errors import InputError
+from dermis.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from dermis.plan import Plan
@@ -58,7 +58,8 @@ def runner(engine: str) -> Callable[..., Result]:
 
 def refused(plan: Plan, engine: str) -> frozenset[str]:
     """Record fields of a plan that are away from the ideal and that an engine cannot honour."""
-    return plan.active_fields() - honours(engine)
+    asked = getattr(_module(engine), "honours", None)
+    return plan.active_fields() - (asked(plan) if asked else honours(engine))
 
 
 def refuses(plan: Plan, engine: str) -> InputError | None:
@@ -67,7 +68,15 @@ def refuses(plan: Plan, engine: str) -> InputError | None:
     Asked before a run so that it ends early; an engine may find more on its way through the frames.
     """
     asked = getattr(_module(engine), "refuses", None)
-    return asked(plan) if asked else None
+    return _refuses_views(plan, engine) or (asked(plan) if asked else None)
+
+
+def _refuses_views(plan: Plan, engine: str) -> InputError | None:
+    """Only decks have views: another engine would read a scene's transistors as ideal blocks."""
+    if engine == "cosim" or not plan.views.in_transistors(plan.topology):
+        return None
+    allowed = '"cosim", or run.views = "behavioural"'
+    return InputError(plan.scene.path, "run.engine", quoted(engine), allowed)
 
 
 def _can(plan: Plan, engine: str) -> bool:
@@ -109,12 +118,15 @@ def _check_fields(plan: Plan) -> None:
     if lost := refused(plan, plan.engine):
         able, open_ = _named(plan)
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
+        what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
+        if not lost & plan.active_fields() - honours(plan.engine):  # only its views cannot
+            allowed = 'run.views = "behavioural" for its block: transistors do what their circuit does'
+            raise InputError(plan.scene.path, what, "not possible with these run.views", allowed)
         allowed = (
             f"engine {' or '.join(able)}{open_}"
             if able
             else "no engine can do all of this scene's effects together"
         )
-        what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
         raise InputError(plan.scene.path, what, f"not possible with engine {plan.engine}", allowed)
 
 
@@ -125,6 +137,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
     """
     _check_fields(plan)
     _check_sources(plan)
+    if error := _refuses_views(plan, plan.engine):
+        raise error
     with solve_error.account(*_lsb(plan)) as account:
         result = _module(plan.engine).run(plan, progress, **options)
     if report := account.report():

@@ -27,6 +27,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
 
 HONOURS = netlist.HONOURS
+"""Of a plan in behavioural views; see `honours`."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
 """What the exact half does: ideal converters; between ideal lines laterals carry no current."""
@@ -42,11 +43,18 @@ SLOT_LIMIT_S = 120.0
 """Longest wait for each further slot; ideal ones take under a second."""
 EFFECTS_PATIENCE = 5.0
 """Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
+VIEWS_PATIENCE = 20.0
+"""With transistors: a row of 16 columns takes up to 80 s of two cores to itself, and some have one for ten."""
+
+
+def honours(plan: Plan) -> frozenset[str]:
+    """Record fields that the decks of a plan can express: transistors do what they do."""
+    return netlist.honours(plan)
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What the chip is not made for, or None."""
-    return hdl.beyond_the_chip(plan)
+    """What the chip or its transistors are not made for, or None."""
+    return hdl.beyond_the_chip(plan) or netlist.refuses(plan)
 
 
 @dataclass(frozen=True)
@@ -233,6 +241,8 @@ def _run_job(
     try:
         slots, waited = 0, Patience(START_LIMIT_S)
         patience = EFFECTS_PATIENCE if job.plan.active_fields() else 1.0
+        if job.plan.views.in_transistors(job.plan.topology):
+            patience = VIEWS_PATIENCE
         while child.poll() is None:
             time.sleep(0.05)
             now = _slots_done(directory / "progress")

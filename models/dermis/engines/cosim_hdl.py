@@ -24,6 +24,7 @@ from dermis.analog import ExactHalf
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.ngspice import NgspiceHalf
+from dermis.split import SplitHalf, Workers
 
 if TYPE_CHECKING:
     from dermis.engines.cosim import Job
@@ -58,44 +59,57 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     ways: dict[int, ladder.Climb] = {}
     running: list[int] = []
 
-    class Counted(NgspiceHalf):
+    parts = netlist.parts(plan)
+    workers = Workers(job_dir / "ngspice.log")
+
+    def circuit(index: int, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
+        decks = {}
+        for part in parts:
+            deck = netlist.frame_deck(plan, index, levels, record=job.record, columns=part)
+            if job.solver.options:
+                deck = replace(deck, lines=(deck.lines[0], job.solver.options, *deck.lines[1:]))
+            name = f"frame_{index}" if len(parts) == 1 else f"frame_{index}_column_{part[0]}"
+            write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
+            decks[part] = deck
+        options: dict[str, Any] = {
+            "t_edge_s": job.solver.t_edge_s,
+            "t_max_step_s": job.solver.t_max_step_s,
+            "t_stop_s": bridge.analog_s(plan.timing),
+            "record": job.record,
+            "level": level,
+        }
+        if len(parts) == 1:
+            half = NgspiceHalf(deck, log=job_dir / "ngspice.log", **options)
+            half.advance(0.0, [])
+            return half
+        try:
+            return SplitHalf(decks, plan.rows, workers, **options)
+        except ladder.Abort:
+            workers.close()  # the others' circuits are in the middle of theirs
+            raise
+
+    class Counted:
+        """A circuit whose steps and waveforms are kept when it is done."""
+
+        def __init__(self, half: NgspiceHalf | SplitHalf) -> None:
+            self._half = half
+            self.advance = half.advance
+
         def close(self) -> None:
-            for name, value in self.statistics.items():
+            for name, value in self._half.statistics.items():
                 statistics[name] += value
             if job.record:
-                waveforms.append(self.waveform())
-            super().close()
+                waveforms.append(self._half.waveform())
+            self._half.close()
 
     def make_half(frame: int, levels: list[float]) -> Any:
         index = job.frames[frame]
         running.append(index)
         if job.analog == "exact":
             duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
-            half: Any = ExactHalf(
-                duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s
-            )
-        else:
-            deck = netlist.frame_deck(plan, index, levels, record=job.record)
-            if job.solver.options:
-                deck = replace(deck, lines=(deck.lines[0], job.solver.options, *deck.lines[1:]))
-            write_atomic(job_dir / f"frame_{index}.cir", "\n".join(deck.lines) + "\n")
-
-            def start(level: ladder.Level) -> NgspiceHalf:
-                half = Counted(
-                    deck,
-                    t_edge_s=job.solver.t_edge_s,
-                    t_max_step_s=job.solver.t_max_step_s,
-                    t_stop_s=bridge.analog_s(plan.timing),
-                    log=job_dir / "ngspice.log",
-                    record=job.record,
-                    level=level,
-                )
-                half.advance(0.0, [])
-                return half
-
-            way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
-            half = ladder.climb(start, way)
-        return half
+            return ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
+        way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
+        return Counted(ladder.climb(lambda level: circuit(index, levels, level), way))
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
@@ -114,9 +128,11 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             # Once more from reset, with this frame on its next rung: what the Verilog did with the samples before the
             # abort is not taken on, since on another rung they may be others.
             ways[running[-1]].up(abort)
+            workers.close()
             os.ftruncate(progress, 0)
             statistics.update(dict.fromkeys(statistics, 0))
             waveforms.clear()
+    workers.close()
     arrays: dict[str, Any] = {"codes": codes, **{f"statistics_{k}": v for k, v in statistics.items()}}
     arrays["retries"] = json.dumps(
         {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}
