@@ -48,6 +48,7 @@ LEAVES = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_sessio
         ("import sys; print('one line', file=sys.stderr); sys.exit(2)", []),
         ("import sys; print('two\\nlines', file=sys.stderr); sys.exit(2)", ["2 lines"]),
         ("import sys; sys.exit(2)", ["0 lines"]),
+        ("import sys; print('campaign closed,event: 5 of 9 scenes', file=sys.stderr)", []),
         ("int('x')", ["exit code 1", "Traceback", "lines"]),
         ("import os; os.abort()", ["exit code -6"]),
         (LEAVES, ["sleep"]),

@@ -189,7 +189,7 @@ class Bench:
 
 # ---- the judge --------------------------------------------------------------------------------------------------
 
-_PROGRESS = re.compile(r"[\w.\- ]+: (\d+ of \d+ [\w ]+|.* \.\.\.)")
+_PROGRESS = re.compile(r"[\w.,\- ]+: (\d+ of \d+ [\w ]+|.* \.\.\.)")
 _BAD_WORDS = re.compile(
     r"Traceback \(most recent call last\)|Exception ignored|resource_tracker|Fatal Python error|"
     r"Segmentation fault|has a defect|Exception in thread|was never awaited"
