@@ -53,7 +53,7 @@ LEAVES = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_sessio
         ("import os; os.abort()", ["exit code -6"]),
         (LEAVES, ["sleep"]),
     ],
-    ids=["fine", "code", "one_line", "two_lines", "no_line", "traceback", "abort", "orphan"],
+    ids=["fine", "code", "one_line", "two_lines", "no_line", "progress", "traceback", "abort", "orphan"],
 )
 def test_the_judge_sees_words_codes_and_processes_that_are_wrong(
     tmp_path: Path, script: str, seen: list[str]
