@@ -181,7 +181,7 @@ class Runs:
         for job in self.todo:
             limit_s = BENCHES[job.bench].limit_s
             if version is None:
-                yield runs.simulate, (self._decks[job], limit_s)
+                yield runs.simulate, (self._decks[job], limit_s, runs.FAILED)
             else:
                 yield _elsewhere, (job, limit_s, version)
 

@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from dermis import ladder, spice_batch
@@ -57,6 +58,11 @@ class Measured:
     seconds: float = 0.0
 
 
+@lru_cache(256)
+def _text(path: Path, _: int) -> str:
+    return path.read_text(encoding="utf-8")
+
+
 def _lines(text: str, folder: Path) -> Iterator[str]:
     """A deck's lines without comments and with its includes in their places, but for a corner's models."""
     for line in text.splitlines():
@@ -65,7 +71,7 @@ def _lines(text: str, folder: Path) -> Iterator[str]:
             if path.parent == MODELS:
                 yield line
             else:
-                yield from _lines(path.read_text(encoding="utf-8"), path.parent)
+                yield from _lines(_text(path, path.stat().st_mtime_ns), path.parent)
         elif (words := line.split()) and not words[0].startswith("*"):
             yield " ".join(words)
 
@@ -123,13 +129,19 @@ def keep(name: str, what: str, measured: Measured) -> None:
     write_atomic(KEPT / f"{name}.json", json.dumps(told, indent=1) + "\n")
 
 
-def simulate(text: str, limit_s: float) -> Measured:
+def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
     """Run a resolved deck, whatever is kept.
+
+    Parameters
+    ----------
+    text : of `resolved`
+    limit_s : wall clock of one attempt of ngspice, seconds
+    failed : where deck and log stay if it is given up; default FAILED
 
     Raises
     ------
     SimulatorError
-        ngspice gave it up on every rung, took too long or did not measure something; deck and log stay in FAILED.
+        ngspice gave it up on every rung, took too long or did not measure something.
     """
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="characterise_") as folder:
@@ -138,7 +150,7 @@ def simulate(text: str, limit_s: float) -> Measured:
         try:
             found = spice_batch.run(path, limit_s, START)
         except SimulatorError as error:
-            place = FAILED / hashlib.sha256(text.encode()).hexdigest()[:12]
+            place = (failed or FAILED) / hashlib.sha256(text.encode()).hexdigest()[:12]
             shutil.copytree(folder, place, dirs_exist_ok=True)
             raise SimulatorError(error.what, place / path.with_suffix(".log").name) from error
     rungs = tuple(str(retry) for retry in found.retries)

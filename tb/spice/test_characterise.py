@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The characterisation: kept by content, resumed, judged with four outcomes, and each row with its way back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from dermis import verdict
+from dermis.characterise import benches, results, run_all, runs
+from dermis.characterise.benches import BENCHES, Bench, Condition, deck
+from dermis.characterise.command import characterise_command, chosen, jobs_of
+from dermis.characterise.run_all import Job, Runs, conditions
+from dermis.errors import InputError, SimulatorError
+from dermis.sky130 import CORNERS
+
+
+@pytest.fixture(autouse=True)
+def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A place of this test's own for what is kept and written."""
+    monkeypatch.setattr(runs, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(runs, "FAILED", tmp_path / "failed")
+    monkeypatch.setattr(results, "VALUES", tmp_path / "values.json")
+    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    return tmp_path
+
+
+def called(*arguments: str) -> tuple[int, str]:
+    """Exit code and output of the command."""
+    done = CliRunner().invoke(characterise_command, arguments, standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done.return_value, done.output
+
+
+def run_all_of(jobs: list[Job]) -> Runs:
+    made = Runs(jobs)
+    made.run(1, None, lambda done: None)
+    return made
+
+
+@pytest.fixture
+def changed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """Give a bench another body."""
+
+    def change(name: str, body: str) -> None:
+        monkeypatch.setitem(BENCHES, name, dataclasses.replace(BENCHES[name], body=body))
+
+    return change
+
+
+# ---- kept by content --------------------------------------------------------------------------------------------
+
+
+def test_a_result_is_measured_once_and_taken_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = runs.measured(BENCHES["reference"].body, Condition())
+    monkeypatch.setattr(runs, "simulate", lambda *_: pytest.fail("measured again"))
+    assert runs.measured(BENCHES["reference"].body, Condition()) == first
+    assert not Runs([Job("reference", Condition())]).todo
+
+
+def test_a_key_is_that_of_what_decides_and_of_nothing_else(tmp_path: Path) -> None:
+    blocks = tmp_path / "sky130"
+    blocks.mkdir()
+    for path in (benches.sky130.ROOT / "spice" / "sky130").iterdir():
+        (blocks / path.name).write_text(path.read_text())
+
+    def keys() -> dict[str, str]:
+        named = {name: BENCHES[name].body for name in ("reference", "comparator", "chain_k80")}
+        return {n: runs.key(runs.resolved(deck(b, Condition(), blocks=blocks))) for n, b in named.items()}
+
+    before = keys()
+    mirror = blocks / "mirror.sp"
+    mirror.write_text("* a comment\n" + mirror.read_text())
+    assert keys() == before
+    mirror.write_text(mirror.read_text().replace("l=2", "l=2.1"))
+    after = keys()
+    assert after["chain_k80"] != before["chain_k80"]
+    assert (after["reference"], after["comparator"]) == (before["reference"], before["comparator"])
+
+
+def test_every_condition_sample_and_way_to_solve_has_a_key_of_its_own() -> None:
+    places = [*conditions("*,27,1"), *conditions("tt,*,*"), Condition(sample=1), Condition(sample=2)]
+    places = list(dict.fromkeys([*places, Condition("ss", sample=2)]))
+    jobs = [Job("vfc_sink", place, way) for place in places for way in run_all.NUMERICS]
+    assert len({runs.key(runs.resolved(job.deck())) for job in jobs}) == len(jobs)
+
+
+@pytest.mark.parametrize("left", ["", "{", "[]", "{}", '{"values": 3}'])
+def test_a_file_that_is_no_result_is_measured_again(left: str) -> None:
+    runs.KEPT.mkdir()
+    (runs.KEPT / "x.json").write_text(left)
+    assert runs.kept("x") is None
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
+    jobs = [Job("row_driver_held", Condition(corner)) for corner in ("tt", "ss", "ff")]
+
+    def interrupt(done: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Runs(jobs).run(1, None, interrupt)
+    again = Runs(jobs)
+    assert 2 <= len(again.outcomes) < len(jobs) or not again.todo  # one more may have ended meanwhile
+    again.run(1, None, lambda done: None)
+    assert set(again.outcomes) == set(jobs)
+    assert not Runs(jobs).todo
+
+
+# ---- judged -----------------------------------------------------------------------------------------------------
+
+
+def judged(values: dict[str, float], name: str = "packet_error.sink", **more: object) -> verdict.Row:
+    return results.Series(name, name, "1", values, **more).row()
+
+
+def test_the_worst_condition_is_the_one_with_the_least_room() -> None:
+    # Limits -0.02 and 0.02: the smallest in size is not asked for, the one next to a limit is.
+    row = judged({"--at tt,27,1": 0.001, "--at ss,-40,0.9": -0.019, "--at ff,125,1.1": 0.018})
+    assert (row["value"], row["status"]) == (-0.019, "PASS")
+    assert "`dermis characterise --only sky130.packet_error.sink --at ss,-40,0.9`" in row["note"]
+    assert judged({"--at tt,27,1": 0.0, "--at sf,27,1": 0.021, "--at fs,27,1": -0.02})["status"] == "FAIL"
+    # A lower limit alone: the least is the worst.
+    assert judged({"--at tt,27,1": 90.0, "--at ss,27,1": 71.0}, "amplifier_gain_db")["value"] == 71.0
+
+
+def test_what_was_not_measured_is_no_pass_and_hides_no_miss() -> None:
+    faults = {"--at ss,-40,0.9": "gave up"}
+    assert judged({"--at tt,27,1": 0.0}, faults=faults)["status"] == "ERROR"
+    assert judged({"--at tt,27,1": 0.5}, faults=faults)["status"] == "FAIL"
+    row = judged({}, faults=faults)
+    assert (row["status"], row["value"]) == ("ERROR", None)
+    assert "gave up: `dermis characterise --only sky130.packet_error.sink --at ss,-40,0.9`" in row["note"]
+
+
+def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None:
+    line = results.Series("mismatch.packet_error.sink", "packet_error.sink", "1").command(
+        "--at tt,27,1 --sample 17"
+    )
+    arguments = shlex.split(line)[2:]
+    options = characterise_command.make_context("characterise", arguments).params
+    names = chosen(options["only"])
+    jobs = jobs_of(names, options["at"], options["sample"], options["many"], options["short"])
+    assert jobs == [Job("vfc_sink", Condition(sample=17))]
+
+
+def test_drift_is_over_temperature_alone() -> None:
+    values = {("ss", -40.0): 0.001, ("ss", 27.0): 0.004, ("ss", 125.0): 0.002, ("ff", 27.0): 0.5}
+    outcomes = {
+        Job("vfc_sink", Condition(corner, celsius)): run_all.Outcome(
+            dict.fromkeys(BENCHES["vfc_sink"].units, value)
+        )
+        for (corner, celsius), value in values.items()
+    }
+    found = {one.name: one for one in results.series(outcomes)}
+    assert found["drift.packet_error.sink"].values == {"--at ss,*,1": pytest.approx(0.003)}
+
+
+def test_values_are_read_back_by_condition() -> None:
+    outcomes = {
+        Job("reference", Condition("ss", -40.0, 0.9)): run_all.Outcome({"reference_error": 0.25}),
+        Job("reference", Condition(sample=3)): run_all.Outcome({"reference_error": 0.5}),
+        Job("reference", Condition("ff")): run_all.Outcome({}, "gave up"),
+    }
+    results.write_values(outcomes)
+    assert results.load(results.VALUES) == {
+        Condition("ss", -40.0, 0.9): {"reference_error": 0.25},
+        Condition(sample=3): {"reference_error": 0.5},
+    }
+    results.VALUES.write_text("{}")
+    with pytest.raises(InputError, match="make characterise"):
+        results.load(results.VALUES)
+
+
+# ---- the command ------------------------------------------------------------------------------------------------
+
+
+def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
+    build: Path, changed: Callable[[str, str], None]
+) -> None:
+    typical = ("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
+    code, said = called(*typical)
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    assert (code, {row["status"] for row in rows.values()}) == (0, {"PASS"}), said
+    assert rows["sky130.row_driver_r_ohm.held"]["value"] > 0.1
+
+    # Two ohm of wire behind the switch.
+    held = BENCHES["row_driver_held"].body
+    far = held.replace("il row 0 0", "rfault row far 2\nil far 0 0").replace("v(row)", "v(far)")
+    changed("row_driver_held", far)
+    code, said = called(*typical)
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    assert code == 1
+    assert rows["sky130.row_driver_r_ohm.held"]["status"] == "FAIL"
+    assert "FAIL sky130.row_driver_r_ohm.held" in said
+    assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in said
+
+    # A node that is 1 V where it is below half a volt, and 0 V elsewhere, has no voltage.
+    changed("row_driver_held", "bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
+    code, said = called(*typical)
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    assert code == 3
+    errors = {name for name, row in rows.items() if row["status"] == "ERROR"}
+    assert errors == {"sky130.row_driver_r_ohm.held"}
+    note = rows["sky130.row_driver_r_ohm.held"]["note"]
+    assert "tried: " in note, note
+    assert str(runs.FAILED) in note, "the log stays"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("--only", "nothing"), "--only"),
+        (("--at", "tt,27"), "--at"),
+        (("--at", "xx,27,1"), "--at"),
+        (("--at", "tt,warm,1"), "--at"),
+        (("--at", "tt,300,1"), "--at"),
+        (("--at", "tt,27,nan"), "--at"),
+        (("--short", "--at", "tt,27,1"), "--short"),
+        (("--docs", "--only", "reference"), "--docs"),
+        (("--docs", "--samples", "10"), "--docs"),
+        (("--sample", "3", "--samples", "5"), "--sample and --samples"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: tuple[str, ...], key: str) -> None:
+    with pytest.raises(InputError) as raised:
+        called(*arguments)
+    assert raised.value.key == key
+
+
+def test_an_option_that_is_no_number_is_refused() -> None:
+    with pytest.raises(click.ClickException):
+        called("--jobs", "0")
+
+
+def test_a_whole_run_is_45_conditions_100_draws_and_the_numerics() -> None:
+    jobs = jobs_of(list(BENCHES), None, None, None, short=False)
+    places = {job.condition for job in jobs if job.condition.sample is None and not job.numerics}
+    assert len(places) == 45 == len(CORNERS) * 3 * 3
+    drawn = {job.bench: 0 for job in jobs if job.condition.sample is not None}
+    for job in jobs:
+        if job.condition.sample is not None:
+            drawn[job.bench] += 1
+    assert set(drawn.values()) == {100}
+    assert {"chain_k80", "vfc_sink", "comparator", "reference"} <= set(drawn)
+    solved_otherwise = {job.bench for job in jobs if job.numerics}
+    assert solved_otherwise == {name for name, bench in BENCHES.items() if ".tran" in bench.body}
+
+
+def test_half_a_step_is_half_a_step() -> None:
+    text = Job("vfc_sink", Condition(), "half_step").deck()
+    assert ".tran 5n 3.2u" in text
+    assert ".options trtol=3.5 reltol=5e-4" in text
+
+
+def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
+    """Quantities that move by a hundredth of a packet, 2.55 codes, when they are solved in another way."""
+    own = dict.fromkeys(BENCHES["vfc_sink"].units, 0.0)
+    outcomes = {
+        Job("vfc_sink", Condition()): run_all.Outcome(own),
+        Job("vfc_sink", Condition(), "gear"): run_all.Outcome(own | {"packet_error.sink": 0.01}),
+    }
+    (one,) = results.numerics(outcomes)
+    row = one.row()
+    assert row["value"] == pytest.approx(2.55)
+    assert row["status"] == "FAIL"
+
+
+# ---- benches ----------------------------------------------------------------------------------------------------
+
+
+def test_a_quantity_that_does_not_follow_is_a_fault_and_no_number() -> None:
+    bench = Bench("b", "", lambda found: {"q": found["missing"]}, {"q": "V"})
+    nan = dataclasses.replace(bench, values=lambda found: {"q": float("nan")})
+    for one, said in ((bench, "missing"), (nan, "not a number: q")):
+        BENCHES["b"] = one
+        try:
+            done = run_all.outcome(Job("b", Condition()), runs.Measured({}))
+        finally:
+            del BENCHES["b"]
+        assert said in done.fault
+        assert not done.values
+
+
+def test_a_cluster_measures_the_same() -> None:
+    distributed = pytest.importorskip("distributed")
+    job = Job("row_driver_held", Condition())
+    here = run_all_of([job]).outcomes[job]
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+    ) as cluster:
+        there = Runs([job], fresh=True)
+        there.run(1, cluster.scheduler_address, lambda done: None)
+    assert there.outcomes[job].values == here.values
+    assert not there.outcomes[job].fault
+
+
+def test_another_version_takes_no_work() -> None:
+    with pytest.raises(SimulatorError, match="another version"):
+        run_all._elsewhere(Job("reference", Condition()), 60.0, "an old one")
