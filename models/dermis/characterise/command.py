@@ -111,10 +111,25 @@ def print_table(found: Sequence[Series], rows: Sequence[verdict.Row], title: str
         table.add_row(one.name, *numbers, row["unit"], f"[{colour}]{row['status']}[/]", where)
     console.print(table)
     for row in rows:
-        if row["status"] in ("FAIL", "ERROR") or (row["status"] == "SKIP" and row["value"] is not None):
+        # A row that is SKIP with a value has missed a limit that does not gate.
+        if row["status"] == "FAIL" or (row["status"] == "SKIP" and row["value"] is not None):
             console.print(f"{row['status']} {row['name']}: {row['note']}", highlight=False, markup=False)
+    for fault, names in _faults(found).items():
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        console.print(f"ERROR {', '.join(names[:3])}{more}: {fault}", highlight=False, markup=False)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
     console.print(f"{counts}; a row again: dermis characterise --only NAME and what stands under `at worst`")
+
+
+def _faults(found: Sequence[Series]) -> dict[str, list[str]]:
+    """Why something was not measured, with one line that shows it, and the rows that miss it."""
+    rows: dict[str, list[str]] = {}
+    shown: dict[str, str] = {}
+    for one in found:
+        for where, fault in one.faults.items():
+            rows.setdefault(fault, []).append(one.name)
+            shown.setdefault(fault, one.command(where))
+    return {f"{fault}: `{shown[fault]}`": list(dict.fromkeys(names)) for fault, names in rows.items()}
 
 
 @click.command("characterise")
