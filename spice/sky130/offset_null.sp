@@ -1,11 +1,16 @@
 * SPDX-License-Identifier: Apache-2.0
 * Offset null: y holds the voltage at which a conveyor's col is on ground, whatever offset mismatch gives the conveyor's amplifier.
 * While d_preset is 1 V (rows change, the column settles) the nulling amplifier stores its own offset and y is held; in the gate, when the
-* column is quiet, it compares col with ground and moves y, 2 us to a factor of e. 20 pF keep kT/C at 14 uV; 32 pF and a tail of 2 uA make
-* the loop five times slower than the conveyor. Nothing holds y before the first gate but two diodes back to back.
+* column is quiet, it compares col with ground and moves y, 2 us to a factor of e: five times slower than the conveyor.
+* Its output stays within millivolts of ground, so five transistors do; they are long and wide against 1/f noise, which 20 pF sample.
+* Nothing holds y before the first gate but two diodes back to back.
 .subckt offset_null col y d_preset ibias vdd vss
 xlevel d_preset on off logic_level
-xamp 0 v_in v_amp ibias vdd vss ota pairs=0.2 branches=0.2
+xn_tail v_tail ibias vss vss nmos w=1 l=2
+xn_in v_amp v_in v_tail vss nmos w=20 l=4 k=4
+xn_ground v_load 0 v_tail vss nmos w=20 l=4 k=4
+xp_load v_load v_load vdd vdd pmos w=2 l=20
+xp_out v_amp v_load vdd vdd pmos w=2 l=20
 xs_col col v_side off on vdd vss switch_small
 xs_zero 0 v_side on off vdd vss switch_small
 xc_own v_side v_in sky130_fd_pr__cap_mim_m3_1 w=100 l=100
