@@ -19,6 +19,7 @@ from dermis.children import run_child
 from dermis.errors import InputError, SimulatorError
 
 _MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
+_PRINT = re.compile(r"^print\s+(\w+)\s*$", re.MULTILINE | re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 _RESULT = re.compile(rf"^(\w+)\s*=\s+({_NUMBER})\b", re.MULTILINE | re.IGNORECASE)
 _ABORT = re.compile(
@@ -53,7 +54,7 @@ class Measured:
 
 
 def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -> Measured:
-    """Run a deck and return what each of its `.meas` found.
+    """Run a deck and return what each of its `.meas` found, and each `print name` of its control section.
 
     Parameters
     ----------
@@ -83,6 +84,7 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
     log = deck.with_suffix(".log")
     text = deck.read_text()
     wanted = [name.lower() for _, name in _MEAS.findall(text)]
+    printed = [name.lower() for name in _PRINT.findall(text)]
     # ngspice prints 7 digits of what it finds, whatever it is asked; of a formula it prints as many as asked.
     text = _MEAS.sub(r"\g<0>\n.meas \1 full_\2 param='\2'", text)
     start, extra = ladder.START[level.start], list(level.option_lines)
@@ -102,13 +104,14 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
         )
     values = {name.lower(): float(value) for name, value in _RESULT.findall(said)}
     missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
+    missing += [n for n in printed if not math.isfinite(values.get(n, math.nan))]
     if missing:
         error = _ERROR.search(said)
         why = f": {error[0].strip()}" if error else ""
         raise SimulatorError(f"ngspice, {deck.stem}: did not measure {', '.join(missing)}{why}", log)
     if code:
         raise SimulatorError(f"ngspice, {deck.stem}: exit code {code}", log)
-    return {name: values[f"full_{name}"] for name in wanted}
+    return {name: values[f"full_{name}"] for name in wanted} | {name: values[name] for name in printed}
 
 
 def _ngspice(tool: str, deck: Path, text: str, limit_s: float) -> tuple[str, int]:

@@ -91,6 +91,51 @@ def test_preset_integral_decision_and_packet(tmp_path, corner, celsius, side) ->
 
 
 @corners
+@pytest.mark.parametrize("name", ["conveyor_multi", "direct"])
+def test_the_other_interfaces_are_as_exact(tmp_path, corner, celsius, name) -> None:
+    within(quantities(tmp_path, name, corner, celsius))
+
+
+def judged(found: dict[str, float], *names: str) -> dict[str, float]:
+    return {name: value for name, value in found.items() if name.startswith(names)}
+
+
+@corners
+def test_the_column_is_on_ground_whatever_the_conveyors_offset(tmp_path, corner, celsius) -> None:
+    found = quantities(tmp_path, "column", corner, celsius)
+    within(judged(found, "column_offset_v"))
+
+
+@pytest.mark.long
+def test_an_offset_null_that_is_never_let_on_the_column_is_noticed(tmp_path: Path) -> None:
+    """d_preset that never falls: y stays where it is, and 3 mV on the column."""
+    bench = BENCHES["column"]
+    blind = benches.COLUMN.replace("xnull x y d_preset", "vp d_on 0 1\nxnull x y d_on")
+    found = bench.values(measure(tmp_path, dataclasses.replace(bench, body=blind), *CORNERS[0]))
+    assert found["column_offset_v"] == pytest.approx(-3e-3, rel=0.05)  # 0.1 mV of its own
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("at", CORNERS)
+@pytest.mark.parametrize("side", ["low", "high"])
+def test_a_row_has_settled_when_its_gate_begins(tmp_path, at, side) -> None:
+    within(judged(quantities(tmp_path, f"settling_{side}", *at), "settling_lsb"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("at", CORNERS)
+@pytest.mark.parametrize("name", ["noise_full", "noise_low", "noise_packet", "noise_null"])
+def test_noise_is_a_quarter_of_a_code(tmp_path, at, name) -> None:
+    within(quantities(tmp_path, name, *at))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [f"supply_{t}" for t in benches.TOPOLOGIES])
+def test_a_channel_takes_what_its_limit_says(tmp_path, name) -> None:
+    within(quantities(tmp_path, name, *CORNERS[0]))
+
+
+@corners
 def test_the_comparator_decides_within_a_fifth_of_a_clock(tmp_path, corner, celsius) -> None:
     within(quantities(tmp_path, "comparator", corner, celsius))
 

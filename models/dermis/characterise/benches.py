@@ -348,6 +348,237 @@ def comparator_offset(found: Found) -> dict[str, float]:
     return {"comparator_offset_v": found["offset"]}
 
 
+# ---- conveyor with two outputs, direct interface -------------------------------------------------------------
+
+MULTI = f"""\
+vy y 0 0
+ix 0 x 0
+xconveyor y x zp zn ibias vdd vss conveyor_multi
+vzp zp 0 0
+vzn 0 zn 0
+.dc ix 0 1.01m 0.1m
+{"".join(f".meas dc {side}{n} find i(v{side}) at={n}e-4{chr(10)}" for side in ("zp", "zn") for n in range(11))}"""
+
+
+def multi(found: Found) -> dict[str, float]:
+    """Both outputs as `chain` has the mirror's: distance from the line through its ends, that line."""
+    values = {}
+    for side in ("zp", "zn"):
+        lsb = [found[f"{side}{n}"] / 25e-6 * 510 for n in range(11)]
+        values[f"chain_inl_lsb.{side}"] = max(map(abs, _off_line(range(11), lsb)))
+        values[f"chain_gain_error.{side}"] = (lsb[-1] - lsb[0]) / 255.0 - 1.0
+        values[f"chain_offset_lsb.{side}"] = lsb[0]
+    return values
+
+
+# The bench of the VFC with 80 times the current, on the column's 400 pF.
+DIRECT = _VFC.replace(
+    "xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}",
+    "ccolumn sum 0 400p\nxdut sum d_charge d_preset comp ibias vdd vss channel_direct",
+).format(i_in=80 * _SLOPE_V_S * 5e-12)
+
+
+def direct(found: Found) -> dict[str, float]:
+    """As `vfc`, of the interface without conveyor and mirror."""
+    return {name.replace("sink", "direct"): value for name, value in vfc(found, 1).items()}
+
+
+# ---- column: offset, input resistance, settling --------------------------------------------------------------
+
+# A column of 16 taxels of 500 ohm, one of them driven. 3 mV in series with y stand for the conveyor, so that
+# there is something to null where mismatch draws nothing; the first gate finds y, the second is as all others.
+_OFFSET_V = 3e-3
+COLUMN = f"""\
+vpre d_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 68u 1 68.001u 0)
+vrow row 0 0.5
+rrow row x 500
+rheld x 0 33.333
+cx x 0 400p
+xnull x y d_preset ibias vdd vss offset_null
+voffset y y_off {_OFFSET_V}
+xconveyor y_off x z ibias vdd vss conveyor
+vz z 0 -0.6
+.save v(x) v(y)
+.tran 50n 101u
+.meas tran raw find v(x) at=4.9u
+.meas tran first find v(x) at=44u
+.meas tran held find v(x) at=67.9u
+.meas tran second find v(x) at=100u
+"""
+
+
+def column(found: Found) -> dict[str, float]:
+    """Voltage of the column before the first gate, less what was put in; at the end of two gates, and in between."""
+    return {
+        "column_raw_offset_v": found["raw"] + _OFFSET_V,
+        "column_offset_v": max(found["first"], found["second"], key=abs),
+        "column_held_offset_v": found["held"],
+    }
+
+
+R_X_HZ = (100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000)
+R_X = f"""\
+vy y 0 0
+ix 0 x dc 1m ac 1
+xconveyor y x z ibias vdd vss conveyor
+cx x 0 400p
+vz z 0 -0.6
+.save v(x)
+.ac dec 20 100 11meg
+{"".join(f".meas ac r{f} find vm(x) at={f}{chr(10)}" for f in R_X_HZ)}"""
+
+
+def r_x(found: Found) -> dict[str, float]:
+    """What the column sees at 1 mA, its 400 pF included and the offset null left out."""
+    return {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ}
+
+
+SETTLING_NS = (1000, 2000, 3000, 5000, 8000, 11000, 14000)
+# Two taxels at the ends of the range, the other 14 pressed. The second slot begins at 45 us; its gate 115 clocks later,
+# 14.375 us at 8 MHz and 23 us at 5 MHz. Its count is the integral of the current over its gate.
+_SETTLING = """vpre d_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 59.375u 1 59.376u 0)
+vone one 0 pwl(0 {one} 45u {one} 45.001u 0 45.2u 0 45.201u {other})
+vother other 0 pwl(0 {other} 45u {other} 45.001u 0 45.2u 0 45.201u {one})
+rone one x 500
+rother other x 64.25k
+rheld x 0 35.714
+cx x 0 400p
+xnull x y d_preset ibias vdd vss offset_null
+xconveyor y x z ibias vdd vss conveyor
+xmirror z sum 0 0 ibias vdd vss mirror k=80
+vsum sum 0 0
+.save i(vsum) v(x) v(y)
+.tran 50n 171u
+.meas tran i_end find i(vsum) at=170.9u
+.meas tran fast integ i(vsum) from=59.375u to=123.125u
+.meas tran slow integ i(vsum) from=68u to=170u
+"""
+
+
+def settling_body(side: str) -> str:
+    """A row of 64.25 kohm behind one of 500 ohm ("low"), or the other way round ("high")."""
+    one, other = (0.5, 0) if side == "low" else (0, 0.5)
+    times = "".join(f".meas tran x{t} find v(x) at={45200 + t}n\n" for t in SETTLING_NS)
+    return _SETTLING.format(one=one, other=other) + times
+
+
+def settling(found: Found, side: str) -> dict[str, float]:
+    """Packets that the way to the last current adds to a gate, at both clocks, and the column on that way."""
+    lsb = {
+        f"settling_lsb.{side}_{mhz}mhz": (found[name] / (510 / (mhz * 1e6)) - found["i_end"]) / 25e-6 * 510
+        for mhz, name in ((5, "slow"), (8, "fast"))
+    }
+    volts = {f"settling_v.t{t}": found[f"x{t}"] for t in SETTLING_NS} if side == "low" else {}
+    return lsb | volts
+
+
+# ---- supply --------------------------------------------------------------------------------------------------
+
+TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
+_SUPPLY = """vpre d_preset 0 1
+vcharge d_charge 0 0
+vchannel vdd vdd_c 0
+vreturn vss_c vss 0
+ix 0 col 0
+xdut col d_charge d_preset comp ibias vdd_c vss_c channel_{topology}
+.dc ix 0 1.01m 0.1m
+.meas dc idle find i(vchannel) at=0
+.meas dc pressed find i(vreturn) at=1m
+.meas dc all find i(vdd) at=0
+"""
+
+
+def supply_body(topology: str) -> str:
+    """A channel with rails of its own; the reference is on the deck's."""
+    return _SUPPLY.format(topology=topology)
+
+
+def supply(found: Found, topology: str) -> dict[str, float]:
+    """A channel's current from vdd; what a chip of 16 takes to vss while a row of 16 times 1 mA is driven."""
+    reference_a = -found["all"] - found["idle"]
+    return {
+        f"supply_channel_a.{topology}": found["idle"],
+        f"supply_array_a.{topology}": 16 * found["pressed"] + reference_a,
+    }
+
+
+_BLOCKS = {
+    "offset_null": "col y d_preset ibias vdd_offset_null vss offset_null",
+    "conveyor": "y col z ibias vdd_conveyor vss conveyor",
+    "mirror": "z sum 0 0 ibias vdd_mirror vss mirror k=80",
+    "integrator": "sum 0 d_preset v_int ibias vdd_integrator vss integrator",
+    "charge_source": "d_charge sum ibias vdd_charge_source vss charge_source",
+    "comparator": "0 v_int comp ibias vdd_comparator vss comparator",
+}
+SUPPLY_BLOCKS = (
+    "vpre d_preset 0 1\nvcharge d_charge 0 0\nix 0 col 0\n.dc ix 0 1u 1u\n"
+    + "".join(f"v{name} vdd vdd_{name} 0\nx{name} {pins}\n" for name, pins in _BLOCKS.items())
+    + "".join(f".meas dc {name} find i(v{name}) at=0\n" for name in _BLOCKS)
+)
+
+
+def supply_blocks(found: Found) -> dict[str, float]:
+    """What each block of a channel takes from vdd."""
+    return {f"supply_block_a.{name}": found[name] for name in _BLOCKS}
+
+
+# ---- noise ---------------------------------------------------------------------------------------------------
+
+# A gate of 102 us takes the mean of the current: its square is the spectrum times sinc^2(f T), from a drift of a second
+# up to 1 MHz, where sinc^2 is 1e-5. The sum runs over a fine logarithmic grid.
+_NOISE = """\
+{dut}
+.control
+noise v(out) {source} dec 100 1 {highest}
+setplot noise1
+let turn = 3.14159265 * frequency * 102u
+let s = sin(turn) / turn
+let power = onoise_spectrum^2 * ({share})
+let rms = sqrt(vecmax(integ(power)))
+print rms
+quit
+.endc
+"""
+_CURRENT = "vsum sum 0 0\nhout out 0 vsum 1\n"
+
+
+def noise_body(i: str, r: str) -> str:
+    """Conveyor and mirror with a taxel and its current."""
+    dut = _CURRENT + (
+        f"ix 0 x dc {i} ac 1\nrx x 0 {r}\ncx x 0 400p\nvy y 0 0\nxconveyor y x z ibias vdd vss conveyor\n"
+        "xmirror z sum 0 0 ibias vdd vss mirror k=80"
+    )
+    return _NOISE.format(dut=dut, source="ix", share="s^2", highest="1meg")
+
+
+NOISE_PACKET = _NOISE.format(
+    dut=_CURRENT + "vc d_charge 0 dc 1 ac 1\nxdut d_charge sum ibias vdd vss charge_source",
+    source="vc",
+    share="s^2",
+    highest="1meg",
+)
+# What the offset null stores when a gate begins, less the mean of the same noise over the gate:
+# 1 - sinc exp(-j pi f T).
+# Stored and followed are both through the pole of the amplifier on 20 pF, across which it stands while it is closed
+# on itself.
+NOISE_NULL = _NOISE.format(
+    dut="vpre d_preset 0 dc 1 ac 1\nxdut 0 y d_preset ibias vdd vss offset_null\neout out 0 xdut.v_in xdut.v_side 1",
+    source="vpre",
+    share="1 + s^2 - 2*s*cos(turn)",
+    highest="100meg",
+)
+
+
+def noise(found: Found, at: str) -> dict[str, float]:
+    """Rms of a code, from the mean current of a gate."""
+    return {f"noise_lsb.{at}": found["rms"] / 25e-6 * 510}
+
+
+def noise_null(found: Found) -> dict[str, float]:
+    """Rms of a code of a column of 16 taxels of 500 ohm, whose 32 mS turn a voltage into a current."""
+    return {"noise_lsb.null": found["rms"] * 16 / 500 / 80 / 25e-6 * 510}
+
+
 # ---- row driver ----------------------------------------------------------------------------------------------
 
 
@@ -369,6 +600,19 @@ def row_driver(found: Found, side: str) -> dict[str, float]:
 
 def _with(units: Mapping[str, str], suffix: str) -> dict[str, str]:
     return {f"{name}.{suffix}": unit for name, unit in units.items()}
+
+
+_COLUMN_UNITS = dict.fromkeys(("column_raw_offset_v", "column_offset_v", "column_held_offset_v"), "V")
+
+
+def _multi_units() -> dict[str, str]:
+    kinds = {"chain_inl_lsb": "lsb", "chain_gain_error": "1", "chain_offset_lsb": "lsb"}
+    return _with(kinds, "zp") | _with(kinds, "zn")
+
+
+def _settling_units(side: str) -> dict[str, str]:
+    volts = {f"settling_v.t{t}": "V" for t in SETTLING_NS} if side == "low" else {}
+    return {f"settling_lsb.{side}_{mhz}mhz": "lsb" for mhz in (5, 8)} | volts
 
 
 _ALL = (
@@ -404,6 +648,30 @@ _ALL = (
         )
         for polarity, side in ((1, "sink"), (-1, "source"))
     ),
+    Bench("conveyor_multi", MULTI, multi, _multi_units(), samples=True),
+    Bench("direct", DIRECT, direct, _with(_VFC_UNITS, "direct"), samples=True),
+    Bench("column", COLUMN, column, _COLUMN_UNITS, samples=True),
+    Bench("r_x", R_X, r_x, {f"r_x_ohm.f{f}": "ohm" for f in R_X_HZ}),
+    *(
+        Bench(f"settling_{side}", settling_body(side), partial(settling, side=side), _settling_units(side))
+        for side in ("low", "high")
+    ),
+    *(
+        Bench(
+            f"supply_{topology}",
+            supply_body(topology),
+            partial(supply, topology=topology),
+            {f"supply_channel_a.{topology}": "A", f"supply_array_a.{topology}": "A"},
+        )
+        for topology in TOPOLOGIES
+    ),
+    Bench("supply_blocks", SUPPLY_BLOCKS, supply_blocks, {f"supply_block_a.{name}": "A" for name in _BLOCKS}),
+    *(
+        Bench(f"noise_{at}", noise_body(i, r), partial(noise, at=at), {f"noise_lsb.{at}": "lsb"})
+        for at, i, r in (("full", "1m", "500"), ("low", "7.8u", "64.25k"))
+    ),
+    Bench("noise_null", NOISE_NULL, noise_null, {"noise_lsb.null": "lsb"}),
+    Bench("noise_packet", NOISE_PACKET, partial(noise, at="packet"), {"noise_lsb.packet": "lsb"}),
     *(
         Bench(
             f"row_driver_{side}",
@@ -429,6 +697,9 @@ CODES_A_UNIT: dict[str, float] = {
     "preset_error_v": 1.0,
     "capacitor_error": 0.5,
     "comparator_offset_v": 1.0,
+    # On 16 taxels of 500 ohm, 32 mS.
+    "column_offset_v": 16 / 500 / 80 / 25e-6 * 510,
+    "settling_lsb": 1.0,
     # A late decision is x packets a clock of 200 ns late.
     "comparator_delay_s": 0.5 / 200e-9,
 }
