@@ -7,8 +7,8 @@
 .subckt offset_null col y d_preset ibias vdd vss
 xlevel d_preset on off logic_level
 xn_tail v_tail ibias vss vss nmos w=1 l=2
-xn_in v_amp v_in v_tail vss nmos w=20 l=8 k=4
-xn_ground v_load 0 v_tail vss nmos w=20 l=8 k=4
+xn_in v_amp v_in v_tail vss nmos w=20 l=8 k=2
+xn_ground v_load 0 v_tail vss nmos w=20 l=8 k=2
 xp_load v_load v_load vdd vdd pmos w=2 l=20
 xp_out v_amp v_load vdd vdd pmos w=2 l=20
 xs_col col v_side off on vdd vss switch_small
