@@ -17,10 +17,11 @@ from mpmath import mpf
 from scipy.integrate import solve_ivp
 
 from dermis import auto, bench_vfc, engines, plan, scene
-from dermis.accuracy import choice, converter, exact
+from dermis.accuracy import chip, choice, converter, exact, frames, probe
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
 from dermis.effects import AutoTable
+from dermis.engines import cosim
 from dermis.errors import InputError
 from dermis.scene import Scene
 from dermis.vfc import count_exact
@@ -34,6 +35,71 @@ def test_trapezoids_are_of_second_order_behind_a_pole(tmp_path: Path) -> None:
 def test_backward_euler_would_miss_the_gate(tmp_path: Path) -> None:
     _, orders = converter.orders(tmp_path, converter.options_with(converter.EXACT, method="gear", maxord="1"))
     assert min(orders) < 1.5, "a method of order 1 has to show"
+
+
+def test_two_runs_of_the_same_pulses_extrapolate_to_a_far_smaller_error(tmp_path: Path) -> None:
+    circuit = replace(converter.IDEAL, gate_clocks=60, t_gbw_s=converter.T_GBW_S)
+    error, miscount, _ = converter.extrapolated("icarus", 100e-9)(circuit, tmp_path / "run")
+    # 5.9e-6 V at 100 ns, 1.5e-6 V at 50 ns; order four leaves 1e-7 V. A wrong weight leaves some 1e-6 V.
+    assert error < 3e-7
+    assert miscount == 0
+
+
+@pytest.mark.parametrize("name", converter.CIRCUITS)
+def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_path: Path) -> None:
+    circuit = converter.CIRCUITS[name]
+    effects = {"integrator_bandwidth": {"gbw_hz": 1e6}} if circuit.t_gbw_s else {}
+    duty = np.full((1, 1, 1), float(circuit.duty))
+    made = chip.plan_at(duty, effects, circuit.f_clk_hz, 60, 9e-6)
+    result, output, charge = probe.run(made, "icarus", tmp_path / "run")
+    assert abs(int(result.codes[0, 0, 0]) - int(charge.sum())) <= 1, "the last packet may not have begun"
+    # Packets of this engine have no ramps; 60 roundings of 0.1 V.
+    exact_v = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge[0, 0])
+    assert -circuit.packet_v * output[0, 0] == pytest.approx(exact_v[1:], abs=1e-13)
+    # With the ramps of the circuit they are off by half of one while a packet runs, and by nothing else.
+    ramped = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])
+    off = np.max(np.abs(-circuit.packet_v * output[0, 0] - ramped[1:]))
+    assert off == pytest.approx(0.5 * circuit.t_edge_s * circuit.f_clk_hz * circuit.packet_v, rel=0.01), (
+        "an amplifier of 1 MHz takes less than a hundredth of it away by the end of the clock"
+    )
+
+
+def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) -> None:
+    """Event at the end of the gates, cosim at every clock, with ngspice's own options and with worse ones."""
+    made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)
+    truth = exact.frame(made)
+    w_end = np.asarray(engines.run(made).info["w_end"])[0]
+    assert frames.charge_error_v(made, w_end, truth) < 1e-11, "510 roundings of 1 V"
+    assert frames.charge_error_v(made, w_end + 3.0 * (1.0 + made.converter.packet_error), truth) < 1e-11, (
+        "whole packets are the code's"
+    )
+    assert frames.charge_error_v(made, w_end + 1e-6, truth) == pytest.approx(1e-6, rel=1e-3), (
+        "1e-6 of a packet of 1 V beside 1e-11 V"
+    )
+    one = replace(made, engine="cosim")
+
+    def error_v(solver: cosim.Solver) -> float:
+        result = engines.run(one, solver=solver, record=True)
+        assert (result.codes[0] == truth.codes).all()
+        volts, told = frames.recorded(one, result.info["records"][0])
+        return frames.output_error_v(one, volts, told, solver.t_edge_s, truth)
+
+    shipped = error_v(cosim.Solver())
+    backward_euler = error_v(cosim.Solver(options=converter.tolerances(1e-4, method="gear", maxord="1")))
+    assert shipped < 1e-3, "a thousandth of a packet: 2e-4 V where all of 16 x 16 are looked at"
+    assert backward_euler > 3.0 * shipped, "the options reach ngspice, and the error is seen"
+
+
+def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
+    made = plan.make(
+        random_plan(tmp_path, 1, "event", 8, row_driver=True, column_input=True, charge_packet=True).scene,
+        None,
+        AutoTable(budget_lsb=3.0),
+    )
+    everything = engines.run(plan.whole(made.scene, "event")).codes[0].astype(int)
+    found = frames.certified(made)
+    assert (np.abs(found.codes - everything) <= found.bound).all()
+    assert found.bound.max() > 0
 
 
 def test_the_exact_voltage_behind_a_pole_solves_its_equation() -> None:

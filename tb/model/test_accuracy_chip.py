@@ -124,6 +124,38 @@ def test_the_floor_of_energy_is_that_of_the_declared_currents() -> None:
     assert chip.energy_j(125e-6) == pytest.approx(3.3 * (0.5e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)
 
 
+def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
+    # As above, with 500 uA of a channel in place of the reference's 25 uA.
+    assert chip.energy_j(125e-6, 500e-6) == pytest.approx(3.3 * (1e-3 + 0.5e-3 / 80) * 125e-6)
+    bits = {14: 3.0, PAPER: 8.0, 65534: 10.0}
+    points = [
+        chip.Point(chip.FULL, "event", chip.PAPER_HZ, gate, chip.SETTLE_S, b, b, b, 0.0)
+        for gate, b in bits.items()
+    ]
+    rows = {row["name"]: row for row in chip.energy_rows(points, None, "no models here")}
+    assert rows["accuracy_chip.energy_floor_nj"]["status"] == "PASS"
+    for name in ("energy_nj", "energy_per_bit_nj", "energy_per_step_pj"):
+        row = rows[f"accuracy_chip.{name}"]
+        assert (row["value"], row["status"], row["note"]) == (None, "SKIP", "no models here")
+    current = chip.ChannelCurrent(500e-6, 400e-6, 600e-6)
+    rows = {row["name"]: row for row in chip.energy_rows(points, current, "")}
+    whole = 1e9 * chip.energy_j(125e-6, 500e-6)
+    assert rows["accuracy_chip.energy_nj"]["value"] == pytest.approx(whole)
+    assert "500 uA" in rows["accuracy_chip.energy_nj"]["note"]
+    assert rows["accuracy_chip.energy_per_bit_nj"]["value"] == pytest.approx(whole / 8)
+    assert rows["accuracy_chip.energy_per_step_pj"]["value"] == pytest.approx(1e3 * whole / 2**8)
+
+
+def test_the_gate_for_an_accuracy_lies_between_its_points() -> None:
+    points = [
+        chip.Point("c", "event", chip.PAPER_HZ, 2**k, 0.0, b, b, b, 0.0)
+        for k, b in ((4, 3.0), (6, 5.0), (8, 5.5))
+    ]
+    assert chip.gate_for(points, "c", 4.0) == pytest.approx(2**5)
+    assert chip.gate_for(points, "c", 6.0) is None
+    assert chip.bits_at(points, "c", 2**5) == pytest.approx(4.0)
+
+
 def test_a_gate_beyond_the_register_is_refused() -> None:
     with pytest.raises(ValueError, match=r"1\.\.65536"):
         chip.plan_at(np.full((1, 1, 1), 0.1), {}, gate_clocks=65537)

@@ -28,6 +28,7 @@ from dermis import scene, verdict
 from dermis.decode import taxels_alone
 from dermis.design import ROOT, Design
 from dermis.engines import closed, event
+from dermis.errors import DermisError
 from dermis.files import write_atomic, write_between
 from dermis.plan import Plan
 from dermis.vfc import LONGEST_GATE, count
@@ -374,40 +375,106 @@ def split(slot_s: float, f_clk_hz: float, q_c: float) -> Iterator[Point]:
 # --- energy ----------------------------------------------------------------------------------------------------------
 
 
-def energy_j(slot_s: float, duty: float = 0.25) -> float:
-    """Energy of one conversion from the currents that design.toml declares, in joule.
+SUPPLY_BENCH = "supply_conveyor_mirror"
+SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
-    Both supplies deliver the sensor's current (through driver and conveyor), its copy through the mirror and the
-    reference i0, all through a slot. Bias currents of amplifier, comparator and conveyor are not declared: a floor.
+
+@dataclass(frozen=True)
+class ChannelCurrent:
+    """Supply current in ampere of one channel of spice/sky130 without a signal, and its ends over corners."""
+
+    typical: float
+    least: float
+    most: float
+
+
+def channel_current() -> ChannelCurrent:
+    """The one place where a measured supply current comes from: the bench of `dermis characterise`, in ngspice.
+
+    Raises
+    ------
+    SimulatorError
+        ngspice did not measure it.
+    InputError
+        There are no transistor models here.
+    """
+    from dermis.characterise import benches, runs
+
+    bench = benches.BENCHES[SUPPLY_BENCH]
+    corners = (
+        benches.Condition(),
+        benches.Condition("ss", -40.0, 0.9),
+        benches.Condition("ff", 125.0, 1.1),
+    )
+    found = [bench.values(runs.measured(bench.body, at))[SUPPLY_QUANTITY] for at in corners]
+    return ChannelCurrent(found[0], min(found), max(found))
+
+
+def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) -> float:
+    """Energy of one conversion in joule, from what both supplies deliver through a slot.
+
+    That is the sensor's current (through driver and conveyor) and its copy through the mirror, as design.toml declares
+    them, and with them the current `channel_a` of a channel without a signal. Without it the reference i0 stands for
+    the channel: a floor, for amplifier, comparator and conveyor take more.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
-    current = i_taxel + i_taxel / d.interface.k + d.converter.i0_a
+    current = i_taxel + i_taxel / d.interface.k + (d.converter.i0_a if channel_a is None else channel_a)
     return (d.supply.vdd_v - d.supply.vss_v) * current * slot_s
 
 
-def table(points: Sequence[Point]) -> str:
-    """The csv of some points, with frame rates of every size and the energy of a conversion at a quarter duty."""
+def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
+    """Energy of a conversion and of a bit at the paper's point, and the least a step of the quantiser takes."""
+    name = "accuracy_chip.energy"
+    note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
+    slot_s = SETTLE_S + gate_of(PAPER_BITS) / PAPER_HZ
+    floor = verdict.report(f"{name}_floor_nj", 1e9 * energy_j(slot_s), "nJ", note)
+    rest = (("_nj", "nJ"), ("_per_bit_nj", "nJ"), ("_per_step_pj", "pJ"))
+    if current is None:
+        return [floor, *(verdict.skip(name + end, reason, unit) for end, unit in rest)]
+    own = [p for p in points if p.curve == FULL and p.f_clk_hz == PAPER_HZ]
+    paper = at(points, FULL, gate_of(PAPER_BITS))
+    whole = 1e9 * energy_j(paper.slot_s, current.typical)
+    ends = [1e9 * energy_j(paper.slot_s, amps) for amps in (current.least, current.most)]
+    note = f"{SUPPLY_QUANTITY} {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
+    note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {ends[0]:.0f} .. {ends[1]:.0f} nJ)"
+    best = min(own, key=lambda p: energy_j(p.slot_s, current.typical) / 2.0**p.bits)
+    step = 1e12 * energy_j(best.slot_s, current.typical) / 2.0**best.bits
+    return [
+        floor,
+        verdict.report(f"{name}_nj", whole, "nJ", f"one conversion of 125 us at a quarter of the clock rate; {note}"),
+        verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", f"the same over its {paper.bits:.2f} bits"),
+        verdict.report(f"{name}_per_step_pj", step, "pJ",
+                       f"energy over 2^bits where it is least: {best.gate_clocks} clocks, {best.bits:.2f} bits"),
+    ]  # fmt: skip
+
+
+def table(points: Sequence[Point], channel_a: float | None = None) -> str:
+    """The csv of some points, with frame rates of every size and the energy of a conversion at a quarter duty.
+
+    `energy_j` is empty where no supply current was measured.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     sizes = [f"frames_per_s_{n}x{n}" for n in SIZES]
     writer.writerow(
         ["curve", "engine", "f_clk_hz", "gate_clocks", "settle_s", "slot_s", "bits", "bits_least", "bits_most",
-         "step_n", "energy_floor_j", *sizes]
+         "step_n", "energy_floor_j", "energy_j", *sizes]
     )  # fmt: skip
     for p in points:
         rates = [f"{frame_hz(n, p.slot_s):.5g}" for n in SIZES]
         writer.writerow(
             [p.curve, p.engine, f"{p.f_clk_hz:g}", p.gate_clocks, f"{p.settle_s:.6g}", f"{p.slot_s:.6g}",
              f"{p.bits:.3f}", f"{p.bits_least:.3f}", f"{p.bits_most:.3f}", f"{p.newtons:.4g}",
-             f"{energy_j(p.slot_s):.4g}", *rates]
+             f"{energy_j(p.slot_s):.4g}",
+             "" if channel_a is None else f"{energy_j(p.slot_s, channel_a):.4g}", *rates]
         )  # fmt: skip
     return out.getvalue()
 
 
-def write(path: Path, points: Sequence[Point]) -> None:
+def write(path: Path, points: Sequence[Point], channel_a: float | None = None) -> None:
     """Write the csv of some points, whole or not at all."""
-    write_atomic(path, table(points).encode())
+    write_atomic(path, table(points, channel_a).encode())
 
 
 # --- the study -------------------------------------------------------------------------------------------------------
@@ -450,6 +517,27 @@ def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
     return best
 
 
+def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
+    """Clocks in which a curve reaches so many bits, straight in the logarithm between its points; None for never."""
+    own = sorted(
+        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
+    )
+    for before, here in itertools.pairwise(own):
+        if before.bits <= bits <= here.bits:
+            share = (bits - before.bits) / (here.bits - before.bits)
+            return before.gate_clocks * (here.gate_clocks / before.gate_clocks) ** share
+    return None
+
+
+def bits_at(points: Sequence[Point], curve: str, gate_clocks: float, f_clk_hz: float = PAPER_HZ) -> float:
+    """Bits of a curve at a gate between its points."""
+    own = sorted(
+        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
+    )
+    at_log = np.interp(math.log(gate_clocks), [math.log(p.gate_clocks) for p in own], [p.bits for p in own])
+    return float(at_log)
+
+
 def at(points: Sequence[Point], curve: str, gate_clocks: int, f_clk_hz: float = PAPER_HZ) -> Point:
     """One point of a curve."""
     return next(p for p in points if (p.curve, p.gate_clocks, p.f_clk_hz) == (curve, gate_clocks, f_clk_hz))
@@ -480,8 +568,6 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
                        at(reading, "counter + residue of 4 bits, with noise", paper).bits
                        - at(reading, "counter, preset, with noise", paper).bits,
                        "bits", "510 clocks, noise on: what 16 clocks of ramp buy"),
-        verdict.report(f"{name}energy_floor_nj", 1e9 * energy_j(SETTLE_S + paper / PAPER_HZ), "nJ",
-                       "one conversion of 125 us at a quarter of the clock rate, declared currents only"),
     ]  # fmt: skip
     for f in CLOCKS_HZ:
         end = waiting_ends(gates, f)
@@ -494,7 +580,7 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
 
 DOCS = ROOT / "docs" / "accuracy.md"
 BEGIN, END = "<!-- begin: chip (written by dermis accuracy-chip --docs) -->", "<!-- end: chip -->"
-FIGURES = ("chip_resolution.png", "chip_frame_rates.png", "chip_without_time.png")
+FIGURES = ("chip_resolution.png", "chip_frame_rates.png", "chip_without_time.png", "chip_energy.png")
 
 
 def run(out: Path) -> list[verdict.Row]:
@@ -502,18 +588,24 @@ def run(out: Path) -> list[verdict.Row]:
     from dermis.accuracy import chip_figures
 
     out.mkdir(parents=True, exist_ok=True)
+    current, reason = None, ""
+    try:
+        current = channel_current()
+    except DermisError as error:
+        reason = f"no supply current was measured: {error}"
     every = [gate_of(n) for n in BITS]
     gates, reading, drooping = gate_points(), list(ways(every)), list(droop(every))
     waiting, settled = split_points(), list(pedestal(np.geomspace(1e-6, 100e-6, 9)))
     for name, points in (
         ("gate", gates), ("ways", reading), ("droop", drooping), ("split", waiting), ("pedestal", settled),
     ):  # fmt: skip
-        write(out / f"chip_{name}.csv", points)
-    resolution, frame_rates, without_time = (out / name for name in FIGURES)
+        write(out / f"chip_{name}.csv", points, current and current.typical)
+    resolution, frame_rates, without_time, energy = (out / name for name in FIGURES)
     chip_figures.resolution(gates, resolution)
     chip_figures.frame_rates(gates, waiting, frame_rates)
     chip_figures.without_time(reading, drooping, settled, without_time)
-    return rows_of(gates, reading, drooping)
+    chip_figures.energy(gates, current, energy)
+    return rows_of(gates, reading, drooping) + energy_rows(gates, current, reason)
 
 
 @click.command("accuracy-chip")
@@ -529,7 +621,9 @@ def accuracy_chip_command(out: Path | None, docs: bool) -> int:
     verdict.print_rows(rows, "Conversion time against resolution")
     if docs:
         told = ["| what | | |", "|---|---:|---|"]
-        told += [f"| `{row['name']}` | {row['value']:.4g} {row['unit']} | {row['note']} |" for row in rows]
+        for row in rows:
+            value = row["status"] if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
+            told.append(f"| `{row['name']}` | {value} | {row['note']} |")
         write_between(DOCS, BEGIN, END, "\n".join(told))
         for name in FIGURES:
             shutil.copyfile(out / name, ROOT / "docs" / "figures" / f"accuracy_{name}")

@@ -104,11 +104,89 @@ def resolution(points: Sequence[Point], path: Path) -> None:
     right.set_xscale("log")
     right.set_xlabel("time of one row / us: 23 us to settle and the gate (frame rates: 16 rows)")
     right.set_title("Everything on", fontsize=10)
+    _tenth(left, points)
     for axes in (left, right):
         axes.grid(True, alpha=0.3)
         axes.set_ylim(2.5, 15.5)
         axes.legend(fontsize=8, loc="lower right")
     _newtons(right)
+    save(figure, path)
+
+
+def _tenth(axes: Any, points: Sequence[Point]) -> None:
+    """What a tenth of an LSB of the paper's 8 bits takes in gate time, and what a tenth of that time leaves."""
+    wanted = chip.PAPER_BITS + np.log2(10.0)
+    axes.axhline(wanted, color=RED, linestyle="--", linewidth=1)
+    axes.text(16, wanted + 0.08, "0.1 LSB of 8 bits", fontsize=8, color=RED)
+    said = []
+    straight = list(chip.STEPS)[list(chip.STEPS).index(chip.FULL) - 1]
+    for words, curve in (("without the range switch's bend", straight), ("everything on", chip.FULL)):
+        gate = chip.gate_for(points, curve, wanted)
+        if gate is None:
+            best = max(p.bits for p in points if (p.curve, p.f_clk_hz) == (curve, chip.PAPER_HZ))
+            said.append(f"{words}: never; at best {2.0 ** (chip.PAPER_BITS - best):.2f} LSB")
+            continue
+        left = chip.bits_at(points, curve, gate / 10.0)
+        lsb = 2.0 ** (chip.PAPER_BITS - left)
+        said.append(f"{words}: {gate:.0f} clocks, {1e3 * gate / chip.PAPER_HZ:.2g} ms")
+        said.append(f"   a tenth of that, {1e6 * gate / chip.PAPER_HZ / 10.0:.0f} us: {lsb:.2g} LSB")
+        axes.plot([gate / 10.0, gate], [left, wanted], "o", color=RED, markersize=8, fillstyle="none")
+    text = "\n".join(["0.1 LSB (of 8 bits) takes a gate of", *said])
+    box = {"boxstyle": "round", "facecolor": "white", "edgecolor": RED, "alpha": 0.9}
+    axes.text(0.02, 0.98, text, transform=axes.transAxes, va="top", fontsize=8.5, bbox=box)
+
+
+def energy(points: Sequence[Point], current: chip.ChannelCurrent | None, path: Path) -> None:
+    """Energy of a conversion and of a bit against gate length, and of a step of the quantiser against bits."""
+    figure = Figure(figsize=(13.5, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    own = sorted(
+        (p for p in points if p.curve == chip.FULL and p.f_clk_hz == chip.PAPER_HZ),
+        key=lambda p: p.gate_clocks,
+    )
+    gates, bits = [p.gate_clocks for p in own], np.array([p.bits for p in own])
+    kinds = [("declared currents alone: a floor", None, "--", GREY)]
+    if current is not None:
+        kinds.append((f"channel of {1e6 * current.typical:.0f} uA, measured", current.typical, "-", BLUE))
+    for words, channel_a, dash, colour in kinds:
+        joule = np.array([chip.energy_j(p.slot_s, channel_a) for p in own])
+        left.plot(
+            gates,
+            1e9 * joule,
+            color=colour,
+            linestyle=dash,
+            marker="o",
+            markersize=3,
+            label=f"a conversion, {words}",
+        )
+        left.plot(
+            gates, 1e9 * joule / bits, color=colour, linestyle=dash, marker="s", markersize=3,
+            fillstyle="none", label=f"a bit, {words}",
+        )  # fmt: skip
+        right.plot(
+            bits,
+            1e12 * joule / 2.0**bits,
+            color=colour,
+            linestyle=dash,
+            marker="o",
+            markersize=3,
+            label=words,
+        )
+    left.axvline(chip.gate_of(chip.PAPER_BITS), color=RED, linestyle=":", label="the paper: 510 clocks")
+    left.set_xscale("log", base=2)
+    left.set_yscale("log")
+    left.set_xlabel("gate / clocks at 5 MHz (23 us to settle before it)")
+    left.set_ylabel("energy / nJ")
+    right.set_yscale("log")
+    right.axvline(chip.PAPER_BITS, color=RED, linestyle=":", label="the paper: 8 bits")
+    right.set_xlabel("effective resolution with everything on / bits")
+    right.set_ylabel("energy over 2^bits / pJ")
+    source = "not measured" if current is None else "in ngspice, SKY130 transistors"
+    left.set_title(f"One column at a quarter of the clock rate; its supply current: {source}", fontsize=9)
+    right.set_title("What a step costs: least shortly before waiting ends", fontsize=9)
+    for axes in (left, right):
+        axes.grid(True, alpha=0.3)
+        axes.legend(fontsize=8)
     save(figure, path)
 
 

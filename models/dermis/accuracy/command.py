@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 
 from dermis import bench, bench_peers, design, verdict
-from dermis.accuracy import choice, converter, figures, frames
+from dermis.accuracy import choice, converter, figures, frames, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.design import ROOT
 from dermis.files import write_atomic, write_between
@@ -29,8 +29,10 @@ _FIGURES = {
     "converter, amplifier pole": "converter_pole",
     frames.WORK: "frames_effects",
     frames.INTEGRATORS: "frames_integrators",
+    transistors.WORK: "channel_sky130",
 }
-_NOT_YET = "no engine reads an array through SKY130 transistors yet"
+_ASKED_LSB = 0.1
+"""What a reader asks of the picture of the frames: what does it take?"""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,12 @@ def _axes(work: str) -> _Axes:
         words = "all 256 codes equal those of the 50-digit reference"
         error = "mean |code - reference| / LSB; certified: mean of the stated bound"
         return _Axes("processor time a frame / s", error, 1.0, 1e-3, words)
+    if work == transistors.WORK:
+        error = (
+            f"largest difference of the integrator from the finest run / V  (1 LSB is {design_packet_v:g} V)"
+        )
+        # What ngspice prints and Newton leaves is some 1e-6 V: no difference is smaller.
+        return _Axes("processor time a clock / s", error, design_packet_v, 1e-6, "tolerance of a voltage")
     words = "rounding of the reference as it is returned, in doubles"
     if work == frames.INTEGRATORS:
         error = f"largest error of an integrator in its gate / V  (1 LSB is a packet, {design_packet_v:g} V)"
@@ -70,7 +78,8 @@ def draw(points: Sequence[Point], directory: Path) -> None:
         if not own:
             continue
         axes = _axes(work)
-        what = "16 x 16" if work in (frames.WORK, frames.INTEGRATORS) else f"{converter.CLOCKS} clocks"
+        what = f"{converter.CLOCKS} clocks" if work in converter.CIRCUITS else "one row"
+        what = "16 x 16" if work in (frames.WORK, frames.INTEGRATORS) else what
         figures.draw(
             own,
             directory / f"{file}.png",
@@ -80,6 +89,7 @@ def draw(points: Sequence[Point], directory: Path) -> None:
             lsb=axes.lsb,
             floor=axes.floor,
             floor_words=axes.floor_words,
+            wanted=_ASKED_LSB if work == frames.WORK else None,
         )
 
 
@@ -152,12 +162,13 @@ def order_rows(work: Path) -> Iterator[Row]:
     yield verdict.judge("accuracy.order", min(orders), note)
 
 
-def missing_rows() -> Iterator[Row]:
+def missing_rows(no_transistors: str) -> Iterator[Row]:
     """What was not measured, and why."""
     for peer in bench_peers.GUESTS:
         if reason := bench_peers.missing(peer):
             yield verdict.skip(f"accuracy.peer.{peer}", reason)
-    yield verdict.skip("accuracy.cosim.sky130", _NOT_YET)
+    if no_transistors:
+        yield verdict.skip("accuracy.cosim.sky130", no_transistors)
 
 
 def point_rows(points: Sequence[Point]) -> Iterator[Row]:
@@ -185,7 +196,7 @@ def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
         if not own:
             continue
         front = set(pareto(own))
-        per = "clock" if work in converter.CIRCUITS else "frame"
+        per = "frame" if work in (frames.WORK, frames.INTEGRATORS) else "clock"
         lines += [f"### {work.capitalize()}", "", f"![{work}](figures/accuracy_{_FIGURES[work]}.png)", ""]
         lines += [
             f"| method | setting | error, {own[0].unit} | largest of a code, LSB | s a {per} | on the front |"
@@ -221,7 +232,7 @@ def _copy_figures(docs: bool) -> None:
 @click.option(
     "--redraw", is_flag=True, help="Only draw the figures again, from the csv files of the last run."
 )
-@click.option("--only", type=click.Choice(["order", "converter", "frames"]), help="One part.")
+@click.option("--only", type=click.Choice(["order", "converter", "frames", "sky130"]), help="One part.")
 def accuracy_command(
     quick: bool, repeat: int, docs: bool, curve: bool, redraw: bool, only: str | None
 ) -> int:
@@ -250,8 +261,13 @@ def accuracy_command(
             more, gates = frames.measure(work / "frames", repeat, quick, tell)
             points += more
             rows += gates
+        no_transistors = "left out by --quick or --only"
+        if only in (None, "sky130") and not quick:
+            more, no_transistors = transistors.measure(work / "channel", tell)
+            points += more
+    if only != "order":
+        rows += [*ratios(points), *missing_rows(no_transistors)]
     if points:
-        rows += [*ratios(points), *missing_rows()]
         for work, file in _FIGURES.items():
             if own := [p for p in points if p.work == work]:
                 write_atomic(OUT / f"{file}.csv", to_csv(own))

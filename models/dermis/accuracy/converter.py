@@ -86,7 +86,7 @@ def _ours(simulator: str, step: float, options: str) -> Callable[[Circuit, Path]
     return run
 
 
-def _extrapolated(step: float) -> Callable[[Circuit, Path], tuple[float, float, float]]:
+def extrapolated(simulator: str, step: float) -> Callable[[Circuit, Path], tuple[float, float, float]]:
     """Twice the same pulses, the second time at half the step and without the Verilog: (4 v(h / 2) - v(h)) / 3.
 
     The error of a trapezoid begins with h^2 and goes on with h^4 (Richardson); what the two differ by is also an
@@ -94,7 +94,7 @@ def _extrapolated(step: float) -> Callable[[Circuit, Path], tuple[float, float, 
     """
 
     def run(circuit: Circuit, where: Path) -> tuple[float, float, float]:
-        job = Job(circuit, 1, step, "verilator", keep=True, options=EXACT)
+        job = Job(circuit, 1, step, simulator, keep=True, options=EXACT)
         coarse = bench_vfc.measure(job, where, RUN_LIMIT_S)
         again = replace(job, t_max_step_s=step / 2, simulator=None)
         fine = bench_vfc.measure(again, where.with_name(where.name + "_fine"), RUN_LIMIT_S, coarse)
@@ -189,7 +189,7 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
     for step in (100e-9,) if quick else EXTRAPOLATED_S:
         if circuit.t_gbw_s:
             words = f"steps {step_words(step)} and {step_words(step / 2)}"
-            yield Method("cosim, verilator, extrapolated", words, _extrapolated(step))
+            yield Method("cosim, verilator, extrapolated", words, extrapolated("verilator", step))
     # Peers take the options with truncation control as well where that serves them; it makes the guests' errors larger.
     for words, options in (("", EXACT), (", truncation control", POLE)):
         for step in few:

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -25,6 +27,7 @@ def draw(
     lsb: float,
     floor: float,
     floor_words: str,
+    wanted: float | None = None,
 ) -> None:
     """Draw the points of one work.
 
@@ -36,6 +39,7 @@ def draw(
     lsb : one LSB in the unit of the error
     floor : error 0 is drawn here, and the reference's own error is said to lie below
     floor_words : what lies there
+    wanted : an error in LSB; the time that it takes, and what a tenth of that time leaves, are said in the picture
     """
     figure = Figure(figsize=(10.5, 6.2), layout="constrained")
     axes = figure.add_subplot()
@@ -44,12 +48,13 @@ def draw(
         own = sorted((p for p in points if p.method == name), key=lambda p: p.time_s)
         x, y = [p.time_s for p in own], [max(p.error, floor) for p in own]
         peer = name.startswith("peer")
+        falls = all(a >= b for a, b in itertools.pairwise(y))
         axes.plot(
             x,
             y,
             marker=_MARKERS[i % len(_MARKERS)],
             color=_COLOURS[i % len(_COLOURS)],
-            linestyle="--" if peer else "-",
+            linestyle="--" if peer else "-" if falls else "",  # a line that turns back says nothing
             linewidth=1.2,
             markersize=7,
             markerfacecolor="none" if peer else None,
@@ -86,6 +91,8 @@ def draw(
             va="bottom",
             fontsize=9,
         )
+    if wanted is not None:
+        _tenth(axes, front, wanted, lsb)
     least = min(p.error for p in points)
     bottom = floor / 6 if least < 30 * floor else least / 10
     if bottom < floor:
@@ -101,6 +108,57 @@ def draw(
     axes.grid(which="major", linewidth=0.4, alpha=0.6)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     save(figure, path)
+
+
+def _tenth(axes: Any, front: Sequence[Point], wanted: float, lsb: float) -> None:
+    """Say what an accuracy takes, what a tenth of that time leaves, and the same for no error at all."""
+    said = []
+    for words, error in ((f"{wanted:g} LSB", wanted * lsb), ("every code exact", 0.0)):
+        enough = [p for p in front if p.error <= error]
+        if not enough:
+            continue
+        took = enough[0]
+        said.append(f"{words}: {seconds_words(took.time_s)} ({took.method}; {took.setting})")
+        within = [p for p in front if p.time_s <= took.time_s / 10.0]
+        if within:
+            said.append(f"   a tenth of that time: {within[-1].error / lsb:.2g} LSB")
+        else:
+            fast = front[0]
+            said.append(
+                f"   a tenth of that time: nothing runs so fast; the fastest, {seconds_words(fast.time_s)}, "
+                f"is {fast.error / lsb:.2g} LSB off"
+            )
+    axes.axhline(wanted * lsb, color=RED, linewidth=1, linestyle="--")
+    across = axes.get_yaxis_transform()
+    axes.text(
+        0.995,
+        wanted * lsb,
+        f"{wanted:g} LSB",
+        transform=across,
+        ha="right",
+        va="bottom",
+        fontsize=9,
+        color=RED,
+    )
+    box = {"boxstyle": "round", "facecolor": "white", "edgecolor": RED, "alpha": 0.9}
+    axes.text(
+        0.985,
+        0.30,
+        "\n".join(said),
+        transform=axes.transAxes,
+        ha="right",
+        va="bottom",
+        fontsize=8.5,
+        bbox=box,
+    )
+
+
+def seconds_words(seconds: float) -> str:
+    """A time in two digits, in s, ms, us or ns."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= size:
+            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+    return f"{float(f'{seconds / 1e-9:.2g}'):g} ns"
 
 
 def _apart(front: Sequence[Point], floor: float) -> list[Point]:

@@ -158,7 +158,7 @@ def _event(made: Plan, truth: exact.Frame) -> Outcome:
     return Outcome(_first(result), seconds, volts)
 
 
-def _certified(made: Plan) -> Outcome:
+def certified(made: Plan) -> Outcome:
     """The run with codes between which those of the chip lie: what it says of its own error."""
 
     def run() -> Result:
@@ -202,7 +202,7 @@ def methods(work: Path, quick: bool, truth: exact.Frame) -> Iterator[Method]:
         made = plan.make(replace(many.scene), None, AutoTable(budget_lsb=budget))
         text = f"budget {budget:g} LSB: {len(made.on)} of 8 in, {made.engine}"
         yield Method("auto, by budget", text, partial(_event, made, truth))
-        yield Method("auto, certified bound", text, partial(_certified, made))
+        yield Method("auto, certified bound", text, partial(certified, made))
     yield Method("event", "8 of 8 in", partial(_event, many, truth))
     for simulator, some in (("verilator", many), ("icarus", few)):
         made = replace(some, engine="rtl")
