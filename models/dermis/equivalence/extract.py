@@ -8,7 +8,7 @@ finds out whether it does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -112,6 +112,7 @@ def chain_body(topology: str, k: int) -> str:
     """The way from the column to the summing node, and a charge source on a node of its own."""
     meas = "".join(f".meas dc out{n} find i(vsum) at={n}\n" for n in range(POINTS + 2))
     meas += "".join(f".meas dc off{n} find i(vout) at={n}\n" for n in (0, 11, 12))
+    meas += ".meas dc supply find i(vdd) at=5\n"
     step = 12.5e-6 * k / (POINTS - 1)
     return meas + _CHAIN.format(
         copy=_COPY[topology].format(k=k), step=step, lift=LIFT_V, polarity=polarity(topology)
@@ -198,7 +199,7 @@ def vfc_body(sign: int) -> str:
         f"vcharge d_charge 0 pwl(0 0 {charge})\n"
         f"iin 0 sum pwl(0 {sign * _FAST['i']} 4.9u {sign * _FAST['i']} 4.91u {sign * _SLOW['i']})\n"
         f"xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={sign}\n"
-        f".options reltol=1e-4\n.tran 10n 13.5u\n{meas}"
+        f".options reltol=1e-4\n.tran 10n 13.5u\n{meas}.meas tran supply avg i(vdd) from=0.5u to=13.4u\n"
     )
 
 
@@ -309,8 +310,10 @@ def effects(found: Mapping[str, Found], topology: str, k: int) -> list[Measured]
     ]
 
 
-def channels(condition: Condition, ranges: tuple[int, ...], measure: Measure) -> dict[str, list[Measured]]:
-    """Every channel with a conveyor at a condition."""
+def channels(
+    condition: Condition, wanted: Iterable[tuple[str, int]], measure: Measure
+) -> dict[str, list[Measured]]:
+    """Channels, each a topology and k, at a condition; a deck that several have is measured once."""
     known: dict[str, Found] = {}
 
     def once(body: str) -> Found:
@@ -320,6 +323,5 @@ def channels(condition: Condition, ranges: tuple[int, ...], measure: Measure) ->
 
     return {
         channel(t, k): effects({name: once(body) for name, body in bodies(t, k).items()}, t, k)
-        for t in TOPOLOGIES
-        for k in ranges
+        for t, k in wanted
     }

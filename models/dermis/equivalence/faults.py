@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single faults seeded in the netlists of spice/sky130, and what notices them: a block's bench, or the closed loop.
+
+The faults are those of drawing and wiring: a device left out, turned round, of the wrong kind or number, pins and
+controls exchanged, a line open, two lines joined, a switch that does not switch. They are made by rule from every line
+that the channel of Fig. 5a uses, and a part of each kind is drawn with a fixed seed: nobody chooses which.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from dermis import design as design_module
+from dermis import progress, verdict, workers
+from dermis.characterise import runs
+from dermis.characterise.benches import SUPPLY_BLOCKS
+from dermis.design import ROOT
+from dermis.equivalence import cases, extract, gate
+from dermis.equivalence.gate import TYPICAL, Case
+from dermis.errors import SimulatorError
+from dermis.extracted import CIRCUIT, Measured
+from dermis.files import write_atomic, write_between
+
+FILES = (
+    "bias.sp",
+    "ota.sp",
+    "integrator.sp",
+    "comparator.sp",
+    "charge_source.sp",
+    "conveyor.sp",
+    "offset_null.sp",
+    "mirror.sp",
+    "vfc.sp",
+    "channel_conveyor_mirror.sp",
+)
+"""What the channel of Fig. 5a is made of, besides devices."""
+
+USED_WITH = {"polarity > 0": True, "k > 0": True}
+"""Which side of an `.if` that channel takes."""
+
+A_KIND = 6
+"""Faults drawn of each kind."""
+
+SEED = 4
+
+LOOP = Case(codes=(0, 0, 64, 200, 250), clocks=64)
+"""The closed loop for what no bench notices."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One change to one line.
+
+    Attributes
+    ----------
+    kind : what was done, lower_snake
+    file, line : where, from 0 on
+    element : its name and subcircuit, for people
+    text : what stands there instead, one line or more
+    """
+
+    kind: str
+    file: str
+    line: int
+    element: str
+    text: str
+
+    @property
+    def name(self) -> str:
+        """Kind and place."""
+        return f"{self.kind}.{self.element}"
+
+
+@dataclass(frozen=True)
+class Element:
+    """A line of a netlist: its name, nodes, what it is, and what follows."""
+
+    file: str
+    line: int
+    subckt: str
+    name: str
+    nodes: tuple[str, ...]
+    kind: str
+    rest: str
+
+    def text(
+        self, nodes: Sequence[str] | None = None, kind: str | None = None, rest: str | None = None
+    ) -> str:
+        """The line with something else in it."""
+        parts = (self.name, *(nodes or self.nodes), kind or self.kind, self.rest if rest is None else rest)
+        return " ".join(p for p in parts if p)
+
+
+def elements(folder: Path = CIRCUIT) -> Iterator[Element]:
+    """Every element that the channel uses, in the order of the files."""
+    for file in FILES:
+        subckt, taken = "", [True]
+        for number, line in enumerate((folder / file).read_text(encoding="utf-8").splitlines()):
+            words = line.split()
+            if not words or line.startswith("*"):
+                continue
+            if words[0] == ".subckt":
+                subckt = words[1]
+            elif words[0] == ".if":
+                taken.append(USED_WITH[line.split("(")[1].split(")")[0]])
+            elif words[0] == ".else":
+                taken[-1] = not taken[-1]
+            elif words[0] == ".endif":
+                taken.pop()
+            elif words[0][0] in "xr" and all(taken) and subckt != "integrator_direct":
+                fixed = [w for w in words[1:] if "=" not in w]
+                rest = " ".join(w for w in words[1:] if "=" in w)
+                yield Element(file, number, subckt, words[0], tuple(fixed[:-1]), fixed[-1], rest)
+
+
+def _swapped(nodes: Sequence[str], a: int, b: int) -> list[str]:
+    changed = list(nodes)
+    changed[a], changed[b] = changed[b], changed[a]
+    return changed
+
+
+def _of(element: Element) -> Iterator[tuple[str, str]]:
+    """Kind and text of every fault that a rule makes of an element."""
+    e, nodes = element, element.nodes
+    if e.kind in ("nmos", "pmos"):
+        drain, gate_, source, _ = nodes
+        if drain != gate_:
+            yield "gate_and_drain_swapped", e.text(_swapped(nodes, 0, 1))
+        yield "wrong_polarity", e.text(kind="pmos" if e.kind == "nmos" else "nmos")
+        yield "missing_device", f"* {e.name} left out"
+        # A gigaohm in place of a cut line: an open node needs some path to have a voltage at all.
+        yield "open_drain", f"{e.text([f'{e.name}_cut', *nodes[1:]])}\nr{e.name}_cut {e.name}_cut {drain} 1g"
+        if drain != source:
+            yield "drain_and_source_joined", f"{e.text()}\nr{e.name}_short {drain} {source} 10"
+        if ratio := _one_more(e.rest):
+            yield "wrong_ratio", e.text(rest=ratio)
+    elif e.kind == "mirror_group":
+        yield "wrong_ratio", e.text(rest=re.sub(r"units=\{?([^}]*)\}?$", r"units={(\1)-1}", e.rest))
+    elif e.kind in ("switch", "switch_small"):
+        yield "missing_switch", f"* {e.name} left out"
+        yield "controls_swapped", e.text(_swapped(nodes, 2, 3))
+        yield "switch_stuck_on", e.text([*nodes[:2], "vdd", "vss", *nodes[4:]])
+        yield "switch_stuck_off", e.text([*nodes[:2], "vss", "vdd", *nodes[4:]])
+    elif e.kind == "logic_level":
+        yield "controls_swapped", e.text(_swapped(nodes, 1, 2))
+    elif e.kind in ("ota", "comparator", "conveyor", "integrator", "offset_null"):
+        yield "inputs_swapped", e.text(_swapped(nodes, 0, 1))
+
+
+def _one_more(rest: str) -> str:
+    """Parameters with one device more than there are; empty where there is one, and no ratio."""
+    changed, count = re.subn(r"\bk=(?:\{([^}]*)\}|(\S+))", lambda m: f"k={{({m[1] or m[2]})+1}}", rest)
+    return changed if count else ""
+
+
+def all_faults(folder: Path = CIRCUIT) -> list[Fault]:
+    """Every fault that the rules make."""
+    return [
+        Fault(kind, e.file, e.line, f"{e.subckt}.{e.name}", text)
+        for e in elements(folder)
+        for kind, text in _of(e)
+    ]
+
+
+def drawn(folder: Path = CIRCUIT, a_kind: int = A_KIND, seed: int = SEED) -> list[Fault]:
+    """So many of each kind at most, drawn with a seed, in the order of the netlists."""
+    every = all_faults(folder)
+    found: list[Fault] = []
+    for kind in dict.fromkeys(f.kind for f in every):
+        own = [f for f in every if f.kind == kind]
+        found += random.Random(f"{seed} {kind}").sample(own, min(a_kind, len(own)))
+    return sorted(found, key=every.index)
+
+
+def written(fault: Fault, folder: Path) -> Path:
+    """A copy of spice/sky130 with the fault in it."""
+    place = folder / fault.name.replace(".", "_")
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(CIRCUIT, place)
+    path = place / fault.file
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[fault.line] = fault.text
+    write_atomic(path, "\n".join(lines) + "\n")
+    return place
+
+
+# ---- what a bench notices ------------------------------------------------------------------------------------
+
+# How far a value may be from that of the netlist as it stands. Both are computed by the same solver from the same deck,
+# and repeat to a thousandth of these; they are what costs a quarter of a count by itself, and where a value costs none,
+# a tenth of it or what its limit in models/spec.toml allows.
+TOLERANCES: Mapping[str, tuple[float, float]] = {  # absolute, relative
+    "row_driver.r_ohm": (0.0, 0.1),
+    "row_driver.grounded_r_ohm": (0.0, 0.1),
+    "column_input.r_ohm": (0.03, 0.0),
+    "column_offset.v_v": (30e-6, 0.0),
+    "mirror_ratio.ratio_error": (1e-3, 0.0),
+    "offset_current.i_a": (12e-9, 0.0),
+    "mirror_output.r_out_ohm": (0.0, 0.5),
+    "integrator_gain.r_in_ohm": (
+        math.inf,
+        0.0,
+    ),  # of a device that is off; what leaks stands in offset_current
+    "integrator_gain.gain_dc": (0.0, 0.3),
+    "integrator_bandwidth.gbw_hz": (0.0, 0.1),
+    "charge_packet.packet_error": (1e-3, 0.0),
+    "preset_error.v_v": (20e-3, 0.0),
+    "comparator_offset.v_v": (20e-3, 0.0),
+    "comparator_delay.t_s": (5e-9, 0.0),
+}
+SUPPLY = 0.03
+"""Of a supply current; the next device more or less in a branch of eight is four times that."""
+
+HELD_V = 0.1
+"""Of a preset level or a comparator's output that should be at rest."""
+
+
+def at_rest(found: Mapping[str, Mapping[str, float]], should: Mapping[str, Mapping[str, float]]) -> str:
+    """The first supply current or level of benches that is not as it should be, in words; empty where all are."""
+    for bench in found:
+        for name, value in found[bench].items():
+            want = should[bench][name]
+            if "supply" in (bench, name) and abs(value - want) > SUPPLY * abs(want):
+                return f"{bench}: {name} {-value * 1e6:.1f} uA for {-want * 1e6:.1f}"
+            if ("held" in name or "comp" in name) and abs(value - want) > HELD_V:
+                return f"{bench}: {name} {value:.3f} V for {want:.3f}"
+    return ""
+
+
+def moved(have: Sequence[Measured], want: Sequence[Measured]) -> str:
+    """The first parameter that is not as it should be, in words."""
+    for one, other in zip(have, want, strict=True):
+        name = f"{one.effect}.{one.parameter}"
+        absolute, relative = TOLERANCES[name]
+        if not abs(one.value - other.value) <= absolute + relative * abs(other.value):
+            return f"{name} {one.value:.4g} for {other.value:.4g}"
+    return ""
+
+
+BENCH_LIMIT_S = 90.0
+"""Of one attempt at a bench with a fault: twenty times what it takes without on an idle core."""
+
+
+def bench(fault: Fault, folder: Path) -> str:
+    """What a block's bench notices of a fault; benches that the fault does not reach are kept from the run without."""
+    blocks = written(fault, folder)
+    found: dict[str, Mapping[str, float]] = {}
+    should: dict[str, Mapping[str, float]] = {}
+    for name, body in {"supply": SUPPLY_BLOCKS, **extract.bodies(LOOP.topology, LOOP.k)}.items():
+        should[name] = runs.measured(body, TYPICAL)
+        try:
+            found[name] = runs.measured(body, TYPICAL, BENCH_LIMIT_S, blocks=blocks)
+        except SimulatorError as error:
+            return f"{name}: no solution or no measure ({error.what.rpartition(': ')[2][:60]})"
+        if wrong := at_rest({name: found[name]}, should):
+            return wrong
+    return moved(
+        extract.effects(found, LOOP.topology, LOOP.k), extract.effects(should, LOOP.topology, LOOP.k)
+    )
+
+
+def loop(slots: object) -> str:
+    """What the closed loop notices."""
+    if isinstance(slots, str):
+        return f"closed loop: {slots[:80]}"
+    try:
+        told = gate.compare(LOOP, slots, design_module.load())  # type: ignore[arg-type]
+    except ValueError as error:
+        return f"closed loop: {error}"
+    worst = told["worst"]
+    return (
+        f"closed loop: {worst:.2f} counts apart"
+        if worst > verdict.limit("equivalence.counts_apart").max
+        else ""
+    )
+
+
+# ---- all of them ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a fault: who noticed it, in words; `apart` where none did."""
+
+    fault: Fault
+    by: str
+    apart: float | None = None
+
+
+def judged(faults: Sequence[Fault], jobs: int, fresh: bool = False) -> list[Verdict]:
+    """Put faults to the benches, and those that no bench notices to the closed loop."""
+    folder = cases.WORK / "faults"
+    said: dict[int, str] = {}
+    with progress.slots("faults", len(faults), "faults at the benches") as tell:
+        tasks = (workers.Task(bench, (fault, folder), 12 * BENCH_LIMIT_S) for fault in faults)
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
+            said[number] = outcome.fault or outcome.value
+            tell(done)
+    left = [n for n in range(len(faults)) if not said[n]]
+    with progress.slots("faults", len(left), "faults in the closed loop") as tell:
+        asked = [(LOOP, folder / faults[n].name.replace(".", "_")) for n in left]
+        shown = cases.shown(asked, jobs, tell, fresh)
+    apart: dict[int, float | None] = {}
+    for n, slots in zip(left, shown, strict=True):
+        said[n] = loop(slots)
+        if not said[n]:
+            apart[n] = gate.compare(LOOP, slots)["worst"]  # type: ignore[arg-type]
+    return [Verdict(fault, said[n], apart.get(n)) for n, fault in enumerate(faults)]
+
+
+def table(verdicts: Sequence[Verdict]) -> str:
+    """Faults by kind, then each that nothing notices, for docs/equivalence.md."""
+    lines = ["| fault | seeded | a bench | the closed loop | nothing |", "|---|--:|--:|--:|--:|"]
+    kinds = dict.fromkeys(v.fault.kind for v in verdicts)
+
+    def row(label: str, own: Sequence[Verdict]) -> str:
+        in_loop = sum(v.by.startswith("closed loop") for v in own)
+        unseen = sum(not v.by for v in own)
+        return f"| {label} | {len(own)} | {len(own) - in_loop - unseen} | {in_loop} | {unseen} |"
+
+    lines += [row(kind.replace("_", " "), [v for v in verdicts if v.fault.kind == kind]) for kind in kinds]
+    lines += [row("all", verdicts)]
+    if unseen := [v for v in verdicts if not v.by]:
+        lines += ["", "Not noticed:", ""]
+        lines += [
+            f"- `{v.fault.name}` ({v.fault.text.splitlines()[-1]}): {v.apart:.2f} counts" for v in unseen
+        ]
+    return "\n".join(lines)
+
+
+def command(only: Sequence[str], jobs: int, fresh: bool, docs: bool) -> int:
+    """`dermis equivalence --faults`: rows in build/equivalence_faults.json."""
+    faults = [f for f in drawn() if not only or any(w in f.name for w in only)]
+    verdicts = judged(faults, jobs, fresh)
+    rows = [
+        verdict.report(f"equivalence.fault.{v.fault.name}", int(bool(v.by)), "caught", v.by or "not noticed")
+        for v in verdicts
+    ]
+    share = sum(bool(v.by) for v in verdicts) / len(verdicts) if verdicts else None
+    rows.append(
+        verdict.judge("equivalence.faults_caught", share, f"{len(verdicts)} faults of {len(all_faults())}")
+    )
+    verdict.write_rows("equivalence_faults", rows)
+    verdict.print_rows(rows, "seeded faults")
+    if docs:
+        marks = ("begin: faults (written by dermis equivalence --faults --docs)", "end: faults")
+        write_between(ROOT / "docs" / "equivalence.md", *(f"<!-- {m} -->" for m in marks), table(verdicts))
+    click.echo(table(verdicts))
+    return verdict.exit_code(rows)
