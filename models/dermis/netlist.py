@@ -83,7 +83,7 @@ _OPTIONS_CLAMP = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "chgtol": 1e-1
 # Transistors. Newton's method has to be done with a node of an open-loop amplifier: abstol above the noise of a
 # megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet. With trtol 2 the charge of a gate is within 0.02 LSB of
 # what steps of 5 ns and tolerances 100 times tighter give, with 7 within 0.08, at two thirds of the iterations.
-_OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
+OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
 
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
@@ -318,7 +318,7 @@ def frame_deck(
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
     if transistors:
-        lines.append(f".options {_assignments(_OPTIONS_TRANSISTORS)}")
+        lines.append(f".options {_assignments(OPTIONS_TRANSISTORS)}")
     else:
         lines.append(options(has_pole(plan), clamp_bites(plan.converter)))
     probes = [f"comp{c}" for c in columns]

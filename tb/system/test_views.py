@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decks in transistors: each block from the folder of its view, refusals, columns apart, and what steps cost."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dermis import engines, ladder, netlist, scene
+from dermis import plan as planning
+from dermis.design import TOPOLOGIES
+from dermis.engines import cosim
+from dermis.errors import InputError
+from dermis.ngspice import Deck
+from dermis.plan import Plan
+from dermis.split import SplitHalf, Workers
+from dermis.views import BLOCKS
+
+UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
+LSB = 1 / 510  # of the packets of a gate
+
+LIGHT_OHM = 16e3
+"""Code 8: few packets, which are what a deck in transistors takes its time for."""
+
+
+def make(
+    ohm: Sequence[Sequence[float]] | NDArray[np.float64],
+    views: object,
+    folder: Path,
+    effects: dict[str, object] | None = None,
+    interface: dict[str, object] | None = None,
+    engine: str | None = "cosim",
+) -> Plan:
+    table = np.array(ohm, dtype=float)
+    np.save(folder / "taxels.npy", table)
+    data = {
+        "array": {"rows": table.shape[0], "cols": table.shape[1]},
+        "stimulus": {"kind": "resistance", "file": "taxels.npy"},
+        "interface": interface or {},
+        "effects": effects or {},
+        "run": {"views": views, **({"engine": engine} if engine else {})},
+    }
+    return planning.make(scene.from_data(data, folder / "scene.toml"))
+
+
+# ---- which file a block comes from ---------------------------------------------------------------------------
+
+
+def folders(made: Plan, columns: Sequence[int] | None = None) -> dict[str, str]:
+    """By file: the folder of spice/ that a deck includes it from."""
+    levels = [0.0] * (made.rows + 1 + made.cols)
+    lines = netlist.frame_deck(made, 0, levels, columns=columns).lines
+    found = (re.search(r"/spice/(\w+)/(\w+)\.(?:sp|inc)", line) for line in lines if ".include" in line)
+    return {match[2]: match[1] for match in found if match}
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_block_comes_from_the_folder_of_its_view(block: str, tmp_path: Path) -> None:
+    got = folders(make([[500.0]], {"default": "behavioural", block: "sky130"}, tmp_path))
+    assert {name for name in BLOCKS if got[name] == "sky130"} == {block}
+    assert got["mirror"] == got["conveyor"] == got["channel_conveyor_mirror"]
+    assert got["vfc"] == "behavioural"
+
+
+def test_all_blocks_are_transistors_or_none(tmp_path: Path) -> None:
+    assert set(folders(make([[500.0]], "sky130", tmp_path)).values()) == {"sky130"}
+    assert folders(make([[500.0]], "behavioural", tmp_path)) == {"blocks": "behavioural"}
+    assert folders(make([[500.0]], {"default": "behavioural"}, tmp_path)) == {"blocks": "behavioural"}
+
+
+def test_a_list_of_columns_leaves_the_others_to_models(tmp_path: Path) -> None:
+    made = make([[500.0] * 4], {"columns": [2]}, tmp_path)
+    assert netlist.parts(made) == ((2,), (0, 1, 3))
+    assert folders(made, (2,))["integrator"] == "sky130"
+    got = folders(made, (0, 1, 3))
+    assert (got["row_driver"], got["integrator"], got["conveyor"]) == ("sky130", "behavioural", "behavioural")
+
+
+def test_columns_are_apart_only_behind_conveyors_without_lateral_resistors(tmp_path: Path) -> None:
+    ohm = [[500.0] * 3]
+    assert netlist.parts(make(ohm, "sky130", tmp_path)) == ((0,), (1,), (2,))
+    assert netlist.parts(make(ohm, "behavioural", tmp_path)) == ((0, 1, 2),)
+    assert netlist.parts(make(ohm, "sky130", tmp_path, {"lateral": True})) == ((0, 1, 2),)
+    assert netlist.parts(make(ohm, "sky130", tmp_path, interface={"topology": "direct"})) == ((0, 1, 2),)
+
+
+def test_the_conditions_reach_the_deck_and_the_resolved_scene(tmp_path: Path) -> None:
+    views = {"corner": "ss", "temperature_c": -40.0, "supply_scale": 0.9}
+    made = make([[500.0]], views, tmp_path)
+    lines = netlist.frame_deck(made, 0, [1.0, 1.0, 0.0]).lines
+    assert any(re.search(r'\.include ".*/ss_\w+\.spice"', line) for line in lines)
+    assert ".temp -40.0" in lines
+    supplies = {line.split()[0]: float(line.split()[-1]) for line in lines if re.match(r"v(dd|ss) ", line)}
+    assert supplies == pytest.approx({"vdd": 1.485, "vss": -1.485})
+    (tmp_path / "again.toml").write_text(made.resolved_toml(tmp_path))
+    again = planning.load(tmp_path / "again.toml")
+    assert (again.views, again.engine) == (made.views, "cosim")
+
+
+# ---- refusals ------------------------------------------------------------------------------------------------
+
+REFUSED = {
+    "gain": ({}, {"mirror_ratio": True}, {}, "effects.mirror_ratio"),
+    "clamp": ({}, {"integrator_range": True}, {}, "effects.integrator_range"),
+    "comparator": ({}, {"comparator_offset": True}, {}, "effects.comparator_offset"),
+    "packet": ({}, {"charge_packet": True}, {}, "effects.charge_packet"),
+    "row_driver": ({}, {"row_driver": True}, {}, "effects.row_driver"),
+    "column": ({}, {"column_input": True}, {}, "effects.column_input"),
+    "behind_a_conveyor": (
+        {"charge_source": "behavioural"},
+        {"charge_packet": True},
+        {},
+        "effects.charge_packet",
+    ),
+    "packet_size": ({}, {}, {"i0_a": 20e-6}, "interface.i0_a"),
+    "capacitor": ({}, {}, {"c_int_f": 10e-12}, "interface.c_int_f"),
+    "direct_k": ({}, {}, {"topology": "direct", "k": 40}, "interface.k"),
+    "direct_mixed": ({"comparator": "behavioural"}, {}, {"topology": "direct"}, "run.views.comparator"),
+    "direct_columns": ({"columns": [0]}, {}, {"topology": "direct"}, "run.views.columns"),
+    "lateral_columns": ({"columns": [0]}, {"lateral": True}, {}, "run.views.columns"),
+}
+
+
+@pytest.mark.parametrize(("views", "effects", "interface", "key"), REFUSED.values(), ids=list(REFUSED))
+def test_what_transistors_cannot_do_is_refused_by_name(
+    views: dict[str, object],
+    effects: dict[str, object],
+    interface: dict[str, object],
+    key: str,
+    tmp_path: Path,
+) -> None:
+    made = make([[500.0, 500.0]], views, tmp_path, effects, interface)
+    with pytest.raises(InputError) as caught:
+        engines.check(made)
+    assert caught.value.key == key
+    assert "\n" not in str(caught.value)
+
+
+def test_a_block_that_is_a_model_takes_its_effects(tmp_path: Path) -> None:
+    views = {"default": "behavioural", "row_driver": "sky130"}
+    engines.check(make([[500.0]], views, tmp_path, {"charge_packet": True, "column_input": True}))
+    engines.check(make([[500.0]], {"row_driver": "behavioural"}, tmp_path, {"row_driver": True}))
+
+
+def test_only_decks_have_views(tmp_path: Path) -> None:
+    """Left to choose, a plan takes cosim; another engine is refused rather than read as ideal blocks."""
+    assert make([[500.0]], "sky130", tmp_path, engine=None).engine == "cosim"
+    for name in ("closed", "event", "rtl"):
+        with pytest.raises(InputError) as caught:
+            engines.run(make([[500.0]], "sky130", tmp_path, engine=name))
+        assert caught.value.key == "run.engine"
+
+
+# ---- codes ---------------------------------------------------------------------------------------------------
+
+
+def test_verilog_reads_a_column_in_transistors_beside_a_model(tmp_path: Path) -> None:
+    """Lock-step with the Verilog in two processes of ngspice. The offset of the channel may be some LSB
+    (sky130.chain_offset_lsb), its gain 2 %: code 8 is 7 to 10."""
+    made = make([[LIGHT_OHM, LIGHT_OHM]], {"columns": [1]}, tmp_path)
+    result = cosim.run(made)
+    model, transistors = (int(code) for code in result.codes[0, 0])
+    assert model == 8
+    assert 7 <= transistors <= 10
+    # the start of transistors is on record, never silent
+    assert [retry["next"] for retry in result.info["retries"]["frame 0"]] == ["gmin_stepping"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_every_interface_reads_through_the_verilog(topology: str, tmp_path: Path) -> None:
+    made = make([[2e3]], "sky130", tmp_path, interface={"topology": topology})
+    assert abs(int(cosim.run(made).codes[0, 0, 0]) - 64) <= 3  # 2 % and some LSB of offset
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", BLOCKS)
+def test_any_block_may_be_transistors_among_models(block: str, tmp_path: Path) -> None:
+    made = make([[2e3]], {"default": "behavioural", block: "sky130"}, tmp_path)
+    assert abs(int(cosim.run(made).codes[0, 0, 0]) - 64) <= 3
+
+
+# ---- charge, clock by clock ----------------------------------------------------------------------------------
+
+SETTLE = 20
+"""Clocks of preset here: nothing has to settle, for there is no row before."""
+
+
+@pytest.fixture
+def workers(tmp_path: Path) -> Iterator[Workers]:
+    made = Workers(tmp_path / "ngspice.log")
+    yield made
+    made.close()
+
+
+def charge(
+    decks: dict[tuple[int, ...], Deck], made: Plan, clocks: int, workers: Workers
+) -> NDArray[np.float64]:
+    """Charge that has flown into every integrator, in packets, [clocks, cols]; NaN while a packet flows out.
+
+    The flip-flops are a few lines here. What has flown in is what was drawn plus what is on the capacitor, so two
+    solutions can be compared to far below a count, and where they decide differently as well.
+    """
+    cols, t_clk = made.cols, 1.0 / made.timing.f_clk_hz
+    half = SplitHalf(
+        decks,
+        made.rows,
+        workers,
+        t_edge_s=1e-9,
+        t_max_step_s=1e-6,
+        t_stop_s=clocks * t_clk,
+        record=True,
+        level=ladder.Level(start=1),
+    )
+    edges: list[tuple[float, int, float]] = []
+    sample = before = np.zeros(cols, dtype=bool)
+    drawn, busy = np.zeros((clocks, cols)), np.zeros((clocks, cols), dtype=bool)
+    total = np.zeros(cols)
+    for clock in range(1, clocks + 1):
+        now = clock * t_clk
+        comparator = half.advance(now, edges) > 0.0
+        switch, old = sample, before
+        busy[clock - 1] = old
+        total = total + old
+        drawn[clock - 1] = total
+        before = switch
+        sample = comparator & ~sample if clock >= SETTLE else np.zeros(cols, dtype=bool)
+        edges = [(now, made.rows + 1 + int(c), float(switch[c])) for c in np.flatnonzero(switch != old)]
+        if clock == SETTLE:
+            edges.append((now, made.rows, 0.0))
+    time, waves = half.waveform()
+    half.close()
+    at = np.arange(1, clocks + 1) * t_clk
+    v_int = np.stack([np.interp(at, time, waves[f"xch{c}.xvfc.v_int"]) for c in range(cols)], axis=1)
+    return np.where(busy, np.nan, drawn - v_int / made.converter.packet_v())
+
+
+def apart(made: Plan, parts: Sequence[tuple[int, ...]]) -> dict[tuple[int, ...], Deck]:
+    levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
+    return {part: netlist.frame_deck(made, 0, levels, record=True, columns=part) for part in parts}
+
+
+def error_lsb(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Largest difference of two charges, as what it would be at the end of a gate of 510 clocks."""
+    late = slice((len(one) + SETTLE) // 2, None)  # a difference of some clocks says nothing of a gate
+    clocks = np.arange(1, len(one) + 1)[late, None] - SETTLE
+    return float(np.nanmax(np.abs(one - other)[late] / clocks)) / LSB
+
+
+CLOCKS = 80
+
+SPLIT_LSB = 0.1
+"""Twice what steps leave in either solution, 0.02 LSB, and the virtual grounds' 0.003 (netlist._far_column)."""
+
+
+@pytest.mark.long
+def test_columns_apart_are_as_columns_together(
+    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three columns in one circuit and in three; and without what the others draw from the row the check fails."""
+    made = make([[500.0, 1e3, 4e3]], "sky130", tmp_path)
+    parts = netlist.parts(made)
+    assert len(parts) == 3
+    whole = charge(apart(made, [(0, 1, 2)]), made, CLOCKS, workers)
+    workers.close()
+    assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) <= SPLIT_LSB
+    workers.close()
+    monkeypatch.setattr(
+        netlist, "_far_column", lambda plan, network, column: [f"rfar{column} col{column} 0 1e12"]
+    )
+    assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) > SPLIT_LSB
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "options",
+    [
+        # Truncation is of third order in the step: an eighth of what is allowed for it halves every step.
+        pytest.param(f"trtol={netlist.OPTIONS_TRANSISTORS['trtol'] / 8:g}", id="half_the_step"),
+        pytest.param("method=gear maxord=2", id="gear"),
+        pytest.param("reltol=1e-4 abstol=1e-11 vntol=1e-7", id="tolerances"),
+    ],
+)
+def test_the_steps_do_not_make_the_code(options: str, tmp_path: Path, workers: Workers) -> None:
+    made = make([[1e3]], "sky130", tmp_path)
+    decks = apart(made, [(0,)])
+    # of an option given twice ngspice takes the first
+    other = {
+        part: replace(deck, lines=(deck.lines[0], f".options {options}", *deck.lines[1:]))
+        for part, deck in decks.items()
+    }
+    plain = charge(decks, made, CLOCKS, workers)
+    workers.close()
+    assert error_lsb(charge(other, made, CLOCKS, workers), plain) <= 0.1
