@@ -53,8 +53,9 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
     made = chip.plan_at(duty, effects, circuit.f_clk_hz, 60, 9e-6)
     result, output, charge = probe.run(made, "icarus", tmp_path / "run")
     assert abs(int(result.codes[0, 0, 0]) - int(charge.sum())) <= 1, "the last packet may not have begun"
-    # Packets of this engine have no ramps; 60 roundings of 0.1 V.
+    # Packets of this engine have no ramps.
     exact_v = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge[0, 0])
+    # 60 roundings of 0.1 V.
     assert -circuit.packet_v * output[0, 0] == pytest.approx(exact_v[1:], abs=1e-13)
     # With the ramps of the circuit they are off by half of one while a packet runs, and by nothing else.
     ramped = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])
