@@ -3,7 +3,7 @@
 * While d_preset is 1 V (rows change, the column settles) the nulling amplifier stores its own offset and y is held; in the gate, when the
 * column is quiet, it compares col with ground and moves y, 2 us to a factor of e: five times slower than the conveyor.
 * Its output stays within millivolts of ground, so five transistors do; they are long and wide against 1/f noise, which 20 pF sample.
-* Nothing holds y before the first gate but two diodes back to back.
+* xc_y lies on ground, not on a supply whose ripple it would put on the column. Nothing holds y before the first gate but two diodes back to back.
 .subckt offset_null col y d_preset ibias vdd vss
 xlevel d_preset on off logic_level
 xn_tail v_tail ibias vss vss nmos w=1 l=2
@@ -16,7 +16,7 @@ xs_zero 0 v_side on off vdd vss switch_small
 xc_own v_side v_in sky130_fd_pr__cap_mim_m3_1 w=100 l=100
 xs_own v_in v_amp on off vdd vss switch_small
 xs_y v_amp y off on vdd vss switch_small
-xc_y y vss sky130_fd_pr__cap_mim_m3_1 w=125 l=125
+xc_y y 0 sky130_fd_pr__cap_mim_m3_1 w=125 l=125
 xp_y v_mid v_mid y y pmos w=20 l=0.5 k=5
 xp_0 v_mid v_mid 0 0 pmos w=20 l=0.5 k=5
 .ends offset_null
