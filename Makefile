@@ -57,8 +57,8 @@ hard: setup ## hard cases through every engine that can express them [ARGS="--on
 campaign: setup ## random scenes against the laws of the physics, resumable [ARGS="--engines rtl --scenes 2000 --docs"]
 	@$(dermis) campaign $(ARGS)
 
-sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot
-	@$(dermis) sweep $(ARGS)
+sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot [VIEW=sky130: transistors]
+	@$(dermis) sweep $(if $(VIEW),--view '$(VIEW)') $(ARGS)
 
 characterise: setup ## the SKY130 blocks over corners and mismatch against their limits, resumable [ARGS="--only sky130.packet_error"]
 	@$(dermis) characterise $(ARGS)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,14 @@ def physical_effects(topology: str, design: Design) -> dict[str, Any]:
     return named
 
 
-def make_plan(directory: Path, topology: str, laid_ohm: Floats, named: dict[str, Any], title: str) -> Plan:
+def make_plan(
+    directory: Path,
+    topology: str,
+    laid_ohm: Floats,
+    named: dict[str, Any],
+    title: str,
+    views: str = "behavioural",
+) -> Plan:
     """Write a scene and its resistances into `directory`, so that `dermis run` can repeat it, and plan it."""
     name = f"{topology}{'_physical' if named else ''}"
     lines = [",".join(repr(float(r)) for r in row) for frame in laid_ohm for row in frame]
@@ -160,7 +168,7 @@ def make_plan(directory: Path, topology: str, laid_ohm: Floats, named: dict[str,
         "stimulus": {"kind": "resistance", "file": f"{name}.csv"},
         "interface": {"topology": topology},
         "effects": named,
-        "run": {"engine": "cosim"},
+        "run": {"engine": "cosim", "views": views},
     }
     write_atomic(directory / f"{name}.toml", tomli_w.dumps(scene))
     made = plan.load(directory / f"{name}.toml")
@@ -559,6 +567,23 @@ def _mark(axes: Any, curve: Curve, across: Floats, up: Floats, **extra: Any) -> 
     axes.plot(across, up, marker, color=colour, mfc="none", ms=5.5, mew=1.2, zorder=3, **extra)
 
 
+def _log_scales(axes: Any, low: float, high: float) -> None:
+    """Both axes logarithmic: ohm across, kHz up."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    _ticks(axes, low, high)
+    marks = [20, 50, 100, 200, 500, 1000, 2000]
+    axes.set_yticks(marks, [str(m) for m in marks])
+    axes.set_yticks([], minor=True)
+
+
+def draw_law(axes: Any, curve: Curve, low: float, high: float) -> None:
+    """Draw the law of charge balance over logarithmic axes, ohm and kHz."""
+    line, balance, _ = _laws(curve, low, high)
+    axes.plot(line, balance / 1e3, **BALANCE)
+    _log_scales(axes, low, high)
+
+
 def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
     """Draw the paper's Fig. 7: frequency against resistance, with both laws, and the foot of the range larger."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
@@ -579,12 +604,7 @@ def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
         axes.set_xlabel("resistance of the taxel R / ohm")
         axes.set_ylabel(f"pulse frequency f / {per}")
         axes.grid(alpha=0.3, which="both")
-    whole.set_xscale("log")
-    whole.set_yscale("log")
-    _ticks(whole, low, high)
-    marks = [20, 50, 100, 200, 500, 1000, 2000]
-    whole.set_yticks(marks, [str(m) for m in marks])
-    whole.set_yticks([], minor=True)
+    _log_scales(whole, low, high)
     whole.set_title("f against R, the whole range", fontsize=10)
     whole.legend(frameon=False, fontsize=8.5, loc="lower left")
     foot.set_xlim(low - 0.04 * low, near)
@@ -749,40 +769,63 @@ def run(
 
 @click.command("sweep")
 @click.option(
-    "--points", type=click.IntRange(8, POINTS_MAX), default=256, show_default=True, help="Resistances."
+    "--points",
+    type=click.IntRange(8, POINTS_MAX),
+    help="Resistances; default 256, in transistors 8.",
 )
 @click.option(
     "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface; repeatable."
 )
 @click.option(
-    "--view", type=click.Choice(["behavioural"]), default="behavioural", help="Of the SPICE blocks."
+    "--view",
+    type=click.Choice(["behavioural", "sky130"]),
+    default="behavioural",
+    help="Of the SPICE blocks: models, or transistors.",
 )
-@click.option("--out", "directory", type=click.Path(), help="Where results go; default build/sweep.")
+@click.option(
+    "--out", "directory", type=click.Path(), help="Where results go; default build/sweep, build/sweep_sky130."
+)
 @click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 @click.option(
     "--physical/--no-physical", default=True, help="Also read through the blocks' physical defaults."
 )
 def sweep_command(
-    points: int, topology: tuple[str, ...], view: str, directory: str | None, plot: bool, physical: bool
+    points: int | None,
+    topology: tuple[str, ...],
+    view: str,
+    directory: str | None,
+    plot: bool,
+    physical: bool,
 ) -> int:
     """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
 
-    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json.
+    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json, in transistors into
+    build/sweep_sky130.json.
     """
-    out = output.prepare(OUT if directory is None else directory)
+    name = "sweep" if view == "behavioural" else f"sweep_{view}"
+    out = output.prepare(OUT.with_name(name) if directory is None else directory)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
-    curves, rows, failed = run(chosen, points, out, physical=physical)
-    files = {"sweep.csv": lambda path: write_atomic(path, table(curves))}
-    if plot:
-        files |= {"sweep_frequency.png": lambda path: frequency_figure(curves, path)}
-        files |= {"sweep_code.png": lambda path: code_figure(curves, path)}
-    for name in FILES:
+    if view == "behavioural":
+        points = points or 256
+        curves, rows, failed = run(chosen, points, out, physical=physical)
+        figures = {"sweep_frequency.png": frequency_figure, "sweep_code.png": code_figure}
+    else:
+        from dermis import sweep_transistors
+
+        points = points or sweep_transistors.POINTS
+        curves, rows, failed = sweep_transistors.run(chosen, points, out)
+        figures = {sweep_transistors.FIGURE: sweep_transistors.figure}
+    files: dict[str, Callable[[Path], None]] = {
+        "sweep.csv": lambda path: write_atomic(path, table(curves)),
+        **({file: partial(draw, curves) for file, draw in figures.items()} if plot else {}),
+    }
+    for file in {"sweep.csv", *FILES, *figures}:
         # Nothing of an earlier sweep stays beside the new one.
-        if curves and name in files:
-            files[name](out / name)
+        if curves and file in files:
+            files[file](out / file)
         else:
-            (out / name).unlink(missing_ok=True)
-    verdict.write_rows("sweep", rows)
+            (out / file).unlink(missing_ok=True)
+    verdict.write_rows(name, rows)
     verdict.print_rows(
         rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
     )

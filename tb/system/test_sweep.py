@@ -375,7 +375,7 @@ def test_a_simulator_that_fails_costs_its_interface_only(
         ("--points", "many"),
         ("--points", "1e3"),
         ("--topology", "fig3"),
-        ("--view", "sky130"),
+        ("--view", "osu035"),
         ("--out", __file__),
         ("--colour", "blue"),
     ],

@@ -253,21 +253,22 @@ def error_lsb(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float(np.nanmax(np.abs(one - other)[late] / clocks)) / LSB
 
 
-CLOCKS = 80
+CLOCKS = 60
 
 SPLIT_LSB = 0.1
 """Twice what steps leave in either solution, 0.02 LSB, and the virtual grounds' 0.003 (netlist._far_column)."""
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)  # a minute of an idle core
 def test_columns_apart_are_as_columns_together(
     tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Three columns in one circuit and in three; and without what the others draw from the row the check fails."""
-    made = make([[500.0, 1e3, 4e3]], "sky130", tmp_path)
+    """Two columns in one circuit and in two; and without what the other draws from the row the check fails."""
+    made = make([[500.0, 1e3]], "sky130", tmp_path)
     parts = netlist.parts(made)
-    assert len(parts) == 3
-    whole = charge(apart(made, [(0, 1, 2)]), made, CLOCKS, workers)
+    assert len(parts) == 2
+    whole = charge(apart(made, [(0, 1)]), made, CLOCKS, workers)
     workers.close()
     assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) <= SPLIT_LSB
     workers.close()
