@@ -45,6 +45,14 @@ def test_two_runs_of_the_same_pulses_extrapolate_to_a_far_smaller_error(tmp_path
     assert miscount == 0
 
 
+@pytest.mark.parametrize("quick", [False, True])
+@pytest.mark.parametrize("name", converter.CIRCUITS)
+def test_every_method_of_a_circuit_has_a_name_of_its_own(name: str, quick: bool) -> None:
+    methods = [(m.name, m.setting) for m in converter.methods(converter.CIRCUITS[name], quick)]
+    assert len(methods) == len(set(methods))
+    assert {n.split(",")[0].split(":")[0] for n, _ in methods} == {"rtl", "cosim", "peer"}
+
+
 @pytest.mark.parametrize("name", converter.CIRCUITS)
 def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_path: Path) -> None:
     circuit = converter.CIRCUITS[name]

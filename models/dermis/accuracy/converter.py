@@ -165,7 +165,7 @@ def _peer(name: str, step: float, options: str) -> Callable[[Circuit, Path], tup
 def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
     """Every method and setting that runs a circuit."""
     steps = STEPS_S[1::3] if quick else STEPS_S
-    tolerances = RELTOLS[1::2] if quick else RELTOLS
+    reltols = RELTOLS[1::2] if quick else RELTOLS
     few = steps if quick else STEPS_S[::2]
     for simulator in ("icarus",) if quick else ("icarus", "verilator"):
         yield Method(f"rtl, {simulator}", "exact between edges, no ramps", _rtl(simulator))
@@ -173,7 +173,7 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
             run = _ours(simulator, step, EXACT)
             yield Method(f"cosim, {simulator}, step", f"trap, step {step_words(step)}", run)
     for method in ("trap", "gear") if circuit.t_gbw_s else ():
-        for reltol in tolerances:
+        for reltol in reltols:
             options = tolerances(reltol, method=method, maxord="2")
             yield Method(
                 f"cosim, icarus, {method}, reltol",
