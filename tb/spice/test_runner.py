@@ -51,6 +51,15 @@ def test_a_failed_meas_is_an_error_though_ngspice_exits_with_0(tmp_path: Path) -
     assert Path(caught.value.log).is_file()
 
 
+def test_what_a_control_section_prints_by_name_is_returned_and_missed_where_it_fails(tmp_path: Path) -> None:
+    text = RC.format(stop="3u", late="2u")
+    peak = text.replace("run\nquit", "run\nlet v_peak = vecmax(v(b))\nprint v_peak\nquit")
+    # ngspice's default reltol of 1e-3 on 1 - exp(-3 us / 1 us).
+    assert run(deck(tmp_path, peak))["v_peak"] == pytest.approx(0.9502, abs=1e-3)
+    with pytest.raises(SimulatorError, match="did not measure v_peak"):
+        run(deck(tmp_path, peak.replace("v(b))", "no_such)")))
+
+
 def test_a_deck_that_does_not_parse_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SimulatorError, match="did not measure"):
         run(deck(tmp_path, RC.format(stop="3u", late="2u").replace("r1 a b 1k", "xr a b no_such_block")))

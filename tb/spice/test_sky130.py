@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,18 @@ def test_a_row_has_settled_when_its_gate_begins(tmp_path, at, side) -> None:
 @pytest.mark.parametrize("name", ["noise_full", "noise_low", "noise_packet", "noise_null"])
 def test_noise_is_a_quarter_of_a_code(tmp_path, at, name) -> None:
     within(quantities(tmp_path, name, *at))
+
+
+def test_noise_of_a_resistor_over_a_gate_is_its_white_spectrum_over_twice_the_gate(tmp_path: Path) -> None:
+    """The mean over T of a white current of density S is S / (2 T); 1 Mohm at 27 C: 9.0 pA."""
+    bench = BENCHES["noise_full"]
+    start, end = bench.body.index("ix 0 x"), bench.body.index(".control")
+    body = f"{bench.body[:start]}vr r 0 dc 0 ac 1\nrr r sum 1meg\n{bench.body[end:]}".replace(
+        "v(out) ix", "v(out) vr"
+    )
+    rms = measure(tmp_path, dataclasses.replace(bench, body=body), *CORNERS[0])["rms"]
+    # A hundred points a decade on the lobes of sinc^2, and nothing above 1 MHz: 1 % together.
+    assert rms == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 / 1e6 / (2 * 102e-6)), rel=0.01)
 
 
 @pytest.mark.long
