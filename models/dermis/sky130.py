@@ -78,6 +78,26 @@ def bins(subckt: str) -> tuple[str, list[str], str]:
     return head, models, end
 
 
+def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
+    """A transistor's bins before its subcircuit in place of inside, so that all transistors have the same ones.
+
+    Inside, ngspice makes a copy of all bins for every transistor: seven eighths of the time that a channel's operating
+    point takes went there. What keeps them inside is the width that their sheet resistance hangs on; a source or drain
+    has that resistance times its squares, so the squares take the factor and the sheet is 1 ohm.
+
+    Raises
+    ------
+    InputError
+        The wheel's models are not of this form.
+    """
+    squares, factored = "nrd = {nrd} nrs = {nrs}", "nrd = {nrd*swx_nrds} nrs = {nrs*swx_nrds}"
+    own = [model for model in models if "rsh = {swx_nrds}" not in model]
+    if squares not in head or own:
+        raise InputError(file, "nrd, nrs, rsh", "otherwise", f"{squares}; rsh = {{swx_nrds}} in every bin")
+    models = [model.replace("rsh = {swx_nrds}", "rsh = 1") for model in models]
+    return [*models, head.replace(squares, factored), end]
+
+
 @cache
 def _models(corner: str, mismatch: bool) -> str:
     base = continuous()
@@ -92,7 +112,7 @@ def _models(corner: str, mismatch: bool) -> str:
         models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
         if corner != "tt":  # at tt nothing moves
             models = [at_corner(model, name, "hv") for model in models]
-        parts += [head, *models, end]
+        parts += shared(file, head, models, end)
     for stem, devices in PASSIVES.items():
         file = base / f"{stem}.spice"
         text = text_of(file, WANTED)
