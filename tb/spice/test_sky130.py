@@ -54,6 +54,34 @@ def test_the_reference_line_makes_its_current_at_every_supply(tmp_path, corner, 
     within(quantities(tmp_path, "reference", corner, celsius, supply=supply))
 
 
+# A reference of its own, from no supply and no charge anywhere.
+START = """\
+vup vdd_r 0 pwl(0 0 10u {rail})
+vdown vss_r 0 pwl(0 0 10u -{rail})
+xdut vref line vdd_r vss_r bias
+xbp line vbp vdd_r vss_r bias_p
+xbc vbp vcn vdd_r vss_r bias_cascode_n
+xn v_unit line vss_r vss_r nmos w=5 l=2
+xnc out vcn v_unit vss_r nmos w=5 l=0.5
+vx out 0 0
+.save i(vx)
+.tran 0.2u 100u 0 1u uic
+.meas tran i_unit avg i(vx) from=50u to=100u
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "at", [("tt", 27.0, 1.0), ("ss", -40.0, 0.9), ("sf", -40.0, 0.9), ("fs", 125.0, 0.9)]
+)
+def test_the_reference_starts_from_nothing(tmp_path, at) -> None:
+    """An operating point may be one that a circuit without current never reaches: here the supplies rise in 10 us."""
+    bench = dataclasses.replace(
+        BENCHES["reference"], body=START.format(rail=f"{benches.SUPPLY_V * at[2]:.6g}")
+    )
+    within(bench.values(measure(tmp_path, bench, at[0], at[1], supply=at[2])))
+
+
 @corners
 def test_the_amplifier_has_gain_bandwidth_and_phase_margin(tmp_path, corner, celsius) -> None:
     within(quantities(tmp_path, "amplifier", corner, celsius))
