@@ -139,9 +139,14 @@ def machine_line() -> str:
 
 def _machine(m: Measurements) -> Iterator[Row]:
     yield verdict.report("machine.cores", os.cpu_count(), "cores", machine_line())
+    yield busy_row("machine.busy_cores")
+
+
+def busy_row(name: str) -> Row:
+    """How many cores work for others, in the second that this takes."""
     busy = _busy_cores(1.0)
     note = "other work is running: speeds are too low" if busy > 0.2 else "nothing else is running"
-    yield verdict.report("machine.busy_cores", round(busy, 2), "cores", f"in the second before; {note}")
+    return verdict.report(name, round(busy, 2), "cores", f"in the second before; {note}")
 
 
 def _busy_cores(seconds: float) -> float:

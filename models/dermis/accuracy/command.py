@@ -253,7 +253,8 @@ def accuracy_command(
     repeat = 1 if quick else repeat
     with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
         work = Path(scratch)
-        rows = list(order_rows(work)) if only in (None, "order") else []
+        rows = [bench.busy_row("accuracy.busy_cores")]
+        rows += order_rows(work) if only in (None, "order") else []
         points: list[Point] = []
         if only in (None, "converter"):
             points += converter.measure(work, repeat, quick, tell)

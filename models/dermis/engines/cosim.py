@@ -61,7 +61,7 @@ def refuses(plan: Plan) -> InputError | None:
 class Solver:
     """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s.
 
-    `options` is an `.options` line that comes before the deck's own: of an option given twice ngspice takes the first.
+    `options` is an `.options` line behind the deck's own: of options in two lines ngspice takes the later.
     """
 
     t_edge_s: float = 1e-9

@@ -67,7 +67,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         for part in parts:
             deck = netlist.frame_deck(plan, index, levels, record=job.record, columns=part)
             if job.solver.options:
-                deck = replace(deck, lines=(deck.lines[0], job.solver.options, *deck.lines[1:]))
+                deck = replace(deck, lines=(*deck.lines, job.solver.options))
             name = f"frame_{index}" if len(parts) == 1 else f"frame_{index}_column_{part[0]}"
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
