@@ -168,6 +168,9 @@ def numerics(outcomes: Mapping[Job, Outcome]) -> list[Series]:
             for q in BENCHES[job.bench].units
             if (codes := CODES_A_UNIT.get(q.partition(".")[0])) is not None
         ]
+        if not moved:
+            one.faults[_where(job.condition)] = "benches.CODES_A_UNIT knows none of its quantities"
+            continue
         one.values[_where(job.condition)] = max(moved)
     return list(found.values())
 
