@@ -21,6 +21,7 @@ from dermis.equivalence.extract import TOPOLOGIES
 from dermis.equivalence.gate import Case
 from dermis.equivalence.loop import Slot
 from dermis.kept import Kept
+from dermis.ngspice import Deck
 
 WORK = ROOT / "build" / "equivalence"
 
@@ -34,6 +35,9 @@ CONDITIONS = (
 """What is extracted: typical, both ends of speed at the temperature that makes them worse, both skews."""
 
 RANGES = (80, 20, 40, 160)
+
+_SHOWN = "slots"
+"""Name of what a column's file keeps."""
 
 _OPEN_S, _CLOCK_S = 120.0, 1.0
 """Limit of a column: its operating point, and each of its clocks, thirty times what they take on an idle core."""
@@ -70,9 +74,11 @@ def _unpack(packed: Sequence[dict[str, Any]]) -> list[Slot]:
     return [Slot(flags(p["comparator"]), flags(p["bits"]), np.array(p["stored_v"])) for p in packed]
 
 
-def simulate(case: Case, blocks: Path | None, log: Path) -> list[dict[str, Any]]:
+def simulate(case: Case, made: Deck, log: Path) -> list[dict[str, Any]]:
     """A column in this process, which ngspice wants for itself."""
-    return _pack(gate.transistor_slots(case, design_module.load(), log, blocks))
+    design = design_module.load()
+    sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
+    return _pack(loop.column(made, case.clocks, sign, design, log))
 
 
 def stamp() -> str:
@@ -81,12 +87,13 @@ def stamp() -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
 
 
-def _name(case: Case, blocks: Path | None) -> str:
+def deck(case: Case, blocks: Path | None = None) -> Deck:
+    """The deck of a case in one piece: what is hashed is what is run, whatever happens to the netlists meanwhile."""
     design = design_module.load()
-    deck = loop.deck_of(
-        case.topology, case.k, gate.resistances(case, design).tolist(), case.condition, design, blocks
-    )
-    return runs.key("\n".join(deck.lines)) + f"_{case.clocks}"
+    ohm = gate.resistances(case, design).tolist()
+    made = loop.deck_of(case.topology, case.k, ohm, case.condition, design, blocks)
+    text = runs.resolved("\n".join((*made.lines, ".end")))
+    return dataclasses.replace(made, lines=tuple(line for line in text.splitlines() if line != ".end"))
 
 
 def shown(
@@ -94,6 +101,7 @@ def shown(
     jobs: int,
     tell: Callable[[int], None] = lambda done: None,
     fresh: bool = False,
+    work: Path = WORK,
 ) -> list[list[Slot] | str]:
     """What columns show, in the order in which they are asked for; a text where one was not measured says why.
 
@@ -103,14 +111,22 @@ def shown(
     jobs : processes at a time
     tell : called with how many are done
     fresh : run those that are kept as well
+    work : folder that keeps one file a column, so that commands share them
     """
-    kept = Kept(WORK / "columns.json", stamp())
-    names = [_name(*one) for one in asked]
-    todo = [n for n, name in enumerate(names) if fresh or name not in kept.pieces]
+    decks = [deck(*one) for one in asked]
+    names = [
+        runs.key("\n".join(d.lines)) + f"_{case.clocks}" for d, (case, _) in zip(decks, asked, strict=True)
+    ]
+    kept = [Kept(work / "columns" / f"{name}.json", stamp(), fresh=fresh) for name in names]
+    todo = [n for n, own in enumerate(kept) if _SHOWN not in own.pieces]
     found: dict[int, str] = {}
     tell(len(asked) - len(todo))
     tasks = (
-        workers.Task(simulate, (*asked[n], WORK / "logs" / f"{names[n]}.log"), limit_s(asked[n][0]))
+        workers.Task(
+            simulate,
+            (asked[n][0], decks[n], work / "logs" / f"{names[n]}.log"),
+            limit_s(asked[n][0]),
+        )
         for n in todo
     )
     for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
@@ -118,9 +134,9 @@ def shown(
         if outcome.fault:
             found[n] = outcome.fault
         else:
-            kept.put(names[n], outcome.value)
+            kept[n].put(_SHOWN, outcome.value)
         tell(len(asked) - len(todo) + done)
-    return [found[n] if n in found else _unpack(kept.pieces[name]) for n, name in enumerate(names)]
+    return [found[n] if n in found else _unpack(own.pieces[_SHOWN]) for n, own in enumerate(kept)]
 
 
 def full(case: Case) -> Case:

@@ -15,6 +15,7 @@ from dermis.equivalence import cases, extract, gate
 from dermis.equivalence.gate import Case
 from dermis.errors import InputError
 from dermis.files import write_between
+from dermis.sky130 import CORNERS
 from dermis.verdict import Row
 
 DOCS = ROOT / "docs" / "equivalence.md"
@@ -22,14 +23,16 @@ DOCS = ROOT / "docs" / "equivalence.md"
 
 @click.command("extract")
 @click.option("--check", is_flag=True, help="Write nothing; say which files are older than the circuit.")
-def extract_command(check: bool) -> int:
+@click.option("--corner", multiple=True, type=click.Choice(CORNERS), help="Only the files of these corners.")
+def extract_command(check: bool, corner: tuple[str, ...]) -> int:
     """Measure the blocks in transistors and write models/extracted, one file a condition."""
     if check:
         rows = [stale_row()]
         verdict.print_rows(rows)
         return verdict.exit_code(rows)
-    with progress.slots("extract", len(cases.CONDITIONS), "conditions") as tell:
-        for done, at in enumerate(cases.CONDITIONS, 1):
+    conditions = [at for at in cases.CONDITIONS if not corner or at.corner in corner]
+    with progress.slots("extract", len(conditions), "conditions") as tell:
+        for done, at in enumerate(conditions, 1):
             wanted = [(case.topology, case.k) for case in cases.everything() if case.condition == at]
             path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
@@ -63,7 +66,11 @@ def gate_rows(chosen_cases: Sequence[Case], jobs: int, fresh: bool = False) -> l
         if isinstance(slots, str):
             rows.append(verdict.error(name, slots))
             continue
-        told = gate.compare(case, slots)
+        try:
+            told = gate.compare(case, slots)
+        except ValueError as error:
+            rows.append(verdict.error(name, str(error)))
+            continue
         apart = ", ".join(f"{code}: {d:+.2f}" for code, d in zip(told["codes"], told["apart"], strict=True))
         rows.append(verdict.judge(name, told["worst"], apart))
     return rows

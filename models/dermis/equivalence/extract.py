@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from dermis.characterise.benches import AMPLIFIER, Condition, amplifier, row_driver, row_driver_body
+from dermis.effects import EFFECTS
 from dermis.extracted import Measured, channel
 
 Found = Mapping[str, float]
@@ -278,36 +279,46 @@ def comparator(found: Found) -> list[Measured]:
 
 
 def bodies(topology: str, k: int) -> dict[str, str]:
-    """Every deck of a channel by name; those of blocks that channels share are the same text."""
+    """Every deck of a channel by name, cheap ones first; those of blocks that channels share are the same text."""
     sign = polarity(topology)
     return {
-        "column": column_body(topology, k),
-        "chain": chain_body(topology, k),
-        "vfc": vfc_body(sign),
-        "comparator": comparator_body(sign),
-        "amplifier": AMPLIFIER,
         "row_driver.driven": row_driver_body(1),
         "row_driver.held": row_driver_body(0),
+        "amplifier": AMPLIFIER,
+        "comparator": comparator_body(sign),
+        "chain": chain_body(topology, k),
+        "vfc": vfc_body(sign),
+        "column": column_body(topology, k),
     }
 
 
+def parameters(name: str, found: Found, topology: str, k: int) -> list[Measured]:
+    """What one of these decks found, as parameters."""
+    if name == "amplifier":
+        amp = amplifier(found)
+        gain = 10.0 ** (amp["amplifier_gain_db"] / 20.0)
+        return [
+            Measured("integrator_gain", "gain_dc", gain, "amplifier, at 1 Hz"),
+            Measured("integrator_bandwidth", "gbw_hz", amp["amplifier_gbw_hz"], "amplifier on 3 pF"),
+        ]
+    if name.startswith("row_driver"):
+        side = name.removeprefix("row_driver.")
+        parameter = {"driven": "r_ohm", "held": "grounded_r_ohm"}[side]
+        return [
+            Measured("row_driver", parameter, *row_driver(found, side).values(), f"16 mA out of a {side} row")
+        ]
+    return {
+        "column": lambda: column(found, k),
+        "chain": lambda: chain(found, topology, k),
+        "vfc": lambda: vfc(found, polarity(topology)),
+        "comparator": lambda: comparator(found),
+    }[name]()
+
+
 def effects(found: Mapping[str, Found], topology: str, k: int) -> list[Measured]:
-    """The parameters of a channel from what its decks found, in the order of the way of the signal."""
-    sign = polarity(topology)
-    amp = amplifier(found["amplifier"])
-    driven = row_driver(found["row_driver.driven"], "x")
-    held = row_driver(found["row_driver.held"], "x")
-    gain = 10.0 ** (amp["amplifier_gain_db"] / 20.0)
-    return [
-        Measured("row_driver", "r_ohm", *driven.values(), "16 mA out of a driven row"),
-        Measured("row_driver", "grounded_r_ohm", *held.values(), "16 mA out of a held row"),
-        *column(found["column"], k),
-        *chain(found["chain"], topology, k),
-        Measured("integrator_gain", "gain_dc", gain, "amplifier, at 1 Hz"),
-        Measured("integrator_bandwidth", "gbw_hz", amp["amplifier_gbw_hz"], "amplifier on 3 pF"),
-        *vfc(found["vfc"], sign),
-        *comparator(found["comparator"]),
-    ]
+    """The parameters of a channel from what all its decks found, in the order of the effects."""
+    every = [m for name in found for m in parameters(name, found[name], topology, k)]
+    return sorted(every, key=lambda m: list(EFFECTS).index(m.effect))
 
 
 def channels(

@@ -16,16 +16,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
-from dermis import design as design_module
 from dermis import progress, verdict, workers
 from dermis.characterise import runs
 from dermis.characterise.benches import SUPPLY_BLOCKS
 from dermis.design import ROOT
 from dermis.equivalence import cases, extract, gate
 from dermis.equivalence.gate import TYPICAL, Case
-from dermis.errors import SimulatorError
+from dermis.equivalence.loop import Slot
+from dermis.errors import InputError, SimulatorError
 from dermis.extracted import CIRCUIT, Measured
 from dermis.files import write_atomic, write_between
 
@@ -46,7 +44,7 @@ FILES = (
 USED_WITH = {"polarity > 0": True, "k > 0": True}
 """Which side of an `.if` that channel takes."""
 
-A_KIND = 6
+A_KIND = 5
 """Faults drawn of each kind."""
 
 SEED = 4
@@ -223,15 +221,14 @@ HELD_V = 0.1
 """Of a preset level or a comparator's output that should be at rest."""
 
 
-def at_rest(found: Mapping[str, Mapping[str, float]], should: Mapping[str, Mapping[str, float]]) -> str:
-    """The first supply current or level of benches that is not as it should be, in words; empty where all are."""
-    for bench in found:
-        for name, value in found[bench].items():
-            want = should[bench][name]
-            if "supply" in (bench, name) and abs(value - want) > SUPPLY * abs(want):
-                return f"{bench}: {name} {-value * 1e6:.1f} uA for {-want * 1e6:.1f}"
-            if ("held" in name or "comp" in name) and abs(value - want) > HELD_V:
-                return f"{bench}: {name} {value:.3f} V for {want:.3f}"
+def at_rest(bench: str, found: Mapping[str, float], should: Mapping[str, float]) -> str:
+    """The first supply current or level of a bench that is not as it should be, in words; empty where all are."""
+    for name, value in found.items():
+        want = should[name]
+        if "supply" in (bench, name) and abs(value - want) > SUPPLY * abs(want):
+            return f"{name} takes {-value * 1e6:.1f} uA for {-want * 1e6:.1f}"
+        if ("held" in name or "comp" in name) and abs(value - want) > HELD_V:
+            return f"{name} {value:.3f} V for {want:.3f}"
     return ""
 
 
@@ -249,109 +246,136 @@ BENCH_LIMIT_S = 90.0
 """Of one attempt at a bench with a fault: twenty times what it takes without on an idle core."""
 
 
-def bench(fault: Fault, folder: Path) -> str:
+@dataclass(frozen=True)
+class Found:
+    """What became of a fault.
+
+    Attributes
+    ----------
+    by : the bench that noticed it, or "closed loop"
+    said : what that found, in words
+    caught : None where it is not known, for something else went wrong
+    """
+
+    by: str
+    said: str
+    caught: bool | None
+
+
+def _of_the_circuit(what: str) -> bool | None:
+    """Whether an error of ngspice is one of the circuit: no solution on any rung, or what is measured never comes.
+
+    A limit that was reached, a process that was lost: of those the circuit may be innocent.
+    """
+    said = ("; tried: ", "did not measure", "SimulatorError: ngspice at ")
+    return True if any(words in what for words in said) else None
+
+
+def bench(fault: Fault, folder: Path) -> Found:
     """What a block's bench notices of a fault; benches that the fault does not reach are kept from the run without."""
     blocks = written(fault, folder)
-    found: dict[str, Mapping[str, float]] = {}
-    should: dict[str, Mapping[str, float]] = {}
     for name, body in {"supply": SUPPLY_BLOCKS, **extract.bodies(LOOP.topology, LOOP.k)}.items():
-        should[name] = runs.measured(body, TYPICAL)
+        should = runs.measured(body, TYPICAL)
         try:
-            found[name] = runs.measured(body, TYPICAL, BENCH_LIMIT_S, blocks=blocks)
+            found = runs.measured(body, TYPICAL, BENCH_LIMIT_S, blocks=blocks)
         except SimulatorError as error:
-            return f"{name}: no solution or no measure ({error.what.rpartition(': ')[2][:60]})"
-        if wrong := at_rest({name: found[name]}, should):
-            return wrong
-    return moved(
-        extract.effects(found, LOOP.topology, LOOP.k), extract.effects(should, LOOP.topology, LOOP.k)
-    )
+            return Found(name, error.what[:200], _of_the_circuit(error.what))
+        wrong = at_rest(name, found, should)
+        if not wrong and name != "supply":
+            have, want = (extract.parameters(name, f, LOOP.topology, LOOP.k) for f in (found, should))
+            wrong = moved(have, want)
+        if wrong:
+            return Found(name, wrong, True)
+    return Found("bench", "nothing", False)
 
 
-def loop(slots: object) -> str:
-    """What the closed loop notices."""
+def loop(slots: list[Slot] | str) -> Found:
+    """What the closed loop says of a fault."""
     if isinstance(slots, str):
-        return f"closed loop: {slots[:80]}"
+        return Found("closed loop", slots[:100], _of_the_circuit(slots))
     try:
-        told = gate.compare(LOOP, slots, design_module.load())  # type: ignore[arg-type]
+        worst = gate.compare(LOOP, slots)["worst"]
     except ValueError as error:
-        return f"closed loop: {error}"
-    worst = told["worst"]
-    return (
-        f"closed loop: {worst:.2f} counts apart"
-        if worst > verdict.limit("equivalence.counts_apart").max
-        else ""
-    )
+        return Found("closed loop", str(error), True)
+    limit = verdict.limit("equivalence.counts_apart").max
+    return Found("closed loop", f"{worst:.2f} counts apart", limit is not None and worst > limit)
 
 
 # ---- all of them ---------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a fault: who noticed it, in words; `apart` where none did."""
-
-    fault: Fault
-    by: str
-    apart: float | None = None
-
-
-def judged(faults: Sequence[Fault], jobs: int, fresh: bool = False) -> list[Verdict]:
+def judged(faults: Sequence[Fault], jobs: int, fresh: bool = False) -> list[Found]:
     """Put faults to the benches, and those that no bench notices to the closed loop."""
     folder = cases.WORK / "faults"
-    said: dict[int, str] = {}
+    found: dict[int, Found] = {}
     with progress.slots("faults", len(faults), "faults at the benches") as tell:
         tasks = (workers.Task(bench, (fault, folder), 12 * BENCH_LIMIT_S) for fault in faults)
         for done, (number, outcome) in enumerate(workers.run(tasks, jobs), 1):
-            said[number] = outcome.fault or outcome.value
+            found[number] = Found("bench", outcome.fault, None) if outcome.fault else outcome.value
             tell(done)
-    left = [n for n in range(len(faults)) if not said[n]]
+    left = [n for n in range(len(faults)) if found[n].caught is False]
     with progress.slots("faults", len(left), "faults in the closed loop") as tell:
-        asked = [(LOOP, folder / faults[n].name.replace(".", "_")) for n in left]
-        shown = cases.shown(asked, jobs, tell, fresh)
-    apart: dict[int, float | None] = {}
-    for n, slots in zip(left, shown, strict=True):
-        said[n] = loop(slots)
-        if not said[n]:
-            apart[n] = gate.compare(LOOP, slots)["worst"]  # type: ignore[arg-type]
-    return [Verdict(fault, said[n], apart.get(n)) for n, fault in enumerate(faults)]
+        shown = cases.shown([(LOOP, written(faults[n], folder)) for n in left], jobs, tell, fresh)
+    found |= {n: loop(slots) for n, slots in zip(left, shown, strict=True)}
+    return [found[n] for n in range(len(faults))]
 
 
-def table(verdicts: Sequence[Verdict]) -> str:
+def table(faults: Sequence[Fault], found: Sequence[Found]) -> str:
     """Faults by kind, then each that nothing notices, for docs/equivalence.md."""
-    lines = ["| fault | seeded | a bench | the closed loop | nothing |", "|---|--:|--:|--:|--:|"]
-    kinds = dict.fromkeys(v.fault.kind for v in verdicts)
+    lines = [
+        "| fault | seeded | a bench | the closed loop | nothing | not measured |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
 
-    def row(label: str, own: Sequence[Verdict]) -> str:
-        in_loop = sum(v.by.startswith("closed loop") for v in own)
-        unseen = sum(not v.by for v in own)
-        return f"| {label} | {len(own)} | {len(own) - in_loop - unseen} | {in_loop} | {unseen} |"
-
-    lines += [row(kind.replace("_", " "), [v for v in verdicts if v.fault.kind == kind]) for kind in kinds]
-    lines += [row("all", verdicts)]
-    if unseen := [v for v in verdicts if not v.by]:
-        lines += ["", "Not noticed:", ""]
-        lines += [
-            f"- `{v.fault.name}` ({v.fault.text.splitlines()[-1]}): {v.apart:.2f} counts" for v in unseen
+    def row(label: str, own: Sequence[Found]) -> str:
+        at = [
+            sum(f.caught is True and (f.by == "closed loop") == looped for f in own)
+            for looped in (False, True)
         ]
+        rest = [sum(f.caught is state for f in own) for state in (False, None)]
+        return f"| {label} | {len(own)} | " + " | ".join(map(str, at + rest)) + " |"
+
+    for kind in dict.fromkeys(f.kind for f in faults):
+        own = [f for fault, f in zip(faults, found, strict=True) if fault.kind == kind]
+        lines.append(row(kind.replace("_", " "), own))
+    lines.append(row("all", found))
+    unseen = [(fault, f) for fault, f in zip(faults, found, strict=True) if not f.caught]
+    if unseen:
+        lines += ["", "Not noticed:", ""]
+        lines += [f"- `{fault.name}`, `{fault.text.splitlines()[-1]}`: {f.said}" for fault, f in unseen]
     return "\n".join(lines)
+
+
+def rows_of(faults: Sequence[Fault], found: Sequence[Found]) -> list[verdict.Row]:
+    """A row a fault (PASS caught, SKIP not noticed by anything, ERROR not known), and the share of those known."""
+    rows = []
+    for fault, f in zip(faults, found, strict=True):
+        name, said = f"equivalence.fault.{fault.name}", f"{f.by}: {f.said}"
+        if f.caught is None:
+            rows.append(verdict.error(name, said, "caught"))
+        elif f.caught:
+            rows.append(verdict.report(name, 1, "caught", said))
+        else:
+            rows.append(verdict.skip(name, f"not noticed; {said}", "caught"))
+    known = [f.caught for f in found if f.caught is not None]
+    share = sum(known) / len(known) if known else None
+    note = f"{len(known)} of {len(faults)} measured, drawn of {len(all_faults())}"
+    return [*rows, verdict.judge("equivalence.faults_caught", share, note)]
 
 
 def command(only: Sequence[str], jobs: int, fresh: bool, docs: bool) -> int:
     """`dermis equivalence --faults`: rows in build/equivalence_faults.json."""
     faults = [f for f in drawn() if not only or any(w in f.name for w in only)]
-    verdicts = judged(faults, jobs, fresh)
-    rows = [
-        verdict.report(f"equivalence.fault.{v.fault.name}", int(bool(v.by)), "caught", v.by or "not noticed")
-        for v in verdicts
-    ]
-    share = sum(bool(v.by) for v in verdicts) / len(verdicts) if verdicts else None
-    rows.append(
-        verdict.judge("equivalence.faults_caught", share, f"{len(verdicts)} faults of {len(all_faults())}")
-    )
+    if not faults:
+        known = ", ".join(f.name for f in drawn())
+        raise InputError("command line", "--only", " ".join(only), f"part of one of {known}")
+    found = judged(faults, jobs, fresh)
+    rows = rows_of(faults, found)
     verdict.write_rows("equivalence_faults", rows)
     verdict.print_rows(rows, "seeded faults")
     if docs:
         marks = ("begin: faults (written by dermis equivalence --faults --docs)", "end: faults")
-        write_between(ROOT / "docs" / "equivalence.md", *(f"<!-- {m} -->" for m in marks), table(verdicts))
-    click.echo(table(verdicts))
+        write_between(
+            ROOT / "docs" / "equivalence.md", *(f"<!-- {m} -->" for m in marks), table(faults, found)
+        )
     return verdict.exit_code(rows)

@@ -25,10 +25,10 @@ from dermis.array import column_currents
 from dermis.characterise.benches import Condition
 from dermis.design import Design
 from dermis.engines import event
-from dermis.equivalence.loop import Slot, column, deck_of
+from dermis.equivalence.loop import Slot
 from dermis.plan import Plan
 
-CODES = (0, 0, 2, 20, 64, 128, 200, 240, 250)
+CODES = (0, 0, 2, 20, 64, 128, 200, 250)
 """Ideal codes of a column's taxels: both ends, and steps between. Above 250 a gain of 2 % is beyond full scale. In the
 first slot behind power-on the offset null finds its level; it is read like any other, and not compared."""
 
@@ -103,7 +103,7 @@ def read(slots: Sequence[Slot]) -> Reading:
     for row, slot in enumerate(slots):
         n = np.arange(2, len(slot.bits) + 1)  # the preset's own charge is in from the first clock on
         complete = np.concatenate([[0], np.cumsum(slot.bits)])[n - 2]
-        latest = np.concatenate([[0], slot.bits, [0, 0]])[n - 2].astype(float) * (n >= 3)
+        latest = np.concatenate([[0], slot.bits])[n - 2]
         part = np.zeros((n.size, 2 * rows + 2))
         part[:, row], part[:, rows + row] = 1.0, n
         part[:, -2], part[:, -1] = -complete, latest
@@ -120,8 +120,10 @@ def read(slots: Sequence[Slot]) -> Reading:
 
 
 def _levels(slots: Sequence[Slot]) -> NDArray[np.float64]:
-    """Where each row's comparator turns, half way between what it called low and high; a row without a one has the
-    level of the next fuller one."""
+    """Where each row's comparator turns, half way between what it called low and high.
+
+    A row in which it called everything the same has the level of the nearest row in which it did not.
+    """
     found = np.full(len(slots), math.nan)
     for row, slot in enumerate(slots):
         stored = slot.stored_v[1:]
@@ -171,13 +173,6 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
         # Right behind a one the comparator is not asked, and `read` does not ask what it said.
         slots.append(Slot(bits, bits, np.concatenate([[cells.w0[0, row, 0]], charge[row]])))
     return slots
-
-
-def transistor_slots(case: Case, design: Design, log: Path, blocks: Path | None = None) -> list[Slot]:
-    """The same of the channel in transistors."""
-    deck = deck_of(case.topology, case.k, resistances(case, design).tolist(), case.condition, design, blocks)
-    sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
-    return column(deck, case.clocks, sign, design, log)
 
 
 def compare(case: Case, slots: Sequence[Slot], design: Design | None = None) -> Mapping[str, Any]:

@@ -20,12 +20,9 @@ from dermis import ladder, sky130
 from dermis.characterise.benches import SUPPLY_V, Condition
 from dermis.characterise.runs import START
 from dermis.design import Design
+from dermis.netlist import OPTIONS_TRANSISTORS
 from dermis.ngspice import Deck, NgspiceHalf
 from dermis.spice_text import spice_number
-
-# Steps are bounded by the clock's edges, where every source has a corner. Ten times tighter moves no charge read of a
-# slot by more than 0.01 count (tb/spice/test_equivalence.py).
-_OPTIONS = ".options reltol=1e-3 abstol=1e-12 vntol=1e-6 trtol=7"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +75,7 @@ def deck_of(
         "v_d_preset d_preset 0 external",
         "v_d_charge d_charge 0 external",
         f"xch col d_charge d_preset comp ibias vdd vss channel_{topology} k={k}",
-        _OPTIONS,
+        ".options " + " ".join(f"{n}={spice_number(v)}" for n, v in OPTIONS_TRANSISTORS.items()),
     ]
     if condition.sample is not None:
         lines.insert(1, f".options seed={condition.sample}")
