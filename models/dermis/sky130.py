@@ -109,6 +109,8 @@ def _models(corner: str, mismatch: bool) -> str:
         head, models, end = bins(subcircuit(file, text, name))
         # Without the five resistors of 50 ohm of every transistor's substrate, whose time constants are
         # picoseconds: three nodes less each, 30 % of the time, and 0.004 LSB.
+        if not all("rbodymod = 1" in model for model in models):
+            raise InputError(file, "rbodymod", "otherwise", f"rbodymod = 1 in every bin of {name}")
         models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
         if corner != "tt":  # at tt nothing moves
             models = [at_corner(model, name, "hv") for model in models]

@@ -494,10 +494,14 @@ def supply_body(topology: str) -> str:
 
 
 def supply(found: Found, topology: str) -> dict[str, float]:
-    """A channel's current from vdd; what a chip of 16 takes to vss while a row of 16 times 1 mA is driven."""
+    """A channel's current from vdd, and into vss less a taxel's; what a chip takes to vss in its worst row.
+
+    A sinking charge source takes its current from the 0 V rail to vss, so it is in the second alone.
+    """
     reference_a = -found["all"] - found["idle"]
     return {
         f"supply_channel_a.{topology}": found["idle"],
+        f"supply_channel_vss_a.{topology}": found["pressed"] - 1e-3,
         f"supply_array_a.{topology}": 16 * found["pressed"] + reference_a,
     }
 
@@ -543,7 +547,11 @@ _CURRENT = "vsum sum 0 0\nhout out 0 vsum 1\n"
 
 
 def noise_body(i: str, r: str) -> str:
-    """Conveyor and mirror with a taxel and its current."""
+    """Conveyor and mirror with a taxel and its current.
+
+    No other taxel is pressed: where 32 mS turn the conveyor's noise into current, the offset null holds the column, and
+    its noise (`noise_null`) takes the place of the conveyor's below 80 kHz, above which a gate averages.
+    """
     dut = _CURRENT + (
         f"ix 0 x dc {i} ac 1\nrx x 0 {r}\ncx x 0 400p\nvy y 0 0\nxconveyor y x z ibias vdd vss conveyor\n"
         "xmirror z sum 0 0 ibias vdd vss mirror k=80"
@@ -661,7 +669,7 @@ _ALL = (
             f"supply_{topology}",
             supply_body(topology),
             partial(supply, topology=topology),
-            {f"supply_channel_a.{topology}": "A", f"supply_array_a.{topology}": "A"},
+            {f"supply_{what}_a.{topology}": "A" for what in ("channel", "channel_vss", "array")},
         )
         for topology in TOPOLOGIES
     ),
