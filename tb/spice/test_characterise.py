@@ -111,8 +111,14 @@ def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
         Runs(jobs).run(1, None, interrupt)
     again = Runs(jobs)
     assert 2 <= len(again.outcomes) < len(jobs) or not again.todo  # one more may have ended meanwhile
+    # What another command measures meanwhile is taken from there.
+    late = Runs(jobs)
     again.run(1, None, lambda done: None)
     assert set(again.outcomes) == set(jobs)
+    late.run(1, None, lambda done: pytest.fail("measured again"))
+    assert {job: done.values for job, done in late.outcomes.items()} == {
+        job: done.values for job, done in again.outcomes.items()
+    }
     assert not Runs(jobs).todo
 
 
@@ -151,6 +157,16 @@ def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None
     names = chosen(options["only"])
     jobs = jobs_of(names, options["at"], options["sample"], options["many"], options["short"])
     assert jobs == [Job("vfc_sink", Condition(sample=17))]
+
+
+def test_draws_at_a_condition_are_of_the_benches_that_mismatch_moves() -> None:
+    jobs = jobs_of(["reference", "amplifier"], "ss,27,1", None, 2, short=False)
+    assert [(job.bench, job.condition.sample) for job in jobs] == [
+        ("reference", None),
+        ("amplifier", None),
+        ("reference", 1),
+        ("reference", 2),
+    ]
 
 
 def test_drift_is_over_temperature_alone() -> None:

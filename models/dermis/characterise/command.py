@@ -70,17 +70,17 @@ def jobs_of(
     names: Sequence[str], at: str | None, sample: int | None, many: int | None, short: bool
 ) -> list[Job]:
     """All runs that the options ask for: corners, mismatch, and for the transients other ways to solve them."""
+    drawable = [name for name in names if BENCHES[name].samples]
     if at is not None or sample is not None:
         places = [TYPICAL] if at is None else conditions(at)
         if sample is not None:
             places = [drawn for place in places for drawn in samples(sample, sample, place)]
-        elif many is not None:
-            places += samples(1, many, places[0])
-        return [Job(name, place) for name in names for place in places]
+        jobs = [Job(name, place) for name in names for place in places]
+        return jobs + [Job(name, drawn) for drawn in samples(1, many or 0, places[0]) for name in drawable]
     places = list(EXTREMES) if short else conditions()
     last = (_SHORT_SAMPLES if short else SAMPLES) if many is None else many
     jobs = [Job(name, place) for place in places for name in names]
-    jobs += [Job(name, drawn) for drawn in samples(1, last) for name in names if BENCHES[name].samples]
+    jobs += [Job(name, drawn) for drawn in samples(1, last) for name in drawable]
     jobs += [
         Job(name, place, way)
         for way in NUMERICS

@@ -122,6 +122,8 @@ class Runs:
     def __init__(self, jobs: Iterable[Job], *, fresh: bool = False) -> None:
         self.outcomes: dict[Job, Outcome] = {}
         self.todo: list[Job] = []
+        self._fresh = fresh
+        self._begun: list[Job] = []
         self._decks: dict[Job, str] = {}
         for job in dict.fromkeys(jobs):
             text = runs.resolved(job.deck())
@@ -159,10 +161,11 @@ class Runs:
         """
         if not self.todo:
             return
+        self._begun.clear()
         with _executor(min(jobs, len(self.todo)), scheduler) as (executor, workers, look):
             version = None if scheduler is None else batch.fingerprint()
             for index, task in batch.spread(self._calls(version), executor, workers, look):
-                job = self.todo[index]
+                job = self._begun[index]
                 try:
                     measured = task.result()
                 except DermisError as error:
@@ -179,6 +182,11 @@ class Runs:
         self, version: str | None
     ) -> Iterator[tuple[Callable[..., runs.Measured], tuple[object, ...]]]:
         for job in self.todo:
+            # Another command may have measured it since this one began.
+            if not self._fresh and (there := runs.kept(runs.key(self._decks[job]))) is not None:
+                self.outcomes[job] = outcome(job, there)
+                continue
+            self._begun.append(job)
             limit_s = BENCHES[job.bench].limit_s
             if version is None:
                 yield runs.simulate, (self._decks[job], limit_s, runs.FAILED)
