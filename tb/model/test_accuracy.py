@@ -17,12 +17,12 @@ from mpmath import mpf
 from scipy.integrate import solve_ivp
 
 from dermis import auto, bench_vfc, engines, plan, scene
-from dermis.accuracy import chip, choice, converter, exact, frames, probe
+from dermis.accuracy import chip, choice, converter, exact, frames, probe, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
 from dermis.effects import AutoTable
 from dermis.engines import cosim
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.scene import Scene
 from dermis.vfc import count_exact
 
@@ -101,7 +101,41 @@ def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) ->
     assert shipped < 1e-3, "a thousandth of a packet: 2e-4 V where all of 16 x 16 are looked at"
     assert backward_euler > 3.0 * shipped, "the options reach ngspice, and the error is seen"
     error_v(cosim.Solver(options=converter.tolerances(1e-2)))
-    assert steps[2] < 0.6 * steps[0], "those that the deck has as well are replaced: 1107 steps in place of 2978"
+    assert steps[2] < 0.6 * steps[0], (
+        "those that the deck has as well are replaced: 1107 steps in place of 2978"
+    )
+
+
+def test_what_fails_is_an_error_row_and_nothing_certified_is_no_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> tuple[float, float, float]:
+        raise SimulatorError("it fell over")
+
+    monkeypatch.setattr(converter, "CIRCUITS", {"converter, no pole": converter.IDEAL})
+    monkeypatch.setattr(converter, "methods", lambda *_: [converter.Method("cosim", "s", broken)])
+    points, rows = converter.measure(tmp_path, 1, True, lambda words: None)
+    assert points == []
+    assert [(row["status"], row["note"]) for row in rows] == [("ERROR", "it fell over")]
+
+    made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)
+    monkeypatch.setattr(frames, "random_plan", lambda *_, **__: made)
+    monkeypatch.setattr(frames, "methods", lambda *_: [frames.Method("event", "s", broken)])
+    points, rows = frames.measure(tmp_path, 1, True, lambda words: None)
+    assert points == []
+    assert {row["name"]: row["status"] for row in rows} == {
+        "accuracy.frames.eight_effects.event.s": "ERROR",
+        "accuracy.outside_certified": "ERROR",
+    }
+
+    monkeypatch.setattr(transistors, "channel_plan", lambda *_: broken())
+    assert transistors.measure(tmp_path, lambda words: None)[1][0]["status"] == "ERROR"
+
+    def missing(*_: object) -> None:
+        raise InputError("PATH", "ngspice", "missing", "ngspice")
+
+    monkeypatch.setattr(transistors, "channel_plan", missing)
+    assert transistors.measure(tmp_path, lambda words: None)[1][0]["status"] == "SKIP"
 
 
 def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:

@@ -125,8 +125,8 @@ def test_the_floor_of_energy_is_that_of_the_declared_currents() -> None:
 
 
 def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
-    # As above, with 500 uA of a channel in place of the reference's 25 uA.
-    assert chip.energy_j(125e-6, 500e-6) == pytest.approx(3.3 * (1e-3 + 0.5e-3 / 80) * 125e-6)
+    # As above, and 500 uA of a channel.
+    assert chip.energy_j(125e-6, 500e-6) == pytest.approx(3.3 * (1e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)
     bits = {14: 3.0, PAPER: 8.0, 65534: 10.0}
     points = [
         chip.Point(chip.FULL, "event", chip.PAPER_HZ, gate, chip.SETTLE_S, b, b, b, 0.0)
@@ -141,6 +141,8 @@ def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
     rows = {row["name"]: row for row in chip.energy_rows(points, current, "")}
     whole = 1e9 * chip.energy_j(125e-6, 500e-6)
     assert rows["accuracy_chip.energy_nj"]["value"] == pytest.approx(whole)
+    # 0.5 mA of 1.031 mA
+    assert "48 % of it the sensor's" in rows["accuracy_chip.energy_nj"]["note"]
     assert "500 uA" in rows["accuracy_chip.energy_nj"]["note"]
     assert rows["accuracy_chip.energy_per_bit_nj"]["value"] == pytest.approx(whole / 8)
     assert rows["accuracy_chip.energy_per_step_pj"]["value"] == pytest.approx(1e3 * whole / 2**8)

@@ -413,13 +413,13 @@ def channel_current() -> ChannelCurrent:
 def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) -> float:
     """Energy of one conversion in joule, from what both supplies deliver through a slot.
 
-    That is the sensor's current (through driver and conveyor) and its copy through the mirror, as design.toml declares
-    them, and with them the current `channel_a` of a channel without a signal. Without it the reference i0 stands for
-    the channel: a floor, for amplifier, comparator and conveyor take more.
+    That is the sensor's current (through driver and conveyor), its copy through the mirror and the reference i0 of the
+    charge source, which runs to vss from the 0 V rail, as design.toml declares them; and with them what a channel takes
+    from vdd without a signal, `channel_a`. Without it this is a floor: amplifier, comparator and conveyor take more.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
-    current = i_taxel + i_taxel / d.interface.k + (d.converter.i0_a if channel_a is None else channel_a)
+    current = i_taxel + i_taxel / d.interface.k + d.converter.i0_a + (channel_a or 0.0)
     return (d.supply.vdd_v - d.supply.vss_v) * current * slot_s
 
 
@@ -436,7 +436,10 @@ def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason:
     paper = at(points, FULL, gate_of(PAPER_BITS))
     whole = 1e9 * energy_j(paper.slot_s, current.typical)
     ends = [1e9 * energy_j(paper.slot_s, amps) for amps in (current.least, current.most)]
-    note = f"{SUPPLY_QUANTITY} {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
+    d = design_module.load()
+    sensor = 0.25 * d.interface.k * d.converter.i0_a * (d.supply.vdd_v - d.supply.vss_v) * paper.slot_s
+    note = f"{1e11 * sensor / whole:.0f} % of it the sensor's; {SUPPLY_QUANTITY}"
+    note += f" {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
     note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {ends[0]:.0f} .. {ends[1]:.0f} nJ)"
     best = min(own, key=lambda p: energy_j(p.slot_s, current.typical) / 2.0**p.bits)
     step = 1e12 * energy_j(best.slot_s, current.typical) / 2.0**best.bits

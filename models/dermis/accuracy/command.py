@@ -15,7 +15,7 @@ import click
 
 from dermis import bench, bench_peers, design, verdict
 from dermis.accuracy import choice, converter, figures, frames, transistors
-from dermis.accuracy.point import Point, from_csv, pareto, to_csv
+from dermis.accuracy.point import Point, from_csv, pareto, point_name, to_csv
 from dermis.design import ROOT
 from dermis.files import write_atomic, write_between
 from dermis.verdict import Row
@@ -162,13 +162,11 @@ def order_rows(work: Path) -> Iterator[Row]:
     yield verdict.judge("accuracy.order", min(orders), note)
 
 
-def missing_rows(no_transistors: str) -> Iterator[Row]:
-    """What was not measured, and why."""
+def missing_rows() -> Iterator[Row]:
+    """Peers that were not measured, and why."""
     for peer in bench_peers.GUESTS:
         if reason := bench_peers.missing(peer):
             yield verdict.skip(f"accuracy.peer.{peer}", reason)
-    if no_transistors:
-        yield verdict.skip("accuracy.cosim.sky130", no_transistors)
 
 
 def point_rows(points: Sequence[Point]) -> Iterator[Row]:
@@ -177,12 +175,7 @@ def point_rows(points: Sequence[Point]) -> Iterator[Row]:
         least, most = min(p.seconds), max(p.seconds)
         note = f"{p.setting}; {p.time_s:.3g} s ({least:.3g} .. {most:.3g}, {len(p.seconds)} runs); "
         note += f"codes off by {p.largest_lsb:g} at most"
-        name = (
-            f"accuracy.{p.work}.{p.method}.{p.setting}".replace(": ", "_")
-            .replace(", ", ".")
-            .replace(" ", "_")
-        )
-        yield verdict.report(name, p.error, p.unit, note)
+        yield verdict.report(point_name(p.work, p.method, p.setting), p.error, p.unit, note)
 
 
 def table(points: Sequence[Point], rows: Sequence[Row]) -> str:
@@ -257,17 +250,19 @@ def accuracy_command(
         rows += order_rows(work) if only in (None, "order") else []
         points: list[Point] = []
         if only in (None, "converter"):
-            points += converter.measure(work, repeat, quick, tell)
+            more, failed = converter.measure(work, repeat, quick, tell)
+            points += more
+            rows += failed
         if only in (None, "frames"):
             more, gates = frames.measure(work / "frames", repeat, quick, tell)
             points += more
             rows += gates
-        no_transistors = "left out by --quick or --only"
         if only in (None, "sky130") and not quick:
-            more, no_transistors = transistors.measure(work / "channel", tell)
+            more, missing = transistors.measure(work / "channel", tell)
             points += more
-    if only != "order":
-        rows += [*ratios(points), *missing_rows(no_transistors)]
+            rows += missing
+    if only in (None, "converter"):
+        rows += [*ratios(points), *missing_rows()]
     if points:
         for work, file in _FIGURES.items():
             if own := [p for p in points if p.work == work]:

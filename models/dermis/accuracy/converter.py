@@ -17,14 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dermis import bench_peers, bench_vfc, cpu_time, netlist, workers
+from dermis import bench_peers, bench_vfc, cpu_time, netlist, verdict, workers
 from dermis.accuracy import chip, probe
-from dermis.accuracy.point import Point
+from dermis.accuracy.point import Point, point_name
 from dermis.analog import Edge
 from dermis.bench_vfc import CHARGE, Circuit, Job
 from dermis.engines import rtl
 from dermis.errors import SimulatorError
 from dermis.ngspice import NgspiceHalf
+from dermis.verdict import Row
 
 RUN_LIMIT_S = 120.0
 CLOCKS = 400
@@ -201,9 +202,15 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
                 yield Method(f"peer: {peer}", f"exchange, step {step_words(step)}", _peer(peer, step, EXACT))
 
 
-def measure(work: Path, repeat: int, quick: bool, tell: Callable[[str], None]) -> list[Point]:
-    """Every method on both circuits, `repeat` times in turns, so that other work on the machine meets all."""
+def measure(
+    work: Path, repeat: int, quick: bool, tell: Callable[[str], None]
+) -> tuple[list[Point], list[Row]]:
+    """Every method on both circuits, `repeat` times in turns, so that other work on the machine meets all.
+
+    A method that fails is an ERROR row with the reason; its point is missing.
+    """
     found: list[Point] = []
+    failed: list[Row] = []
     number = itertools.count()
     for name, circuit in CIRCUITS.items():
         chosen = list(methods(circuit, quick))
@@ -215,14 +222,19 @@ def measure(work: Path, repeat: int, quick: bool, tell: Callable[[str], None]) -
                 try:
                     error, miscount, seconds = method.run(circuit, work / f"run_{next(number):04d}")
                 except SimulatorError as failure:
-                    tell(f"{method.name}, {method.setting}: {failure}")
+                    failed.append(failure_row(name, method.name, method.setting, failure))
                     continue
                 errors[i] = error, miscount
                 times[i].append(seconds)
         for method, error, taken in zip(chosen, errors, times, strict=True):
             if error is not None:
                 found.append(Point(name, method.name, method.setting, error[0], "V", error[1], tuple(taken)))
-    return found
+    return found, failed
+
+
+def failure_row(work: str, method: str, setting: str, failure: SimulatorError) -> Row:
+    """The row of a point that was not measured."""
+    return verdict.error(point_name(work, method, setting), str(failure))
 
 
 # ---- order of convergence -----------------------------------------------------------------------------------------

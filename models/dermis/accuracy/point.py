@@ -58,6 +58,12 @@ class Point:
         return (*head, f"{self.time_s:.6g}", f"{least:.6g}", f"{most:.6g}", len(self.seconds))
 
 
+def point_name(work: str, method: str, setting: str) -> str:
+    """The name of a point's row."""
+    name = f"accuracy.{work}.{method}.{setting}"
+    return name.replace(": ", "_").replace(", ", ".").replace(" ", "_")
+
+
 def to_csv(points: Sequence[Point]) -> str:
     """The points as text, one a line."""
     text = io.StringIO()

@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import cpu_time, engines, netlist, plan, scene
+from dermis import cpu_time, engines, netlist, plan, scene, verdict
 from dermis.accuracy.converter import options_with
 from dermis.accuracy.frames import recorded
 from dermis.accuracy.point import Point
 from dermis.engines import cosim
-from dermis.errors import DermisError
+from dermis.errors import InputError, SimulatorError
 from dermis.plan import Plan
+from dermis.verdict import Row
 
 WORK = "one channel, SKY130 transistors"
 R_OHM = 1371.0
@@ -73,8 +74,9 @@ def apart_v(volts: NDArray[np.float64], reference: NDArray[np.float64], packet_v
     return float(np.max(np.abs(difference - packet_v * np.rint(difference / packet_v))))
 
 
-def measure(work: Path, tell: Callable[[str], None]) -> tuple[list[Point], str]:
-    """The points, or none and the reason."""
+def measure(work: Path, tell: Callable[[str], None]) -> tuple[list[Point], list[Row]]:
+    """The points, or none and a row with the reason: SKIP where transistors or a tool are missing, else ERROR."""
+    name = "accuracy.cosim.sky130"
     try:
         made = channel_plan(work)
         packet_v = float(made.converter.packet_v()[0])
@@ -88,7 +90,9 @@ def measure(work: Path, tell: Callable[[str], None]) -> tuple[list[Point], str]:
             error = apart_v(volts, expected, packet_v)
             off = float(np.abs(found - codes).max())
             points.append(Point(WORK, "cosim, verilator, sky130", words, error, "V", off, (taken,)))
-    except DermisError as error:
-        return [], str(error)
+    except InputError as error:
+        return [], [verdict.skip(name, str(error))]
+    except SimulatorError as error:
+        return [], [verdict.error(name, str(error))]
     tell(f"{WORK}: the reference took {1e3 * seconds:.3g} ms a clock")
-    return points, ""
+    return points, []
