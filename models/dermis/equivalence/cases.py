@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -76,6 +77,8 @@ def _unpack(packed: Sequence[dict[str, Any]]) -> list[Slot]:
 
 def simulate(case: Case, made: Deck, log: Path) -> list[dict[str, Any]]:
     """A column in this process, which ngspice wants for itself."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    os.chdir(log.parent)  # the transistor model writes a file of its own where it runs
     design = design_module.load()
     sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
     return _pack(loop.column(made, case.clocks, sign, design, log))
