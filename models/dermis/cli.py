@@ -128,6 +128,11 @@ JUDGED = 1 << 16
 @click.option("--scheduler", metavar="ADDRESS", help="Spread them over a Dask cluster: tcp://host:8786.")
 @click.option("--simulator", type=click.Choice(["icarus", "verilator"]), help="For rtl and cosim.")
 @click.option("--waves", is_flag=True, help="For cosim: also write waves.vcd and waves.gtkw.")
+@click.option(
+    "--views",
+    type=click.Choice(["behavioural", "sky130"]),
+    help="For cosim: of every SPICE block (docs/views.md).",
+)
 def run(
     scene: str,
     engine: str | None,
@@ -136,13 +141,15 @@ def run(
     scheduler: str | None,
     simulator: str | None,
     waves: bool,
+    views: str | None,
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
     from dermis import batch, engines, output, plan, plan_table, progress, regression, report, verdict
     from dermis import scene as scenes
 
     path = scenes.find(scene)
-    made = plan.load(path, engine)
+    world = scenes.load(path)
+    made = plan.make(scenes.with_views(world, views) if views else world, engine)
     engines.check(made)
     if made.scene.table.effects.auto is not None or made.accuracy is not None:
         plan_table.print_plan(made)

@@ -234,6 +234,12 @@ def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
     return resolve(world.table.model_copy(update={"effects": table, "run": run}), world.path, world.design)
 
 
+def with_views(world: Scene, views: str) -> Scene:
+    """The same scene with every SPICE block in this view, at the conditions it has by default."""
+    run = world.table.run.model_copy(update={"views": views})
+    return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
+
+
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in every default that comes from the design, and check what no single key can."""
     design = design or load_design()

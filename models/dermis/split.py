@@ -132,7 +132,10 @@ class SplitHalf:
         return answers
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to time `to` in seconds; return the comparators there, in volt, by column."""
+        """Solve up to time `to` in seconds; return the comparators there, in volt, by column.
+
+        As with NgspiceHalf it is a view that the next call overwrites.
+        """
         mine: list[list[Edge]] = [[] for _ in self._workers]
         for time, source, level in edges:
             if source < self._shared:

@@ -212,10 +212,13 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
     """Charge switches of a recorded process, one array [clocks, cols] a frame; entry n follows clock edge n + 1."""
-    frames = record["codes"].shape[0]
+    frames, timing = record["codes"].shape[0], made.timing
     words = [int(word, 16) for word in record["trace_charge"]]
     bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
-    return list(bits.reshape(frames, -1, made.cols))
+    # Between two frames there are clocks without a row, which belong to neither.
+    begins = [round(float(record[f"wave{frame}_begin_s"]) * timing.f_clk_hz) for frame in range(frames)]
+    length = made.rows * timing.slot_clocks - timing.break_clocks
+    return [bits[begin : begin + length] for begin in begins]
 
 
 def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
@@ -812,6 +815,9 @@ def sweep_command(
     else:
         from dermis import sweep_transistors
 
+        if not physical:
+            allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
+            raise InputError("command line", "--no-physical", f"--view {view}", allowed)
         points = points or sweep_transistors.POINTS
         curves, rows, failed = sweep_transistors.run(chosen, points, out)
         figures = {sweep_transistors.FIGURE: sweep_transistors.figure}

@@ -7,6 +7,7 @@ read are kept; a run that was stopped goes on with the others.
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +16,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from dermis import batch, progress, report, sweep, verdict
+from dermis import netlist, progress, report, sweep, verdict
+from dermis.characterise import runs
+from dermis.design import ROOT
 from dermis.design import load as load_design
 from dermis.errors import SimulatorError
 from dermis.kept import Kept
+from dermis.plan import Plan
 from dermis.sweep import Curve, Reading
 from dermis.verdict import Row
 
@@ -49,7 +53,7 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
         )
         for topology in topologies
     }
-    kept = Kept(out / "kept.json", f"{batch.fingerprint()} {points}")
+    kept = Kept(out / "kept.json", _verilog())
     curves: list[Curve] = []
     rows: list[Row] = []
     failed = False
@@ -57,7 +61,8 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
     begun = 0
     with progress.slots("sweeping", total) as show:
         for topology, made in plans.items():
-            if topology not in kept.pieces:
+            name = f"{topology} {_circuits(made)}"
+            if name not in kept.pieces:
                 work = out / "work" / topology
                 try:
                     reading = sweep.read(made, points, lambda slots, begun=begun: show(begun + slots), work)
@@ -66,17 +71,32 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
                         verdict.error(f"sweep.transistor_linearity_lsb.{topology}", str(error), "lsb")
                     )
                     failed = True
-                    continue
-                finally:
                     begun += made.frames * made.rows
+                    continue
                 shutil.rmtree(work)  # a run that went well can be repeated from its scene
-                kept.put(topology, {name: values.tolist() for name, values in vars(reading).items()})
-            piece = kept.pieces[topology]
-            curves.append(
-                sweep.make_curve(made, ohm, Reading(**{name: np.array(piece[name]) for name in piece}))
-            )
+                kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
+            begun += made.frames * made.rows
+            show(begun)
+            reading = Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
+            curves.append(sweep.make_curve(made, ohm, reading))
             rows += judge(curves[-1])
     return curves, rows, failed
+
+
+def _verilog() -> str:
+    """A hash of the chip that reads."""
+    files = sorted((ROOT / "rtl").glob("*.v*"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _circuits(made: Plan) -> str:
+    """A hash of the circuits of a plan, whatever their files are called."""
+    levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
+    text = hashlib.sha256()
+    for frame in range(made.frames):
+        lines = netlist.frame_deck(made, frame, levels).lines
+        text.update(runs.key(runs.resolved("\n".join(lines))).encode())
+    return text.hexdigest()[:24]
 
 
 def judge(curve: Curve) -> list[Row]:

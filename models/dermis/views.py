@@ -109,7 +109,7 @@ def resolve(said: str | ViewsTable, cols: int, path: Path) -> str | ViewsTable:
     Raises
     ------
     InputError
-        A column that the array has not, or one named twice.
+        A column that the array has not, or one named twice; columns or conditions of transistors without any.
     """
     if said == "behavioural":
         return said
@@ -120,6 +120,10 @@ def resolve(said: str | ViewsTable, cols: int, path: Path) -> str | ViewsTable:
     ):
         allowed = f"a list of different whole numbers from 0, below array.cols = {cols}"
         raise InputError(path, "run.views.columns", list(columns), allowed)
+    if not any(getattr(views, name) == "sky130" for name in BLOCKS):
+        for name, default in {"columns": None, **BEHAVIOURAL.conditions()}.items():
+            if (value := getattr(said, name)) != default:
+                raise InputError(path, f"run.views.{name}", value, 'nothing where no block is "sky130"')
     values = asdict(views) | {"columns": None if columns is None else list(columns)}
     default = "sky130" if isinstance(said, str) else said.default
     return ViewsTable(default=default, **values)

@@ -142,6 +142,13 @@ def test_what_transistors_cannot_do_is_refused_by_name(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("said", [{"corner": "ss"}, {"supply_scale": 0.9}, {"columns": [0]}], ids=str)
+def test_conditions_of_transistors_are_refused_without_any(said: dict[str, object], tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        make([[500.0]], {"default": "behavioural", **said}, tmp_path)
+    assert caught.value.key == f"run.views.{next(iter(said))}"
+
+
 def test_a_block_that_is_a_model_takes_its_effects(tmp_path: Path) -> None:
     views = {"default": "behavioural", "row_driver": "sky130"}
     engines.check(make([[500.0]], views, tmp_path, {"charge_packet": True, "column_input": True}))

@@ -111,8 +111,8 @@ def run(
     Returns
     -------
     Result
-        codes uint8 [frames, rows, cols]; info has seconds, ngspice's step counts, by frame the attempts that ngspice
-        gave up (docs/ladder.md; on stderr as well) and, if recorded, the records.
+        codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame the
+        attempts that ngspice gave up (docs/ladder.md; on stderr as well) and, if recorded, the records.
 
     Raises
     ------
@@ -156,6 +156,7 @@ def run(
     codes = np.concatenate([part["codes"] for part in parts])
     info: dict[str, Any] = {
         "seconds": time.perf_counter() - start,
+        "processor_s": float(sum(part["processor_s"] for part in parts)),
         "simulator": simulator,
         "steps": {
             n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import resource
 import sys
 import traceback
 from dataclasses import asdict, replace
@@ -133,7 +134,9 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             statistics.update(dict.fromkeys(statistics, 0))
             waveforms.clear()
     workers.close()
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     arrays: dict[str, Any] = {"codes": codes, **{f"statistics_{k}": v for k, v in statistics.items()}}
+    arrays["processor_s"] = sum(some.ru_utime + some.ru_stime for some in used)
     arrays["retries"] = json.dumps(
         {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}
     )
