@@ -291,6 +291,41 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     assert row["status"] == "FAIL"
 
 
+def test_every_transient_says_what_it_is_worth_in_codes() -> None:
+    for name, bench in BENCHES.items():
+        if run_all.is_transient(bench):
+            assert any(q.partition(".")[0] in benches.CODES_A_UNIT for q in bench.units), name
+    outcomes = {
+        Job("reference", Condition(), way): run_all.Outcome({"reference_error": 0.0}) for way in ("", "gear")
+    }
+    (one,) = results.numerics(outcomes)
+    assert one.row()["status"] == "PASS"
+    odd = {
+        Job("amplifier", Condition(), way): run_all.Outcome(dict.fromkeys(BENCHES["amplifier"].units, 1.0))
+        for way in ("", "gear")
+    }
+    (one,) = results.numerics(odd)
+    assert one.row()["status"] == "ERROR"
+
+
+def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
+    def at(place: Condition, bend: float, fault: str = "") -> dict[Job, run_all.Outcome]:
+        chain = dict.fromkeys(BENCHES["chain_k80"].units, 0.2)
+        density = {} if fault else dict.fromkeys(BENCHES["density_sink"].units, bend)
+        return {
+            Job("chain_k80", place): run_all.Outcome(chain),
+            Job("density_sink", place): run_all.Outcome(density, fault),
+        }
+
+    outcomes = at(Condition(), -0.4) | at(Condition("ss"), 0.1) | at(Condition("ff"), 0.0, "gave up")
+    found = {one.name: one for one in results.series(outcomes)}
+    whole = found["code_inl_lsb.sink"]
+    assert whole.values == {"--at tt,27,1": pytest.approx(0.6), "--at ss,27,1": pytest.approx(0.3)}
+    assert whole.faults == {"--at ff,27,1": "gave up"}
+    assert found["typical.code_inl_lsb.sink"].row()["status"] == "FAIL"
+    assert chosen(["sky130.code_inl_lsb.sink"]) == ["chain_k80", "density_sink"]
+
+
 # ---- benches ----------------------------------------------------------------------------------------------------
 
 
@@ -323,3 +358,35 @@ def test_a_cluster_measures_the_same() -> None:
 def test_another_version_takes_no_work() -> None:
     with pytest.raises(SimulatorError, match="another version"):
         run_all._elsewhere(Job("reference", Condition()), 60.0, "an old one")
+
+
+def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One condition, three draws and a fault: each row of the table, and pictures that leave out what is not there."""
+    from dermis.characterise import docs, figures
+
+    monkeypatch.setattr(docs, "DOCS", build / "page.md")
+    monkeypatch.setattr(docs, "FIGURES", build)
+    docs.DOCS.write_text(f"before\n{docs.BEGIN}\nold\n{docs.END}\nafter\n")
+    made = Runs([])
+    for n, value in ((None, 0.001), (1, 0.004), (2, -0.03), (3, 0.06)):
+        place = Condition(sample=n)
+        units = BENCHES["vfc_sink"].units
+        made.outcomes[Job("vfc_sink", place)] = run_all.Outcome(dict.fromkeys(units, value))
+    found = {f"{name}{n}": 0.0 for n in range(len(benches.SHARES)) for name in ("out", "x")}
+    found |= {f"out{n}": 12.5e-6 * share for n, share in enumerate(benches.SHARES)}
+    made.outcomes[Job("chain_k80", Condition())] = run_all.outcome(
+        Job("chain_k80", Condition()), runs.Measured(found)
+    )
+    made.outcomes[Job("r_x", Condition())] = run_all.Outcome({}, "gave up")
+    series = results.series(made.outcomes)
+    docs.write(series, [one.row() for one in series], made)
+    text = docs.DOCS.read_text()
+    assert text.startswith("before\n")
+    assert (
+        "| mismatch.packet_error.sink | -0.03 | 0.001 | 0.06 | -0.05 .. 0.05 | 1 | FAIL | `--at tt,27,1 --sample 3` |"
+        in text
+    )
+    assert "| r_x_ohm.f100 |  |  |  |  | ohm | ERROR |  |" in text
+    assert {path.name for path in build.glob("characterise_*.png")} == {
+        f"characterise_{name}.png" for name in figures.FIGURES
+    }

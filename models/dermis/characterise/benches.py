@@ -221,7 +221,7 @@ def chain(found: Found, k: int) -> dict[str, float]:
     last = len(SHARES) - 1
     return {
         f"chain_inl_lsb.k{k}": max(map(abs, _off_line(SHARES, lsb))),
-        f"code_inl_lsb.k{k}": max(map(abs, code_residual_lsb(found, k))),
+        f"chain_code_inl_lsb.k{k}": max(map(abs, code_residual_lsb(found, k))),
         f"chain_gain_error.k{k}": (lsb[-1] - lsb[0]) / 255.0 - 1.0,
         f"chain_offset_lsb.k{k}": lsb[0],
         f"conveyor_r_x_ohm.k{k}": (found[f"x{last}"] - found[f"x{last - 1}"]) / (0.1 * chain_full_a(k)),
@@ -231,7 +231,7 @@ def chain(found: Found, k: int) -> dict[str, float]:
 
 _CHAIN_UNITS = {
     "chain_inl_lsb": "lsb",
-    "code_inl_lsb": "lsb",
+    "chain_code_inl_lsb": "lsb",
     "chain_gain_error": "1",
     "chain_offset_lsb": "lsb",
     "conveyor_r_x_ohm": "ohm",
@@ -699,7 +699,7 @@ CODES_A_UNIT: dict[str, float] = {
     "reference_error": 255.0,
     "chain_inl_lsb": 1.0,
     "chain_offset_lsb": 1.0,
-    "code_inl_lsb": 1.0,
+    "chain_code_inl_lsb": 1.0,
     "packet_density_lsb": 1.0,
     # Where a count begins, in packets of 1 V; the capacitor decides what half a volt of preset is in packets.
     "preset_error_v": 1.0,
@@ -710,4 +710,10 @@ CODES_A_UNIT: dict[str, float] = {
     "settling_lsb": 1.0,
     # A late decision is x packets a clock of 200 ns late.
     "comparator_delay_s": 0.5 / 200e-9,
+}
+
+# What a code bends in all: conveyor and mirror, and the packets behind them; sums of sizes, in lsb.
+SUMS: dict[str, tuple[str, ...]] = {
+    f"code_inl_lsb.{side}": ("chain_code_inl_lsb.k80", f"packet_density_lsb.{side}")
+    for side in ("sink", "source")
 }

@@ -12,10 +12,11 @@ from rich.table import Table
 
 from dermis import verdict
 from dermis.characterise import results
-from dermis.characterise.benches import BENCHES, Condition
+from dermis.characterise.benches import BENCHES, SUMS, Condition
 from dermis.characterise.results import Series
 from dermis.characterise.run_all import (
     EXTREMES,
+    GUESS_S,
     NUMERICS,
     TYPICAL,
     Job,
@@ -43,19 +44,25 @@ def chosen(only: Sequence[str]) -> list[str]:
         return list(BENCHES)
     names: list[str] = []
     for word in only:
-        quantity = quantity_of(word)
+        wanted = [quantity_of(word)]
+        wanted += [part for name, parts in SUMS.items() if _covers(wanted[0], name) for part in parts]
         found = [
             name
             for name, bench in BENCHES.items()
-            if name == word or any(q == quantity or q.startswith(f"{quantity}.") for q in bench.units)
+            if name == word or any(_covers(quantity, q) for quantity in wanted for q in bench.units)
         ]
         if not found:
-            quantities = sorted({q.partition(".")[0] for bench in BENCHES.values() for q in bench.units})
+            quantities = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})
             raise InputError(
                 "command line", "--only", word, f"{' '.join(BENCHES)}; or {' '.join(quantities)}"
             )
         names += found
     return list(dict.fromkeys(names))
+
+
+def _covers(name: str, quantity: str) -> bool:
+    """Whether a name is that of a quantity, or of all such quantities: `a.b` of `a.b.sink`."""
+    return f"{quantity}.".startswith(f"{name}.")
 
 
 def quantity_of(word: str) -> str:
@@ -110,10 +117,8 @@ def print_table(found: Sequence[Series], rows: Sequence[verdict.Row], title: str
         where = one.worst if one.values else ""
         table.add_row(one.name, *numbers, row["unit"], f"[{colour}]{row['status']}[/]", where)
     console.print(table)
-    for row in rows:
-        # A row that is SKIP with a value has missed a limit that does not gate.
-        if row["status"] == "FAIL" or (row["status"] == "SKIP" and row["value"] is not None):
-            console.print(f"{row['status']} {row['name']}: {row['note']}", highlight=False, markup=False)
+    for row in [*(row for row in rows if row["status"] == "FAIL"), *verdict.aims_missed(rows)]:
+        console.print(f"{row['status']} {row['name']}: {row['note']}", highlight=False, markup=False)
     for fault, names in _faults(found).items():
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         console.print(f"ERROR {', '.join(names[:3])}{more}: {fault}", highlight=False, markup=False)
@@ -171,7 +176,7 @@ def characterise_command(
     kept = len(runs.outcomes)
     click.echo(
         f"{len(names)} benches, {len(every)} runs, {kept} of them kept; the others take about "
-        f"{runs.seconds() / 60:.1f} core-minutes",
+        f"{runs.seconds() / 60:.1f} minutes of ngspice, as the kept ones took or {GUESS_S:g} s each",
         err=True,
     )
     with slots("characterise", kept + len(runs.todo), "runs") as on_done:
@@ -179,7 +184,7 @@ def characterise_command(
     wanted = [quantity_of(word) for word in only if word not in BENCHES]
     found = [*results.series(runs.outcomes), *results.numerics(runs.outcomes)]
     if wanted and len(wanted) == len(only):
-        found = [one for one in found if any(f"{one.only}.".startswith(f"{w}.") for w in wanted)]
+        found = [one for one in found if any(_covers(w, one.only) for w in wanted)]
     rows = [one.row() for one in found]
     if not part and not short and many != 0:
         results.write_values(runs.outcomes)

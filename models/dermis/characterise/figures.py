@@ -23,7 +23,7 @@ SPREADS = {
     "column_offset_v": (1e6, "offset of a column in its gate / uV"),
     "amplifier_offset_v": (1e3, "offset of an amplifier by itself / mV"),
     "chain_gain_error.k80": (100, "gain of conveyor and mirror, error / %"),
-    "code_inl_lsb.k80": (1, "code against 1/R, largest residual / LSB"),
+    "chain_code_inl_lsb.k80": (1, "conveyor and mirror, largest residual against 1/R / LSB"),
     "packet_error.sink": (100, "packet, error / %"),
     "preset_error_v.sink": (1e3, "preset, error / mV"),
     "comparator_delay_s": (1e9, "delay of the comparator / ns"),
@@ -88,8 +88,9 @@ def input_resistance(outcomes: Outcomes, path: Path) -> None:
     }
     _corner_lines(axes, lines)
     axes.axhline(verdict.limit("sky130.conveyor_r_x_ohm").max, color=GREY, linestyle="--", linewidth=1)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    if lines:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")
     axes.set_ylabel("input resistance / ohm")
     axes.set_title("Conveyor at 1 mA, 400 pF of the column included", fontsize=10)
@@ -101,15 +102,22 @@ def settling(outcomes: Outcomes, path: Path) -> None:
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
     microseconds = [1e-3 * t for t in benches.SETTLING_NS]
+    # Where a column comes to rest is its offset, which settles no further.
+    last = f"settling_v.t{benches.SETTLING_NS[-1]}"
     lines = {
-        c: (microseconds, np.abs([1e6 * o.values[f"settling_v.t{t}"] for t in benches.SETTLING_NS]).tolist())
+        c: (
+            microseconds[:-1],
+            [1e6 * abs(o.values[f"settling_v.t{t}"] - o.values[last]) for t in benches.SETTLING_NS[:-1]],
+        )
         for c, o in _of(outcomes, "settling_low").items()
     }
     _corner_lines(axes, lines)
-    axes.axhline(31.25, color=GREY, linestyle="--", linewidth=1)
-    axes.set_yscale("log")
+    half_code_uv = 1e6 * 0.5 / benches.CODES_A_UNIT["column_offset_v"]
+    axes.axhline(half_code_uv, color=GREY, linestyle="--", linewidth=1)
+    if lines:
+        axes.set_yscale("log")
     axes.set_xlabel("time behind the change of rows / us")
-    axes.set_ylabel("distance of the column from ground / uV")
+    axes.set_ylabel(f"distance of the column from where it is at {microseconds[-1]:g} us / uV")
     axes.set_title("500 ohm -> 64.25 kohm; dashed: half a code where 16 taxels are pressed", fontsize=10)
     save(figure, path)
 
@@ -132,7 +140,9 @@ def mismatch(outcomes: Outcomes, path: Path) -> None:
             if edge is not None:
                 axes.axvline(factor * edge, color=RED, linestyle="--", linewidth=1)
         axes.set_xlabel(words)
-        axes.set_title(f"{np.mean(drawn):.3g} +- {np.std(drawn, ddof=1):.2g}, {len(drawn)} draws", fontsize=9)
+        if len(drawn) > 1:
+            spread = np.std(drawn, ddof=1)
+            axes.set_title(f"{np.mean(drawn):.3g} +- {spread:.2g}, {len(drawn)} draws", fontsize=9)
     save(figure, path)
 
 

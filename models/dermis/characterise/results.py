@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dermis import verdict
-from dermis.characterise.benches import BENCHES, CODES_A_UNIT, Condition
+from dermis import sky130, verdict
+from dermis.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from dermis.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
 from dermis.design import ROOT, Limit, spec
 from dermis.errors import InputError
@@ -21,9 +21,10 @@ from dermis.verdict import Row
 VALUES = ROOT / "build" / "characterise" / "values.json"
 """All quantities at every condition of the last whole run, SI units, named as in benches.BENCHES:
 
-    {"ngspice": version, "values": {"tt,27,1": {quantity: value}}, "samples": {"1": {quantity: value}}}
+    {"ngspice": version, "models": {corner: file}, "values": {"tt,27,1": {quantity: value}}, "samples": {"1": {...}}}
 
-The samples are mismatch at typical. A bench that ended as ERROR somewhere has no quantities there."""
+The files of models are named after their content; the samples are mismatch at typical. A bench that ended as ERROR
+somewhere has no quantities there."""
 
 PREFIX = "sky130"
 
@@ -99,27 +100,49 @@ def _where(condition: Condition) -> str:
     return f"--at {condition.at}{sample}"
 
 
-def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[tuple[str, str, Job, Outcome]]:
-    """Quantity and unit of every job that was solved as its bench says."""
+@dataclass(frozen=True)
+class _One:
+    """A quantity at a condition: its value, or why there is none."""
+
+    quantity: str
+    unit: str
+    condition: Condition
+    value: float | None
+    fault: str = ""
+
+
+def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[_One]:
+    """Every quantity of every job that was solved as its bench says, and the sums of them."""
+    there: dict[tuple[str, Condition], _One] = {}
     for job, outcome in outcomes.items():
         if not job.numerics:
             for quantity, unit in BENCHES[job.bench].units.items():
-                yield quantity, unit, job, outcome
+                one = _One(quantity, unit, job.condition, outcome.values.get(quantity), outcome.fault)
+                there[quantity, job.condition] = one
+                yield one
+    for name, parts in SUMS.items():
+        for condition in dict.fromkeys(condition for _, condition in there):
+            found = [there[part, condition] for part in parts if (part, condition) in there]
+            if len(found) == len(parts):
+                values = [abs(one.value) for one in found if one.value is not None]
+                total = sum(values) if len(values) == len(parts) else None
+                fault = next((one.fault for one in found if one.fault), "")
+                yield _One(name, found[0].unit, condition, total, fault)
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
     """Every quantity over the corners, at typical where it has a limit of its own, over mismatch, and its drift."""
     found: dict[str, Series] = {}
-    for quantity, unit, job, outcome in _each(outcomes):
-        names = [quantity if job.condition.sample is None else f"mismatch.{quantity}"]
-        if job.condition == TYPICAL and _has_limit(f"{PREFIX}.typical.{quantity}"):
-            names.append(f"typical.{quantity}")
+    for it in _each(outcomes):
+        names = [it.quantity if it.condition.sample is None else f"mismatch.{it.quantity}"]
+        if it.condition == TYPICAL and _has_limit(f"{PREFIX}.typical.{it.quantity}"):
+            names.append(f"typical.{it.quantity}")
         for name in names:
-            one = found.setdefault(name, Series(name, quantity, unit))
-            if outcome.fault:
-                one.faults[_where(job.condition)] = outcome.fault
+            one = found.setdefault(name, Series(name, it.quantity, it.unit))
+            if it.value is None:
+                one.faults[_where(it.condition)] = it.fault
             else:
-                one.values[_where(job.condition)] = outcome.values[quantity]
+                one.values[_where(it.condition)] = it.value
     for one in [*found.values()]:
         typical = found.get(one.only)
         one.typical = None if typical is None else typical.values.get(_where(TYPICAL))
@@ -135,11 +158,11 @@ def _drifts(outcomes: Mapping[Job, Outcome]) -> Iterator[Series]:
     """How much a quantity changes over temperature at one corner and supply: what no calibration at 27 C takes away."""
     groups: dict[tuple[str, str, str], dict[float, float]] = {}
     units: dict[str, str] = {}
-    for quantity, unit, job, outcome in _each(outcomes):
-        c = job.condition
-        if c.sample is None and not outcome.fault and _has_limit(f"{PREFIX}.drift.{quantity}"):
-            groups.setdefault((quantity, c.corner, f"{c.supply:g}"), {})[c.celsius] = outcome.values[quantity]
-            units[quantity] = unit
+    for it in _each(outcomes):
+        c = it.condition
+        if c.sample is None and it.value is not None and _has_limit(f"{PREFIX}.drift.{it.quantity}"):
+            groups.setdefault((it.quantity, c.corner, f"{c.supply:g}"), {})[c.celsius] = it.value
+            units[it.quantity] = it.unit
     whole = {at: values for at, values in groups.items() if set(values) >= set(CELSIUS)}
     for quantity, own in itertools.groupby(sorted(whole), key=lambda at: at[0]):
         one = Series(f"drift.{quantity}", quantity, units[quantity])
@@ -185,7 +208,8 @@ def write_values(outcomes: Mapping[Job, Outcome]) -> None:
         c = job.condition
         place = values.setdefault(c.at, {}) if c.sample is None else drawn.setdefault(str(c.sample), {})
         place.update(outcome.values)
-    told = {"ngspice": ngspice_version(), "values": values, "samples": drawn}
+    models = {corner: sky130.models(corner).name for corner in sorted({at.split(",")[0] for at in values})}
+    told = {"ngspice": ngspice_version(), "models": models, "values": values, "samples": drawn}
     write_atomic(VALUES, json.dumps(told, indent=1) + "\n")
 
 

@@ -15,6 +15,7 @@ from dermis import batch, pool
 from dermis.characterise import runs
 from dermis.characterise.benches import BENCHES, Bench, Condition, deck
 from dermis.errors import DermisError, InputError, one_line
+from dermis.netlist import OPTIONS_TRANSISTORS
 from dermis.sky130 import CORNERS
 
 CELSIUS = (-40.0, 27.0, 125.0)
@@ -24,8 +25,8 @@ TYPICAL = Condition()
 EXTREMES = (TYPICAL, Condition("ss", -40.0, 0.9), Condition("ff", 125.0, 1.1))
 """Where the numerics are tried, and what `--short` runs: typical, slowest and fastest."""
 
-# Seconds of a core that a bench takes, where none of its runs are kept to say so.
-_GUESS_S = 1.0
+GUESS_S = 0.3
+"""Seconds that a run takes on an idle core, the mean of all, where none of its bench are kept to say better."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,11 @@ NUMERICS: Mapping[str, Callable[[str], tuple[str, str]]] = {
         "trtol=3.5 reltol=5e-4",
     ),
     "gear": lambda body: (body, "method=gear maxord=2"),
+    # As a frame in transistors is read (dermis.netlist).
+    "as_frames": lambda body: (
+        body,
+        " ".join(f"{name}={value:g}" for name, value in OPTIONS_TRANSISTORS.items()),
+    ),
 }
 
 
@@ -141,7 +147,7 @@ class Runs:
             if done.measured is not None:
                 took.setdefault(job.bench, []).append(done.measured.seconds)
         usual = {name: statistics.median(seconds) for name, seconds in took.items()}
-        return sum(usual.get(job.bench, _GUESS_S) for job in self.todo)
+        return sum(usual.get(job.bench, GUESS_S) for job in self.todo)
 
     def run(self, jobs: int, scheduler: str | None, progress: Callable[[int], None]) -> None:
         """Run what is left, and keep each result as soon as it is there.
