@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dermis import spice_batch, verdict
+from dermis import sky130, spice_batch, verdict
 from dermis.characterise import benches
 from dermis.characterise.benches import BENCHES, Condition
 
@@ -206,3 +206,39 @@ def test_mismatch_gives_every_chip_its_own_offset(tmp_path: Path) -> None:
     assert len(set(drawn)) == len(drawn)
     # One sigma of a pair of 80 um2 is about 1 mV: five of them bound it, a tenth is far above what is systematic.
     assert all(abs(own) < 1e-4 < abs(v - own) < 5e-3 for v in drawn), (own, drawn)
+
+
+# Transistors in three bins with their gates at mid rail, two of the first size.
+DEVICES = """\
+vd d 0 0.8
+vs s 0 -0.8
+vg g 0 0
+vh h 0 0
+""" + "".join(
+    f"xn{i} dn{i} g vss vss nmos w={w} l={length}\nvn{i} d dn{i} 0\n.meas dc n{i} find i(vn{i}) at=0.8\n"
+    f"xp{i} dp{i} h vdd vdd pmos w={w} l={length}\nvp{i} dp{i} s 0\n.meas dc p{i} find i(vp{i}) at=0.8\n"
+    for i, (w, length) in enumerate(((5, 2), (5, 2), (20, 0.5), (2, 20)))
+)
+
+
+@pytest.mark.parametrize("celsius", [-40.0, 125.0])
+def test_models_that_are_shared_are_those_of_the_wheel(tmp_path, monkeypatch, celsius) -> None:
+    """Currents of single devices with the bins in every subcircuit, as the wheel has them, and before it."""
+    bench = dataclasses.replace(BENCHES["reference"], body=DEVICES + ".dc vd 0.8 0.9 0.1\n")
+    shared = measure(tmp_path, bench, "ss", celsius)
+    monkeypatch.setattr(sky130, "shared", lambda file, head, models, end: [head, *models, end])
+    sky130._models.cache_clear()
+    try:
+        own = measure(tmp_path, bench, "ss", celsius)
+    finally:
+        sky130._models.cache_clear()
+    assert len(set(shared.values())) == 6, "the two equal ones of each kind are equal"
+    # Both are Newton's method to reltol 1e-3 of ngspice; the series resistance is the same product, rounded elsewhere.
+    assert shared == pytest.approx(own, rel=1e-8)
+
+
+def test_two_equal_devices_of_a_chip_differ_by_their_mismatch(tmp_path) -> None:
+    bench = dataclasses.replace(BENCHES["reference"], body=DEVICES + ".dc vd 0.8 0.9 0.1\n")
+    drawn = measure(tmp_path, bench, *CORNERS[0], sample=1)
+    for kind in "np":
+        assert drawn[f"{kind}0"] != pytest.approx(drawn[f"{kind}1"], rel=1e-4)
