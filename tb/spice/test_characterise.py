@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dermis import verdict
+from dermis import design, verdict
 from dermis.characterise import benches, results, run_all, runs
 from dermis.characterise.benches import BENCHES, Bench, Condition, deck
 from dermis.characterise.command import characterise_command, chosen, jobs_of
@@ -340,6 +340,20 @@ def test_a_quantity_that_does_not_follow_is_a_fault_and_no_number() -> None:
             del BENCHES["b"]
         assert said in done.fault
         assert not done.values
+
+
+def test_benches_measure_the_design() -> None:
+    """What their texts and formulas write as numbers is what models/design.toml says."""
+    d = design.load()
+    assert d.supply.vdd_v == -d.supply.vss_v == benches.SUPPLY_V
+    assert (d.interface.v_bias_v, d.converter.i0_a, d.converter.c_int_f) == (0.5, 25e-6, 5e-12)
+    assert (d.timing.gate_clocks, 2**d.timing.code_bits - 1) == (510, 255)
+    assert 1.0 / d.converter.f_clk_hz == benches._T_CLK_S
+    assert {f"chain_k{k}" for k in d.interface.k_options} <= set(BENCHES)
+    # x = 1/2 at the least resistance, with the k that its benches have.
+    assert benches.chain_full_a(d.interface.k) * d.sensor.r_min_ohm == pytest.approx(0.5)
+    assert d.array.c_column_f == 400e-12
+    assert d.array.rows == 16
 
 
 def test_a_cluster_measures_the_same() -> None:
