@@ -82,8 +82,8 @@ _OPTIONS_CLAMP = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "chgtol": 1e-1
 
 # Transistors. Newton's method has to be done with a node of an open-loop amplifier: abstol above the noise of a
 # megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet. trtol 2 for ngspice's 7: what has flown in is then
-# within 0.1 LSB of steps half as long, of Gear's formula and of tighter tolerances, for one column at tt
-# (test_the_steps_do_not_make_the_code in tb/system/test_views.py).
+# within 0.1 LSB of steps half as long and of Gear's formula, for one column at tt (docs/views.md has tolerances;
+# test_the_steps_do_not_make_the_code in tb/system/test_views.py).
 OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
 
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2

@@ -113,7 +113,7 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
     key = f"frame.transistor_residual_lsb.{name}"
     if rest:
         note = f"{len(rest)} columns, gain and offset of each taken away; both codes are whole numbers"
-        rows.append(verdict.report(key, float(max(rest)), "lsb", note))
+        rows.append(verdict.judge(key, float(max(rest)), note))
     else:
         rows.append(verdict.skip(key, "no column has three codes to fit a line to", "lsb"))
     return rows

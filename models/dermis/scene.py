@@ -236,6 +236,10 @@ def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
 
 def with_views(world: Scene, views: str) -> Scene:
     """The same scene with every SPICE block in this view, at the conditions it has by default."""
+    said = world.table.run.views
+    if not isinstance(said, str):
+        allowed = "none beside the table run.views of the scene, which says it for every block"
+        raise InputError("command line", "--views", views, allowed)
     run = world.table.run.model_copy(update={"views": views})
     return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
 

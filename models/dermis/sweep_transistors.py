@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from dermis import netlist, progress, report, sweep, verdict
+from dermis import batch, netlist, progress, report, sweep, verdict
 from dermis.characterise import runs
-from dermis.design import ROOT
 from dermis.design import load as load_design
 from dermis.errors import SimulatorError
 from dermis.kept import Kept
@@ -53,7 +52,7 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
         )
         for topology in topologies
     }
-    kept = Kept(out / "kept.json", _verilog())
+    kept = Kept(out / "kept.json", batch.fingerprint())
     curves: list[Curve] = []
     rows: list[Row] = []
     failed = False
@@ -83,14 +82,8 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
     return curves, rows, failed
 
 
-def _verilog() -> str:
-    """A hash of the chip that reads."""
-    files = sorted((ROOT / "rtl").glob("*.v*"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-
-
 def _circuits(made: Plan) -> str:
-    """A hash of the circuits of a plan, whatever their files are called."""
+    """A hash of the circuits of a plan with ngspice and its models, which the fingerprint of the package leaves out."""
     levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
     text = hashlib.sha256()
     for frame in range(made.frames):

@@ -405,3 +405,13 @@ def test_the_document_names_every_column_and_row(swept: Swept) -> None:
         *(row["name"].rsplit(".", 1)[0] for row in swept.rows if row["name"].count(".") > 1),
     }
     assert [name for name in sorted(names) if f"`{name}`" not in text] == []
+
+
+def test_frames_of_one_process_are_read_each_by_itself(tmp_path: Path) -> None:
+    """Eight frames of one taxel in fewer processes: between two frames of a process are clocks of neither."""
+    ohm = sweep.resistances(POINTS, design.load())
+    made = sweep.make_plan(tmp_path / "scenes", "conveyor_mirror", sweep.in_frames(ohm, 1, 1), {}, "alone")
+    reading = sweep.read(made, POINTS, lambda slots: None, tmp_path / "work")
+    curve = sweep.make_curve(made, ohm, reading)
+    np.testing.assert_array_equal(reading.pulses, reading.code)
+    np.testing.assert_array_equal(reading.pulses[curve.on_code], [formula(r) for r in ohm[curve.on_code]])

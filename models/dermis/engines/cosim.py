@@ -43,8 +43,9 @@ SLOT_LIMIT_S = 120.0
 """Longest wait for each further slot; ideal ones take under a second."""
 EFFECTS_PATIENCE = 5.0
 """Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
-VIEWS_PATIENCE = 20.0
-"""With transistors: a row of 16 columns takes up to 80 s of two cores to itself, and some have one for ten."""
+VIEWS_PATIENCE = 10.0
+"""With transistors: a row of 16 columns at 29 ms a clock (tb/system/views_cost.py) is 290 s of one core, and four runs
+may share it."""
 
 
 def honours(plan: Plan) -> frozenset[str]:
@@ -230,11 +231,13 @@ def _run_job(
     job: Job, directory: Path, on_slots: Callable[[int], None], children: _Children
 ) -> dict[str, Any]:
     directory.mkdir(parents=True)
+    directory = directory.resolve()
     (directory / "job.pickle").write_bytes(pickle.dumps(job))
     with (directory / "console.log").open("wb") as console:
         child = children.start(
             [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)],
             {"OPENBLAS_NUM_THREADS": "1"},
+            cwd=directory,  # ngspice leaves its check of transistors, bsim4v5.out, where it runs
             stdin=subprocess.DEVNULL,
             stdout=console,
             stderr=subprocess.STDOUT,
