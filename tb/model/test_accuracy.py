@@ -17,7 +17,7 @@ from mpmath import mpf
 from scipy.integrate import solve_ivp
 
 from dermis import auto, bench_vfc, engines, plan, scene
-from dermis.accuracy import chip, choice, converter, exact, frames, probe, transistors
+from dermis.accuracy import chip, choice, command, converter, exact, frames, probe, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
 from dermis.effects import AutoTable
@@ -218,6 +218,13 @@ def test_the_front_holds_what_nothing_beats() -> None:
     assert [p.time_s for p in pareto(points)] == [0.5, 1.0, 3.0]
     assert to_csv(points).count("\n") == 6
     assert pareto(from_csv(to_csv(points)))[0].time_s == 0.5
+
+
+def test_between_two_methods_no_setting_is_made_up() -> None:
+    fast, slow = point(1.0, 1e-2), point(100.0, 1e-6)
+    assert command._at([fast, slow], 1e-4) == pytest.approx(10.0)
+    assert command._at([replace(fast, method="another"), slow], 1e-4) == 100.0
+    assert command._at([fast, slow], 1e-7) is None
 
 
 # ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------

@@ -118,13 +118,18 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
 
 
 def _at(front: Sequence[Point], error: float) -> float | None:
-    """Time at which a front reaches an error, on straight lines in the logarithms; None where it never does."""
+    """Time at which a front reaches an error; None where it never does.
+
+    Between two settings of one method on a straight line in the logarithms; between two methods there is nothing to set.
+    """
     if error < front[-1].error:
         return None
     if error >= front[0].error:
         return front[0].time_s
     pairs = itertools.pairwise(front)
     fast, slow = next((p, q) for p, q in pairs if q.error <= error < p.error)
+    if fast.method != slow.method:
+        return slow.time_s
     share = math.log(fast.error / error) / math.log(fast.error / slow.error)
     return fast.time_s * (slow.time_s / fast.time_s) ** share
 
