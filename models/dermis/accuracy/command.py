@@ -120,7 +120,7 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
 def _at(front: Sequence[Point], error: float) -> float | None:
     """Time at which a front reaches an error; None where it never does.
 
-    Between two settings of one method on a straight line in the logarithms; between two methods there is nothing to set.
+    Between two settings of one method on a straight line in the logarithms; between two methods there is none.
     """
     if error < front[-1].error:
         return None
