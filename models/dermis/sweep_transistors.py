@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,10 +93,17 @@ def _circuits(made: Plan) -> str:
     return text.hexdigest()[:24]
 
 
+def _free(reading: Reading) -> Reading:
+    """What was read without the periods of two clocks, where the synchronizer holds the rate whatever flows in."""
+    return replace(reading, line_clocks=np.where(reading.line_clocks > 2.0, reading.line_clocks, np.nan))
+
+
 def judge(curve: Curve) -> list[Row]:
     """Verdict rows of one interface: gain and offset as they are, and how far it is from a straight line."""
-    name, fit = curve.topology, sweep.straight_line(curve, curve.ideal)
-    line = f"straight line of f against 1/R, {curve.resistance_ohm.size} resistances, one taxel at a time"
+    name, reading = curve.topology, _free(curve.ideal)
+    fit = sweep.straight_line(curve, reading)
+    free = np.isfinite(reading.line_clocks)
+    line = f"straight line of f against 1/R, {free.sum()} resistances not held at f_clk/2"
     key = f"sweep.transistor_linearity_lsb.{name}"
     if fit is None:
         return [verdict.error(key, "fewer than three resistances have two pulses", "lsb")]
@@ -124,9 +132,10 @@ def figure(curves: Sequence[Curve], path: Path) -> None:
         }
         f_hz = curve.f_clk_hz / curve.ideal.line_clocks[measured]
         whole.plot(ohm[measured], f_hz / 1e3, ls="", **look)
-        if (fit := sweep.straight_line(curve, curve.ideal)) is not None:
-            steps = curve.gate * curve.x[measured]
-            left = curve.gate / curve.ideal.line_clocks[measured] - fit[0] * steps - fit[1]
+        reading = _free(curve.ideal)
+        if (fit := sweep.straight_line(curve, reading)) is not None:
+            steps = curve.gate * curve.x
+            left = curve.gate / reading.line_clocks - fit[0] * steps - fit[1]
             rest.plot(steps, left, ls="-", lw=0.8, **look)
     whole.set_xlabel("resistance of the taxel R / ohm")
     whole.set_ylabel("pulse frequency f / kHz")
@@ -134,7 +143,7 @@ def figure(curves: Sequence[Curve], path: Path) -> None:
     whole.legend(frameon=False, fontsize=8.5, loc="lower left")
     rest.set_xlabel("charge balance, 510 x / LSB")
     rest.set_ylabel("residual / LSB")
-    rest.set_title("Distance from a straight line of f against 1/R, each interface its own", fontsize=10)
+    rest.set_title("f against 1/R less a straight line of its own", fontsize=10)
     for axes in (whole, rest):
         axes.grid(alpha=0.3, which="both")
     report.save(drawing, path)
