@@ -143,11 +143,12 @@ def _tenth(axes: Any, front: Sequence[Point], wanted: float, lsb: float) -> None
     box = {"boxstyle": "round", "facecolor": "white", "edgecolor": RED, "alpha": 0.9}
     axes.text(
         0.985,
-        0.30,
+        0.36,
         "\n".join(said),
         transform=axes.transAxes,
         ha="right",
         va="bottom",
+        ma="left",
         fontsize=8.5,
         bbox=box,
     )
