@@ -275,7 +275,9 @@ def test_a_whole_run_is_45_conditions_100_draws_and_the_numerics() -> None:
 def test_half_a_step_is_half_a_step() -> None:
     text = Job("vfc_sink", Condition(), "half_step").deck()
     assert ".tran 5n 3.2u" in text
-    assert ".options trtol=3.5 reltol=5e-4" in text
+    assert ".options trtol=0.5 reltol=0.0005" in text
+    assert ".options trtol=1\n" in Job("vfc_sink", Condition()).deck()
+    assert ".options trtol=3.5 reltol=0.0005" in Job("comparator", Condition(), "half_step").deck()
 
 
 def test_a_transient_that_hangs_on_its_step_is_seen() -> None:

@@ -39,26 +39,29 @@ class Job:
 
     def deck(self) -> str:
         """The whole deck."""
-        body, options = NUMERICS[self.numerics](BENCHES[self.bench].body)
-        return deck(body, self.condition, options)
+        bench = BENCHES[self.bench]
+        body, options = NUMERICS[self.numerics](bench)
+        given = {} if bench.trtol == Bench.trtol else {"trtol": bench.trtol}
+        return deck(body, self.condition, " ".join(f"{n}={_said(v)}" for n, v in (given | options).items()))
+
+
+def _said(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 _TRAN = re.compile(r"^(\.tran\s+)([\d.]+)([a-z]*)", re.MULTILINE | re.IGNORECASE)
 
-# How a transient may be solved: the text of its bench, and words for an .options line. The step of .tran is the
-# largest that ngspice takes; half of everything is half of it and half of the tolerances that choose shorter ones.
-NUMERICS: Mapping[str, Callable[[str], tuple[str, str]]] = {
-    "": lambda body: (body, ""),
-    "half_step": lambda body: (
-        _TRAN.sub(lambda m: f"{m[1]}{float(m[2]) / 2:g}{m[3]}", body),
-        "trtol=3.5 reltol=5e-4",
+# How a transient may be solved: the text of its bench, and options that replace the bench's own. The step of .tran is
+# the largest that ngspice takes; half of everything is half of it and half of the tolerances that choose shorter ones.
+NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]] = {
+    "": lambda bench: (bench.body, {}),
+    "half_step": lambda bench: (
+        _TRAN.sub(lambda m: f"{m[1]}{float(m[2]) / 2:g}{m[3]}", bench.body),
+        {"trtol": bench.trtol / 2, "reltol": 5e-4},
     ),
-    "gear": lambda body: (body, "method=gear maxord=2"),
+    "gear": lambda bench: (bench.body, {"method": "gear", "maxord": 2}),
     # As a frame in transistors is read (dermis.netlist).
-    "as_frames": lambda body: (
-        body,
-        " ".join(f"{name}={value:g}" for name, value in OPTIONS_TRANSISTORS.items()),
-    ),
+    "as_frames": lambda bench: (bench.body, OPTIONS_TRANSISTORS),
 }
 
 
