@@ -97,8 +97,8 @@ def test_no_engine_but_the_closed_one_refuses_any_of_them_and_the_deck_has_their
         ("comparator_delay", "t_s", "comp_t_delay_s"),
         ("column_offset", "v_v", "conv_v_offset_v"),
     ):
-        # 1 + error - 1 has lost some digits
         written = float(re.search(rf"\b{word}=(\S+)", channel)[1])
+        # 1 + error - 1 has lost what is below 1e-16, and a deck says a dozen digits.
         assert written == pytest.approx(getattr(made.on[effect], parameter), rel=1e-9, abs=1e-15)
 
 

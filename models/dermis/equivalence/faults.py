@@ -218,6 +218,7 @@ TOLERANCES: Mapping[str, tuple[float, float]] = {  # absolute, relative
 SUPPLY = 0.01
 """Of a supply current: a unit of 5 uA is 2 % of the largest block's."""
 
+# A tenth of a packet: an output that is stuck, or does not hold, is off by volts, and a level by its whole swing.
 HELD_V = 0.1
 """Of a preset level or a comparator's output that should be at rest."""
 
