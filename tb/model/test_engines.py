@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from dermis import plan as planning
 from dermis import scene
-from dermis.array import Network
+from dermis.array import Network, NoSolution
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.effects import EFFECTS
 from dermis.engines import closed, event, event_loops
@@ -108,7 +108,13 @@ def test_closed_and_event_agree_to_the_last_bit_on_ideal_scenes(data: dict[str, 
 def test_closed_and_event_agree_with_every_effect_that_closed_does(data: dict[str, object]) -> None:
     plan = made(data)
     assert plan.active_fields() <= closed.HONOURS
-    assert (closed.run(plan).codes == event.run(plan).codes).all()
+    try:
+        codes = closed.run(plan).codes
+    except NoSolution:  # a short between an offset column and an ideal row
+        with pytest.raises(NoSolution):
+            event.run(plan)
+        return
+    assert (codes == event.run(plan).codes).all()
 
 
 def test_formula_and_loop_round_alike_on_every_threshold_and_beside_it() -> None:
