@@ -275,6 +275,7 @@ def test_a_whole_run_is_45_conditions_100_draws_and_the_numerics() -> None:
 def test_half_a_step_is_half_a_step() -> None:
     text = Job("vfc_sink", Condition(), "half_step").deck()
     assert ".tran 5n 3.2u" in text
+    # The bench's own 1 and ngspice's own 7 and 1e-3, halved.
     assert ".options trtol=0.5 reltol=0.0005" in text
     assert ".options trtol=1\n" in Job("vfc_sink", Condition()).deck()
     assert ".options trtol=3.5 reltol=0.0005" in Job("comparator", Condition(), "half_step").deck()
@@ -290,6 +291,10 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     (one,) = results.numerics(outcomes)
     row = one.row()
     assert row["value"] == pytest.approx(2.55)
+    assert "--only sky130.numerics_lsb.vfc_sink.gear --at tt,27,1`" in row["note"]
+    assert chosen(["sky130.numerics_lsb.vfc_sink.gear"]) == ["vfc_sink"]
+    again = jobs_of(["vfc_sink"], "tt,27,1", None, None, short=False, ways=["gear"])
+    assert again == list(outcomes)
     assert row["status"] == "FAIL"
 
 

@@ -49,7 +49,8 @@ def chosen(only: Sequence[str]) -> list[str]:
         found = [
             name
             for name, bench in BENCHES.items()
-            if name == word or any(_covers(quantity, q) for quantity in wanted for q in bench.units)
+            if name in (word, _solved_otherwise(wanted[0]))
+            or any(_covers(quantity, q) for quantity in wanted for q in bench.units)
         ]
         if not found:
             quantities = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})
@@ -65,6 +66,11 @@ def _covers(name: str, quantity: str) -> bool:
     return f"{quantity}.".startswith(f"{name}.")
 
 
+def _solved_otherwise(quantity: str) -> str:
+    """The bench of a row such as numerics_lsb.vfc_sink.gear, or nothing."""
+    return quantity.split(".")[1] if quantity.startswith("numerics_lsb.") else ""
+
+
 def quantity_of(word: str) -> str:
     """The quantity that a row of the table is about."""
     word = word.removeprefix(f"{results.PREFIX}.")
@@ -74,15 +80,23 @@ def quantity_of(word: str) -> str:
 
 
 def jobs_of(
-    names: Sequence[str], at: str | None, sample: int | None, many: int | None, short: bool
+    names: Sequence[str],
+    at: str | None,
+    sample: int | None,
+    many: int | None,
+    short: bool,
+    ways: Sequence[str] = (),
 ) -> list[Job]:
-    """All runs that the options ask for: corners, mismatch, and for the transients other ways to solve them."""
+    """All runs that the options ask for: corners, mismatch, and for the transients other ways to solve them.
+
+    Of a condition by itself only the `ways` that are asked for.
+    """
     drawable = [name for name in names if BENCHES[name].samples]
     if at is not None or sample is not None:
         places = [TYPICAL] if at is None else conditions(at)
         if sample is not None:
             places = [drawn for place in places for drawn in samples(sample, sample, place)]
-        jobs = [Job(name, place) for name in names for place in places]
+        jobs = [Job(name, place, way) for name in names for place in places for way in ("", *ways)]
         return jobs + [Job(name, drawn) for drawn in samples(1, many or 0, places[0]) for name in drawable]
     places = list(EXTREMES) if short else conditions()
     last = (_SHORT_SAMPLES if short else SAMPLES) if many is None else many
@@ -171,7 +185,9 @@ def characterise_command(
     if sample is not None and many is not None:
         raise InputError("command line", "--sample and --samples", sample, "one of the two")
     names = chosen(only)
-    every = jobs_of(names, at, sample, many, short)
+    asked = [quantity_of(word) for word in only if _solved_otherwise(quantity_of(word))]
+    ways = [way for way in NUMERICS if way and any(word.endswith(f".{way}") for word in asked)]
+    every = jobs_of(names, at, sample, many, short, ways)
     runs = Runs(every, fresh=fresh)
     kept = len(runs.outcomes)
     click.echo(

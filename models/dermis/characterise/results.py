@@ -180,7 +180,7 @@ def numerics(outcomes: Mapping[Job, Outcome]) -> list[Series]:
         if not job.numerics:
             continue
         name = f"numerics_lsb.{job.bench}.{job.numerics}"
-        one = found.setdefault(name, Series(name, job.bench, "lsb"))
+        one = found.setdefault(name, Series(name, name, "lsb"))
         own = outcomes.get(Job(job.bench, job.condition))
         fault = other.fault or ("" if own is None else own.fault)
         if fault or own is None:

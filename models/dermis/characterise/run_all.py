@@ -41,6 +41,7 @@ class Job:
         """The whole deck."""
         bench = BENCHES[self.bench]
         body, options = NUMERICS[self.numerics](bench)
+        # A bench that leaves ngspice its own has the deck without the word, not another one.
         given = {} if bench.trtol == Bench.trtol else {"trtol": bench.trtol}
         return deck(body, self.condition, " ".join(f"{n}={_said(v)}" for n, v in (given | options).items()))
 
