@@ -195,7 +195,7 @@ def vfc_body(sign: int) -> str:
         meas += f".meas tran {name}_comp_held find v(comp) at={times['held']!r}\n"
         meas += f".meas tran {name}_comp_to find v(comp) at={times['to']!r}\n"
     charge = " ".join(f"{t!r} {v}" for t, v in pulses)
-    # reltol: ten times finer than ngspice's own, for a packet is a difference of two levels and 1e-3 of it a quarter LSB.
+    # reltol: ten times finer than ngspice's own: a packet is a difference of levels, and 1e-3 of it is a quarter LSB.
     return (
         f"vpre d_preset 0 pwl(0 1 1u 1 1.001u 0 4.8u 0 4.801u 1 7u 1 7.001u 0)\n"
         f"vcharge d_charge 0 pwl(0 0 {charge})\n"

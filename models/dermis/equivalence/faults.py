@@ -370,7 +370,7 @@ def table(faults: Sequence[Fault], found: Sequence[Found]) -> str:
     return "\n".join(lines)
 
 
-def rows_of(faults: Sequence[Fault], found: Sequence[Found]) -> list[verdict.Row]:
+def rows_of(faults: Sequence[Fault], found: Sequence[Found], seed: int = SEED) -> list[verdict.Row]:
     """A row a fault (PASS caught, SKIP not noticed by anything, ERROR not known), and the share of those known."""
     rows = []
     for fault, f in zip(faults, found, strict=True):
@@ -383,18 +383,19 @@ def rows_of(faults: Sequence[Fault], found: Sequence[Found]) -> list[verdict.Row
             rows.append(verdict.skip(name, f"not noticed; {said}", "caught"))
     known = [f.caught for f in found if f.caught is not None]
     share = sum(known) / len(known) if known else None
-    note = f"{len(known)} of {len(faults)} measured, drawn of {len(all_faults())}"
+    note = f"{len(known)} of {len(faults)} measured, drawn of {len(all_faults())} by seed {seed}"
     return [*rows, verdict.judge("equivalence.faults_caught", share, note)]
 
 
-def command(only: Sequence[str], jobs: int, fresh: bool, docs: bool) -> int:
+def command(only: Sequence[str], jobs: int, fresh: bool, docs: bool, seed: int = SEED) -> int:
     """`dermis equivalence --faults`: rows in build/equivalence_faults.json."""
-    faults = [f for f in drawn() if not only or any(w in f.name for w in only)]
+    every = drawn(seed=seed)
+    faults = [f for f in every if not only or any(w in f.name for w in only)]
     if not faults:
-        known = ", ".join(f.name for f in drawn())
+        known = ", ".join(f.name for f in every)
         raise InputError("command line", "--only", " ".join(only), f"part of one of {known}")
     found = judged(faults, jobs, fresh)
-    rows = rows_of(faults, found)
+    rows = rows_of(faults, found, seed)
     verdict.write_rows("equivalence_faults", rows)
     verdict.print_rows(rows, "seeded faults")
     if docs:
