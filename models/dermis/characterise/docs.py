@@ -25,8 +25,8 @@ def table(found: Sequence[Series], rows: Sequence[Row], runs: Runs) -> str:
     climbed = sum(bool(o.measured and o.measured.rungs) for o in runs.outcomes.values())
     failed = sum(bool(o.fault) for o in runs.outcomes.values())
     lines = [
-        f"{len(runs.outcomes)} runs of ngspice {ngspice_version()}, {seconds / 60:.0f} minutes of wall clock in ngspice, "
-        f"with other work beside them ({bench.machine_line()}); "
+        f"{len(runs.outcomes)} runs of ngspice {ngspice_version()}, {seconds / 60:.0f} minutes of wall clock in "
+        f"ngspice, with other work beside them ({bench.machine_line()}); "
         f"{climbed} needed a further rung of the ladder, {failed} ended as ERROR. "
         "A row again: `dermis characterise --only sky130.ROW` and what stands under *worst*.",
         "",
