@@ -117,24 +117,19 @@ def table(rows: Sequence[Row]) -> str:
     is_flag=True,
     help="Seed faults in the netlists instead, and see which are caught.",
 )
-@click.option("--seed", type=click.IntRange(0, 10**6), help="Of the faults that are drawn, with --faults.")
 @click.option(
     "--jobs", type=click.IntRange(1, 64), default=os.cpu_count(), show_default=True, help="Processes."
 )
 @click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
 @click.option("--docs", is_flag=True, help="Also write the table in docs/equivalence.md.")
-def equivalence_command(
-    only: tuple[str, ...], with_faults: bool, seed: int | None, jobs: int, fresh: bool, docs: bool
-) -> int:
+def equivalence_command(only: tuple[str, ...], with_faults: bool, jobs: int, fresh: bool, docs: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
-    if seed is not None and not with_faults:
-        raise InputError("command line", "--seed", seed, "with --faults: the gate draws nothing")
     if docs and only:
         raise InputError("command line", "--docs", "with --only", "a whole run")
     if with_faults:
         from dermis.equivalence import faults
 
-        return faults.command(only, jobs, fresh, docs, faults.SEED if seed is None else seed)
+        return faults.command(only, jobs, fresh, docs)
     rows = [stale_row(), *gate_rows(chosen(only), jobs, fresh)]
     if not only:
         rows += length_rows(jobs, fresh)

@@ -98,6 +98,13 @@ def column_body(topology: str, k: int) -> str:
     return text + meas
 
 
+def column_of_channel_body(topology: str, k: int) -> str:
+    """The same of a whole channel, wired as it is there, whose integrator nobody takes packets from."""
+    own = f"xnull x y d_preset ibias vdd vss offset_null\n{_COPY[topology].format(k=k)}\nvsum sum 0 0\n"
+    channel = f"vcharge d_charge 0 0\nxdut x d_charge d_preset comp ibias vdd vss channel_{topology} k={k}\n"
+    return column_body(topology, k).replace(own, channel)
+
+
 def column(found: Found, k: int) -> list[Measured]:
     """A line through the column's voltage at three currents."""
     current = 12.5e-6 * k * np.array(_SHARES[1:])
