@@ -241,5 +241,5 @@ def test_two_equal_devices_of_a_chip_differ_by_their_mismatch(tmp_path) -> None:
     bench = dataclasses.replace(BENCHES["reference"], body=DEVICES + ".dc vd 0.8 0.9 0.1\n")
     drawn = measure(tmp_path, bench, *CORNERS[0], sample=1)
     for kind in "np":
-        # A draw moves a current by percents: closer than 1e-4 to each other are two in a hundred pairs, and this one is not.
+        # A draw moves a current by percents: of a hundred pairs two are closer than 1e-4 to each other, not this one.
         assert drawn[f"{kind}0"] != pytest.approx(drawn[f"{kind}1"], rel=1e-4)
