@@ -19,6 +19,12 @@ HALF: Duty = (1, 2)  # 500 ohm
 BREAK_CLOCKS = header_values()["DERMIS_BREAK_CLOCKS"]
 
 
+# Each wrong variant is a Verilator build of its own, of ten seconds: the second simulator is for the long tests here.
+@pytest.fixture(params=["icarus", pytest.param("verilator", marks=pytest.mark.long)])
+def simulator(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
 def read(
     simulator: str,
     x: list[list[Duty]],
