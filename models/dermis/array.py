@@ -426,7 +426,9 @@ def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
     """Relative bound of what the driver of a row divides by."""
     if response.away_a is None or response.lift_v is None:
         return response.delivered_part
-    error = (network.r_row_driven_ohm * response.away_a + response.lift_v) / scale
+    # An ideal driver divides by nothing that is in doubt, however much what leaves its row is.
+    driver = network.r_row_driven_ohm * response.away_a if network.r_row_driven_ohm else 0.0
+    error = (driver + response.lift_v) / scale
     # Of a quotient; a divisor that is in doubt by half of itself says nothing.
     part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
     return np.minimum(part, solve_error.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]

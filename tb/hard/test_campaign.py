@@ -19,6 +19,8 @@ from dermis.plan import Plan
 from dermis.workers import Outcome, Task
 
 FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
+# What campaigns found and nothing has cured yet (docs/campaign.md): once cured, a case moves to FOUND.
+OPEN = sorted((ROOT / "tb" / "hard" / "open").glob("*.toml"))
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
 
@@ -61,6 +63,15 @@ def test_found_case_stays_cured(path: Path) -> None:
         assert case.refused in outcome.refused
     else:
         assert not outcome.refused
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", OPEN, ids=lambda path: path.stem)
+def test_an_open_case_is_still_open(path: Path) -> None:
+    case = world.load(path)
+    assert trial.run(case, case.engines, 0, list(laws.ENGINES[case.engines])).broken, (
+        "cured: move it to found/"
+    )
 
 
 def test_a_world_survives_its_file() -> None:

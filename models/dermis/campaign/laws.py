@@ -378,8 +378,10 @@ def superposed(s: Subject) -> Iterator[str]:
     yield COMPARED
     driven, rest = column_currents_by_source(network, g)
     twice, _ = column_currents_by_source(dataclasses.replace(network, v_bias_v=2.0 * network.v_bias_v), g)
-    if not np.array_equal(twice, 2.0 * driven):
-        yield f"twice the bias is not twice the current {_where(twice != 2.0 * driven)}"
+    # Far along lateral resistors a current has fewer bits than a double, or none, and doubling it gives it one back.
+    wrong = (twice != 2.0 * driven) & (np.abs(driven) > _NO_CURRENT_A)
+    if wrong.any():
+        yield f"twice the bias is not twice the current {_where(wrong)}"
     if (driven < 0).any():
         yield f"a current of {driven.min():.3g} A against the bias {_where(driven < 0)}"
     into, out = network.v_bias_v * g.sum(axis=2), driven.sum(axis=2)

@@ -197,7 +197,8 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
         "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
     }
     everywhere = {name: np.broadcast_to(value, x.shape) for name, value in columns.items()}
-    return Cells(x=np.clip(x, -X_MAX, X_MAX), leak=leak, across=across, **everywhere)
+    most = X_MAX * np.maximum(everywhere["packet"], 1.0)  # what drowns a packet, however large that is
+    return Cells(x=np.clip(x, -most, most), leak=leak, across=across, **everywhere)
 
 
 def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
