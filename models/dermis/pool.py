@@ -151,12 +151,14 @@ def _packed(value: Any) -> bytes:
     return _LENGTH.pack(len(data)) + data
 
 
-def _send(pipe: IO[bytes], value: Any) -> None:
+def send(pipe: IO[bytes], value: Any) -> None:
+    """Write a value to a pipe, pickled behind its length."""
     pipe.write(_packed(value))
     pipe.flush()
 
 
-def _receive(pipe: IO[bytes]) -> Any:
+def receive(pipe: IO[bytes]) -> Any:
+    """Read what `send` wrote; EOFError where the other side is gone, in the middle of a value as well."""
     head = pipe.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
         raise EOFError
@@ -198,12 +200,12 @@ def _reply(pipe: IO[bytes], done: bool, value: Any) -> None:
     try:
         if not done:
             pickle.loads(pickle.dumps(value))
-        _send(pipe, (done, value))
+        send(pipe, (done, value))
     except (BrokenPipeError, MemoryError):
         raise
     except Exception as error:  # pickle raises whatever an object's own methods raise
         said = value if not done else error
-        _send(pipe, (False, RuntimeError(f"{type(said).__name__}: {said}")))
+        send(pipe, (False, RuntimeError(f"{type(said).__name__}: {said}")))
 
 
 def main() -> None:
@@ -214,10 +216,10 @@ def main() -> None:
     # What work prints, or reads, must not fall among the calls.
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    sys.path[:] = _receive(calls)
+    sys.path[:] = receive(calls)
     while True:
         try:
-            call = _receive(calls)
+            call = receive(calls)
         except EOFError:
             return
         except Exception as error:  # a function that is not to be found here

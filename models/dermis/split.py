@@ -9,8 +9,6 @@ A worker is `python -m dermis.split`; it takes pickled calls on its standard inp
 from __future__ import annotations
 
 import os
-import pickle
-import struct
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -25,23 +23,7 @@ from dermis.analog import Edge
 from dermis.children import Child
 from dermis.errors import SimulatorError
 from dermis.ngspice import Deck, NgspiceHalf
-from dermis.pool import ONE_THREAD
-
-_LENGTH = struct.Struct(">I")
-
-
-def _send(pipe: IO[bytes], message: Any) -> None:
-    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    pipe.write(_LENGTH.pack(len(data)) + data)
-    pipe.flush()
-
-
-def _receive(pipe: IO[bytes]) -> Any:
-    head = pipe.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        raise EOFError
-    data = pipe.read(_LENGTH.unpack(head)[0])
-    return pickle.loads(data)
+from dermis.pool import ONE_THREAD, receive, send
 
 
 class Workers:
@@ -122,8 +104,8 @@ class SplitHalf:
         """Send each circuit its message, and return the answers once all have come."""
         try:
             for child, message in zip(self._workers, messages, strict=True):
-                _send(child.stdin, message)
-            answers = [_receive(child.stdout) for child in self._workers]
+                send(child.stdin, message)
+            answers = [receive(child.stdout) for child in self._workers]
         except (OSError, EOFError):
             raise SimulatorError("a process of the analog side ended", self._log.parent) from None
         for answer in answers:
@@ -171,7 +153,7 @@ def _serve(calls: IO[bytes], answers: IO[bytes]) -> None:
     half: NgspiceHalf | None = None
     while True:
         try:
-            call, *arguments = _receive(calls)
+            call, *arguments = receive(calls)
         except EOFError:
             return
         try:
@@ -193,7 +175,7 @@ def _serve(calls: IO[bytes], answers: IO[bytes]) -> None:
                 half = None
         except (SimulatorError, ladder.Abort) as error:
             answer = error
-        _send(answers, answer)
+        send(answers, answer)
 
 
 if __name__ == "__main__":
