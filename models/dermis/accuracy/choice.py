@@ -211,15 +211,20 @@ def error_lsb(codes: Any, full: Any) -> float:
     return float(difference.mean(axis=(1, 2)).max())
 
 
+def _everything_on(name: str) -> tuple[scene.Scene, int, Any]:
+    """A scene with all that auto considers, how many of its frames are looked at, and their codes with all of it on."""
+    world = chooser.with_auto(scene.load(scene.find(name)))
+    whole = plan.whole(world, "event")
+    frames = min(whole.frames, _FRAMES)
+    return world, frames, engines.run(whole.part(0, frames)).codes
+
+
 def measure(tell: Callable[[str], None]) -> dict[str, Any]:
     """Draw the curve, every budget on every scene of CURVE_SCENES with all that auto considers; try it on others."""
     errors: dict[float, list[float]] = {budget: [] for budget in BUDGETS_LSB}
     costs, times = [], []
     for name in CURVE_SCENES:
-        world = chooser.with_auto(scene.load(scene.find(name)))
-        whole = plan.whole(world, "event")
-        frames = min(whole.frames, _FRAMES)
-        full = engines.run(whole.part(0, frames)).codes
+        world, frames, full = _everything_on(name)
         for budget in BUDGETS_LSB:
             made = with_budget(world, budget).part(0, frames)
             found = error_lsb(engines.run(made).codes, full)
@@ -261,10 +266,7 @@ def promised(loose: float, tell: Callable[[str], None]) -> list[dict[str, Any]]:
     """What HELD_OUT_SCENES reach at worst for each of ASKED_LSB, with budgets of `loose` times as much."""
     found = dict.fromkeys(ASKED_LSB, (0.0, ""))
     for name in HELD_OUT_SCENES:
-        world = chooser.with_auto(scene.load(scene.find(name)))
-        whole = plan.whole(world, "event")
-        frames = min(whole.frames, _FRAMES)
-        full = engines.run(whole.part(0, frames)).codes
+        world, frames, full = _everything_on(name)
         for asked in ASKED_LSB:
             made = with_budget(world, min(asked * loose, SIZE_MAX)).part(0, frames)
             error = error_lsb(engines.run(made).codes, full)
