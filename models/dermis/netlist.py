@@ -274,7 +274,7 @@ def frame_deck(
         f"vbias vbias 0 {_bias(plan, frame)}",
     ]
     if transistors:
-        lines += [f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias"]
+        lines += sky130.REFERENCE
     else:
         lines.append("vibias ibias 0 0")
     # A dc value beside `external` crashes libngspice 39.
@@ -319,7 +319,7 @@ def frame_deck(
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
     if transistors:
-        lines.append(f".options {_assignments(OPTIONS_TRANSISTORS)}")
+        lines.append(transistor_options())
     else:
         lines.append(options(has_pole(plan), clamp_bites(plan.converter)))
     probes = [f"comp{c}" for c in columns]
@@ -329,10 +329,6 @@ def frame_deck(
     abrupt = (True,) * (rows + 1) + (False,) * len(columns)
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
     return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest_step_s(plan.drive))
-
-
-V_REF_V = 0.5
-"""What spice/sky130/bias.sp is made for: 10 uA over its resistor."""
 
 
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
@@ -391,6 +387,11 @@ def _array(plan: Plan, frame: int, network: Network) -> list[str]:
         slope_s_per_s=slope,
     )
     return text.splitlines()
+
+
+def transistor_options() -> str:
+    """The `.options` line of a deck with transistors in it."""
+    return f".options {_assignments(OPTIONS_TRANSISTORS)}"
 
 
 def options(pole: bool, clamp: bool = False) -> str:

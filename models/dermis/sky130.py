@@ -146,6 +146,13 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
     return path
 
 
+V_REF_V = 0.5
+"""What spice/sky130/bias.sp is made for: 10 uA over its resistor."""
+
+REFERENCE = (f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias")
+"""What makes the line ibias of a deck, once for all blocks that hang on it; behind its supplies."""
+
+
 def deck_head(
     corner: str = "tt", temperature_c: float = 27.0, mismatch: bool = False, blocks: Path | None = None
 ) -> Sequence[str]:

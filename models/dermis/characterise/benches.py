@@ -92,8 +92,7 @@ def deck(body: str, condition: Condition, options: str = "", blocks: Path | None
             *((f".options {options}",) if options else ()),
             f"vdd vdd 0 {SUPPLY_V * condition.supply:.6g}",
             f"vss vss 0 {-SUPPLY_V * condition.supply:.6g}",
-            "vref vref 0 0.5",
-            "xbias vref ibias vdd vss bias",
+            *sky130.REFERENCE,
             body.strip(),
             ".end\n",
         )

@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import ladder, sky130
+from dermis import ladder, netlist, sky130
 from dermis.characterise.benches import SUPPLY_V, Condition
 from dermis.characterise.runs import START
 from dermis.design import Design
-from dermis.netlist import OPTIONS_TRANSISTORS
 from dermis.ngspice import Deck, NgspiceHalf
 from dermis.spice_text import spice_number
 
@@ -63,8 +62,7 @@ def deck_of(
         *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None, blocks),
         f"vdd vdd 0 {spice_number(rail)}",
         f"vss vss 0 {spice_number(-rail)}",
-        "vref vref 0 0.5",
-        "xbias vref ibias vdd vss bias",
+        *sky130.REFERENCE,
         *(f"v_row{r} row{r} 0 external" for r in range(rows)),
         *(
             f"rtaxel{r} row{r} col {spice_number(float(ohm))}"
@@ -75,7 +73,7 @@ def deck_of(
         "v_d_preset d_preset 0 external",
         "v_d_charge d_charge 0 external",
         f"xch col d_charge d_preset comp ibias vdd vss channel_{topology} k={k}",
-        ".options " + " ".join(f"{n}={spice_number(v)}" for n, v in OPTIONS_TRANSISTORS.items()),
+        netlist.transistor_options(),
     ]
     if condition.sample is not None:
         lines.insert(1, f".options seed={condition.sample}")
