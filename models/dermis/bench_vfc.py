@@ -275,7 +275,7 @@ class Job:
 
     `simulator` None drives ngspice alone with the charge bits of replay.npz; `replay` puts a half in ngspice's place
     that costs nothing and answers with the comparator bits of replay.npz; `keep` returns what crossed the bridge.
-    `options` is the deck's line of options.
+    `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
 
     The last two are faults, for the test that they are found: ngspice is given packets that are too large by
     `packet_error`, or hears of the 50th switching of the charge `late_s` too late.
@@ -291,6 +291,7 @@ class Job:
     packet_error: float = 0.0
     late_s: float = 0.0
     options: str = OPTIONS
+    cuts: int = 0
 
 
 @dataclass(frozen=True)
@@ -388,6 +389,7 @@ def ngspice_half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0
         t_stop_s=bridge.analog_s(circuit.timing),
         log=where / "ngspice.log",
         use_ic=not circuit.preset,
+        cuts=job.cuts,
     )
 
 

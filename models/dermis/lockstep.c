@@ -62,6 +62,9 @@ static struct {
 
     double t_now, t_data, t_target, t_edge, t_max_step, t_stop;
 
+    int cuts;       /* steps are equal from corner to corner, this many times as many as t_max_step asks for; 0: ngspice's own */
+    int steps_left; /* of them, until the next corner */
+
     /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
     double remembered[3];
     enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
@@ -237,6 +240,15 @@ static void meet(double t)
     }
 }
 
+/* A step that divides what is left until the next corner evenly. The same edges with 2 or 3 cuts for 1 are then
+   solved with every single step halved or cut in three, so that errors go with the square of the step, and nothing else moves. */
+static double even_step(double left)
+{
+    if (ls.steps_left < 1)
+        ls.steps_left = ls.cuts * (int)ceil(left / ls.t_max_step * (1.0 - 1e-9)); /* no step more for a rounding */
+    return left / ls.steps_left--;
+}
+
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
     (void)old_delta, (void)id, (void)user;
@@ -269,6 +281,14 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         next = ls.corner[0];
     double left = next - t;
     ls.first_of_kind = landed;
+    if (ls.cuts) {
+        if (landed)
+            ls.steps_left = 0;
+        if (ls.accepted > 2) /* ngspice begins with two steps of backward Euler, and very short ones */
+            *delta = even_step(left);
+        watch_ends("on_sync");
+        return 0;
+    }
     if (landed && !ls.multistep) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
            start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
@@ -362,7 +382,7 @@ static int fail(const char *what)
 /* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
                   const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_max_step,
-                  double t_stop, int recording, int use_ic, int multistep)
+                  double t_stop, int recording, int use_ic, int multistep, int cuts)
 {
     static bool initialised;
     static int ident;
@@ -399,6 +419,8 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.started = use_ic != 0;
     ls.sampled = ls.poisoned = false;
     ls.multistep = multistep != 0;
+    ls.cuts = cuts;
+    ls.steps_left = 0;
     ls.t_edge = t_edge;
     ls.t_max_step = t_max_step;
     ls.t_stop = t_stop;

@@ -23,6 +23,7 @@ from dermis.bench_engines import random_plan
 from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
+from dermis.ngspice import NgspiceHalf
 from dermis.scene import Scene
 from dermis.vfc import count_exact
 
@@ -37,12 +38,42 @@ def test_backward_euler_would_miss_the_gate(tmp_path: Path) -> None:
     assert min(orders) < 1.5, "a method of order 1 has to show"
 
 
-def test_two_runs_of_the_same_pulses_extrapolate_to_a_far_smaller_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("cuts", "order"), [((1,), 2), ((1, 2), 4), ((1, 2, 3), 6)])
+def test_runs_of_the_same_pulses_extrapolate_by_two_orders_each(
+    cuts: tuple[int, ...], order: int, tmp_path: Path
+) -> None:
     circuit = replace(converter.IDEAL, gate_clocks=60, t_gbw_s=converter.T_GBW_S)
-    error, miscount, _ = converter.extrapolated("icarus", 100e-9)(circuit, tmp_path / "run")
-    # 5.9e-6 V at 100 ns, 1.5e-6 V at 50 ns; order four leaves 1e-7 V. A wrong weight leaves some 1e-6 V.
-    assert error < 3e-7
-    assert miscount == 0
+    errors = []
+    # 10 and 20 steps a clock; a wrong weight leaves order 2. Order 6 comes down to 1e-12 V, rounding leaves a tenth.
+    for step in (100e-9, 50e-9):
+        where = tmp_path / f"{step:g}"
+        error, miscount, _ = converter.extrapolated("icarus", step, cuts)(circuit, where)
+        assert miscount == 0
+        errors.append(error)
+    assert np.log2(errors[0] / errors[1]) > order - 0.3, errors
+
+
+def test_cut_steps_are_equal_from_corner_to_corner(tmp_path: Path) -> None:
+    circuit = replace(converter.IDEAL, gate_clocks=4, t_gbw_s=converter.T_GBW_S)
+    half = NgspiceHalf(
+        bench_vfc.deck(circuit),
+        t_edge_s=circuit.t_edge_s,
+        t_max_step_s=300e-9,
+        t_stop_s=12e-6,
+        log=tmp_path / "ngspice.log",
+        record=True,
+        use_ic=True,
+        cuts=3,
+    )
+    bench_vfc.walk(half, circuit, [0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0])
+    half.close()
+    times, _ = half.waveform()
+    # The charge switch moves at 3 us: its ramp has 3 steps, the 999 ns behind it 3 times 4, 999 / 300 rounded up.
+    behind = times[(times > 3e-6 - 1e-13) & (times < 4e-6 + 1e-13)]
+    steps = np.diff(behind)
+    assert steps.size == 3 + 12
+    assert steps[:3] == pytest.approx(1e-9 / 3, rel=1e-5)  # a time of 3 us has 4e-22 s of rounding
+    assert steps[3:] == pytest.approx(999e-9 / 12, rel=1e-8)
 
 
 @pytest.mark.parametrize("quick", [False, True])

@@ -31,7 +31,9 @@ RUN_LIMIT_S = 120.0
 CLOCKS = 400
 T_GBW_S = 1.0 / (2.0 * math.pi * 1e6)
 STEPS_S = (10e-9, 30e-9, 100e-9, 300e-9, 1e-6)
-EXTRAPOLATED_S = (300e-9, 100e-9, 80e-9, 60e-9, 30e-9)
+# Longest step of the run with the Verilog, and in how many each step is cut for the runs without.
+EXTRAPOLATED_S = (300e-9, 150e-9, 100e-9, 60e-9, 30e-9)
+CUTS = ((1, 2), (1, 2, 3))
 # The project takes 1e-4; two decades to either side.
 RELTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 
@@ -87,25 +89,38 @@ def _ours(simulator: str, step: float, options: str) -> Callable[[Circuit, Path]
     return run
 
 
-def extrapolated(simulator: str, step: float) -> Callable[[Circuit, Path], tuple[float, float, float]]:
-    """Twice the same pulses, the second time at half the step and without the Verilog: (4 v(h / 2) - v(h)) / 3.
+def extrapolated(
+    simulator: str, step: float, cuts: tuple[int, ...]
+) -> Callable[[Circuit, Path], tuple[float, float, float]]:
+    """The same pulses with every step cut in 2, 3, ... and without the Verilog, taken together for a step of zero.
 
-    The error of a trapezoid begins with h^2 and goes on with h^4 (Richardson); what the two differ by is also an
-    estimate of the error of either. For the voltage alone: the comparator has seen that of the first run.
+    The error of trapezoids of equal steps goes on as h^2, h^4, h^6, ... (Richardson): as many runs as `cuts` has
+    take so many powers away but one, with Lagrange's weights at h^2 = 0. What two of them differ by is also an
+    estimate of the error. For the voltage alone: the comparator has seen that of the first run.
+
+    Parameters
+    ----------
+    simulator : "icarus" or "verilator"
+    step : float
+        Longest step of the first run in seconds.
+    cuts : tuple of int
+        1 for the run with the Verilog, then in how many each of its steps is cut.
     """
+    weights = [math.prod(n * n / (n * n - m * m) for m in cuts if m != n) for n in cuts]
 
     def run(circuit: Circuit, where: Path) -> tuple[float, float, float]:
-        job = Job(circuit, 1, step, simulator, keep=True, options=EXACT)
-        coarse = bench_vfc.measure(job, where, RUN_LIMIT_S)
-        again = replace(job, t_max_step_s=step / 2, simulator=None)
-        fine = bench_vfc.measure(again, where.with_name(where.name + "_fine"), RUN_LIMIT_S, coarse)
-        assert coarse.voltage is not None
-        assert coarse.charge is not None
-        assert fine.voltage is not None
-        better = (4.0 * fine.voltage[0] - coarse.voltage[0]) / 3.0
-        error = bench_vfc.edge_error_v(circuit, better, coarse.charge[0])
-        miscount = float(np.max(np.abs(coarse.codes - circuit.pulses)))
-        return error, miscount, float(coarse.cpu_seconds[0] + fine.cpu_seconds[0]) / circuit.clocks
+        job = Job(circuit, 1, step, simulator, keep=True, options=EXACT, cuts=cuts[0])
+        first = bench_vfc.measure(job, where, RUN_LIMIT_S)
+        assert first.charge is not None
+        runs = [first]
+        for cut in cuts[1:]:
+            again = replace(job, cuts=cut, simulator=None)
+            place = where.with_name(f"{where.name}_{cut}")
+            runs.append(bench_vfc.measure(again, place, RUN_LIMIT_S, first))
+        better = sum(weight * done.voltage[0] for weight, done in zip(weights, runs, strict=True))
+        error = bench_vfc.edge_error_v(circuit, better, first.charge[0])
+        miscount = float(np.max(np.abs(first.codes - circuit.pulses)))
+        return error, miscount, float(sum(done.cpu_seconds[0] for done in runs)) / circuit.clocks
 
     return run
 
@@ -193,10 +208,10 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[Method]:
             yield Method(
                 "cosim, icarus, trap, chgtol", f"trap, chgtol {chgtol:g}", _ours("icarus", 1e-6, options)
             )
-    for step in (100e-9,) if quick else EXTRAPOLATED_S:
+    for step, cuts in itertools.product((100e-9,) if quick else EXTRAPOLATED_S, CUTS):
         if circuit.t_gbw_s:
-            words = f"steps {step_words(step)} and {step_words(step / 2)}"
-            yield Method("cosim, verilator, extrapolated", words, extrapolated("verilator", step))
+            words = f"step {step_words(step)} over {', '.join(str(cut) for cut in cuts)}"
+            yield Method("cosim, verilator, extrapolated", words, extrapolated("verilator", step, cuts))
     # Peers take the options with truncation control as well where that serves them; it makes the guests' errors larger.
     for words, options in (("", EXACT), (", truncation control", POLE)):
         for step in few:
