@@ -228,6 +228,19 @@ def fingerprint(root: Path = ROOT) -> str:
 
 
 @contextmanager
+def _quiet() -> Iterator[None]:
+    """Leave unsaid what Dask has to say of a cluster that is lost: several tracebacks, for the run's own one line.
+
+    Around the client as well: it goes on trying to connect until it is closed, and says so then.
+    """
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+@contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     """The workers of a Dask scheduler as an executor, how many there are, and a look at whether they still are."""
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
@@ -242,7 +255,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         raise InputError(
             "command line", "--scheduler", address, f"{allowed} ({type(error).__name__})"
         ) from None
-    with client:
+    with _quiet(), client:
         try:
             client.wait_for_workers(1, timeout=WORKER_S)
         except TimeoutError:
@@ -254,13 +267,15 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         def look() -> None:
             if client.status != "running":
                 raise SimulatorError(f"the scheduler {address} is gone")
+            try:  # what the client knows by itself is what it last heard
+                client.sync(client.scheduler.identity, callback_timeout=WORKER_S)
+            except TimeoutError:
+                raise SimulatorError(f"the scheduler {address} has not answered for {WORKER_S} s") from None
             there = len(client.scheduler_info()["workers"])
             # A number that changes while there are workers, so that it counts only the time without any.
             if patience.over(time.monotonic() if there else 0):
                 raise SimulatorError(f"the scheduler {address} has had no worker for {WORKER_S} s")
 
-        # What it has to say of a cluster that is lost is several tracebacks; the run's own error is one line.
-        logging.disable(logging.CRITICAL)
         try:
             yield executor, workers, look
         except (distributed.KilledWorker, CancelledError, CommClosedError) as error:
@@ -270,6 +285,4 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         except BaseException:
             executor.shutdown(wait=False)
             raise
-        finally:
-            logging.disable(logging.NOTSET)
         executor.shutdown()

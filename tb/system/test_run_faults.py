@@ -144,6 +144,7 @@ def test_there_are_a_hundred_kills_and_every_group() -> None:
         "frames",
         "tool",
         "two",
+        "cluster",
         "memory",
         "clock",
         "resume",
@@ -420,7 +421,15 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return made
 
 
-@pytest.mark.parametrize("wanted", ["rtl.hdl_simulator.kill", "rtl.parent.kill", "npz.data"])
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        "rtl.hdl_simulator.kill",
+        "rtl.parent.kill",
+        "npz.data",
+        pytest.param("batch.scheduler_kill", marks=pytest.mark.long),
+    ],
+)
 def test_a_trial_of_the_campaign(bench: Bench, wanted: str) -> None:
     trial = next(trial for trial in trials.every() if f".{wanted}" in trial.name)
     faults, _ = trial.run(bench, trial.name)

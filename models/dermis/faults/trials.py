@@ -705,6 +705,67 @@ def two_sims(bench: Bench, name: str) -> tuple[list[str], str]:
     return faults + benches.judge_tables(bench.tree), "both done"
 
 
+# ---- a Dask cluster ----------------------------------------------------------------------------------------------
+
+CLUSTER_LIMIT_S = 60.0
+"""A scheduler and its workers are there by then; in 3 s on an idle core."""
+
+_NO_WORKER_S = 8
+"""In place of the minute that a cluster may be without workers (dermis.batch)."""
+
+_SHORT_TTL = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "10s"}
+"""After so long a scheduler gives the part of a worker that stands still to another; by default after five minutes."""
+
+
+@contextlib.contextmanager
+def dask_cluster(bench: Bench, work: Path) -> Iterator[tuple[str, Run, list[Run]]]:
+    """A scheduler and two workers of the tree: its address, the scheduler, the workers."""
+    file = work / "scheduler.json"
+    place = ["--scheduler-file", str(file), "--no-dashboard"]
+    program = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    scheduler = bench.start([*program, *place], work, environment=_SHORT_TTL)
+    workers: list[Run] = []
+    try:
+        # It writes into the file as it stands there.
+        if not benches.poll(lambda: file.is_file() and file.read_text().endswith("}"), CLUSTER_LIMIT_S):
+            raise RuntimeError("no scheduler of Dask has started")
+        for number in range(2):
+            program = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1"]
+            own = ["--local-directory", str(work / f"worker_{number}")]
+            workers.append(bench.start([*program, *place, *own], work))
+        yield json.loads(file.read_text())["address"], scheduler, workers
+    finally:
+        for run in (*workers, scheduler):
+            run.end()
+
+
+def cluster(whom: str, number: signal.Signals, bench: Bench, name: str) -> tuple[list[str], str]:
+    """Send a signal to the scheduler, to one worker or to all of them, at a random moment of a run on a cluster."""
+    subject = SUBJECTS["batch"]
+    baseline(bench, SUBJECTS["closed"])
+    baseline(bench, subject)
+    draw = bench.random(name)
+    work = bench.work(name)
+    out = work / "out"
+    before = earlier(bench, out)
+    arguments = subject.make(work, number_of(name))
+    arguments = arguments[: arguments.index("--processes")]
+    with dask_cluster(bench, work) as (address, scheduler, workers):
+        changes = [f"dermis.batch:WORKER_S={_NO_WORKER_S}"]
+        run = bench.dermis([*arguments, "--scheduler", address, "--out", str(out)], work, changes)
+        benches.poll(lambda: "client connection" in scheduler.said[1].read_text(), CLUSTER_LIMIT_S)
+        time.sleep(draw.uniform(0.0, subject.at_work_s))
+        hit = {"scheduler": [scheduler], "worker": workers[:1], "workers": workers}[whom]
+        sent = [benches.send(other.child.pid, number) for other in hit]
+        ended = run.wait()
+        # One of two workers leaves its part to the other; without any, or a scheduler, there is an end with one line.
+        faults = judge_all(bench, run, ended, out, before, subject, {0, 3})
+    if not all(sent):
+        faults.append("the cluster had ended by itself")
+    note = f"exit {ended.code if ended else 'none'}"
+    return faults + again(bench, [*arguments, "--processes", "2"], work, out, subject), note
+
+
 # ---- a campaign goes on -----------------------------------------------------------------------------------------
 
 SCENES = 800
@@ -784,6 +845,11 @@ INTERRUPTS = {
     "rtl": ("group", "term"),
     "build": ("group",),
     "cosim": ("group", "alone", "thrice", "hangup", "term"),
+}
+CLUSTER = {
+    "scheduler": ("kill", "kill", "term", "stop"),
+    "worker": ("kill", "kill", "term", "stop"),
+    "workers": ("kill", "kill", "term", "stop"),
 }
 DISKS = {
     "closed": (("out", 0), ("out", 40_000), ("tmpdir", 0), ("build", 0)),
@@ -878,6 +944,10 @@ def every() -> list[Trial]:
         number += 1
         add(f"two.{subject}.first_killed.{number}", two, SUBJECTS[subject], False, True)
     add("two.sim.two_files", two_sims)
+    for whom, hows in CLUSTER.items():
+        for how in hows:
+            number += 1
+            add(f"cluster.batch.{whom}_{how}.{number}", cluster, whom, SIGNALS[how])
     for what, sent in (("kill", signal.SIGKILL), ("ctrl_c", signal.SIGINT), ("term", signal.SIGTERM)):
         add(f"resume.campaign.{what}", goes_on, sent)
     return found
