@@ -158,6 +158,30 @@ def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) 
     assert moved >= 4, "the noise must be large enough to be seen"
 
 
+@pytest.mark.parametrize("step", [8, 64])
+@pytest.mark.parametrize("lag", [0.0, 0.016])
+def test_noise_of_a_charge_that_stands_at_its_limit_is_all_there(
+    monkeypatch: pytest.MonkeyPatch, step: int, lag: float
+) -> None:
+    """A current of ten packets a clock would be far above every level, were it not for the limit."""
+    monkeypatch.setattr(event, "_grid_step", lambda *_: step)
+    clocks, own = 64, keys(12)
+    one = {"x": 10.0, "leak": 1e-4, "w0": -0.5, "packet": 1.0, "rise": 0.01, "fall": -0.01, "low": -1.2, "high": 0.9,
+           "delay": 0.03, "lag": lag, "across": 1e-2}  # fmt: skip
+    made = Cells(**{name: np.full(12, value) for name, value in one.items()})
+    # Paths of some packets, or samples of packets of their own.
+    sizes = np.repeat([[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1e-3, 1e-3]], 6, axis=1)
+    counts, _ = count_cells(made, clocks, 1.0, Noise(sizes, own))
+    for i, (sigma, white, _, aperture) in enumerate(sizes.T):
+        sample = [white * noise.normal(own[i], noise.LEVEL, n) for n in range(1, clocks + 1)]
+        coin = [noise.uniform(own[i], noise.COIN, n) < 0.5 for n in range(1, clocks + 1)]
+        draws = Draws([sigma * w for w in noise.path(own[i], clocks)[1:]], sample, coin, aperture)
+        walk = walk_reference(one, clocks, 1.0, 30, draws=draws)
+        assert walk.nearest > 1e-13, "take another seed"
+        assert counts[i] == sum(walk.bits), (i, sigma, white)
+    assert min(len(set(counts[:6])), len(set(counts[6:]))) > 1, "the noise must be large enough to be seen"
+
+
 @settings(max_examples=15, deadline=None)
 @given(step=st.sampled_from([8, 16, 32, 128, 512]), first=st.integers(0, 150))
 def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -> None:

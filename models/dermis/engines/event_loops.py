@@ -461,6 +461,12 @@ def walk(  # type: ignore
                         bottom = top
                         if window is not None:
                             bottom = fall_c[c]
+                        free = True
+                        if limits is not None:
+                            w = weight_a[c] * a
+                            if fast is not None:
+                                w += weight_b[c] * b
+                            free = low_c[c] <= w <= high_c[c]
                         slow_noise, white_noise = 0.0, 0.0
                         if noise is not None:
                             sigma = noise[SIGMA, i]
@@ -474,12 +480,15 @@ def walk(  # type: ignore
                                 stays_near = abs(x_c[c]) <= stay[c] or abs(x_c[c] - packet_c[c]) <= stay[c]
                             if early is not None and stays_near:
                                 low, high = min(low, a + b), max(high, a + b)
+                            if not free:
+                                # A charge that stops at its range is not at `level`: what decides is not known yet.
+                                low, high = -np.inf, np.inf
                             slow_noise = sigma * walk_between(
                                 keys[i], n + 1, left * step, right * step, grid[c, left], grid[c, right],
                                 sigma, bottom - rest - high, top + rest - low,
                             )  # fmt: skip
                             moved = level[c] + slow_noise
-                            if abs(moved - top) <= rest or abs(moved - bottom) <= rest:
+                            if not free or abs(moved - top) <= rest or abs(moved - bottom) <= rest:
                                 if noise[WHITE, i] > 0.0:
                                     white_noise = noise[WHITE, i] * normal(keys[i], LEVEL, n + 1)
                                 if noise[SLOPE, i] > 0.0:
@@ -491,12 +500,6 @@ def walk(  # type: ignore
                             if window is not None:
                                 state = was_up[c] != 0
                             active = bottom if state else top
-                            free = True
-                            if limits is not None:
-                                w = weight_a[c] * a
-                                if fast is not None:
-                                    w += weight_b[c] * b
-                                free = low_c[c] <= w <= high_c[c]
                             clear = False
                             if noise is not None and free:
                                 behind_it = a + b + slow_noise
