@@ -34,7 +34,7 @@ _G_MAX_S = 1e30
 # Lag of an integrator's output in clocks beyond which counts no longer follow the order of levels: several packets are
 # on their way at once, and a lower level may count less.
 SLOW_CLOCKS = 1.0
-# Duty beyond which a cell that may not be saturated is not trusted to be; far above 1/2 for any sane packet.
+# Duty, in packets of the size they are, beyond which a cell that may not be saturated is not trusted to be.
 _X_CLIP = 0.75
 
 
@@ -78,6 +78,10 @@ class Extent:
         [B, R, C] largest current in A, duty, and duty clipped where every cell is saturated.
     per_a : ndarray
         [C] packets of a gate for 1 A of column current.
+    packet_low, packet_high : ndarray
+        [C] least and most that a packet takes, the ideal one and the noise of a slot among them.
+    late : ndarray or float
+        [B, R, C] packets that come on top of x: what settles, and what a slow mirror is early by.
     """
 
     def __init__(self, plan: Plan, sigma: float) -> None:
@@ -121,24 +125,25 @@ class Extent:
         self.x_up = self.i_up * self.per_a / self.n + np.abs(c.i_offset_a) / c.i0_a
         full = plan.timing.code_max
         self.clips = self.n >= 2 * full
+        size, spread = 1.0 + c.packet_error, sigma * c.packet_flicker
+        self.packet_low = np.maximum(np.minimum(size * (1.0 - spread), 1.0), 1e-3)
+        self.packet_high = np.maximum(size * (1.0 + spread), 1.0)
         # A duty that changes in a gate may be above 1/2 for a while and leave charge for later: it is never clipped.
         moving = plan.drive.motion
-        self.x_clip = math.inf if moving else (_X_CLIP if self.clips else 1.0)
+        self.x_clip: ArrayLike = math.inf if moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
         self.x = np.minimum(self.x_up, self.x_clip)
-        self.pile = self.n * np.maximum(self.x - 0.5, 0.0) if moving else 0.0
+        self.pile = self.n * np.maximum(self.x - 0.5 * self.packet_low, 0.0) if moving else 0.0
         self.x_sure: ArrayLike = self.x_clip
         self.lag_room = math.inf  # packets that may be left out in all where a slow mirror is
         self.lagging: ArrayLike = 0.0  # [B, R, C] packets by which a slow mirror may be early or late
         self.x_floor: ArrayLike = 0.0  # [B, R, C] smallest duty, before the offset current
-        self.packet_low = np.maximum(1.0 + c.packet_error, 1e-3)
-        # Packets gone: the charge that came in, and at most every second clock.
-        self.ones = np.minimum((self.n * self.x + 1.0) / self.packet_low, (self.n + 1) / 2)
+        self.late: ArrayLike = 0.0
         # How far a trajectory may leave -packet .. 2 x for levels, starts and samples off their place.
         self.slack = (
             (np.abs(c.v_comp_offset_v) + c.v_hysteresis_v / 2 + np.abs(c.preset_error_v)) / self.packet_v
             + c.t_comp_delay_s * c.f_clk_hz
             + np.minimum(1.0, c.t_gbw_s * c.f_clk_hz)
-            + np.maximum(c.packet_error, 0.0)
+            + (self.packet_high - 1.0)
             + sigma * (c.v_comp_noise_v + c.v_preset_noise_v) / self.packet_v
         )
 
@@ -155,6 +160,20 @@ class Extent:
         """Currents of all columns when `direct` [B, R, C] A is pushed into each, from the rows' side."""
         lift = _ratio((self.r_col * direct).max(axis=2, keepdims=True), self.damp)
         return direct + np.minimum(lift, self.v + self.d) * (self.reach + self.side)[:, None]
+
+    @functools.cached_property
+    def ones(self) -> Floats:
+        """Packets gone in a gate, at most: the charge that came or was there, and no more than every second clock."""
+        leak = _leak(self, self.converter.g_in_s + self.g_input)  # below zero it lifts the charge
+        came = self.n * self.x + 1.0 + self.slack + self.late + self.sigma * np.sqrt(_walk(self)) + leak
+        most = (self.n + 1) / 2
+        # A charge that stops at its lower limit does not miss what else was to go.
+        low = _limits(self)[0]
+        with np.errstate(invalid="ignore"):
+            free = low <= -1.0 - _beside(self)
+        c = self.converter
+        least = np.maximum((1.0 + c.packet_error) * (1.0 - self.sigma * c.packet_flicker), 1e-3)
+        return np.where(np.isinf(low) | free, np.minimum(came / least, most), most)
 
     @functools.cached_property
     def delay_tail(self) -> Floats:
@@ -451,17 +470,26 @@ def mirror_output(p: Any, e: Extent) -> Bound:
     return Bound(_leak(e, 1.0 / p.r_out_ohm) + late, level=True)
 
 
-def integrator_range(_: Any, e: Extent) -> Bound:
-    """Nothing where no trajectory can reach the limits; else there is no bound worth having."""
+def _limits(e: Extent) -> Floats:
+    """Lower and upper end of the charge in packets, [2, C]."""
     c = e.converter
-    limits = np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0)
-    limits = limits / (e.packet_v * e.amplitude)
-    x = e.x if e.drive.motion else np.minimum(e.x, e.x_sure)
-    moving = 2.0 * (np.asarray(supply_ripple(_, e).lsb) + e.lagging)
+    return np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0) / (e.packet_v * e.amplitude)
+
+
+def _beside(e: Extent) -> Floats:
+    """Packets by which a trajectory may leave -packet .. 2 x for all that moves, [B, R, C]."""
+    c = e.converter
+    moving = 2.0 * (np.asarray(supply_ripple(None, e).lsb) + e.lagging)
     if e.drive.motion:
         below = e.d * (e.a + e.side) + e.leak
         moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
-    moving = moving + e.sigma * np.sqrt(_walk(e)) + e.slack
+    return moving + e.sigma * np.sqrt(_walk(e)) + e.slack
+
+
+def integrator_range(_: Any, e: Extent) -> Bound:
+    """Nothing where no trajectory can reach the limits; else there is no bound worth having."""
+    limits, moving = _limits(e), _beside(e)
+    x = e.x if e.drive.motion else np.minimum(e.x, e.x_sure)
     inside = (limits[0] <= -1.0 - moving) & (limits[1] >= 2.0 * x + e.pile + moving)
     return Bound(np.where(inside, 0.0, np.inf), level=True)
 
@@ -572,8 +600,9 @@ def ktc_noise(_: Any, e: Extent) -> Bound:
 
 
 def flicker_noise(_: Any, e: Extent) -> Bound:
-    """One draw for all packets of a slot."""
-    return Bound(e.sigma * e.converter.packet_flicker * e.ones, level=True, gauss=True)
+    """One draw for all packets of a slot, a part of the size they are."""
+    c = e.converter
+    return Bound(e.sigma * c.packet_flicker * (1.0 + c.packet_error) * e.ones, level=True, gauss=True)
 
 
 # --- the sensor: conductances before any engine sees them --------------------------------------------------------
@@ -659,8 +688,12 @@ def unknown(_: Any, e: Extent) -> Bound:
     return Bound(np.inf, level=True, gauss=True)
 
 
-# Bounds that ask how small a duty can be, and where cells are sure to be saturated: after all others.
-_LAST = ("mirror_lag", "comparator_delay", "integrator_bandwidth", "integrator_range")
+# Bounds that ask how small a duty can be, how many packets go, and where cells are sure to be saturated: after all
+# others, in this order.
+_LAST = (
+    "mirror_lag", "comparator_delay", "integrator_bandwidth", "charge_packet", "reference_drift", "flicker_noise",
+    "integrator_range",
+)  # fmt: skip
 
 
 def of_effects(on: Mapping[str, Any], functions: Mapping[str, Bounding], e: Extent) -> dict[str, Bound]:
@@ -673,11 +706,14 @@ def of_effects(on: Mapping[str, Any], functions: Mapping[str, Bounding], e: Exte
         with np.errstate(invalid="ignore"):
             floor = e.plan.v_bias_v * e.g_low / (c.k * c.i0_a) - np.asarray(moved) / e.n
         e.x_floor = np.minimum(np.nan_to_num(floor, nan=-np.inf), e.x)
+    e.late = np.asarray(found["line_capacitance"].lsb) if "line_capacitance" in found else 0.0
     for name in late:
         if name == "integrator_range":
             levels = sums(e, found, {n: np.asarray(b.lsb) for n, b in found.items()})[1]
             e.x_sure = np.minimum(_sure(e, levels) / e.n, e.x_clip)
         found[name] = functions[name](on[name], e)
+        if name == "mirror_lag":
+            e.late = e.late + np.asarray(found[name].lsb)
     return {name: found[name] for name in on}
 
 

@@ -248,6 +248,22 @@ def test_codes_with_an_effect_lie_within_its_bound_of_those_without(name: str, t
     assert certified(name, alone, tmp_path, factor=small)[0] > 0, "a bound 100 times too small passes"
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"charge_packet": {"packet_error": 2.0}},
+        {"reference_drift": {"tc_per_k": 1e-3, "delta_k": 2000.0}, "preset_error": {"v_v": -0.2}},
+        {"preset_error": {"v_v": 40.0}},
+    ],
+)
+def test_noise_of_packets_is_bounded_by_how_many_there_are_and_how_large(
+    others: dict[str, Any], tmp_path: Path
+) -> None:
+    outside, changed = certified("flicker_noise", others, tmp_path)
+    assert outside == 0
+    assert changed > 0, "too weak to test anything"
+
+
 def test_bounds_of_what_has_a_memory_count_from_the_end_of_the_break(tmp_path: Path) -> None:
     lines = {"row_driver": {"r_ohm": 60.0}, "column_input": {"r_ohm": 30.0}}
     for name, others, misses in (("mirror_lag", {}, True), ("line_capacitance", lines, False)):
