@@ -152,6 +152,20 @@ class NoSolution(ValueError):
         return type(self), self.place
 
 
+@dataclass
+class Currents:
+    """Column currents in ampere, [rows, cols] or [frames, rows, cols], and a bound of the error of each.
+
+    `driven` follows v_bias_v, `rest` is what offsets and leaks make, None where there are neither; `driven_error`
+    and `rest_error` belong to them.
+    """
+
+    driven: Floats
+    rest: Floats | None
+    driven_error: Floats
+    rest_error: Floats | None
+
+
 def column_currents_by_source(
     network: Network, g_frames_s: ArrayLike | None = None
 ) -> tuple[Floats, Floats | None]:
@@ -159,6 +173,20 @@ def column_currents_by_source(
 
     The second part is None where there are neither.
     """
+    found = _by_source(network, g_frames_s, bounded=False)
+    return found.driven, found.rest
+
+
+def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
+    """The currents of `column_currents_by_source`, and how far each may be from that of the network.
+
+    A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where it is below
+    `solve_error.Account.tolerance_a` nothing is done to make it smaller.
+    """
+    return _by_source(network, g_frames_s, bounded=True)
+
+
+def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) -> Currents:
     g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
     if g.ndim != 3 or g.shape[1:] != network.g_taxel_s.shape:
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
@@ -169,12 +197,14 @@ def column_currents_by_source(
     if not network.active_fields() & _ACTS:
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
+            errors = [_PRODUCT.bound * driven if bounded else driven, rest]
         account.take(_PRODUCT)
         account.check(driven, rest, _PRODUCT.bound)
     else:
         refuse_loops(network, g)
         network = in_range(network)
         driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
+        errors = [np.empty_like(part) if bounded and part is not None else part for part in (driven, rest)]
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
@@ -183,9 +213,12 @@ def column_currents_by_source(
             driven[part] = found.driven
             if rest is not None:
                 rest[part] = found.rest
-    if g_frames_s is None:
-        return driven[0], None if rest is None else rest[0]
-    return driven, rest
+            if bounded:
+                errors[0][part] = _of(found.driven_part, np.abs(found.driven))
+            if bounded and rest is not None:
+                errors[1][part] = found.rest_error
+    parts = driven, rest, *errors
+    return Currents(*(p if p is None or g_frames_s is not None else p[0] for p in parts))
 
 
 # A taxel's conductance and a product with the bias, a rounding each.
@@ -385,11 +418,15 @@ class _Response:
 
 @dataclass
 class _Solution:
-    """Currents [frames, rows, cols], and the bound of their error as solve_error.Account.check takes it."""
+    """Currents [frames, rows, cols], the bound of their error as solve_error.Account.check takes it, and its parts: of
+    `driven` relative, of `rest` in ampere.
+    """
 
     driven: Floats
     rest: Floats | None
     error: Part
+    driven_part: Part
+    rest_error: Floats | None
 
 
 def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Solution:
@@ -414,12 +451,12 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
         figures.bound = float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
     else:
         figures.bound = part
-    rest = None
+    rest = error_rest = None
     if response.mesh is not None:
         rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
         error = _of(part, np.abs(driven)) + error_rest
     account.take(figures)
-    return _Solution(driven, rest, error)
+    return _Solution(driven, rest, error, part, error_rest)
 
 
 def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:

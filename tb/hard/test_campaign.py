@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dermis import array
+from dermis.array import column_currents
 from dermis.campaign import command, draw, laws, shrink, trial, world
 from dermis.campaign.world import World, lines_of
 from dermis.design import ROOT
@@ -210,6 +213,35 @@ def test_a_current_that_leaves_the_wrong_column_is_found(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(event, "column_currents", wrong)
     assert {"closed_equals_event", "symmetric"} <= broken(made({"row_driver": {"r_ohm": 5.0}}), seeds=5)
+
+
+def test_offsets_that_do_not_add_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = made({"column_input": True, "column_offset": {"v_v": [1e-3, -2e-3, 5e-4]}, "mux_leakage": True})
+    assert "superposed" not in broken(one)
+    original = array._held_currents
+
+    def wrong(*arguments: Any) -> Any:
+        held, error = original(*arguments)
+        # Far below any code, a hundred times what the bounds allow.
+        return held + 1e-10 * np.abs(held), error
+
+    monkeypatch.setattr(array, "_held_currents", wrong)
+    assert "superposed" in broken(one)
+
+
+def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_to_the_last_digits() -> None:
+    case = world.load(ROOT / "tb" / "hard" / "found" / "symmetric_shorted_neighbours.toml")
+    with tempfile.TemporaryDirectory() as scratch:
+        plan = case.plan(Path(scratch), "event")
+    apart = dataclasses.replace(
+        plan, resistance_ohm=np.where(plan.resistance_ohm == 0, 1e3, plan.resistance_ohm)
+    )
+    for one, says in ((plan, True), (apart, False)):
+        g = one.conductance_s()
+        duty = one.converter.duty(column_currents(one.network(0), g))
+        coupled = event_input.coupling(one, g, duty)
+        assert coupled is not None
+        assert (coupled.known > 0).any() == says
 
 
 def test_a_warning_and_a_foreign_exception_are_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from dermis import array as array_module
 from dermis import batch, engines, plan, solve_error, star_mesh
-from dermis.array import Network, NoSolution, column_currents
+from dermis.array import (
+    Network,
+    NoSolution,
+    column_currents,
+    column_currents_by_source,
+    column_currents_with_bounds,
+)
 from dermis.engines import event_input
 from dermis.errors import InputError, SimulatorError
 from dermis.hard import nodal
@@ -119,6 +125,31 @@ def test_bounds_from_residuals_hold_where_counted_roundings_say_too_little(
     assert account.bound < 0.1 * 2 * solve_error.part(
         solve_error.chain(48, 48, solve_error.elements(48, 48, True)), 48, 48
     )
+
+
+def test_each_part_of_a_current_comes_with_its_own_bound() -> None:
+    rng = np.random.default_rng(9)
+    g = 1 / np.array([[2e3, 7e4], [5e2, 1e6], [3e4, 8e3], [6e2, 4e3]])
+    # Inputs that let nothing through and rows that hang on nothing: what offsets drive all but cancels.
+    nearly_open = Network(
+        g, 0.5, 12.0, 1e21, 1e15, -4.7e-5, 1e-3, 1e-3, 1e-6, 1.0, np.array([5.7e-9, 2.1e-9])
+    )
+    used = []
+    for network in [nearly_open, *(wild_network(rng) for _ in range(30))]:
+        found = column_currents_with_bounds(network)
+        parts = column_currents_by_source(network)
+        for part, bound, kept in (
+            (found.driven, found.driven_error, {"v_column_offset_v": 0.0, "i_leak_a": 0.0}),
+            (found.rest, found.rest_error, {"v_bias_v": 0.0}),
+        ):
+            if part is None:
+                assert bound is None
+                continue
+            assert np.array_equal(part, parts[0] if part is found.driven else parts[1])
+            error = np.abs(part - nodal.column_currents(dataclasses.replace(network, **kept), 120))
+            assert (error <= bound + STAND_IN_A).all()
+            used.append((error / (bound + STAND_IN_A)).max())
+    assert max(used) > 1e-3, "a bound a thousand times too wide says little"
 
 
 def test_tiny_offsets_beside_large_currents_keep_their_own_digits() -> None:

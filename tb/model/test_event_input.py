@@ -164,6 +164,13 @@ def test_a_force_that_moves_past_is_counted_at_its_mean_over_the_gate(tmp_path: 
     assert event.run(plan).codes[1, 0, 0] == 200
 
 
+@pytest.mark.parametrize("changing", [{"supply_ripple": RIPPLE}, {"motion": True}, {"mirror_lag": True}])
+def test_a_short_drowns_packets_of_any_size_where_the_input_changes(tmp_path: Path, changing: dict) -> None:
+    # Twice 1e12 packets of the ideal size are no packet of these; what engine closed counts is every second clock.
+    plan = made(tmp_path, np.zeros((2, 1, 2)), {"charge_packet": {"packet_error": 1e20}, **changing})
+    assert (event.run(plan).codes == 255).all()
+
+
 # --- slow mirror ---------------------------------------------------------------------------------------------------
 
 
@@ -201,6 +208,24 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
                     # Errors of the library's solver add up over hundreds of clocks; 1e-12 packet where the
                     # mirror gives nothing.
                     assert got == pytest.approx(way.y[1, -1], rel=1e-7, abs=1e-12)
+
+
+def test_slow_mirror_wakes_up_to_a_short_within_a_gate(tmp_path: Path) -> None:
+    # Every clock brings 1e13 to 1e15 times the output of the one before: no digit of their ratio is left beside 1.
+    ohm = np.array([np.inf, 1e-9, 1e-9]).reshape(3, 1, 1)
+    plan = made(tmp_path, ohm, {"mirror_lag": {"q_c": 2e-13}, "motion": True})
+    found, slots = charges(plan)[0, 0, 0], Slots.of(plan, slice(0, 1))
+    with mpmath.workdps(50):
+        kappa, y = mpmath.mpf(2e-13) / mpmath.mpf(5e-12), mpmath.mpf(Y_MIN)
+        for n, x in enumerate(
+            np.maximum(slots.basis @ slots.terms[0, :, 0], Y_MIN)[plan.timing.break_clocks :]
+        ):
+            gate, x = n + plan.timing.break_clocks - plan.timing.settle_clocks, mpmath.mpf(x)
+            if gate >= 0:
+                charge = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
+                # Twelve digits of what the mirror gives; none of them is left to chance beyond what drowns all.
+                assert found[gate] == pytest.approx(float(min(charge, event_input.X_MAX)), rel=1e-12)
+            y = after(y, x, 1 / kappa)
 
 
 def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_path: Path) -> None:

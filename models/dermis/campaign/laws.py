@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dermis import engines, vfc
 from dermis import plan as planning
-from dermis.array import column_currents_by_source
+from dermis.array import column_currents, column_currents_by_source, column_currents_with_bounds
 from dermis.campaign.world import World
 from dermis.engines import Result, closed, event, event_input
 from dermis.plan import Plan
@@ -112,9 +112,7 @@ class Subject:
 
     def steady(self) -> event.Cells:
         """The converters at a constant duty each."""
-        coupled = event_input.coupling(
-            self.plan, self.plan.conductance_s(), np.clip(self.x, -event_input.X_MAX, event_input.X_MAX)
-        )
+        coupled = event_input.coupling(self.plan, self.plan.conductance_s(), self.x)
         return event.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
 
 
@@ -350,7 +348,9 @@ def symmetric(s: Subject) -> Iterator[str]:
     before, after = (np.clip(v, -event_input.X_MAX, event_input.X_MAX) for v in (x, other.info["x"]))
     # Where offsets and leaks all but cancel what the bias makes, the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
-    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING
+    known = _coupled(s)
+    known = known if isinstance(known, float) else known[:, rows]
+    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + known
     if wrong.any():
         at = tuple(np.argwhere(wrong)[0])
         yield f"x = {x[at]!r} becomes {other.info['x'][at]!r} in another order {_where(wrong)}"
@@ -358,6 +358,22 @@ def symmetric(s: Subject) -> Iterator[str]:
     if far.any():
         at = tuple(np.argwhere(far)[0])
         yield f"code {expected[at]} becomes {other.codes[at]} in another order {_where(far)}"
+
+
+def _coupled(s: Subject) -> Floats | float:
+    """Packets a clock [frames, rows, 1] to which engine event says it knows what columns do to each other."""
+    plan, g = s.plan, s.plan.conductance_s()
+    known = []
+    for alike, slots in event_input.groups(plan, slice(0, plan.frames)):
+        if slots is None:
+            x = plan.converter.duty(column_currents(plan.network(0), g[alike]))
+            coupled = event_input.coupling(plan, g[alike], x)
+        else:
+            coupled = slots.coupling
+        if coupled is None:
+            return 0.0
+        known.append(coupled.known)
+    return np.concatenate(known) / plan.timing.gate_clocks
 
 
 def _held(s: Subject) -> Floats:
@@ -376,7 +392,8 @@ def superposed(s: Subject) -> Iterator[str]:
     if not g.max() < 1e12:  # shorts: infinite currents, whose shares are limits
         return
     yield COMPARED
-    driven, rest = column_currents_by_source(network, g)
+    found = column_currents_with_bounds(network, g)
+    driven, rest = found.driven, found.rest
     twice, _ = column_currents_by_source(dataclasses.replace(network, v_bias_v=2.0 * network.v_bias_v), g)
     # Far along lateral resistors a current has fewer bits than a double, or none, and doubling it gives it one back.
     wrong = (twice != 2.0 * driven) & (np.abs(driven) > _NO_CURRENT_A)
@@ -390,18 +407,18 @@ def superposed(s: Subject) -> Iterator[str]:
     if rest is not None:
         rng = s.rng("superposed")
         share = rng.uniform(-1, 1, network.cols)
-        halves = []
+        # What every solve says of itself: where offsets and leaks cancel it may be more than the current.
+        halves, allowed = [], found.rest_error
         for one in (share, 1.0 - share):
             part = dataclasses.replace(
                 network,
                 v_column_offset_v=network.v_column_offset_v * one,
                 i_leak_a=network.i_leak_a * one,
             )
-            made = column_currents_by_source(part, g)[1]
-            halves.append(np.zeros_like(rest) if made is None else made)
-        size = np.abs(halves[0]) + np.abs(halves[1]) + np.abs(rest)
-        scale = size.max(axis=2, keepdims=True)
-        wrong = np.abs(halves[0] + halves[1] - rest) > _SOLVED * scale + _NO_CURRENT_A
+            made = column_currents_with_bounds(part, g)
+            halves.append(np.zeros_like(rest) if made.rest is None else made.rest)
+            allowed = allowed + (0.0 if made.rest_error is None else made.rest_error)
+        wrong = np.abs(halves[0] + halves[1] - rest) > allowed + _NO_CURRENT_A
         if wrong.any():
             at = tuple(np.argwhere(wrong)[0])
             yield f"offsets and leaks in two parts: {halves[0][at] + halves[1][at]!r}, not {rest[at]!r} {_where(wrong)}"

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dermis import float_flags, noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, code_type, event_input, event_loops
-from dermis.engines.event_input import X_MAX, Coupling, Slots, coupling, groups
+from dermis.engines.event_input import Coupling, Slots, coupling, drowning, groups
 from dermis.plan import Drive, Plan
 from dermis.vfc import LONGEST_GATE, W_PRESET, Converter
 
@@ -138,7 +138,7 @@ def _count_frames(
         counts, end = _count_slots(plan, slots, g, keys)
         return counts, slots.mean, end
     x = plan.converter.duty(column_currents(plan.network(0), g))
-    coupled = coupling(plan, g, np.clip(x, -X_MAX, X_MAX))
+    coupled = coupling(plan, g, x)
     if coupled is not None:
         x = x + coupled.x
     cells, draws = cells_of(plan, x, g, coupled), None
@@ -197,7 +197,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
         "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
     }
     everywhere = {name: np.broadcast_to(value, x.shape) for name, value in columns.items()}
-    most = X_MAX * np.maximum(everywhere["packet"], 1.0)  # what drowns a packet, however large that is
+    most = drowning(converter)
     return Cells(x=np.clip(x, -most, most), leak=leak, across=across, **everywhere)
 
 

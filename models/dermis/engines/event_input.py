@@ -23,15 +23,19 @@ from dermis import float_flags, settling, solve_error
 from dermis.array import Network, column_currents_by_source, in_range
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
-from dermis.vfc import W_PRESET, Y_MIN
+from dermis.vfc import W_PRESET, Y_MIN, Converter
 
 Floats = NDArray[np.float64]
 
 _CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
 FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
 
-# A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
+# A short gives an infinite current. At this duty in packets of the size they are (`drowning`) any converter saturates,
+# and sums of it stay finite.
 X_MAX = 1e12
+# Packets a clock that stand for an infinite current among the coefficients of functions of time: so far out that no
+# current of numbers is cut short, which would bend the course it takes; sums and products of it stay finite.
+_X_INFINITE = 1e100
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
 # Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
@@ -39,7 +43,7 @@ FAR = 0.03
 # Up to here the series of 1 - exp(-t) with eight terms is exact.
 _NEAR = 0.05
 # Conductance that stands for a short on its way to another value; as in dermis.array.
-_G_SHORT_S = 1e16
+_G_SHORT_S = 1e40
 # A driver that is not there; as in dermis.array.
 _OPEN_OHM = 1e30
 # Conductance of a short across a virtual ground: any integrator loses all its charge through it.
@@ -50,6 +54,9 @@ _X_SATURATED = 0.6
 _SETTLED = 1.0
 _REPEATS = 6
 _UNMOVED = 0.01
+# What of a change of duties may come back to them without a word: repetitions multiply a rounding by its powers, and
+# some hundred of 1e-16 are no part of a count.
+_CLOSE = 2.0
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
@@ -68,6 +75,11 @@ def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
     follows, rest = column_currents_by_source(network, g)
     return follows, np.zeros_like(follows) if rest is None else rest
+
+
+def drowning(converter: Converter) -> Floats:
+    """Duty [cols] in packets of their ideal size beyond which nothing changes: what drowns a packet, however large."""
+    return X_MAX * np.maximum(1.0 + converter.packet_error, 1.0)
 
 
 # Fields that make the virtual ground of one column see the others.
@@ -158,11 +170,14 @@ class Coupling:
     """What the columns of the direct interface do to each other through a virtual ground that gives way.
 
     `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames, rows, cols]:
-    packets a clock from the others, each taken at the mean of its charge over the gate.
+    packets a clock from the others, each taken at the mean of its charge over the gate. `known` [frames, rows, 1]:
+    counts in a gate by which the last repetition moved them, or may have, where columns hang so closely together, as
+    by a short, that rounding may move `x` by as much, and so may their order; else 0.
     """
 
     across_s: Floats
     x: Floats
+    known: Floats
 
 
 def _couples(plan: Plan) -> bool:
@@ -171,7 +186,7 @@ def _couples(plan: Plan) -> bool:
 
 
 def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
-    """The coupling of frames whose duties are x [frames, rows, cols]; None where there is none.
+    """The coupling of frames whose duties are x [frames, rows, cols], infinite ones too; None where there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
     It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
@@ -186,12 +201,16 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     active = plan.active_fields()
     if not _couples(plan):
         return None
+    x = np.clip(x, -drowning(converter), drowning(converter))
     matrix = seen_from_grounds(network, g)
     own = np.arange(plan.cols)
     a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
     per_clock = a_clock * converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
     per_swing = a_clock * converter.t_gbw_s * converter.f_clk_hz
     across_s = matrix[..., own, own].copy()
+    # What a packet a clock more brings back, as long as it sends no packet away.
+    slope = 0.5 * clocks * per_clock + per_swing
+    closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
     matrix[..., own, own] = 0.0
     matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
     start = W_PRESET + converter.preset_error_v / converter.packet_v()
@@ -228,7 +247,9 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
             f"what columns of topology direct do to each other known to {_SETTLED:g} count in engine event, "
             f"here {doubt:.2g}; engine cosim takes any",
         )
-    return Coupling(across_s, others)
+    last = clocks * np.abs(others - before).max(axis=2, keepdims=True)
+    known = np.where(closely, np.maximum(last, _UNMOVED), 0.0)
+    return Coupling(across_s, others, known)
 
 
 def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
@@ -528,7 +549,7 @@ class Slots:
 
         unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
         per_a = converter.gain / (converter.k * converter.i0_a)
-        limit_a = 1e2 * X_MAX * converter.k * converter.i0_a
+        limit_a = _X_INFINITE * converter.k * converter.i0_a
 
         def finite(current: Floats) -> Floats:
             return np.clip(current, -limit_a, limit_a)
@@ -555,9 +576,10 @@ class Slots:
         self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
         if plan.topology == "direct":
             begin = self.terms[:, 0].reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
-            self.coupling = coupling(plan, plan.conductance_s(part), np.clip(begin, -X_MAX, X_MAX))
+            self.coupling = coupling(plan, plan.conductance_s(part), begin)
             if self.coupling is not None:
                 self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
+        self._most = np.tile(drowning(converter), self.frames)
         self._squeeze = None
         if converter.inv_i_range_a.any() and unit_a is not None:
             self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
@@ -618,7 +640,7 @@ class Slots:
                     charge = charges(
                         row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
                         self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
-                        self._slow, self._break, self.dark, self.offset, out, mean,
+                        self._slow, self._break, self.dark, self.offset, self._most, out, mean,
                     )  # fmt: skip
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
@@ -728,6 +750,7 @@ def charges(  # type: ignore
     pause,
     dark,
     offset,
+    most,
     out,
     mean,
 ):
@@ -753,6 +776,8 @@ def charges(  # type: ignore
         Coefficients in the pause, where no row is driven; None is no current.
     offset : [rows, cells]
         Added behind the mirror.
+    most : [cells]
+        Duty that drowns any packet: more, in front of the mirror and behind it, is that.
     out, mean : [clocks of the slot, cells], [cells]
         Results.
     """
@@ -765,10 +790,11 @@ def charges(  # type: ignore
             factors[k, c] = terms[row_number, k, first + c]
     # One array for what the loops over cells touch, so that they become vector instructions (see event_loops.walk).
     size = WIDEST
-    own = np.zeros(8 * size)
+    own = np.zeros(11 * size)
     row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
+    limit = own[8 * size : 9 * size]
     for c in range(cells):
-        added[c] = offset[row_number, first + c]
+        added[c], limit[c] = offset[row_number, first + c], most[first + c]
     if extra is not None:
         late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
     if onset is not None:
@@ -783,6 +809,7 @@ def charges(  # type: ignore
         start = pause
         output, inert = own[4 * size : 5 * size], own[5 * size : 6 * size]
         swift, ratio = own[6 * size : 7 * size], own[7 * size : 8 * size]
+        asked, met = own[9 * size : 10 * size], own[10 * size : 11 * size]
         for c in range(cells):
             inert[c], swift[c], output[c] = lag[first + c], 1.0 / lag[first + c], slow[first + c]
             if row_number == 0:
@@ -791,7 +818,7 @@ def charges(  # type: ignore
                     x += begin[k] * factors[k, c]
                 if squeeze is not None:
                     x = x / (1.0 + abs(x) * hard[c])
-                output[c] = min(max(x, Y_MIN), X_MAX)
+                output[c] = min(max(x, Y_MIN), limit[c])
         if row_number > 0:
             for n in range(pause):
                 for c in range(cells):
@@ -805,6 +832,7 @@ def charges(  # type: ignore
                     if squeeze is not None:
                         x = x / (1.0 + abs(x) * hard[c])
                     x = x if x > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
                     y = output[c]
                     output[c] = x * y / _below(x, y, x * swift[c])
     for n in range(start, clocks):
@@ -831,6 +859,7 @@ def charges(  # type: ignore
             if n < settle:
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
                     y = output[c]
                     output[c] = x * y / _below(x, y, x * swift[c])
             else:
@@ -839,26 +868,27 @@ def charges(  # type: ignore
                 far = 0.0
                 for c in range(cells):
                     x = row[c] if row[c] > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
                     y = output[c]
                     below = _below(x, y, x * swift[c])
                     both = 1.0 / (below * (x + below))
                     output[c] = x * y * (x + below) * both
                     apart = (below - x) * below * both
                     row[c] = x + inert[c] * _log_of(apart)
-                    ratio[c] = apart
+                    ratio[c], asked[c], met[c] = apart, x, below
                 for c in range(cells):
                     far = far if abs(ratio[c]) < FAR else 1.0
                 if far > 0.0:
                     for c in range(cells):
                         if abs(ratio[c]) >= FAR:
-                            log = math.log((1.0 + ratio[c]) / (1.0 - ratio[c]))
-                            row[c] += inert[c] * (log - _log_of(ratio[c]))
+                            # Of the two themselves: far apart their difference over their sum has no digit beside 1.
+                            row[c] = asked[c] + inert[c] * math.log(met[c] / asked[c])
         if n >= settle:
             into = out[n]
             for c in range(cells):
                 x = row[c] + added[c]
-                x = x if x < X_MAX else X_MAX
-                x = x if x > -X_MAX else -X_MAX
+                x = x if x < limit[c] else limit[c]
+                x = x if x > -limit[c] else -limit[c]
                 average[c] += x
                 row[c] = x
             for c in range(cells):
