@@ -198,13 +198,13 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
     return circuit.v_start_v - circuit.packet_v * (clocks - (whole - running))
 
 
+@mp.workdps(50)
 def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> Floats:
     """`exact_voltage` behind the amplifier's pole, in 50 digits: t v' = u - v with u the voltage without the pole.
 
     u is a parabola while the charge switch moves and a straight line elsewhere. Of u = a + b s + c s^2 follows
     v = p(s) + (v(0) - p(0)) exp(-s / t) with p = u - t u' + t^2 u''.
     """
-    mp.dps = 50
     t_clk, t = 1 / mpf(repr(circuit.f_clk_hz)), mpf(repr(circuit.t_gbw_s))
     ramp, late = mpf(repr(circuit.t_edge_s)), mpf(repr(late_s))
     fall = mpf(repr(circuit.i_in_a)) / mpf(repr(circuit.c_int_f))

@@ -93,6 +93,7 @@ def codes(plan: Plan, frames: int) -> NDArray[np.int64]:
     return np.array([frame(plan, number).codes for number in range(frames)])
 
 
+@mp.workdps(DIGITS)
 def frame(plan: Plan, number: int = 0) -> Frame:
     """One frame of a plan.
 
@@ -103,7 +104,6 @@ def frame(plan: Plan, number: int = 0) -> Frame:
     """
     if unknown := plan.active_fields() - HONOURS:
         raise ValueError(f"no reference for {', '.join(sorted(unknown))}")
-    mp.dps = DIGITS
     converter = plan.converter
     shape = (plan.rows, plan.cols)
     found = Frame(np.zeros(shape, dtype=np.int64), np.zeros(shape), np.zeros(shape))

@@ -401,9 +401,9 @@ def _pump_charges() -> tuple[str, str]:
     return f"{p['cox']!r}*({gate})", f"{p['cox']!r}*{end}"
 
 
+@mp.workdps(50)
 def _pump_gate_at_rest() -> Any:
     """Gate charge with everything at 0 V, and its derivative by the gate: closed forms, 50 digits."""
-    mp.dps = 50
     vt0, gamma, phi, cox = mpf("0.2"), mpf("0.035"), mpf("1.01"), mpf("4e-12")
     root = mp.sqrt(gamma**2 / 4 - (vt0 - gamma * mp.sqrt(phi) - phi))
     return cox * gamma * (root - gamma / 2), cox * gamma / (2 * root)
@@ -425,13 +425,13 @@ def _pump_input(t_ns: float) -> float:
     return float(np.interp(phase, [0.0, 50.0, 60.0, 110.0, 120.0], [0.0, 0.0, 20.0, 20.0, 0.0]))
 
 
+@mp.workdps(50)
 def _pump_point(v_gate: float) -> tuple[Any, Any]:
     """Charge of the source's capacitor and of the gate at a gate voltage.
 
     What leaves the channel at either end stays on that end's capacitor, so both hold the same charge q: no history,
     one equation q = cox / 3 H(v_gate, q), solved by bisection, for its right side falls with q.
     """
-    mp.dps = 50
     p = {k: mpf(repr(v)) for k, v in _PUMP.items()}
     gate = mpf(v_gate)
     flat = p["vt0"] - p["gamma"] * mp.sqrt(p["phi"]) - p["phi"]
@@ -456,6 +456,7 @@ def _pump_point(v_gate: float) -> tuple[Any, Any]:
     return low, p["cox"] * (mpf(2) / 3 * h + p["gamma"] * root)
 
 
+@mp.workdps(50)
 def _pump_reference(fine: int) -> Floats:
     """Gate charge over `unit`, source and drain, in volt, and the current over 1 mA; exact but for the last rounding.
 
