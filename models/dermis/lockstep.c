@@ -34,6 +34,7 @@ enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
 struct source {
     char name[64];
     double from, to, t; /* level before and after the edge that starts at t */
+    double t_edge;      /* how long its edges last */
     bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
 };
 
@@ -60,7 +61,7 @@ static struct {
     bool multistep; /* Gear's formula integrates */
     bool poisoned; /* sources are NaN, so that ngspice gives up */
 
-    double t_now, t_data, t_target, t_edge, t_max_step, t_stop;
+    double t_now, t_data, t_target, t_max_step, t_stop;
 
     int cuts;       /* steps are equal from corner to corner, this many times as many as t_max_step asks for; 0: ngspice's own */
     int steps_left; /* of them, until the next corner */
@@ -163,9 +164,9 @@ static double level(const struct source *s, double t)
 {
     if (t <= s->t)
         return s->from;
-    if (t >= s->t + ls.t_edge)
+    if (t >= s->t + s->t_edge)
         return s->to;
-    return s->from + (s->to - s->from) * ((t - s->t) / ls.t_edge);
+    return s->from + (s->to - s->from) * ((t - s->t) / s->t_edge);
 }
 
 static int on_source(double *value, double t, char *name, int id, void *user)
@@ -235,7 +236,7 @@ static void meet(double t)
             if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t)) {
                 /* ngspice ignores a breakpoint at its own time, and takes one within 100 ulp as reached */
                 ngSpice_SetBkpt(ls.source[i].t + 2.0 * ulps(t));
-                ngSpice_SetBkpt(ls.source[i].t + ls.t_edge);
+                ngSpice_SetBkpt(ls.source[i].t + ls.source[i].t_edge);
             }
     }
 }
@@ -379,10 +380,11 @@ static int fail(const char *what)
     return -1;
 }
 
-/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. */
+/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edge_current: how long edges
+   of sources last that are not abrupt. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
-                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_max_step,
-                  double t_stop, int recording, int use_ic, int multistep, int cuts)
+                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
+                  double t_max_step, double t_stop, int recording, int use_ic, int multistep, int cuts)
 {
     static bool initialised;
     static int ident;
@@ -405,6 +407,7 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
         ls.source[i].from = ls.source[i].to = levels[i];
         ls.source[i].t = -HUGE_VAL;
         ls.source[i].abrupt = abrupt[i] != 0;
+        ls.source[i].t_edge = abrupt[i] ? t_edge : t_edge_current;
     }
     ls.n_probe = n_probe;
     for (int i = 0; i < n_probe; i++) {
@@ -421,7 +424,6 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.multistep = multistep != 0;
     ls.cuts = cuts;
     ls.steps_left = 0;
-    ls.t_edge = t_edge;
     ls.t_max_step = t_max_step;
     ls.t_stop = t_stop;
     for (int k = 0; k < 3; k++)
@@ -523,7 +525,7 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         double t = edge_time[i];
         if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
             return fail("an edge lies outside the interval");
-        if (t < s->t + ls.t_edge - ulps(t))
+        if (t < s->t + s->t_edge - ulps(t))
             return fail("an edge begins before the last one of its source has ended");
         if (ls.n_corner + 2 > MAX_CORNERS)
             return fail("too many edges in one interval");
@@ -531,7 +533,7 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         s->to = edge_level[i];
         s->t = t;
         add_corner(t);
-        add_corner(t + ls.t_edge);
+        add_corner(t + s->t_edge);
     }
     watch_ends("lockstep_advance");
     if (ls.state == FAILED)

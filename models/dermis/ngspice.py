@@ -46,6 +46,7 @@ class Deck:
     abrupt : of each source, whether its edge switches a conductance (against: moves a current source).
     probes : names of the nodes to sample.
     longest_step_s : no time step may be longer, whatever the caller allows.
+    longest_edge_s : nor may an edge of a source that is not abrupt.
     """
 
     lines: tuple[str, ...]
@@ -54,6 +55,7 @@ class Deck:
     abrupt: tuple[bool, ...]
     probes: tuple[str, ...]
     longest_step_s: float = math.inf
+    longest_edge_s: float = math.inf
 
 
 def library() -> Path:
@@ -96,7 +98,7 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, whole, whole, whole, whole]
+    lib.lockstep_open.argtypes += [number, number, number, number, whole, whole, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
@@ -122,7 +124,8 @@ class NgspiceHalf:
     ----------
     deck : Deck
     t_edge_s : float
-        Rise and fall time of every source; its corners become time points of the solution.
+        Rise and fall time of every source, if the deck asks for no less; its corners become time points of the
+        solution.
     t_max_step_s : float
         Largest time step.
     t_stop_s : float
@@ -188,6 +191,7 @@ class NgspiceHalf:
                 len(deck.probes),
                 _texts(deck.probes),
                 t_edge_s,
+                min(t_edge_s, deck.longest_edge_s),
                 step_s,
                 t_stop_s,
                 int(record),
