@@ -25,6 +25,7 @@ from dermis import float_flags, noise
 from dermis.array import Network, column_currents
 from dermis.engines import Result, code_type, event_input, event_loops
 from dermis.engines.event_input import Coupling, Slots, coupling, drowning, groups
+from dermis.errors import InputError
 from dermis.plan import Drive, Plan
 from dermis.vfc import LONGEST_GATE, W_PRESET, Converter
 
@@ -36,7 +37,9 @@ HONOURS = frozenset(
     | {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
     | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
 )
-refuses = event_input.refuses
+
+# Counts by which a capacitance may move a code in a way that this engine does not follow, as `event_input.coupling`.
+_UNFOLLOWED = 1.0
 
 RANDOM = frozenset(
     {
@@ -90,6 +93,51 @@ class Noise(NamedTuple):
 
     rows: Floats
     keys: NDArray[np.uint64]
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What this engine cannot follow of a plan, or None."""
+    return event_input.refuses(plan) or _refuses_displaced(plan)
+
+
+def displaced(plan: Plan) -> dict[str, Floats]:
+    """Charge in packets [cols] that capacitances move in a gate beyond what lines settle, by the field that does it.
+
+    A bias that ripples pushes C dV through the taxel of the driven row. In the direct interface the column, with its
+    taxels to rows that stand still, is across the input of the integrator: of a charge w, C / c_int / (1 + A) stands
+    there. Lines are taken without resistance, where both are largest.
+    """
+    converter, drive, found = plan.converter, plan.drive, {}
+    taxel_f, column_f = (float(plan.surrounding.get(name, 0.0)) for name in ("c_taxel_f", "c_column_f"))
+    packet_c = converter.k * converter.i0_a / converter.f_clk_hz
+    if drive.ripple and taxel_f:
+        angle = 2.0 * math.pi * drive.f_ripple_hz * plan.timing.gate_clocks / converter.f_clk_hz
+        swing_v = abs(drive.ripple) * plan.v_bias_v * min(angle, 2.0)
+        found["ripple"] = np.abs(converter.gain) * taxel_f * swing_v / packet_c
+    across_f = column_f + plan.rows * taxel_f
+    if plan.topology == "direct" and across_f and converter.inv_gain_dc.any():
+        levels_v = (
+            np.abs(converter.preset_error_v) + np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v
+        )
+        reach = 1.0 - W_PRESET + levels_v / converter.packet_v()
+        share = converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
+        found["inv_gain_dc"] = share * across_f / converter.c_int_f * reach
+    return found
+
+
+def _refuses_displaced(plan: Plan) -> InputError | None:
+    if not plan.surrounding.keys() & {"c_taxel_f", "c_column_f"}:
+        return None
+    for name, packets in displaced(plan).items():
+        if (packets > _UNFOLLOWED).any():
+            return InputError(
+                plan.scene.path,
+                "effects.line_capacitance",
+                f"on together with {', '.join(plan.effects_of_field(name))}",
+                f"what capacitances push into a converter known to {_UNFOLLOWED:g} count in engine event, here "
+                f"{packets.max():.2g}; engine cosim takes any",
+            )
+    return None
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
