@@ -42,7 +42,7 @@ FRAME_LIMIT_S = 120.0
 
 def refuses(plan: Plan) -> InputError | None:
     """What the chip is not made for, or the currents cannot be worked out for; None if nothing."""
-    return hdl.beyond_the_chip(plan) or event_input.refuses(plan)
+    return hdl.beyond_the_chip(plan) or event.refuses(plan)
 
 
 def run(
