@@ -248,20 +248,37 @@ def test_codes_with_an_effect_lie_within_its_bound_of_those_without(name: str, t
     assert certified(name, alone, tmp_path, factor=small)[0] > 0, "a bound 100 times too small passes"
 
 
-@pytest.mark.parametrize(
-    "others",
-    [
-        {"charge_packet": {"packet_error": 2.0}},
-        {"reference_drift": {"tc_per_k": 1e-3, "delta_k": 2000.0}, "preset_error": {"v_v": -0.2}},
-        {"preset_error": {"v_v": 40.0}},
-    ],
-)
-def test_noise_of_packets_is_bounded_by_how_many_there_are_and_how_large(
-    others: dict[str, Any], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("packet_error", [2.0, 9.0])
+def test_flicker_is_bounded_in_packets_of_the_size_they_are(packet_error: float, tmp_path: Path) -> None:
+    others = {"charge_packet": {"packet_error": packet_error}}
     outside, changed = certified("flicker_noise", others, tmp_path)
     assert outside == 0
     assert changed > 0, "too weak to test anything"
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        {"preset_error": {"v_v": 100.0}},
+        {"comparator_offset": {"v_v": -60.0}},
+        {"thermal_noise": {"temperature_c": 27.0, "factor": 1e12}},
+        {"integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e4}, "comparator_offset": {"v_v": -20.0}},
+        {"integrator_range": {"v_max_v": 1.2, "v_min_v": -0.2}, "charge_packet": {"packet_error": 1.0}},
+        {"charge_packet": {"packet_error": 2.0}, "offset_current": {"i_a": 1e-4}},
+    ],
+)
+def test_no_converter_takes_more_packets_than_their_bound(what: dict[str, Any]) -> None:
+    """Taxels that give next to nothing, so that all packets are those of what else there is."""
+    data = {
+        "array": {"rows": 4, "cols": 8},
+        "stimulus": {"kind": "uniform", "r_ohm": [3e3, 1e6, 2e5]},
+        "effects": what | {"flicker_noise": {"relative": 1e-3}},
+    }
+    plan = whole_plan(data)
+    most = totals(plan).e.ones
+    codes = event.run(plan).codes.astype(int)
+    assert codes.max() > 20, "too weak to test anything"
+    assert (codes <= np.minimum(most.max(axis=0), 255.5)).all()
 
 
 def test_bounds_of_what_has_a_memory_count_from_the_end_of_the_break(tmp_path: Path) -> None:

@@ -210,22 +210,26 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
                     assert got == pytest.approx(way.y[1, -1], rel=1e-7, abs=1e-12)
 
 
-def test_slow_mirror_wakes_up_to_a_short_within_a_gate(tmp_path: Path) -> None:
-    # Every clock brings 1e13 to 1e15 times the output of the one before: no digit of their ratio is left beside 1.
-    ohm = np.array([np.inf, 1e-9, 1e-9]).reshape(3, 1, 1)
-    plan = made(tmp_path, ohm, {"mirror_lag": {"q_c": 2e-13}, "motion": True})
-    found, slots = charges(plan)[0, 0, 0], Slots.of(plan, slice(0, 1))
-    with mpmath.workdps(50):
-        kappa, y = mpmath.mpf(2e-13) / mpmath.mpf(5e-12), mpmath.mpf(Y_MIN)
-        for n, x in enumerate(
-            np.maximum(slots.basis @ slots.terms[0, :, 0], Y_MIN)[plan.timing.break_clocks :]
-        ):
-            gate, x = n + plan.timing.break_clocks - plan.timing.settle_clocks, mpmath.mpf(x)
-            if gate >= 0:
-                charge = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
-                # Twelve digits of what the mirror gives; none of them is left to chance beyond what drowns all.
-                assert found[gate] == pytest.approx(float(min(charge, event_input.X_MAX)), rel=1e-12)
-            y = after(y, x, 1 / kappa)
+@pytest.mark.parametrize("far", [1e8, 1e11, 1e12])
+@pytest.mark.parametrize("kappa", [1e-2, 1e6, 2e10])
+def test_slow_mirror_is_exact_however_far_its_input_jumps(far: float, kappa: float) -> None:
+    """From its floor up and down again: 1e18 times, and no digit of the ratio is left beside 1."""
+    x = np.array([0.0, 0.0, far, far, 0.0, 0.0, 3.0, 0.5])
+    settle, one = 2, np.ones(1)
+    out, mean = np.empty((x.size, 1)), np.empty(1)
+    found = event_input.charges(
+        0, 0, x[:, None], np.zeros(1), settle, np.ones((1, 1, 1)), None, None, None, None, None, None, kappa * one,
+        np.zeros(1), 0, None, np.zeros((1, 1)), event_input.X_MAX * one, out, mean,
+    )[:, 0]  # fmt: skip
+    with mpmath.workdps(60):
+        y, slow = mpmath.mpf(Y_MIN), mpmath.mpf(kappa)
+        for n, asked in enumerate(map(mpmath.mpf, np.maximum(x, Y_MIN))):
+            charge = slow * mpmath.log1p(y * mpmath.expm1(asked / slow) / asked)
+            if n >= settle:
+                size = float(asked) + kappa * abs(float(mpmath.log(asked / y)))
+                # What it is asked for less kappa times a logarithm: roundings of both, and of exponentials to 1e-13.
+                assert found[n - settle] == pytest.approx(float(charge), rel=0.0, abs=2e-13 * size)
+            y = after(y, asked, 1 / slow)
 
 
 def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_path: Path) -> None:
