@@ -277,6 +277,7 @@ def frame_deck(
     lines = [
         f"dermis frame {frame}: {rows} x {cols}, {plan.topology}",
         *_includes(views, plan.topology),
+        f".param converter_f_clk_hz={spice_number(plan.timing.f_clk_hz)}",
         f"vdd vdd 0 {spice_number(supply.vdd_v * views.supply_scale)}",
         f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
         f"vbias vbias 0 {_bias(plan, frame)}",

@@ -322,3 +322,16 @@ def test_a_wrong_wire_is_caught(resistance_plan: MakePlan, fault: str) -> None:
     check_array(made)
     with pytest.raises((AssertionError, np.linalg.LinAlgError)):
         check_array(made, FAULTS[fault])
+
+
+def test_blocks_of_a_deck_go_by_the_clock_of_its_plan(resistance_plan: MakePlan) -> None:
+    plan = resistance_plan(OHM)
+    fast = replace(plan, timing=replace(plan.timing, f_clk_hz=4.0 * plan.timing.f_clk_hz))
+    for made in (plan, fast):
+        lines = frame_deck(made, 0, LEVELS).lines
+        given = [i for i, line in enumerate(lines) if line.startswith(".param converter_f_clk_hz=")]
+        include = next(i for i, line in enumerate(lines) if "design.inc" in line)
+        # ngspice takes the last one.
+        assert len(given) == 1
+        assert given[0] > include
+        assert float(lines[given[0]].partition("=")[2]) == made.timing.f_clk_hz
