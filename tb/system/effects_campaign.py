@@ -22,8 +22,7 @@ from dermis.design import TOPOLOGIES
 from dermis.errors import InputError
 from dermis.plan import Plan
 
-# Powers of ten are drawn evenly between the two limits, from far below the physical default to far above. A comparator
-# that answers late has a pole in SPICE and a pure delay elsewhere: the same thing up to about a tenth of a clock.
+# Powers of ten are drawn evenly between the two limits, from far below the physical default to far above.
 RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "lateral": {"r_ohm": (100, 1e4)},
     "row_driver": {"r_ohm": (0.1, 30), "grounded_r_ohm": (0.1, 30)},

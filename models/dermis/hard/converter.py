@@ -556,9 +556,9 @@ def _of_levels() -> list[Case]:
             "The comparator is looked at 0.2 fs behind the edge before: every decision is a clock old.",
             "the walk's count",
             World(_SOME, late),
-            ("event", "icarus", "verilator"),
-            refused=no("delay")
-            | {"cosim": "the comparator there has a pole, which is a pure delay up to a tenth of a clock"},
+            LOOPS,
+            refused=no("delay"),
+            analog=World(_FEW, late),
         ),
         _case(
             "comparator_delay_of_next_to_nothing",
@@ -566,8 +566,9 @@ def _of_levels() -> list[Case]:
             "before it.",
             "the ideal codes",
             World(_SOME, early),
-            ("event", "icarus", "verilator"),
-            refused=no("delay") | {"cosim": "as comparator_delay_of_nearly_a_clock"},
+            LOOPS,
+            refused=no("delay"),
+            analog=World(_FEW, early),
         ),
         _measured(
             "comparator_delay_of_a_clock_and_more",
