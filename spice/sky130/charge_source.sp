@@ -14,12 +14,13 @@ xn_off 0 off v_tail vss nmos w=5 l=0.5 k={units}
 .else
 xlevel d_charge on off logic_level swing_v=1 center_v=-0.4
 xbias_cp ibias vcp vdd vss bias_cascode_p
-* A gate line of its own: mirrors of one width match, and of one drain voltage. Without the two cascodes the unit has 1.4 V at ss where
-* the source has 0.5 V, and the packet is 5 % short.
-xn_unit v_nunit ibias vss vss nmos w=5 l=2
-xn_unitc vbu vcn v_nunit vss nmos w=5 l=0.5
-xp_unit v_punit vbu vdd vdd pmos w=10 l=2
-xp_unitc vbu vcp v_punit vdd pmos w=10 l=0.5
+* A gate line of its own, made by as many units as it feeds, for their mismatch adds up: mirrors of one width match, and
+* of one drain voltage. Without the two cascodes the unit has 1.4 V at ss where the source has 0.5 V, and the packet is
+* 5 % short.
+xn_unit v_nunit ibias vss vss nmos w=5 l=2 k={units}
+xn_unitc vbu vcn v_nunit vss nmos w=5 l=0.5 k={units}
+xp_unit v_punit vbu vdd vdd pmos w=10 l=2 k={units}
+xp_unitc vbu vcp v_punit vdd pmos w=10 l=0.5 k={units}
 xp_source v_source vbu vdd vdd pmos w=10 l=2 k={units}
 xp_casc v_tail vcp v_source vdd pmos w=10 l=0.5 k={units}
 xp_on out off v_tail vdd pmos w=40 l=0.5 k={units}

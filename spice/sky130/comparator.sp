@@ -3,13 +3,15 @@
 * Only the pair sees small signals. A folded-cascode amplifier, open-loop from rail to rail, does no better here, and its cascodes going
 * in and out of saturation cost Newton's method 90 iterations a decision instead of 20: half the time of a frame.
 .subckt comparator inp inn out ibias vdd vss
-xn_tail v_tail ibias vss vss nmos w=5 l=2 k=8
+xn_tail v_tail v_own vss vss nmos w=5 l=2 k=8
 xn_inp v_load inp v_tail vss nmos w=20 l=1 k=2
 xn_inn v_pair inn v_tail vss nmos w=20 l=1 k=2
 xp_load v_load v_load vdd vdd pmos w=10 l=1 k=2
 xp_pair v_pair v_load vdd vdd pmos w=10 l=1 k=2
 xp_first v_first v_pair vdd vdd pmos w=10 l=1 k=2
-* The first stage swings from rail to rail: a gate line of its own keeps that from ibias, which makes the packets.
+* A gate line of its own keeps from ibias, which makes the packets, what swings by volts: the first stage, and the
+* pair's tail, which follows inp down to vss. With the tail alone on ibias 16 sourcing channels in step had packets 2 %
+* short and codes bent by 2.9 LSB.
 xbias_p ibias vbp vdd vss bias_p
 xp_own v_own vbp vdd vdd pmos w=20 l=2
 xn_own v_own v_own vss vss nmos w=5 l=2 k=2

@@ -1,5 +1,7 @@
 * SPDX-License-Identifier: Apache-2.0
 * Asymmetrical current mirror: k devices at the input, one at the output; out sources 1/k of what enters in (polarity = -1: sinks it).
+* What a threshold is off is a larger share of a small current than of a large one, so it bends the code: with units of
+* w=5 l=2 and turns of w=20 l=2 by 2.6 LSB in the worst of 100 draws. It goes with one over l, as long as w goes with l.
 * The conveyor's pedestal of 50 uA comes in as well and is taken away at out, by a current of 50 uA / k made the same way.
 * k > 0 fixes the ratio; k = 0 takes 20, 40, 80, 160 from the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices whose gates are let go,
 * so that no switch carries the current.
@@ -7,9 +9,9 @@
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xn_outc v_copy vcn v_out vss nmos w=5 l=0.5
-xn_out v_out in vss vss nmos w=5 l=2
+xn_out v_out in vss vss nmos w=30 l=12
 xn_pedc v_pedcopy vcn v_ped vss nmos w=5 l=0.5
-xn_ped v_ped v_pedgate vss vss nmos w=5 l=2
+xn_ped v_ped v_pedgate vss vss nmos w=30 l=12
 xp_ped v_p vbp vdd vdd pmos w=10 l=2
 xp_pedc v_pedgate vcp v_p vdd pmos w=10 l=0.5
 .if (k > 0)
@@ -50,7 +52,7 @@ xturn v_pedcopy out vcp vdd mirror_turn
 .ends mirror
 * So many input devices of the mirror, gate by itself.
 .subckt mirror_group in gate vcn vss params: units=1
-xn_in v_in gate vss vss nmos w=5 l=2 k={units}
+xn_in v_in gate vss vss nmos w=30 l=12 k={units}
 xn_inc in vcn v_in vss nmos w=5 l=0.5 k={units}
 .ends mirror_group
 * The gate of a group: on it follows the mirror's, off it lies on vss.
@@ -60,8 +62,8 @@ xn_off gate off vss vss nmos w=2 l=0.5
 .ends mirror_gate
 * 1:1: what is drawn from in is sourced at out.
 .subckt mirror_turn in out vcp vdd
-xp_in v_in in vdd vdd pmos w=20 l=2
+xp_in v_in in vdd vdd pmos w=80 l=16 k=2
 xp_inc in vcp v_in vdd pmos w=20 l=0.5
-xp_out v_out in vdd vdd pmos w=20 l=2
+xp_out v_out in vdd vdd pmos w=80 l=16 k=2
 xp_outc out vcp v_out vdd pmos w=20 l=0.5
 .ends mirror_turn

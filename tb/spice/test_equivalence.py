@@ -45,7 +45,7 @@ def test_a_change_of_a_netlist_is_told_by_its_name_and_a_remark_is_none(tmp_path
     mirror = tmp_path / "mirror.sp"
     mirror.write_text(mirror.read_text() + "* a remark\n\n")
     assert extracted.stale(path, tmp_path) == ""
-    mirror.write_text(mirror.read_text().replace("l=2", "l=3", 1))
+    mirror.write_text(mirror.read_text().replace("w=30 l=12", "w=30 l=13", 1))
     said = extracted.stale(path, tmp_path)
     assert "mirror.sp" in said
     assert "ota.sp" not in said
@@ -165,7 +165,7 @@ def test_a_column_of_another_circuit_is_another_column(tmp_path: Path) -> None:
     shutil.copytree(extracted.CIRCUIT, tmp_path, dirs_exist_ok=True)
     assert cases.deck(SHORT, tmp_path).lines == cases.deck(SHORT).lines
     mirror = tmp_path / "mirror.sp"
-    mirror.write_text(mirror.read_text().replace("l=2", "l=3", 1))
+    mirror.write_text(mirror.read_text().replace("w=30 l=12", "w=30 l=13", 1))
     assert cases.deck(SHORT, tmp_path).lines != cases.deck(SHORT).lines
 
 
