@@ -31,7 +31,7 @@ RUN_LIMIT_S = 120.0
 CLOCKS = 400
 T_GBW_S = 1.0 / (2.0 * math.pi * 1e6)
 STEPS_S = (10e-9, 30e-9, 100e-9, 300e-9, 1e-6)
-# Longest step of the run with the Verilog, and in how many each step is cut for the runs without.
+# Longest step of the run with the Verilog; 1 for that run, and in how many each of its steps is cut for the others.
 EXTRAPOLATED_S = (300e-9, 150e-9, 100e-9, 60e-9, 30e-9)
 CUTS = ((1, 2), (1, 2, 3))
 # The project takes 1e-4; two decades to either side.
