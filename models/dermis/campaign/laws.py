@@ -345,12 +345,11 @@ def symmetric(s: Subject) -> Iterator[str]:
     other = event.run(_permuted(s.plan, rows, cols))
     expected, x = s.result.codes[:, rows][:, :, cols], s.x[:, rows][:, :, cols]
     # A short makes an infinite duty; beyond any that is clipped.
-    before, after = (np.clip(v, -event_input.X_MAX, event_input.X_MAX) for v in (x, other.info["x"]))
+    most = event_input.drowning(s.plan.converter)[cols]
+    before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
     # Where offsets and leaks all but cancel what the bias makes, the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
-    known = _coupled(s)
-    known = known if isinstance(known, float) else known[:, rows]
-    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + known
+    wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + _coupled(s)[:, rows]
     if wrong.any():
         at = tuple(np.argwhere(wrong)[0])
         yield f"x = {x[at]!r} becomes {other.info['x'][at]!r} in another order {_where(wrong)}"
@@ -360,20 +359,19 @@ def symmetric(s: Subject) -> Iterator[str]:
         yield f"code {expected[at]} becomes {other.codes[at]} in another order {_where(far)}"
 
 
-def _coupled(s: Subject) -> Floats | float:
+def _coupled(s: Subject) -> Floats:
     """Packets a clock [frames, rows, 1] to which engine event says it knows what columns do to each other."""
     plan, g = s.plan, s.plan.conductance_s()
-    known = []
+    known = np.zeros((plan.frames, plan.rows, 1))
     for alike, slots in event_input.groups(plan, slice(0, plan.frames)):
         if slots is None:
             x = plan.converter.duty(column_currents(plan.network(0), g[alike]))
             coupled = event_input.coupling(plan, g[alike], x)
         else:
             coupled = slots.coupling
-        if coupled is None:
-            return 0.0
-        known.append(coupled.known)
-    return np.concatenate(known) / plan.timing.gate_clocks
+        if coupled is not None:
+            known[alike] = coupled.known / plan.timing.gate_clocks
+    return known
 
 
 def _held(s: Subject) -> Floats:

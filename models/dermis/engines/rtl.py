@@ -205,9 +205,9 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
     if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}) and not event_input.glows(plan):
-        g, most = plan.conductance_s(part), event_input.X_MAX
+        g, most = plan.conductance_s(part), event_input.drowning(converter)
         current = column_currents(plan.network(0), g)
-        coupled = event_input.coupling(plan, g, np.clip(converter.duty(current), -most, most))
+        coupled = event_input.coupling(plan, g, converter.duty(current))
         with np.errstate(over="ignore"):
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
         if coupled is not None:

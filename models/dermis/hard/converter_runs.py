@@ -134,7 +134,7 @@ def through_verilog(
     instead: Sequence[Path] = (),
 ) -> NDArray[Any]:
     """Codes of duties through the Verilog; `instead` has files that take the place of modules."""
-    most = event_input.X_MAX
+    most = event_input.drowning(made.converter)
     currents = rtl.Currents(np.clip(x, -most, most)[..., np.newaxis], np.ones((1, 1)))
     with hdl.work_directory("rtl_runs", made, None) as files:
         command = rtl.build(made, bits, currents, simulator, latch, instead=instead)
