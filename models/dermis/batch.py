@@ -255,22 +255,27 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         raise InputError(
             "command line", "--scheduler", address, f"{allowed} ({type(error).__name__})"
         ) from None
+    gone = SimulatorError(f"the scheduler {address} is gone")
     with _quiet(), client:
         try:
             client.wait_for_workers(1, timeout=WORKER_S)
-        except TimeoutError:
+            workers = sum(client.nthreads().values())
+        except TimeoutError:  # an OSError, too
             raise SimulatorError(f"the scheduler {address} has no worker after {WORKER_S} s") from None
-        workers = sum(client.nthreads().values())
+        except (OSError, CommClosedError):
+            raise gone from None
         executor = client.get_executor(pure=False, retries=0)
         patience = children.Patience(WORKER_S)
 
         def look() -> None:
             if client.status != "running":
-                raise SimulatorError(f"the scheduler {address} is gone")
+                raise gone
             try:  # what the client knows by itself is what it last heard
                 client.sync(client.scheduler.identity, callback_timeout=WORKER_S)
             except TimeoutError:
                 raise SimulatorError(f"the scheduler {address} has not answered for {WORKER_S} s") from None
+            except (OSError, CommClosedError):  # it went while it was asked
+                raise gone from None
             there = len(client.scheduler_info()["workers"])
             # A number that changes while there are workers, so that it counts only the time without any.
             if patience.over(time.monotonic() if there else 0):

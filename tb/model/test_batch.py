@@ -154,6 +154,89 @@ def test_a_scheduler_that_is_not_there_is_a_mistake_of_the_user(
             batch.run(make_plan(), scheduler=address)
 
 
+class _Client:
+    """A client of Dask, as far as `batch.cluster` uses one, that has one worker and whose scheduler then fails."""
+
+    def __init__(self, fails: str) -> None:
+        self.fails = fails
+        self.status = "running"
+        self.scheduler = self
+        self.workers = {"tcp://127.0.0.1:2": 1}
+
+    def __enter__(self) -> _Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def identity(self) -> None:
+        pass
+
+    def shutdown(self, wait: bool = True) -> None:
+        pass
+
+    def wait_for_workers(self, number: int, timeout: float) -> None:
+        pass
+
+    def nthreads(self) -> dict[str, int]:
+        if self.fails == "at_once":
+            raise OSError("Timed out trying to connect")
+        return self.workers
+
+    def get_executor(self, **_: object) -> _Client:
+        return self
+
+    def scheduler_info(self) -> dict[str, dict[str, int]]:
+        return {"workers": self.workers}
+
+    def sync(self, function: object, callback_timeout: float) -> None:
+        from distributed.comm import CommClosedError
+
+        broken = {"closed": CommClosedError, "refused": ConnectionRefusedError, "no_answer": TimeoutError}
+        if self.fails in broken:
+            raise broken[self.fails]("in <TCP (closed)>")
+
+
+@pytest.mark.parametrize(
+    ("fails", "said"),
+    [
+        ("at_once", "is gone"),
+        ("closed", "is gone"),
+        ("refused", "is gone"),
+        ("status", "is gone"),
+        ("no_answer", "has not answered for 8 s"),
+        ("no_worker", "has had no worker for 8 s"),
+    ],
+)
+def test_a_look_at_a_cluster_says_in_one_line_what_has_failed(
+    monkeypatch: pytest.MonkeyPatch, fails: str, said: str
+) -> None:
+    """An error of the connection itself, as a scheduler goes while it is asked, was a traceback."""
+    distributed = pytest.importorskip("distributed")
+    client = _Client(fails)
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: client)
+    monkeypatch.setattr(batch, "WORKER_S", 8)
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    address = "tcp://127.0.0.1:8786"
+
+    def watched() -> None:
+        with batch.cluster(address) as (_, workers, look):
+            assert workers == 1
+            if fails == "status":
+                client.status = "closed"
+            if fails == "no_worker":
+                client.workers = {}
+                for _ in range(5):  # 8 s are over at the sixth look, 10 s behind the first
+                    look()
+                    now[0] += batch.LOOK_S
+            look()
+
+    with pytest.raises(SimulatorError) as raised:
+        watched()
+    assert str(raised.value) == f"the scheduler {address} {said}"
+
+
 def _failing(make_plan, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Fails in the engine, since nobody looks on the way in: lines that have not settled, with resistance."""
     monkeypatch.setattr(engines, "check", lambda _: None)
