@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from mpmath import mpf
 from scipy.integrate import solve_ivp
 
@@ -256,6 +257,56 @@ def test_between_two_methods_no_setting_is_made_up() -> None:
     assert command._at([fast, slow], 1e-4) == pytest.approx(10.0)
     assert command._at([replace(fast, method="another"), slow], 1e-4) == 100.0
     assert command._at([fast, slow], 1e-7) is None
+
+
+# ---- the command -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--table --only frames", "--table = with --only"),
+        ("--table --quick", "--table = with --quick"),
+        ("--table --docs", "--table = with --docs"),
+        ("--table --redraw", "--table = with --redraw"),
+        ("--table --repeat 3", "--table = with --repeat"),
+        ("--redraw --only order --quick", "--redraw = with --quick and --only"),
+        ("--docs --only order", "--docs = with --quick or --only"),
+        ("--docs --quick", "--docs = with --quick or --only"),
+        ("--quick --repeat 2", "--quick and --repeat = 2"),
+        ("--quick --only sky130", "--only sky130 = with --quick"),
+    ],
+)
+def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
+    words: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """--table wrote its tracked file and --docs a quick run's figures, or nothing, and both ended with 0."""
+    for place, name in (
+        (choice, "write"),
+        (command, "draw"),
+        (command, "order_rows"),
+        (converter, "measure"),
+        (frames, "measure"),
+        (transistors, "measure"),
+        (command, "write_between"),
+    ):
+        monkeypatch.setattr(place, name, pytest.fail)
+    refused = CliRunner().invoke(command.accuracy_command, words.split())
+    assert isinstance(refused.exception, InputError), refused
+    assert said in str(refused.exception)
+
+
+@pytest.mark.parametrize(
+    ("words", "done"), [("--table", "curve"), ("--redraw", "drawn"), ("--redraw --docs", "drawn and copied")]
+)
+def test_what_an_option_is_for_goes_through(words: str, done: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[str] = []
+    monkeypatch.setattr(choice, "write", lambda _: steps.append("curve"))
+    monkeypatch.setattr(command, "draw", lambda *_: steps.append("drawn"))
+    monkeypatch.setattr(command, "_copy_figures", lambda docs: steps.extend(["copied"] if docs else []))
+    went = CliRunner().invoke(command.accuracy_command, words.split(), standalone_mode=False)
+    assert went.exception is None
+    assert " and ".join(steps) == done
 
 
 # ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from dermis import bench, bench_peers, design, verdict
 from dermis.accuracy import choice, converter, figures, frames, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, point_name, to_csv
 from dermis.design import ROOT
+from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
 from dermis.verdict import Row
 
@@ -220,11 +221,36 @@ def _copy_figures(docs: bool) -> None:
         shutil.copyfile(OUT / f"{file}.png", ROOT / "docs" / "figures" / f"accuracy_{file}.png")
 
 
+def _refuse_contradictions(
+    quick: bool, repeat: int | None, docs: bool, curve: bool, redraw: bool, only: str | None
+) -> None:
+    """Refuse what would be ignored, or would put a part of the measurement in the place of the whole.
+
+    Raises
+    ------
+    InputError
+        --table or --redraw with what they do not read, --docs of a part, --quick with what it leaves out.
+    """
+    measured = {"--quick": quick, "--repeat": repeat is not None, "--only": only is not None}
+    for flag, asked, others in (
+        ("--table", curve, measured | {"--docs": docs, "--redraw": redraw}),
+        ("--redraw", redraw, measured),
+    ):
+        if asked and (ignored := [name for name, given in others.items() if given]):
+            raise InputError("command line", flag, f"with {' and '.join(ignored)}", "it by itself")
+    if docs and (quick or only):
+        raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
+    if quick and repeat is not None:
+        raise InputError("command line", "--quick and --repeat", repeat, "one of the two")
+    if quick and only == "sky130":
+        raise InputError(
+            "command line", "--only sky130", "with --quick", "a run without --quick, which skips it"
+        )
+
+
 @click.command("accuracy")
-@click.option("--quick", is_flag=True, help="Fewer settings, once each.")
-@click.option(
-    "--repeat", type=click.IntRange(1, 99), default=3, show_default=True, help="Runs of each setting."
-)
+@click.option("--quick", is_flag=True, help="Fewer settings, once each, and none of --only sky130.")
+@click.option("--repeat", type=click.IntRange(1, 99), help="Runs of each setting; default 3, with --quick 1.")
 @click.option("--docs", is_flag=True, help="Also write docs/accuracy.md and docs/figures/accuracy_*.png.")
 @click.option("--table", "curve", is_flag=True, help="Only measure and write models/accuracy.json.")
 @click.option(
@@ -232,13 +258,14 @@ def _copy_figures(docs: bool) -> None:
 )
 @click.option("--only", type=click.Choice(["order", "converter", "frames", "sky130"]), help="One part.")
 def accuracy_command(
-    quick: bool, repeat: int, docs: bool, curve: bool, redraw: bool, only: str | None
+    quick: bool, repeat: int | None, docs: bool, curve: bool, redraw: bool, only: str | None
 ) -> int:
     """What accuracy costs in simulation time: error against time, drawn, in build/accuracy."""
 
     def tell(words: str) -> None:
         click.echo(words, err=True)
 
+    _refuse_contradictions(quick, repeat, docs, curve, redraw, only)
     if curve:
         choice.write(tell)
         click.echo("written: models/accuracy.json")
@@ -248,7 +275,7 @@ def accuracy_command(
         draw([point for file in files if file.exists() for point in from_csv(file.read_text())], OUT)
         _copy_figures(docs)
         return 0
-    repeat = 1 if quick else repeat
+    repeat = repeat or (1 if quick else 3)
     with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
         work = Path(scratch)
         rows = [bench.busy_row("accuracy.busy_cores")]
@@ -275,7 +302,7 @@ def accuracy_command(
         draw(points, OUT)
     verdict.write_rows("accuracy", [*rows, *point_rows(points)])
     verdict.print_rows([*rows, *point_rows(points)], "What accuracy costs in time")
-    if docs and only is None:
+    if docs:
         write_between(DOCS, BEGIN, END, table(points, rows))
         _copy_figures(docs)
         click.echo("written: docs/accuracy.md")
