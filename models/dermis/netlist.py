@@ -78,9 +78,10 @@ _OPTIONS_POLE = {"reltol": 1e-4, "abstol": 1e-12, "vntol": 1e-7, "chgtol": 1e-14
 
 # A clamp inside the converter's own swing is met at every packet, and what it takes decides which clock the next one
 # falls on. At 1e-4 a code of a range of -0.25 .. 0.6 V is off by 3; at 1e-5 by 1; here by none.
-_OPTIONS_CLAMP = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
-# Of the reference current, 1e-13 A at 25 uA. The direct interface has k times that: with 1e-13 A beside its milliampere
-# Newton's method could not meet the rounding of a capacitance between two ideal sources ("timestep too small").
+_OPTIONS_CLAMP = {"reltol": 1e-6, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
+# abstol there, of the deck's largest reference current: 1e-13 A at 25 uA. The direct interface has k times that: with
+# 1e-13 A beside its milliampere Newton's method could not meet the rounding of a capacitance between two ideal sources
+# ("timestep too small").
 _ABSTOL_CLAMP = 4e-9
 
 # There an edge of a packet lasts so many clocks (1 ps). A ramp of r clocks takes r / 2 of a packet out behind the
@@ -327,17 +328,20 @@ def frame_deck(
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
+    # Beside transistors neither tolerances nor edges are those of a clamp: gates are driven by edges that a chip has,
+    # and what 1 ns of ramp moves is below their own tolerances.
+    bites = not transistors and clamp_bites(plan.converter)
     if transistors:
         lines.append(transistor_options())
     else:
-        lines.append(options(has_pole(plan), clamp_bites(plan.converter), float(plan.converter.i0_a.min())))
+        i0_a = float(plan.converter.i0_a[list(columns)].max())
+        lines.append(options(has_pole(plan), clamp_i0_a=i0_a if bites else None))
     probes = [f"comp{c}" for c in columns]
     if record:
         whole = direct and _channel_in_transistors(views, "direct")
         probes += [integrator_nodes(c)[whole] for c in columns]
     abrupt = (True,) * (rows + 1) + (False,) * len(columns)
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
-    bites = not transistors and clamp_bites(plan.converter)
     edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf
     return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest_step_s(plan.drive), edge_s)
 
@@ -405,15 +409,16 @@ def transistor_options() -> str:
     return f".options {_assignments(OPTIONS_TRANSISTORS)}"
 
 
-def options(pole: bool, clamp: bool = False, i0_a: float | None = None) -> str:
+def options(pole: bool, clamp_i0_a: float | None = None) -> str:
     """The `.options` line of a deck with a time constant besides its integrators, without, or with a biting clamp.
 
-    Beside a clamp abstol is that of a reference current of 25 uA and goes with the deck's own, `i0_a`.
+    `clamp_i0_a` is the largest reference current, in A, of a deck with a clamp that bites (abstol goes with it), else
+    None.
     """
-    values = dict(_OPTIONS_CLAMP if clamp else _OPTIONS_POLE if pole else _OPTIONS_EXACT)
-    if clamp and i0_a is not None:
-        values["abstol"] = _ABSTOL_CLAMP * i0_a
-    return ".options " + _assignments(values)
+    if clamp_i0_a is not None:
+        # The reason of abstol is that of _ABSTOL_CLAMP.
+        return ".options " + _assignments({**_OPTIONS_CLAMP, "abstol": _ABSTOL_CLAMP * clamp_i0_a})
+    return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
 
 
 def integrator_node(column: int) -> str:

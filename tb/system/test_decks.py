@@ -335,3 +335,33 @@ def test_blocks_of_a_deck_go_by_the_clock_of_its_plan(resistance_plan: MakePlan)
         assert len(given) == 1
         assert given[0] > include
         assert float(lines[given[0]].partition("=")[2]) == made.timing.f_clk_hz
+
+
+BITES = "integrator_range = { v_max_v = 0.69, v_min_v = -0.56 }"
+
+
+def abstol(plan: Plan, columns: tuple[int, ...] | None = None) -> float:
+    line = next(
+        li for li in frame_deck(plan, 0, LEVELS, columns=columns).lines if li.startswith(".options")
+    )
+    return float(dict(w.split("=") for w in line.split()[1:])["abstol"])
+
+
+def test_a_clamp_that_bites_asks_for_short_edges_and_another_does_not(resistance_plan: MakePlan) -> None:
+    plan = resistance_plan(OHM, effects=BITES)
+    # 5e-6 clock of 200 ns; products of two numbers, written with 15 digits.
+    assert frame_deck(plan, 0, LEVELS).longest_edge_s == pytest.approx(1e-12, rel=1e-12)
+    assert abstol(plan) == pytest.approx(1e-13, rel=1e-12)
+    for text in ("", "integrator_range = { v_max_v = 1.6, v_min_v = -1.6 }"):
+        assert frame_deck(resistance_plan(OHM, effects=text), 0, LEVELS).longest_edge_s == np.inf
+
+
+def test_abstol_beside_a_clamp_is_of_the_largest_reference_current_in_the_deck(
+    resistance_plan: MakePlan,
+) -> None:
+    plan = resistance_plan(OHM, effects=BITES)
+    unlike = replace(plan, converter=replace(plan.converter, i0_a=np.array([3e-9, 25e-6, 12e-6, 3e-9])))
+    # Products of two numbers, written with 15 digits.
+    assert abstol(unlike) == pytest.approx(1e-13, rel=1e-12)
+    assert abstol(unlike, (0, 2)) == pytest.approx(4.8e-14, rel=1e-12)
+    assert abstol(unlike, (0, 3)) == pytest.approx(1.2e-17, rel=1e-12)

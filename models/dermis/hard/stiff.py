@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dermis import netlist, progress, verdict, workers
 from dermis.design import ROOT
+from dermis.design import load as load_design
 from dermis.files import write_between
 from dermis.hard import stiff_circuits
 from dermis.hard.case import Case, Measured
@@ -36,7 +37,7 @@ BEGIN, END = "<!-- begin: stiff (written by dermis stiff --docs) -->", "<!-- end
 OPTIONS = {
     "exact": netlist.options(pole=False),
     "pole": netlist.options(pole=True),
-    "clamp": netlist.options(pole=True, clamp=True),
+    "clamp": netlist.options(pole=True, clamp_i0_a=load_design().converter.i0_a),
 }
 """The option sets of netlist.py: without truncation control, with it at reltol 1e-4, at 1e-6."""
 
