@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -128,6 +129,67 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
     assert [row["status"] for row in rows] == ["PASS", "ERROR", "FAIL"]
     assert len(calls) == 2
     assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)
+
+
+class _Finished:
+    """A command that is there or has ended, and what it said on standard error."""
+
+    def __init__(self, work: Path, said: str, ended: bool) -> None:
+        self.child = self
+        self.pid = 0
+        self.said = work / "said.out", work / "said.err"
+        self.said[1].write_text(said)
+        self._ended = ended
+
+    def poll(self) -> int | None:
+        return 0 if self._ended else None
+
+    def wait(self) -> Ended:
+        return Ended(0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("whom", "said", "ended", "codes", "faults", "note"),
+    [
+        ("worker", "Receive client connection", False, {0}, 0, "exit 0"),
+        ("workers", "Receive client connection", False, {3}, 0, "exit 0"),
+        ("scheduler", "Receive client connection", False, {3}, 0, "exit 0"),
+        ("scheduler", "Receive client connection, Remove client", False, {0}, 0, "ended before"),
+        ("workers", "Receive client connection", True, {0}, 0, "ended before"),
+        ("worker", "Register worker", False, {0}, 1, "exit 0"),
+    ],
+)
+def test_a_trial_on_a_cluster_knows_the_one_exit_code_that_is_right(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    whom: str,
+    said: str,
+    ended: bool,
+    codes: set[int],
+    faults: int,
+    note: str,
+) -> None:
+    """0 and 3 were right for all, so that a worker whose loss ends a run passed; and so did a run that never came."""
+    other = _Finished(tmp_path, said, ended)
+    asked: list[set[int]] = []
+
+    @contextlib.contextmanager
+    def there(*_: object):
+        yield "tcp://127.0.0.1:1", other, [other, other]
+
+    monkeypatch.setattr(trials, "dask_cluster", there)
+    monkeypatch.setattr(trials, "CLUSTER_LIMIT_S", 0.1)
+    monkeypatch.setattr(trials, "baseline", lambda *_: None)
+    monkeypatch.setattr(trials, "earlier", lambda *_: {})
+    monkeypatch.setattr(trials, "again", lambda *_: [])
+    monkeypatch.setattr(trials, "judge_all", lambda *words: asked.append(words[-1]) or [])
+    monkeypatch.setattr(trials.time, "sleep", lambda _: None)
+    monkeypatch.setattr(benches, "send", lambda *_: True)
+    monkeypatch.setattr(Bench, "dermis", lambda *_, **__: other)
+    found, told = trials.cluster(whom, signal.SIGKILL, Bench(tmp_path), "cluster.batch.any.1")
+    assert asked == [codes]
+    assert len(found) == faults
+    assert told == note
 
 
 def test_there_are_a_hundred_kills_and_every_group() -> None:

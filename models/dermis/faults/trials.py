@@ -733,10 +733,27 @@ def dask_cluster(bench: Bench, work: Path) -> Iterator[tuple[str, Run, list[Run]
             program = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1"]
             own = ["--local-directory", str(work / f"worker_{number}")]
             workers.append(bench.start([*program, *place, *own], work))
+        # Both: a run begins with one of them, and the loss of that one is to leave another.
+        if not benches.poll(
+            lambda: scheduler.said[1].read_text().count("Register worker") > 1, CLUSTER_LIMIT_S
+        ):
+            raise RuntimeError("no two workers of Dask have started")
         yield json.loads(file.read_text())["address"], scheduler, workers
     finally:
         for run in (*workers, scheduler):
             run.end()
+
+
+def cluster_codes(whom: str, over: bool) -> set[int]:
+    """Exit codes that are right for a run whose cluster lost its scheduler, one worker of two, or both workers.
+
+    Parameters
+    ----------
+    whom : scheduler, worker or workers
+    over : the run had left the cluster, or ended, before the signal
+    """
+    # The other worker takes the part over: at once, or WORKER_TTL after the first began to stand still.
+    return {0} if over or whom == "worker" else {3}
 
 
 def cluster(whom: str, number: signal.Signals, bench: Bench, name: str) -> tuple[list[str], str]:
@@ -750,19 +767,26 @@ def cluster(whom: str, number: signal.Signals, bench: Bench, name: str) -> tuple
     before = earlier(bench, out)
     arguments = subject.make(work, number_of(name))
     arguments = arguments[: arguments.index("--processes")]
+    faults = []
     with dask_cluster(bench, work) as (address, scheduler, workers):
+
+        def says(words: str) -> bool:
+            return words in scheduler.said[1].read_text()
+
         changes = [f"dermis.batch:WORKER_S={_NO_WORKER_S}"]
         run = bench.dermis([*arguments, "--scheduler", address, "--out", str(out)], work, changes)
-        benches.poll(lambda: "client connection" in scheduler.said[1].read_text(), CLUSTER_LIMIT_S)
+        if not benches.poll(lambda: says("Receive client connection"), CLUSTER_LIMIT_S):
+            faults.append(f"has not come to the scheduler within {CLUSTER_LIMIT_S:g} s")
         time.sleep(draw.uniform(0.0, subject.at_work_s))
         hit = {"scheduler": [scheduler], "worker": workers[:1], "workers": workers}[whom]
+        # Its results are all there once it has left.
+        over = run.child.poll() is not None or says("Remove client")
         sent = [benches.send(other.child.pid, number) for other in hit]
         ended = run.wait()
-        # One of two workers leaves its part to the other; without any, or a scheduler, there is an end with one line.
-        faults = judge_all(bench, run, ended, out, before, subject, {0, 3})
+        faults += judge_all(bench, run, ended, out, before, subject, cluster_codes(whom, over))
     if not all(sent):
         faults.append("the cluster had ended by itself")
-    note = f"exit {ended.code if ended else 'none'}"
+    note = "ended before" if over else f"exit {ended.code if ended else 'none'}"
     return faults + again(bench, [*arguments, "--processes", "2"], work, out, subject), note
 
 
