@@ -241,6 +241,17 @@ static void meet(double t)
     }
 }
 
+/* ngspice has rejected one of the steps that were to be equal: what is left until the next corner would be divided anew, and
+   runs with other cuts would no longer differ by powers of the step alone. */
+static void uneven(double t)
+{
+    snprintf(ls.trouble, TEXT_BYTES,
+             "steps cut in %d must stay equal, and the one to %.9g s was rejected (truncation control, or no convergence)",
+             ls.cuts, t);
+    ls.state = FAILED;
+    swapcontext(&ls.runner, &ls.caller); /* for good: a circuit that has failed is never entered again */
+}
+
 /* A step that divides what is left until the next corner evenly. The same edges with 2 or 3 cuts for 1 are then
    solved with every single step halved or cut in three, so that errors go with the square of the step, and nothing else moves. */
 static double even_step(double left)
@@ -258,6 +269,8 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
     if (where != 0) {
         if (redo) {
             ls.rejected++;
+            if (ls.cuts && ls.accepted > 2)
+                uneven(t);
             if (ls.first_of_kind && ls.remembered[ls.kind] > *delta)
                 ls.remembered[ls.kind] = *delta;
         }
@@ -390,6 +403,8 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     static int ident;
     if (ls.state == RUNNING || ls.state == FAILED)
         return fail("this process has had a circuit that did not come to its end");
+    if (cuts < 0)
+        return fail("a step cannot be cut in less than 0");
     if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
         return fail("too many sources or probes");
     if (ls.log)

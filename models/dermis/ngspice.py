@@ -142,10 +142,13 @@ class NgspiceHalf:
     cuts : int
         0: ngspice chooses its steps up to the largest. Above: from one corner of a source or sample to the next all
         steps are equal, `cuts` times as many as the largest step asks for. Runs with the same edges and other cuts
-        then differ by powers of the step alone, which extrapolation needs. For decks without truncation control.
+        then differ by powers of the step alone, which extrapolation needs. For decks without truncation control: a
+        step that ngspice rejects is a SimulatorError in `advance`, and the process can have no other circuit.
 
     Raises
     ------
+    ValueError
+        `cuts` below 0.
     SimulatorError
         ngspice refuses the deck.
     ladder.Abort
@@ -166,6 +169,8 @@ class NgspiceHalf:
         level: ladder.Level = ladder.PLAIN,
         cuts: int = 0,
     ) -> None:
+        if cuts < 0:
+            raise ValueError(f"cuts = {cuts}: 0 or more")
         global _lib
         _lib = _lib or _load()
         self._log = log

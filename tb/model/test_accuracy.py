@@ -77,6 +77,71 @@ def test_cut_steps_are_equal_from_corner_to_corner(tmp_path: Path) -> None:
     assert steps[3:] == pytest.approx(999e-9 / 12, rel=1e-8)  # the same rounding, of 83 ns
 
 
+UNEVEN = """
+import sys
+from pathlib import Path
+from dermis.errors import SimulatorError
+from dermis.ngspice import Deck, NgspiceHalf
+
+lines = ("cut", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n", *sys.argv[2:])
+half = NgspiceHalf(
+    Deck(lines, ("v_d",), (0.0,), (False,), ("out",)),
+    t_edge_s=1e-9,
+    t_max_step_s=1e-7,
+    t_stop_s=4e-6,
+    log=Path("ngspice.log"),
+    cuts=int(sys.argv[1]),
+)
+try:
+    for n in range(1, 5):
+        half.advance(1e-6 * n, [(1e-6 * (n - 1), 0, float(n % 2))] if n > 1 else [])
+    print("all of it", half.statistics["rejected"])
+except SimulatorError as error:
+    print(error)
+"""
+EVEN = ".options trtol=1e12"  # no truncation control
+TRUNCATED = ".options trtol=1 reltol=1e-6 vntol=1e-9 chgtol=1e-18"  # 86 steps of this circuit are rejected
+
+
+@pytest.mark.parametrize(
+    ("cuts", "lines", "said"),
+    [
+        (2, [EVEN], "all of it 0"),
+        (2, [TRUNCATED], "steps cut in 2 must stay equal, and the one to "),
+        (0, [TRUNCATED], "all of it"),
+    ],
+    ids=["even", "rejected", "not_cut"],
+)
+def test_a_cut_step_that_is_rejected_ends_the_run(
+    cuts: int, lines: list[str], said: str, tmp_path: Path
+) -> None:
+    """The rest of an interval was divided anew, without a word. A process that failed takes no other circuit."""
+    done = subprocess.run(
+        [sys.executable, "-c", UNEVEN, str(cuts), *lines],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert said in done.stdout
+    if not cuts:
+        assert done.stdout.strip() != "all of it 0", "the truncation control of this deck rejects"
+
+
+def test_steps_are_not_cut_in_less_than_none(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cuts = -1: 0 or more"):
+        NgspiceHalf(
+            bench_vfc.deck(converter.IDEAL),
+            t_edge_s=1e-9,
+            t_max_step_s=1e-7,
+            t_stop_s=1e-6,
+            log=tmp_path / "log",
+            cuts=-1,
+        )
+
+
 @pytest.mark.parametrize("quick", [False, True])
 @pytest.mark.parametrize("name", converter.CIRCUITS)
 def test_every_method_of_a_circuit_has_a_name_of_its_own(name: str, quick: bool) -> None:
