@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from dermis import design, verdict
-from dermis.characterise import benches, results, run_all, runs
+from dermis.characterise import benches, command, results, run_all, runs
 from dermis.characterise.benches import BENCHES, Bench, Condition, deck
 from dermis.characterise.command import characterise_command, chosen, jobs_of
 from dermis.characterise.run_all import Job, Runs, conditions
@@ -205,7 +205,7 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
 ) -> None:
     typical = ("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
     code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
     assert (code, {row["status"] for row in rows.values()}) == (0, {"PASS"}), said
     assert rows["sky130.row_driver_r_ohm.held"]["value"] > 0.1
 
@@ -214,7 +214,7 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
     far = held.replace("il row 0 0", "rfault row far 2\nil far 0 0").replace("v(row)", "v(far)")
     changed("row_driver_held", far)
     code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
     assert code == 1
     assert rows["sky130.row_driver_r_ohm.held"]["status"] == "FAIL"
     assert "FAIL sky130.row_driver_r_ohm.held" in said
@@ -223,7 +223,7 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
     # A node that is 1 V where it is below half a volt, and 0 V elsewhere, has no voltage.
     changed("row_driver_held", "bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
     code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise.json").read_text())}
+    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
     assert code == 3
     errors = {name for name, row in rows.items() if row["status"] == "ERROR"}
     assert errors == {"sky130.row_driver_r_ohm.held"}
@@ -245,12 +245,32 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
         (("--docs", "--only", "reference"), "--docs"),
         (("--docs", "--samples", "10"), "--docs"),
         (("--sample", "3", "--samples", "5"), "--sample and --samples"),
+        (("--scheduler", "nonsense"), "--scheduler"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
     ],
 )
 def test_wrong_arguments_are_named(arguments: tuple[str, ...], key: str) -> None:
     with pytest.raises(InputError) as raised:
         called(*arguments)
     assert raised.value.key == key
+
+
+def test_only_a_whole_run_replaces_what_others_read(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def of_one_bench(names: object, *ways: object) -> list[Job]:
+        return [Job("row_driver_held", Condition())]
+
+    monkeypatch.setattr(command, "jobs_of", of_one_bench)
+    rows, part = (build / "build" / f"{name}.json" for name in ("characterise", "characterise_part"))
+    for arguments in (("--at", "tt,27,1"), ("--only", "row_driver_held"), ("--samples", "99"), ("--short",)):
+        called(*arguments, "--jobs", "1")
+        assert part.exists(), arguments
+        assert not rows.exists(), arguments
+        assert not results.VALUES.exists(), arguments
+        part.unlink()
+    called("--jobs", "1")
+    assert rows.exists()
+    assert results.VALUES.exists()
+    assert not part.exists()
 
 
 def test_an_option_that_is_no_number_is_refused() -> None:

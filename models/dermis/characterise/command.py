@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dermis import verdict
+from dermis import batch, verdict
 from dermis.characterise import results
 from dermis.characterise.benches import BENCHES, SUMS, Condition
 from dermis.characterise.results import Series
@@ -178,13 +178,18 @@ def characterise_command(
 ) -> int:
     """The transistor blocks over corners, temperatures, supplies and mismatch, against their limits."""
     part = bool(only) or at is not None or sample is not None
-    if docs and (part or short or (many is not None and many < SAMPLES)):
+    whole = not part and not short and (many is None or many >= SAMPLES)
+    if docs and not whole:
         raise InputError("command line", "--docs", "a part", f"all benches and at least {SAMPLES} samples")
     if short and (at is not None or sample is not None):
         raise InputError("command line", "--short", "with a condition", "one of the two")
     if sample is not None and many is not None:
         raise InputError("command line", "--sample and --samples", sample, "one of the two")
     names = chosen(only)
+    if scheduler is not None:
+        # Refused now, not behind the decks, and also where all is kept and nobody would ask for it.
+        with batch.cluster(scheduler):
+            pass
     asked = [quantity_of(word) for word in only if _solved_otherwise(quantity_of(word))]
     ways = [way for way in NUMERICS if way and any(word.endswith(f".{way}") for word in asked)]
     every = jobs_of(names, at, sample, many, short, ways)
@@ -202,9 +207,10 @@ def characterise_command(
     if wanted and len(wanted) == len(only):
         found = [one for one in found if any(_covers(w, one.only) for w in wanted)]
     rows = [one.row() for one in found]
-    if not part and not short and many != 0:
+    # A part leaves what others read of the last whole run as it is.
+    if whole:
         results.write_values(runs.outcomes)
-    verdict.write_rows("characterise", rows)
+    verdict.write_rows("characterise" if whole else "characterise_part", rows)
     print_table(found, rows, _title(every))
     if docs:
         from dermis.characterise import docs as pages
