@@ -298,7 +298,6 @@ def test_columns_apart_are_as_columns_together(
         pytest.param(
             "reltol=1e-4 abstol=1e-11 vntol=1e-7",  # a tenth and a hundredth of the deck's
             id="tolerances",
-            marks=pytest.mark.xfail(strict=True, reason="0.16 LSB; cause not found (docs/views.md)"),
         ),
     ],
 )
