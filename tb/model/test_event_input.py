@@ -522,3 +522,38 @@ def test_bandwidth_that_lets_columns_move_each_other_by_counts_is_refused(tmp_pa
     with pytest.raises(InputError, match=r"integrator_bandwidth.*lateral"):
         event.run(made(tmp_path, ohms(0, 1, 4, 4), effects, "direct"))
     event.run(made(tmp_path, ohms(0, 1, 4, 4), effects | {"integrator_bandwidth": True}, "direct"))
+
+
+EVERY = {
+    "line_capacitance": True,
+    "supply_ripple": True,
+    "integrator_gain": True,
+    "integrator_bandwidth": True,
+    "integrator_range": True,
+}
+
+
+@pytest.mark.parametrize(
+    ("topology", "counts"),
+    [
+        # 5 pF and 0.5 mV of ripple on packets of 0.4 nC, all of one swing; 480 pF across 400 pF and a gain of 1e4, 1.5
+        # packets away, and 3.18 ns times 1.2, 5 MHz; 5 pF and 0.5 V, 1 mV more at the crest.
+        ("direct", {"ripple": 1.25e-5, "inv_gain_dc": 1.8e-4 / 1.0001, "t_gbw_s": 0.0159154943 * 1.2}),
+        ("conveyor_mirror", {"ripple": 1.25e-5, "q_mirror_c": 6.25e-3 * 1.001}),
+    ],
+)
+def test_what_capacitances_displace_is_far_below_a_count_at_the_defaults(
+    tmp_path: Path, topology: str, counts: dict[str, float]
+) -> None:
+    on = EVERY | ({"mirror_lag": True} if topology == "conveyor_mirror" else {})
+    plan = made(tmp_path, ohms(1, 1, 16, 4), on, topology)
+    found = {name: float(value.max()) for name, value in event.displaced(plan).items()}
+    # Formulas against numbers of nine digits.
+    assert found == pytest.approx(counts, rel=1e-6)
+    assert event.refuses(plan) is None
+    # A range that bites: 256 times as much, by what every packet of a gate may lose.
+    bites = {**on, "integrator_range": {"v_max_v": 0.69, "v_min_v": -0.56}}
+    beside = event.displaced(made(tmp_path, ohms(1, 1, 16, 4), bites, topology))
+    factor = 1.0 + (plan.timing.gate_clocks + 1) / 2
+    # A product and a quotient of doubles.
+    assert {n: float(v.max()) / factor for n, v in beside.items()} == pytest.approx(found, rel=1e-12)

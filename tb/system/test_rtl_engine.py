@@ -59,6 +59,12 @@ COMPANY = {
     "line_capacitance": {"row_driver": "{ r_ohm = 300.0 }", "column_input": "{ r_ohm = 300.0 }"},
     "mirror_output": {"integrator_gain": "{ gain_dc = 100 }"},
 }
+# In the direct interface, where event and rtl refuse a column that makes a slow amplifier slower beside a range that
+# bites, and columns that saturate and move the others by more than a count.
+DIRECT = {
+    "integrator_gain": "{ gain_dc = 300, r_in_ohm = 1e4 }",
+    "line_capacitance": "{ c_row_f = 2e-9, c_column_f = 0.0, c_taxel_f = 0.0 }",
+}
 RANDOM = [effect.name for effect in effects.EFFECTS.values() if effect.random]
 
 
@@ -91,7 +97,8 @@ def alone(name: str) -> str:
 
 def together(topology: str) -> str:
     """Every effect that the topology has, at once."""
-    return lines({n: value for n, value in EFFECTS.items() if topology in effects.EFFECTS[n].topologies})
+    values = EFFECTS | (DIRECT if topology == "direct" else {})
+    return lines({n: value for n, value in values.items() if topology in effects.EFFECTS[n].topologies})
 
 
 # ---- the ideal reader

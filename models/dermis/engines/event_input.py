@@ -62,7 +62,7 @@ _NEGLIGIBLE = 1e-18
 # Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
 # hundredth of what certified codes allow for rounding (auto.ROUNDING_LSB), so they hold with it and an engine that
 # was chosen within a budget takes the scene. Where it can be followed, it is.
-_UNFOLLOWED = 1e-6
+_LEFT_OUT = 1e-6
 # Packets in a whole slot of an exponential that a slow mirror does not feel.
 _UNFELT = 1e-6
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
@@ -237,19 +237,42 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         behind = _behind_lines(network, alone)
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
-    doubt = np.where(x <= _X_SATURATED, doubts, 0.0).max()
+    doubts = doubts + clocks * _wound_up(plan, np.abs(matrix), left, mean, per_clock, per_swing)
+    # Nor does what stays dark.
+    felt = (x <= _X_SATURATED) & (clocks * left + doubts > level - start)
+    doubt = np.where(felt, doubts, 0.0).max()
     if doubt > _SETTLED:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
         raise InputError(
             plan.scene.path,
             "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
             f"on together with {', '.join(sorted(names))}",
-            f"what columns of topology direct do to each other known to {_SETTLED:g} count in engine event, "
-            f"here {doubt:.2g}; engine cosim takes any",
+            f"what columns of topology direct do to each other known to {_SETTLED:g} count in engines event "
+            f"and rtl, here {doubt:.2g}; engine cosim takes any",
         )
     last = clocks * np.abs(others - before).max(axis=2, keepdims=True)
     known = np.where(closely, np.maximum(last, _UNMOVED), 0.0)
     return Coupling(across_s, others, known)
+
+
+def _wound_up(
+    plan: Plan, links_s: Floats, x: Floats, mean: Floats, per_clock: Floats, per_swing: Floats
+) -> Floats:
+    """Packets a clock at most [frames, rows, cols] that come through links [..., cols, cols] from columns whose packets
+    do not take all that comes, beyond what comes with the means of the walk.
+
+    What comes beyond a packet every second clock, or below nothing, stays in the integrator up to its range, and
+    `_walk_over_gate` keeps none of it. No virtual ground moves further than the bias.
+    """
+    converter, clocks = plan.converter, plan.timing.gate_clocks
+    ends_v = converter.v_sign * np.array([converter.v_int_min_v, converter.v_int_max_v])
+    low, high = np.sort(ends_v, axis=0) / converter.packet_v()
+    taken = 0.5 * np.minimum(1.0 + converter.packet_error, 1.0)
+    pile = clocks * np.maximum(np.maximum(x - taken, -x), 0.0)
+    room = np.abs(np.where(x < 0.0, low, high) - mean)
+    given = np.minimum(0.5 * pile, room) * per_clock + np.minimum(pile, room) * per_swing / clocks
+    given = np.minimum(given, plan.v_bias_v * (1.0 + abs(plan.drive.ripple)) / (converter.k * converter.i0_a))
+    return np.matmul(links_s, given[..., np.newaxis])[..., 0]
 
 
 def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
@@ -421,7 +444,7 @@ def _transients(plan: Plan, frame: int) -> settling.Transients | None:
             solve_error.LIMIT_LSB / most,
         )
     except settling.Unsupported as error:
-        if (settling.bound_c(network, g, plan.timing) * per_c).max() < _UNFOLLOWED:
+        if (settling.bound_c(network, g, plan.timing) * per_c).max() < _LEFT_OUT:
             return None
         raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
 
