@@ -80,6 +80,8 @@ class Extent:
         [C] packets of a gate for 1 A of column current.
     packet_low, packet_high : ndarray
         [C] least and most that a packet takes, the ideal one and the noise of a slot among them.
+    packet_least : ndarray
+        [C] least that a packet of the size they are takes.
     late : ndarray or float
         [B, R, C] packets that come on top of x: what settles, and what a slow mirror is early by.
     """
@@ -126,7 +128,8 @@ class Extent:
         full = plan.timing.code_max
         self.clips = self.n >= 2 * full
         size, spread = 1.0 + c.packet_error, sigma * c.packet_flicker
-        self.packet_low = np.maximum(np.minimum(size * (1.0 - spread), 1.0), 1e-3)
+        self.packet_least = np.maximum(size * (1.0 - spread), 1e-3)
+        self.packet_low = np.minimum(self.packet_least, 1.0)
         self.packet_high = np.maximum(size * (1.0 + spread), 1.0)
         # A duty that changes in a gate may be above 1/2 for a while and leave charge for later: it is never clipped.
         moving = plan.drive.motion
@@ -161,9 +164,12 @@ class Extent:
         lift = _ratio((self.r_col * direct).max(axis=2, keepdims=True), self.damp)
         return direct + np.minimum(lift, self.v + self.d) * (self.reach + self.side)[:, None]
 
-    @functools.cached_property
+    @property
     def ones(self) -> Floats:
-        """Packets gone in a gate, at most: the charge that came or was there, and no more than every second clock."""
+        """Packets gone in a gate, at most: the charge that came or was there, and no more than every second clock.
+
+        Worked out each time: `of_effects` changes `late`.
+        """
         leak = _leak(self, self.converter.g_in_s + self.g_input)  # below zero it lifts the charge
         came = self.n * self.x + 1.0 + self.slack + self.late + self.sigma * np.sqrt(_walk(self)) + leak
         most = (self.n + 1) / 2
@@ -171,9 +177,7 @@ class Extent:
         low = _limits(self)[0]
         with np.errstate(invalid="ignore"):
             free = low <= -1.0 - _beside(self)
-        c = self.converter
-        least = np.maximum((1.0 + c.packet_error) * (1.0 - self.sigma * c.packet_flicker), 1e-3)
-        return np.where(np.isinf(low) | free, np.minimum(came / least, most), most)
+        return np.where(np.isinf(low) | free, np.minimum(came / self.packet_least, most), most)
 
     @functools.cached_property
     def delay_tail(self) -> Floats:

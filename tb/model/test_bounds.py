@@ -315,3 +315,17 @@ def test_what_the_sheet_departs_by_is_within_its_bound(name: str, values: dict[s
     # Met with equality up to the rounding of the sheet's own powers and logarithms; 100 is a claim, not a
     # tolerance.
     assert moved.max() * (1 - 1e-9) <= bound < 100 * moved.max()
+
+
+def test_packets_of_a_gate_follow_what_comes_late() -> None:
+    """`of_effects` finds out what comes late after the first bounds may have asked how many packets go."""
+    data = {
+        "array": {"rows": 1, "cols": 1},
+        "stimulus": {"kind": "uniform", "code": [20]},
+        "effects": {"charge_packet": {"packet_error": -0.2}},
+    }
+    extent = bounds.Extent(whole_plan(data), 6.0)
+    before = extent.ones
+    extent.late = np.full(extent.x.shape, 3.0)
+    # What comes late over a packet of 0.8; a difference of two numbers below 100.
+    assert extent.ones - before == pytest.approx(3.0 / 0.8, rel=1e-9)
