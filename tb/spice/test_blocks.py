@@ -95,6 +95,18 @@ def test_comparator_delays_a_symmetrical_step_by_ln2_of_its_pole(measure: Measur
     assert got["delay_step_s"] == pytest.approx(math.log(2) * design.comparator.t_delay_s, rel=0.02, abs=0)
 
 
+def test_comparator_late_by_a_good_part_of_a_clock_delays_a_step_by_all_of_it(
+    measure: Measure, design: Design
+) -> None:
+    """Beyond a twentieth of a clock it is a line: a step is as late as a ramp, not by ln 2 of it as behind a pole."""
+    late_s = 0.3 / design.converter.f_clk_hz
+    got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0, "t_delay_s": late_s})
+    # A line asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half of it.
+    assert got["delay_step_s"] == pytest.approx(late_s, abs=0.5e-9)
+    # As above.
+    assert got["delay_rise_s"] == pytest.approx(late_s, abs=0.5e-9)
+
+
 def test_conveyor_input_is_its_resistance_at_every_frequency(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
     # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
