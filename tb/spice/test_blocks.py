@@ -101,7 +101,7 @@ def test_comparator_late_by_a_good_part_of_a_clock_delays_a_step_by_all_of_it(
     """Beyond a twentieth of a clock it is a line: a step is as late as a ramp, not by ln 2 of it as behind a pole."""
     late_s = 0.3 / design.converter.f_clk_hz
     got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0, "t_delay_s": late_s})
-    # A line asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half of it.
+    # A line asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half.
     assert got["delay_step_s"] == pytest.approx(late_s, abs=0.5e-9)
     # As above.
     assert got["delay_rise_s"] == pytest.approx(late_s, abs=0.5e-9)

@@ -341,9 +341,7 @@ BITES = "integrator_range = { v_max_v = 0.69, v_min_v = -0.56 }"
 
 
 def abstol(plan: Plan, columns: tuple[int, ...] | None = None) -> float:
-    line = next(
-        li for li in frame_deck(plan, 0, LEVELS, columns=columns).lines if li.startswith(".options")
-    )
+    line = next(li for li in frame_deck(plan, 0, LEVELS, columns=columns).lines if li.startswith(".options"))
     return float(dict(w.split("=") for w in line.split()[1:])["abstol"])
 
 
