@@ -28,8 +28,15 @@ def of_codes(codes: np.ndarray) -> np.ndarray:
         return UNIT_OHM * 510 / np.asarray(codes, dtype=float)
 
 
-@pytest.mark.parametrize("sync_latch", [False, True], ids=["two_flops", "flop_and_latch"])
-@pytest.mark.parametrize("simulator", ["icarus", "verilator"])
+@pytest.mark.parametrize(
+    ("simulator", "sync_latch"),
+    [
+        pytest.param("icarus", False, id="icarus-two_flops"),
+        pytest.param("icarus", True, id="icarus-flop_and_latch"),
+        pytest.param("verilator", True, id="verilator-flop_and_latch"),
+        pytest.param("verilator", False, id="verilator-two_flops", marks=pytest.mark.long),
+    ],
+)
 def test_verilog_counts_what_charge_balance_says(
     resistance_plan: MakePlan, simulator: str, sync_latch: bool
 ) -> None:

@@ -135,6 +135,7 @@ def test_any_size_reads_the_same(resistance_plan: MakePlan, shape: tuple[int, in
     assert np.array_equal(rtl.run(made, simulator="icarus").codes, closed.run(made).codes)
 
 
+@pytest.mark.long
 def test_a_host_reads_wide_arrays_in_time(resistance_plan: MakePlan) -> None:
     """128 columns are 1160 bits in 625 clocks: the clock of the host is faster than that of the chip."""
     made = resistance_plan(random_ohm(15, 3, 1, 128))
@@ -171,7 +172,7 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
         assert np.abs(expected - closed.run(resistance_plan(ohm)).codes).max() >= 1, "too small to be seen"
 
 
-@pytest.mark.parametrize("simulator", ["icarus", "verilator"])
+@pytest.mark.parametrize("simulator", [pytest.param("icarus", marks=pytest.mark.long), "verilator"])
 @pytest.mark.parametrize("topology", ["conveyor_mirror", "direct"])
 def test_all_effects_together_equal_the_event_engine(
     resistance_plan: MakePlan, simulator: str, topology: str
