@@ -476,8 +476,7 @@ def mirror_output(p: Any, e: Extent) -> Bound:
 
 def _limits(e: Extent) -> Floats:
     """Lower and upper end of the charge in packets, [2, C]."""
-    c = e.converter
-    return np.sort([c.v_sign * c.v_int_min_v, c.v_sign * c.v_int_max_v], axis=0) / (e.packet_v * e.amplitude)
+    return e.converter.range_v() / (e.packet_v * e.amplitude)
 
 
 def _beside(e: Extent) -> Floats:

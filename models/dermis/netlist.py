@@ -19,7 +19,6 @@ from dermis.errors import InputError
 from dermis.ngspice import Deck
 from dermis.plan import Drive, Plan
 from dermis.spice_text import array_subckt, spice_number
-from dermis.vfc import Converter
 from dermis.views import CONVERTER, Views
 
 SPICE = ROOT / "spice"
@@ -94,8 +93,6 @@ _EDGE_CLAMP_CLOCKS = 5e-6
 # within 0.1 LSB of steps half as long and of Gear's formula, for one column at tt (docs/views.md has tolerances;
 # test_the_steps_do_not_make_the_code in tb/system/test_views.py).
 OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
-
-_SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 
 def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> tuple[str, ...]:
@@ -330,7 +327,7 @@ def frame_deck(
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
     # Beside transistors neither tolerances nor edges are those of a clamp: gates are driven by edges that a chip has,
     # and what 1 ns of ramp moves is below their own tolerances.
-    bites = not transistors and clamp_bites(plan.converter)
+    bites = not transistors and plan.converter.range_bites()
     if transistors:
         lines.append(transistor_options())
     else:
@@ -454,13 +451,6 @@ def has_pole(plan: Plan) -> bool:
         across = across + plan.conductance_s().sum(axis=1).max(axis=0)
     leak = across * converter.inv_gain_dc / (converter.c_int_f * converter.f_clk_hz)
     return bool(np.any(leak * _LEAK_CLOCKS > 1.0))
-
-
-def clamp_bites(converter: Converter) -> bool:
-    """Whether the range of an integrator is so small that charge is lost in normal use."""
-    room = np.minimum(converter.v_int_max_v, -converter.v_int_min_v)
-    # A range of exactly so many packets, up to rounding, is enough.
-    return bool(np.any(room < _SWING_PACKETS * converter.packet_v() * (1.0 - 1e-9)))
 
 
 def longest_step_s(drive: Drive) -> float:

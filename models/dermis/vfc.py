@@ -27,6 +27,7 @@ LONGEST_GATE = 1 << 16
 # Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up. Compiled
 # code keeps it: after a change delete engines/__pycache__.
 Y_MIN = 1e-6
+_SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 # Structural: they say what converter it is, not how it departs from the ideal one.
 _STRUCTURE = ("k", "i0_a", "c_int_f", "f_clk_hz", "v_sign")
@@ -92,6 +93,16 @@ class Converter:
     def packet_v(self) -> NDArray[np.float64]:
         """One ideal packet as a voltage on c_int_f, [cols]."""
         return self.i0_a / self.f_clk_hz / self.c_int_f
+
+    def range_v(self) -> NDArray[np.float64]:
+        """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by the sign of charge."""
+        return np.sort([self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v], axis=0)
+
+    def range_bites(self) -> bool:
+        """Whether the range of an integrator is so small that charge is lost in normal use."""
+        room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
+        # A range of exactly so many packets, up to rounding, is enough.
+        return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
         """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""

@@ -21,7 +21,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import float_flags, netlist, noise, settling
+from dermis import float_flags, noise, settling
 from dermis.array import Network, column_currents
 from dermis.engines import Result, code_type, event_input, event_loops
 from dermis.engines.event_input import Coupling, Slots, coupling, drowning, groups
@@ -141,7 +141,7 @@ def displaced(plan: Plan) -> dict[str, Floats]:
         woken = np.log1p(slow / (math.e * settle * Y_MIN))
         most = slow * (woken + math.log1p(timing.gate_clocks / settle))
         found["q_mirror_c"] = np.where(_follows_jumps(plan), 0.0, np.minimum(jump, most))
-    if netlist.clamp_bites(converter):
+    if converter.range_bites():
         found = {name: counts * (1.0 + (timing.gate_clocks + 1) / 2) for name, counts in found.items()}
     return found
 
@@ -261,9 +261,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
         per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
         across = np.minimum(per_clock, _LEAK_MAX)
         leak = across * (converter.inv_gain_dc * amplitude)
-    limits = np.sort(
-        [converter.v_sign * converter.v_int_min_v, converter.v_sign * converter.v_int_max_v], axis=0
-    )
+    limits = converter.range_v()
     scale = packet_v * amplitude
     start = W_PRESET + converter.preset_error_v / packet_v
     level_v = converter.v_comp_offset_v + plan.moved_lsb * packet_v

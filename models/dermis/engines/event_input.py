@@ -265,8 +265,7 @@ def _wound_up(
     `_walk_over_gate` keeps none of it. No virtual ground moves further than the bias.
     """
     converter, clocks = plan.converter, plan.timing.gate_clocks
-    ends_v = converter.v_sign * np.array([converter.v_int_min_v, converter.v_int_max_v])
-    low, high = np.sort(ends_v, axis=0) / converter.packet_v()
+    low, high = converter.range_v() / converter.packet_v()
     taken = 0.5 * np.minimum(1.0 + converter.packet_error, 1.0)
     pile = clocks * np.maximum(np.maximum(x - taken, -x), 0.0)
     room = np.abs(np.where(x < 0.0, low, high) - mean)
