@@ -150,10 +150,13 @@ class Extent:
             + sigma * (c.v_comp_noise_v + c.v_preset_noise_v) / self.packet_v
         )
 
-        # What a moving input of the converter finds on it (direct: the column, and through the rows the others).
+        # What a moving input of the converter finds on it (direct: the column, and through the rows the others), and
+        # the part of it that leads to the inputs of others.
         self.g_input: ArrayLike = 0.0
+        self.g_others: ArrayLike = 0.0
         if plan.topology == "direct":
             self.g_input = (self.a + self.reach + 2.0 * self.side)[:, None]
+            self.g_others = (self.reach + self.side)[:, None]
 
     def amperes(self, i: ArrayLike) -> Bound:
         """The bound of an effect that changes column currents by at most i, [B, R, C] or [B, 1, C], in A."""
@@ -171,6 +174,9 @@ class Extent:
         Worked out each time: `of_effects` changes `late`.
         """
         leak = _leak(self, self.converter.g_in_s + self.g_input)  # below zero it lifts the charge
+        leak = leak + _from_others(
+            self, self.n * _lost(self, 1.0) + self.converter.t_gbw_s / self.converter.c_int_f
+        )
         came = self.n * self.x + 1.0 + self.slack + self.late + self.sigma * np.sqrt(_walk(self)) + leak
         most = (self.n + 1) / 2
         # A charge that stops at its lower limit does not miss what else was to go.
@@ -459,12 +465,33 @@ def _leak(e: Extent, g_s: ArrayLike) -> Floats:
     return e.n * _lost(e, g_s) * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
 
 
+def _wound_up(e: Extent) -> Floats:
+    """Packets at most in any integrator of the row at the end of the gate, [B, R, 1]: what no packet took away.
+
+    A cell beside it hangs on that, though what it does to the cell itself ends at full scale.
+    """
+    below = (e.d * (e.a + e.side) + e.leak)[:, None] * e.per_a / e.n + np.abs(
+        e.converter.i_offset_a
+    ) / e.converter.i0_a
+    low, high = _limits(e)
+    above = e.n * np.maximum(e.x_up - 0.5 * e.packet_low, 0.0)
+    held = np.maximum(np.minimum(above, np.abs(high)), np.minimum(e.n * below, np.abs(low)))
+    return (np.maximum(1.0, 2.0 * e.x) + e.slack + held).max(axis=2, keepdims=True)
+
+
+def _from_others(e: Extent, per_packet: ArrayLike) -> Floats:
+    """Packets of a gate from inputs of others: `per_packet` [C] for 1 S and a packet there, none beyond the bias."""
+    most = (e.v + e.d) * e.per_a
+    return e.g_others * np.where(per_packet > 0, np.minimum(per_packet * _wound_up(e), most), 0.0)
+
+
 def integrator_gain(p: Any, e: Extent) -> Bound:
     """The charge leaks while the input gives way, and levels count from a smaller output."""
     c = e.converter
     level = (np.abs(c.v_comp_offset_v) + c.v_hysteresis_v / 2) / e.packet_v * c.inv_gain_dc
     late = c.t_gbw_s * c.f_clk_hz * c.inv_gain_dc * 2.0
-    return Bound(_leak(e, c.g_in_s + e.g_input) + level + late, level=True)
+    others = _from_others(e, e.n * _lost(e, 1.0))
+    return Bound(_leak(e, c.g_in_s + e.g_input) + others + level + late, level=True)
 
 
 def mirror_output(p: Any, e: Extent) -> Bound:
@@ -542,6 +569,7 @@ def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
     drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
+    drops = drops + _from_others(e, c.t_gbw_s / c.c_int_f)
     return Bound(
         np.maximum(tau * e.x, e.bandwidth_tail - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
     )

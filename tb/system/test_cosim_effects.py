@@ -15,8 +15,9 @@ from effects_campaign import RANGES, difference, scene
 from system_bench import MakePlan
 from test_decks import ADDS, effects_of, scene_of
 
-from dermis import effects
+from dermis import auto, effects
 from dermis.design import TOPOLOGIES
+from dermis.effects import AutoTable
 from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.netlist import frame_deck
@@ -141,6 +142,27 @@ def test_random_scenes_read_as_in_the_event_engine(tmp_path: Path, reader: DeckR
     """A few of `python tb/system/effects_campaign.py`."""
     worst = difference(scene(number, tmp_path), reader)
     assert worst is None or worst <= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("integrator_gain", "{ gain_dc = 1e4, r_in_ohm = 1e9 }"), ("integrator_bandwidth", "{ gbw_hz = 1e6 }")],
+)
+def test_what_a_neighbour_that_winds_up_does_is_within_its_bound(
+    resistance_plan: MakePlan, reader: DeckReader, name: str, value: str
+) -> None:
+    """Direct interface: charge that no packet takes away piles up beside 20 ohm and lifts its virtual ground.
+
+    Auto leaves out by these bounds what event would refuse here.
+    """
+    ohm, lateral = np.array([[20.0, 2000.0]]), "lateral = { r_ohm = 2000.0 }\n"
+    plain = reader.codes(resistance_plan(ohm, topology="direct", effects=lateral))
+    made = resistance_plan(ohm, topology="direct", effects=lateral + f"{name} = {value}")
+    moved = np.abs(reader.codes(made) - plain)[0, 0, 1]
+    bound = auto._Weighing(made, AutoTable()).total.lsb[name][0, 0, 1]
+    calm = resistance_plan(np.full((1, 2), 2000.0), topology="direct", effects=lateral + f"{name} = {value}")
+    assert moved > auto._Weighing(calm, AutoTable()).total.lsb[name].max() + 1, "too weak to test anything"
+    assert moved <= bound + 1
 
 
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:
