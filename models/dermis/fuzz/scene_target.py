@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import array, engines, netlist
+from dermis import array, engines, netlist, sky130
 from dermis import plan as planning
 from dermis import scene as scenes
 from dermis.errors import InputError
@@ -149,6 +149,8 @@ def prepare(place: Path) -> None:
     files(place)
     for name in planning.ENGINES:
         engines.honours(name)
+    for corner in sky130.CORNERS:  # what decks of transistors include is kept in build/, and written on first use
+        sky130.models(corner)
     for scene in seeds()[-15:]:  # the small ones
         (place / "scene.toml").write_bytes(scene)
         with contextlib.suppress(InputError):  # one of them is refused, and all load what they need
