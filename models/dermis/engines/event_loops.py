@@ -240,7 +240,7 @@ def walk(  # type: ignore
     words = size // 8
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
-    own = np.zeros(37 * size)
+    own = np.zeros(38 * size)
     state_a, old_a = own[0 * size : 1 * size], own[1 * size : 2 * size]
     q1, q2, q3 = own[2 * size : 3 * size], own[3 * size : 4 * size], own[4 * size : 5 * size]
     ones, x_c = own[5 * size : 6 * size], own[6 * size : 7 * size]
@@ -268,7 +268,8 @@ def walk(  # type: ignore
         low_c, high_c = own[24 * size : 25 * size], own[25 * size : 26 * size]
         weight_a, weight_b = own[26 * size : 27 * size], own[27 * size : 28 * size]
     if carry is not None:
-        carry_c, loss_a = own[35 * size : 36 * size], own[36 * size : 37 * size]
+        main_c, carry_c = own[35 * size : 36 * size], own[36 * size : 37 * size]
+        loss_a = own[37 * size : 38 * size]
     if noise is not None:
         level = own[28 * size : 29 * size]
         drift, creep = own[29 * size : 30 * size], own[30 * size : 31 * size]
@@ -286,7 +287,7 @@ def walk(  # type: ignore
             keep_a[c], gain_a[c], take_a[c] = slow[KEEP, i], slow[GAIN, i], slow[TAKE, i]
             rise_c[c] = rise[i]
             if carry is not None:
-                carry_c[c], loss_a[c] = 0.0, math.expm1(slow[RATE, i])
+                main_c[c], carry_c[c], loss_a[c] = state_a[c], 0.0, math.expm1(slow[RATE, i])
             if x is not None:
                 x_c[c] = x[i]
             if fast is not None:
@@ -356,23 +357,32 @@ def walk(  # type: ignore
                 if latch is not None:
                     new_a -= half_a[c] * q1[c]
                 if carry is not None:
-                    # The same sum one by one, with what each step rounds off; then both are one sum again.
-                    added, taken, lost = gain_a[c] * x_c[c], -take_a[c] * q2[c], loss_a[c] * (a + carry_c[c])
-                    new_a = a + added
-                    rest = carry_c[c] + lost + _rounded_off(a, added) + _rounded_off(new_a, taken)
-                    new_a += taken
+                    # The same sum one by one; what each step rounds off is summed up beside it.
+                    added, taken, lost = gain_a[c] * x_c[c], -take_a[c] * q2[c], loss_a[c] * a
+                    most = main_c[c]
+                    rest = _rounded_off(most, added)
+                    most += added
+                    rest += _rounded_off(most, taken)
+                    most += taken
+                    rest += _rounded_off(most, lost)
+                    most += lost
                     if latch is not None:
                         half = -half_a[c] * q1[c]
-                        rest += _rounded_off(new_a, half)
-                        new_a += half
-                    carry_c[c] = _rounded_off(new_a, rest)
-                    new_a += rest
+                        rest += _rounded_off(most, half)
+                        most += half
+                    main_c[c] = most
+                    carry_c[c] += rest
+                    new_a = most + carry_c[c]
                 if limits is not None:
                     if fast is None:
                         if latch is None:
                             # The charge goes one way through a clock, so what it is at its end is bounded alike.
+                            free_a = new_a
                             new_a = new_a if new_a > low_c[c] else low_c[c]
                             new_a = new_a if new_a < high_c[c] else high_c[c]
+                            if carry is not None:
+                                main_c[c] = main_c[c] if new_a == free_a else new_a
+                                carry_c[c] = carry_c[c] if new_a == free_a else 0.0
                 output = new_a
                 if fast is not None:
                     b = state_b[c]
@@ -529,7 +539,7 @@ def walk(  # type: ignore
                                     if not free:
                                         state_a[c] = a
                                         if carry is not None:
-                                            carry_c[c] = 0.0
+                                            main_c[c], carry_c[c] = a, 0.0
                                         if fast is not None:
                                             state_b[c] = b
                                 if noise is not None:
@@ -550,6 +560,6 @@ def walk(  # type: ignore
             counts[i] = int(ones[c])
             end[i] = slow[WEIGHT, i] * state_a[c]
             if carry is not None:
-                carry[i] = carry_c[c]
+                carry[i] = _rounded_off(main_c[c], carry_c[c])
             if fast is not None:
                 end[i] += fast[WEIGHT, i] * state_b[c]
