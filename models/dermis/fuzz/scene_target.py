@@ -149,7 +149,8 @@ def prepare(place: Path) -> None:
     files(place)
     for name in planning.ENGINES:
         engines.honours(name)
-    for corner in sky130.CORNERS:  # what decks of transistors include is kept in build/, and written on first use
+    # What decks of transistors include is kept in build/ and written on first use.
+    for corner in sky130.CORNERS:
         sky130.models(corner)
     for scene in seeds()[-15:]:  # the small ones
         (place / "scene.toml").write_bytes(scene)
