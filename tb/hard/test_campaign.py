@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import array
+from dermis import array, bounds
 from dermis.array import column_currents
 from dermis.campaign import command, draw, laws, shrink, trial, world
 from dermis.campaign.world import World, lines_of
 from dermis.design import ROOT
+from dermis.effects import EFFECTS
 from dermis.engines import Result, certificate, closed, cosim, event, event_input, rtl
 from dermis.plan import Plan
 from dermis.workers import Outcome, Task
@@ -102,8 +103,6 @@ def test_a_campaign_draws_everything_there_is(tmp_path: Path) -> None:
     """Every effect, stimulus, topology, refused ones and codes of other widths, within the first 400 scenes."""
     drawn = [draw.world(0, n, "closed,event", tmp_path) for n in range(400)]
     on = {name for one in drawn for name in one.scene["effects"]}
-    from dermis.effects import EFFECTS
-
     assert on == {*EFFECTS, "auto"}
     kinds = {one.scene["stimulus"]["kind"] for one in drawn}
     assert kinds == {"indenter", "slip", "tapping", "ramp", "several", "uniform", "resistance"}
@@ -269,6 +268,20 @@ def test_a_lost_effect_in_the_deck_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     assert broken(one, "cosim", 1) == set()
     monkeypatch.setattr(cosim, "run", _lost(cosim, packet_error=0.0))
     assert broken(one, "cosim", 1) == {"through_spice"}
+
+
+@pytest.mark.long
+def test_what_auto_leaves_out_by_a_bound_too_small_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Engine event refuses all of this, so it cannot speak against the bound."""
+    on: dict[str, Any] = dict.fromkeys(EFFECTS, False) | {
+        "auto": {"budget_lsb": 2.0},
+        "lateral": {"r_ohm": 2e3},
+        "integrator_gain": {"gain_dc": 1e4, "r_in_ohm": 1e9},
+    }
+    one = made(on, [[[20.0, 2000.0]]], topology="direct")
+    assert broken(one, "auto,cosim", 1) == set()
+    monkeypatch.setattr(bounds, "_from_others", lambda e, per_packet: 0.0)
+    assert broken(one, "auto,cosim", 1) == {"budget_through_spice"}
 
 
 # ---- shrinking, and going on

@@ -57,7 +57,7 @@ def number(rng: Rng, low: float, high: float) -> float:
 def world(seed: int, index: int, engines: str, scratch: Path) -> World:
     """World number `index` of a campaign with this seed, the same whatever runs before it."""
     rng = np.random.default_rng([seed, index])
-    analog = engines == "cosim"
+    analog = _spice(engines)
     rows, cols = _size(rng, engines)
     design = _design(rng) if not analog else {}
     topology = str(rng.choice(TOPOLOGIES))
@@ -68,17 +68,24 @@ def world(seed: int, index: int, engines: str, scratch: Path) -> World:
     stimulus, files = _stimulus(rng, rows, cols, interface, design, engines, scratch)
     scene |= {"stimulus": stimulus, "interface": interface}
     on = _effects(rng, topology, cols, engines)
-    if engines == "closed,event" and rng.random() < 0.15:
-        budget = float(rng.choice([0.0, 0.05, 0.25, 0.5, 2.0]))
+    if engines == "auto,cosim" or (engines == "closed,event" and rng.random() < 0.15):
+        budgets = [0.0, 0.05, 0.25, 0.5, 2.0]
+        budget = float(rng.choice(budgets[engines == "auto,cosim" :]))  # none leaves nothing out to compare
         on = {"auto": {"budget_lsb": budget, "sigma": 6.0}} | on
+    if engines == "auto,cosim":  # what is not named auto takes at its default: no deck draws random numbers
+        on |= {effect.name: False for effect in effects.EFFECTS.values() if effect.random}
     scene["effects"] = on
     scene["run"] = {"seed": int(rng.integers(1 << 32))}
     return World(scene, design, files)
 
 
+def _spice(engines: str) -> bool:
+    return engines.endswith("cosim")
+
+
 def _size(rng: Rng, engines: str) -> tuple[int, int]:
     kind = rng.random()
-    if engines == "cosim":
+    if _spice(engines):
         return int(rng.integers(1, 4)), int(rng.integers(1, 4))
     if engines == "rtl":
         # A build serves one size: few sizes, so that a campaign is not spent compiling.
@@ -144,14 +151,14 @@ def _units(topology: str) -> tuple[tuple[str, tuple[tuple[str, float | None], ..
 def _effects(rng: Rng, topology: str, cols: int, engines: str) -> Data:
     often = float(rng.choice([0.0, 0.05, 0.15, 0.4, 0.8]))
     strength = str(rng.choice(["default", "scaled", "scaled", "extreme"]))
-    if engines in ("rtl", "cosim") and strength == "extreme":
+    if engines != "closed,event" and strength == "extreme":
         strength = "scaled"
     on: Data = {}
     for name, values in _units(topology):
         effect = effects.EFFECTS[name]
         if rng.random() >= often * (0.4 if effect.random else 1.0):
             continue
-        if engines in ("rtl", "cosim") and effect.random:
+        if engines != "closed,event" and effect.random:
             continue
         if strength == "default" and None not in dict(values).values():
             on[name] = True
@@ -201,7 +208,7 @@ def _stimulus(
     scratch: Path,
 ) -> tuple[Data, dict[str, list[list[float]]]]:
     base = load_design()
-    frames = 1 if engines == "cosim" else int(rng.choice([1, 1, 2, 3, 5]))
+    frames = 1 if _spice(engines) else int(rng.choice([1, 1, 2, 3, 5]))
     kind = rng.random()
     if kind < 0.35 and engines == "closed,event":
         named = str(rng.choice(["indenter", "slip", "tapping", "ramp", "several", "uniform"]))
@@ -221,7 +228,7 @@ def _stimulus(
     elif way < 0.75:  # x = p/q
         q = rng.integers(1, 13, shape)
         ohm = unit * q / np.maximum(rng.integers(0, 13, shape), 1)
-    elif way < 0.9 or engines in ("rtl", "cosim"):
+    elif way < 0.9 or engines != "closed,event":
         ohm = unit * 10.0 ** rng.uniform(-1, 5, shape)
     else:
         ohm = 10.0 ** rng.uniform(-3, 15, shape)

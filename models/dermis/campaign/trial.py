@@ -58,7 +58,7 @@ def run(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with np.errstate(divide="raise", over="raise", invalid="raise", under="ignore"):
-            subject = _subject(world, scratch, seed, outcome)
+            subject = _subject(world, scratch, seed, outcome, laws.WHOLE[engines])
             if subject is None:
                 return outcome
             outcome.conversions = subject.result.codes.size
@@ -82,9 +82,9 @@ def run(
     return outcome
 
 
-def _subject(world: World, directory: Path, seed: int, outcome: Outcome) -> laws.Subject | None:
+def _subject(world: World, directory: Path, seed: int, outcome: Outcome, engine: str) -> laws.Subject | None:
     try:
-        subject = laws.Subject(world, directory, seed)
+        subject = laws.Subject(world, directory, seed, engine)
         _ = subject.result
     except InputError as error:
         outcome.refused = str(error).replace(str(directory), "")
