@@ -524,6 +524,43 @@ def test_bandwidth_that_lets_columns_move_each_other_by_counts_is_refused(tmp_pa
     event.run(made(tmp_path, ohms(0, 1, 4, 4), effects | {"integrator_bandwidth": True}, "direct"))
 
 
+def test_columns_beside_a_range_that_bites_are_refused_where_their_coupling_decides_what_is_lost(
+    tmp_path: Path,
+) -> None:
+    """Scene 478 of the co-simulated campaign, 2 counts off; a wide range, and columns all but apart, are taken."""
+    on = {
+        "integrator_gain": {"gain_dc": 866.0, "r_in_ohm": 3.7e9},
+        "integrator_range": {"v_max_v": 0.889, "v_min_v": -0.672},
+        "lateral": {"r_ohm": 212.0},
+        "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011},
+    }
+    ohm = np.array([[[1143.9, 3932.8], [847.3, 23428.0]]])
+    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*engine cosim takes any"):
+        event.run(made(tmp_path, ohm, on, "direct"))
+    for other in (
+        {"integrator_range": {"v_max_v": 1.6, "v_min_v": -1.6}},
+        {"lateral": {"r_ohm": 1e6}, "row_driver": {"r_ohm": 0.0, "grounded_r_ohm": 0.0}},
+    ):
+        event.run(made(tmp_path, ohm, on | other, "direct"))
+
+
+def test_the_mean_charge_of_a_converter_at_its_limits_is_that_of_small_steps() -> None:
+    x, low, high, clocks, steps = 0.47, -0.9, 0.67, 510, 1000
+    w, total, last, before, flowing = -0.5, 0.0, False, False, False
+    for _ in range(clocks):
+        flowing, before = before, last
+        for _ in range(steps):
+            w = min(max(w + (x - flowing) / steps, low), high)
+            total += w / (clocks * steps)
+        last = w >= 0.0 and not before
+    limits = np.array([[low], [high]])
+    mean, _ = event_input._over_gate(
+        np.full((1, 1, 1), x), np.array([-0.5]), np.zeros(1), limits[0], limits[1], clocks
+    )
+    # Half a step of one clock's change at most is between a sum and an integral.
+    assert mean[0, 0, 0] == pytest.approx(total, abs=1.0 / steps)
+
+
 EVERY = {
     "line_capacitance": True,
     "supply_ripple": True,

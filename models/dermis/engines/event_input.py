@@ -215,18 +215,23 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
     start = W_PRESET + converter.preset_error_v / converter.packet_v()
     level = converter.v_comp_offset_v / converter.packet_v()
+    low, high = _biting(converter)
+    start_held = np.clip(start, low, high)
+    most_ones = (clocks + 1) / 2
+    # What is left to move grows where a range bites; see below.
+    unmoved = _UNMOVED / (1.0 + most_ones) if converter.range_bites() else _UNMOVED
     # With finite bandwidth the virtual ground also stands off by the slope of the output: its mean is the way
     # from the start to the end of the gate.
     # A frame that no longer moves is left as it is, so that its result does not hang on the frames beside it.
     others, before = np.zeros_like(x), np.zeros_like(x)
     left, moves = x, np.ones((x.shape[0], 1, 1), dtype=bool)
     for _ in range(_REPEATS):
-        mean, end = _over_gate(left, start, level, clocks)
-        given = mean * per_clock + (end - start) * per_swing / clocks
+        mean, end = _over_gate(left, start_held, level, low, high, clocks)
+        given = mean * per_clock + (end - start_held) * per_swing / clocks
         before = np.where(moves, others, before)
         others = np.where(moves, -np.matmul(matrix, given[..., np.newaxis])[..., 0], others)
         left = np.where(moves, x + others - across_s * given, left)
-        moves = moves & (clocks * np.abs(others - before).max(axis=(1, 2), keepdims=True) >= _UNMOVED)
+        moves = moves & (clocks * np.abs(others - before).max(axis=(1, 2), keepdims=True) >= unmoved)
         if not moves.any():
             break
     # What saturates does so whatever its neighbours do. Traces are reckoned one taxel at a time, at most as
@@ -238,6 +243,12 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
     doubts = doubts + clocks * _wound_up(plan, np.abs(matrix), left, mean, per_clock, per_swing)
+    if converter.range_bites():
+        slower = np.minimum(x, left)
+        course, meets = _on_the_way(plan, np.abs(matrix), left, slower, doubts, per_clock, per_swing)
+        # Where charge is lost every packet may lose as much again as it is off, as in `event.displaced`.
+        ones = np.clip(clocks * left + 1.0, 1.0, most_ones)
+        doubts = np.where(meets, (doubts + course) * (1.0 + ones), doubts)
     # Nor does what stays dark.
     felt = (x <= _X_SATURATED) & (clocks * left + doubts > level - start)
     doubt = np.where(felt, doubts, 0.0).max()
@@ -274,26 +285,100 @@ def _wound_up(
     return np.matmul(links_s, given[..., np.newaxis])[..., 0]
 
 
-def _over_gate(x: Floats, start: Floats, level: Floats, clocks: int) -> tuple[Floats, Floats]:
+def _biting(converter: Converter) -> Floats:
+    """Lower and upper end of the charge in packets, [2, cols]; none where no range bites."""
+    if not converter.range_bites():
+        return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
+    return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
+
+
+def _on_the_way(
+    plan: Plan,
+    links_s: Floats,
+    x: Floats,
+    slower: Floats,
+    doubts: Floats,
+    per_clock: Floats,
+    per_swing: Floats,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Counts [frames, rows, cols] by which what comes through links [..., cols, cols] differs from its mean on the way
+    through a gate, and where charge may meet a range that bites, with so many counts of other doubts.
+
+    The charge of a column swings by a packet in a period, of the duty `slower` at least, and the sum of what it gives
+    is off by half a swing times a period: its own before it sends its next packet, or that of who takes it.
+    """
+    converter, clocks = plan.converter, plan.timing.gate_clocks
+    low, high = _biting(converter)
+    packet_v = converter.packet_v()
+    start = np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high)
+    levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
+    slack = (
+        levels_v * (1.0 + converter.inv_gain_dc) / packet_v
+        + converter.t_comp_delay_s * converter.f_clk_hz
+        + np.minimum(1.0, converter.t_gbw_s * converter.f_clk_hz)
+        + np.abs(converter.packet_error)
+    )
+    # A packet is gone two clocks behind the decision for it.
+    duty = np.clip(x, 0.0, 0.5)
+    top, bottom = 2.0 * duty + slack, 2.0 * duty - 1.0 - slack
+    duty = np.clip(slower, 0.0, 0.5)
+    swing = np.minimum(clocks * duty, 1.0 + np.abs(converter.packet_error))
+    period = np.minimum(1.0 / np.maximum(duty, 1.0 / clocks), clocks)
+    longer = np.maximum(period[..., np.newaxis], period[..., np.newaxis, :])
+    course = 0.5 * np.matmul(links_s * longer, (swing * per_clock)[..., np.newaxis])[..., 0]
+    course = course + np.matmul(links_s, (swing * per_swing)[..., np.newaxis])[..., 0]
+    off = (doubts + course) / clocks
+    meets = (np.maximum(top, start) + off > high) | (np.minimum(bottom, start) - off < low) | (x < 0.0)
+    # The duty is another one later in the gate.
+    return course, meets | bool(plan.active_fields() & FIELDS)
+
+
+def _over_gate(
+    x: Floats, start: Floats, level: Floats, low: Floats, high: Floats, clocks: int
+) -> tuple[Floats, Floats]:
     mean, end = np.empty_like(x), np.empty_like(x)
-    start, level = (np.broadcast_to(v, x.shape[-1:]) for v in (start, level))
+    start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in (start, level, low, high))
     with float_flags.watch("event_input._walk_over_gate"):
-        _walk_over_gate(np.ascontiguousarray(x), start + 0.0, level + 0.0, clocks, mean, end)
+        _walk_over_gate(np.ascontiguousarray(x), start, level, low, high, clocks, mean, end)
     return mean, end
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _walk_over_gate(x, start, level, clocks, mean, end):  # type: ignore
-    """Mean of the charge over a gate, and its end, of converters with nothing on.
+def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
+    """Mean of the charge over a gate, and its end, of a converter whose charge stops at low and high."""
+    w, total, now, before = start, 0.0, False, False
+    for _ in range(clocks):
+        # The packet of the decision two edges ago is flowing in this clock.
+        current = x - 1.0 if before else x
+        then = w + current
+        stop = min(max(then, low), high)
+        way = (stop - w) / current if stop != then else 1.0
+        total += 0.5 * (w + stop) * way + stop * (1.0 - way)
+        # Roundings of a sum of charges do not decide.
+        w, before, now = stop, now, stop >= level - 1e-9 and not now
+    return total / clocks, w
 
-    One m is decided at clock t = ceil((level - start + m) / x), where that is two clocks or more behind the one
-    before, and its packet is gone from t + 1 to t + 2. What a duty above 1/2 brings beyond that is not kept.
+
+@numba.njit(cache=True, error_model="numpy")
+def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
+    """Mean of the charge over a gate, and its end, of converters with nothing on but a range low .. high.
+
+    Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
+    t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone
+    from t + 1 to t + 2. What a duty above 1/2 brings beyond that is not kept.
     """
     for f in range(x.shape[0]):
         for r in range(x.shape[1]):
             for c in range(x.shape[2]):
                 fast = max(x[f, r, c], 1e-9)
                 duty = min(fast, 0.5)
+                wound = fast > 0.5 or x[f, r, c] < 0.0
+                if high[c] < (np.inf if wound else level[c] + 2.0 * fast) or low[c] > (
+                    -np.inf if wound else level[c] + 2.0 * fast - 1.0
+                ):
+                    total, w = _walk_in_range(x[f, r, c], start[c], level[c], low[c], high[c], clocks)
+                    mean[f, r, c], end[f, r, c] = total, w
+                    continue
                 total, at_end = start[c] + 0.5 * clocks * duty, start[c] + clocks * duty
                 period, wait = 1.0 / fast, (level[c] - start[c]) / fast - 1e-9
                 for m in range(clocks // 2 + 1):
