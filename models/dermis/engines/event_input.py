@@ -190,7 +190,7 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
     It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
-    where that has not settled to a count is refused.
+    where that has not settled to a count, or where the way to that mean could move a code by more, is refused.
 
     Raises
     ------
@@ -243,12 +243,11 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
     doubts = doubts + clocks * _wound_up(plan, np.abs(matrix), left, mean, per_clock, per_swing)
+    doubts = doubts + _on_the_way(plan, np.abs(matrix), np.minimum(x, left), per_clock, per_swing)
     if converter.range_bites():
-        slower = np.minimum(x, left)
-        course, meets = _on_the_way(plan, np.abs(matrix), left, slower, doubts, per_clock, per_swing)
         # Where charge is lost every packet may lose as much again as it is off, as in `event.displaced`.
         ones = np.clip(clocks * left + 1.0, 1.0, most_ones)
-        doubts = np.where(meets, (doubts + course) * (1.0 + ones), doubts)
+        doubts = np.where(_meets_range(plan, left, doubts), doubts * (1.0 + ones), doubts)
     # Nor does what stays dark.
     felt = (x <= _X_SATURATED) & (clocks * left + doubts > level - start)
     doubt = np.where(felt, doubts, 0.0).max()
@@ -292,22 +291,25 @@ def _biting(converter: Converter) -> Floats:
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
 
 
-def _on_the_way(
-    plan: Plan,
-    links_s: Floats,
-    x: Floats,
-    slower: Floats,
-    doubts: Floats,
-    per_clock: Floats,
-    per_swing: Floats,
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _on_the_way(plan: Plan, links_s: Floats, slower: Floats, per_clock: Floats, per_swing: Floats) -> Floats:
     """Counts [frames, rows, cols] by which what comes through links [..., cols, cols] differs from its mean on the way
-    through a gate, and where charge may meet a range that bites, with so many counts of other doubts.
+    through a gate.
 
     The charge of a column swings by a packet in a period, of the duty `slower` at least, and the sum of what it gives
     is off by half a swing times a period: its own before it sends its next packet, or that of who takes it.
     """
     converter, clocks = plan.converter, plan.timing.gate_clocks
+    duty = np.clip(slower, 0.0, 0.5)
+    swing = np.minimum(clocks * duty, 1.0 + np.abs(converter.packet_error))
+    period = np.minimum(1.0 / np.maximum(duty, 1.0 / clocks), clocks)
+    longer = np.maximum(period[..., np.newaxis], period[..., np.newaxis, :])
+    course = 0.5 * np.matmul(links_s * longer, (swing * per_clock)[..., np.newaxis])[..., 0]
+    return course + np.matmul(links_s, (swing * per_swing)[..., np.newaxis])[..., 0]
+
+
+def _meets_range(plan: Plan, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
+    """Where charge [frames, rows, cols] may meet a range that bites, with so many counts of doubt in a gate."""
+    converter = plan.converter
     low, high = _biting(converter)
     packet_v = converter.packet_v()
     start = np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high)
@@ -321,16 +323,10 @@ def _on_the_way(
     # A packet is gone two clocks behind the decision for it.
     duty = np.clip(x, 0.0, 0.5)
     top, bottom = 2.0 * duty + slack, 2.0 * duty - 1.0 - slack
-    duty = np.clip(slower, 0.0, 0.5)
-    swing = np.minimum(clocks * duty, 1.0 + np.abs(converter.packet_error))
-    period = np.minimum(1.0 / np.maximum(duty, 1.0 / clocks), clocks)
-    longer = np.maximum(period[..., np.newaxis], period[..., np.newaxis, :])
-    course = 0.5 * np.matmul(links_s * longer, (swing * per_clock)[..., np.newaxis])[..., 0]
-    course = course + np.matmul(links_s, (swing * per_swing)[..., np.newaxis])[..., 0]
-    off = (doubts + course) / clocks
+    off = doubts / plan.timing.gate_clocks
     meets = (np.maximum(top, start) + off > high) | (np.minimum(bottom, start) - off < low) | (x < 0.0)
     # The duty is another one later in the gate.
-    return course, meets | bool(plan.active_fields() & FIELDS)
+    return meets | bool(plan.active_fields() & FIELDS)
 
 
 def _over_gate(
