@@ -131,6 +131,32 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
     assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)
 
 
+def test_a_trial_s_signals_are_heard_where_a_shell_has_them_ignored(tmp_path: Path) -> None:
+    """Behind a shell's & every Ctrl-C of the trials was lost, and they passed."""
+
+    def interrupted(_bench: Bench, _name: str) -> tuple[list[str], str]:
+        sleeper = subprocess.Popen(["sleep", "60"])
+        sleeper.send_signal(signal.SIGINT)
+        try:
+            return [], f"exit {sleeper.wait(5)}"
+        except subprocess.TimeoutExpired:
+            sleeper.kill()
+            return ["not heard"], f"exit {sleeper.wait()}"
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        rows = command.run(
+            [trials.Trial("ctrl_c.a.b.1", interrupted)],
+            Bench(tmp_path),
+            1,
+            Kept(tmp_path / "rows.json", "code"),
+        )
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (rows[0]["status"], rows[0]["note"]) == ("PASS", "exit -2")
+
+
 class _Finished:
     """A command that is there or has ended, and what it said on standard error."""
 

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
+import signal
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import click
 
@@ -51,12 +53,30 @@ def measure(trial: Trial, bench: Bench) -> Row:
     return {**row, "seconds": round(time.monotonic() - start, 1)}
 
 
+@contextlib.contextmanager
+def heard() -> Iterator[None]:
+    """Let what this process ignores reach the commands that it starts.
+
+    A shell has SIGINT ignored by what runs behind it, nohup SIGHUP, and commands inherit that: a trial that sends one
+    would disturb nothing, and pass.
+    """
+    ignored = [number for number in children.SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, lambda *_: None)  # no handler outlives exec
+    try:
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
+
+
 def run(trials: Sequence[Trial], bench: Bench, jobs: int, kept: Kept) -> list[Row]:
     """Run trials side by side, keep each row as it comes, and take those that are there already."""
     todo = [trial for trial in trials if trial.name not in kept.pieces]
     with (
         progress.slots("faults", len(trials), "trials") as on_trials,
         children.ending(),
+        heard(),
         concurrent.futures.ThreadPoolExecutor(jobs) as pool,
     ):
         tasks = {pool.submit(measure, trial, bench): trial for trial in todo}
