@@ -429,15 +429,16 @@ def count_cells(
         cells.leak.any() or cells.lag.any() or np.isfinite(cells.low).any() or np.isfinite(cells.high).any()
     )
     ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
-    ideal = ideal and clocks <= LONGEST_GATE  # n * x rounds to parts of n: a loop that carries on is better
     counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
     x = np.ascontiguousarray(cells.x, dtype=float).ravel()
     if ideal:
         if not 0 < charge_delay <= 1:
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
-        with float_flags.watch("event_loops.plain"):
-            event_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        # n * x rounds to parts of n.
+        plain = event_loops.plain if clocks <= LONGEST_GATE else event_loops.plain_long
+        with float_flags.watch(f"event_loops.{plain.__name__}"):
+            plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
     else:
         walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
     return counts.reshape(shape), end.reshape(shape)

@@ -70,6 +70,32 @@ def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ig
         w_end[i] = w0[i] + (clocks * x[i] - gone * packet[i])
 
 
+@numba.njit(cache=True)
+def plain_long(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
+    """The ideal converter through gates in which n * x would round to a visible part of a packet.
+
+    The charge is summed up clock by clock, and what each sum rounds off beside it. A packet goes at its decision: as in
+    `plain`, it is complete whenever the next one is open.
+    """
+    for i in range(x.size):
+        charge, rest = w0[i], 0.0
+        ones = 0
+        last = False
+        before = False
+        for _ in range(clocks):
+            rest += _rounded_off(charge, x[i])
+            charge += x[i]
+            before = last
+            last = False
+            if not before and charge + rest >= rise[i]:
+                last = True
+                ones += 1
+                rest += _rounded_off(charge, -packet[i])
+                charge -= packet[i]
+        counts[i] = ones
+        w_end[i] = charge + (rest + (last + before * charge_delay) * packet[i])
+
+
 @numba.njit(cache=True, error_model="numpy")
 def _grow(rate, length):  # type: ignore
     """Integral of exp(rate t) over 0..length."""

@@ -746,7 +746,6 @@ def _of_time() -> list[Case]:
             limit=2.0**-52,
             unit="packets",
             refused=_BELOW_SCENES,
-            limit_s=60.0,
         ),
         _measured(
             "ripple_after_a_billion_frames",
