@@ -596,6 +596,14 @@ def test_the_mean_charge_of_a_converter_at_its_limits_is_that_of_small_steps() -
     assert mean[0, 0, 0] == pytest.approx(total, abs=1.0 / steps)
 
 
+def test_a_charge_that_stands_still_within_its_range_divides_nothing_by_nothing() -> None:
+    limits = np.array([[-0.9], [0.67]])
+    mean, end = event_input._over_gate(
+        np.zeros((1, 1, 1)), np.array([-0.5]), np.zeros(1), limits[0], limits[1], 510
+    )
+    assert mean.ravel().tolist() == end.ravel().tolist() == [-0.5]
+
+
 EVERY = {
     "line_capacitance": True,
     "supply_ripple": True,

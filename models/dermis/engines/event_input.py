@@ -348,7 +348,9 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
         current = x - 1.0 if before else x
         then = w + current
         stop = min(max(then, low), high)
-        way = (stop - w) / current if stop != then else 1.0
+        # Part of the clock until it stops. Compilers divide either way: never nothing by nothing.
+        way = abs(stop - w) / max(abs(current), 1e-300)
+        way = way if stop != then else 1.0
         total += 0.5 * (w + stop) * way + stop * (1.0 - way)
         # Roundings of a sum of charges do not decide.
         w, before, now = stop, now, stop >= level - 1e-9 and not now
