@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from dermis import netlist, plan, scene
+from dermis import netlist, plan, scene, sky130
 from dermis.design import ROOT, TOPOLOGIES
 from dermis.effects import EFFECTS
 from dermis.errors import InputError
@@ -33,6 +34,38 @@ def test_every_line_of_a_deck_with_every_effect_has_an_allowed_form(topology: st
     lines = netlist.frame_deck(made, 0, [0.0] * 5, record=True).lines
     assert deck.strange_lines(lines) == []
     assert len(lines) > 40
+
+
+VIEWS = (
+    '"sky130"',
+    '{ corner = "sf", temperature_c = -40.0, supply_scale = 0.9 }',
+    '{ conveyor = "behavioural", corner = "fs" }',
+    '{ row_driver = "behavioural", integrator = "behavioural", columns = [1] }',
+    '{ default = "behavioural", row_driver = "sky130", corner = "ss" }',
+    '{ default = "behavioural", conveyor = "sky130", corner = "ff" }',
+    '{ default = "behavioural", comparator = "sky130", columns = [0] }',
+)
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize("views", VIEWS)
+def test_every_line_of_a_deck_of_views_has_an_allowed_form(views: str, topology: str) -> None:
+    """Of the whole array and of each circuit that is solved apart, where columns elsewhere stand behind a resistor."""
+    stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}
+    effects = (
+        {"column_input": {"r_ohm": 20.0}, "column_offset": True} if 'conveyor = "sky130"' not in views else {}
+    )
+    data = {
+        "array": {"rows": 2, "cols": 2},
+        "stimulus": stimulus,
+        "interface": {"topology": topology},
+        "run": {"engine": "cosim", **tomllib.loads(f"views = {views}")},
+        "effects": effects,
+    }
+    made = plan.make(scene.from_data(data, Path("made.toml")))
+    for columns in (None, *netlist.parts(made)):
+        lines = netlist.frame_deck(made, 1, [0.0] * 5, record=True, columns=columns).lines
+        assert deck.strange_lines(lines) == []
 
 
 def test_the_parameters_of_the_design_have_the_allowed_form() -> None:
@@ -62,6 +95,12 @@ def test_the_parameters_of_the_design_have_the_allowed_form() -> None:
         "xrow0 d_row0 row0 vbias 0 row_driver", "٣", "rtaxel_r٣c0 r0 c0 1.0",
         "\trtaxel_r0c0 r0 c0 1.0", "rtaxel_r0c0 r0 c0 1.0\r", "rtaxel_r0c0 r0 c0 1.0\x00",
         ".subckt array\n.control", ".subckt other",
+        ".temp 27.0\nquit", ".temp {x}", "vref vref 0 0.6", "xbias vref ibias vdd vss other", "vfar0 col0 0 external",
+        "rfar0 col0 far0 1k", "xrow0 d_row0 row0 vbias 0 vdd vss row_driver x=1", 'vref vref 0 0.5\n.control',
+        f'.include "{ROOT}/build/sky130/tt.spice"', f'.include "{ROOT}/build/sky130/../../etc/passwd"',
+        f'.include "{sky130.models("tt")}" tt', f'.include "{sky130.models("tt")}"\n.control',
+        f'.include "{sky130.models("tt", mismatch=True)}"', f'.include {ROOT}/spice/design.inc',
+        f'.include "{ROOT}/spice/sky130/blocks.inc"', f'.include "{ROOT}/spice/sky130/other.sp"',
     ],
 )  # fmt: skip
 def test_a_line_that_is_no_line_of_a_deck_is_refused(line: str) -> None:

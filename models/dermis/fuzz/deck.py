@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 
+from dermis import sky130
 from dermis.design import ROOT, TOPOLOGIES
+from dermis.errors import InputError
 
 _NUMBER = r"-?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:e[+-]?[0-9]{1,3})?"
 _NODE = (
@@ -27,7 +30,9 @@ FORMS = {
     "supply": rf"(?:vdd vdd|vss vss|vibias ibias|vbias vbias) 0 {_NUMBER}",
     "ripple": rf"vbias vbias 0 sin\({_NUMBER}(?: {_NUMBER}){{5}}\)",
     "external": r"v_d_(?:row[0-9]+ d_row[0-9]+|preset d_preset|charge[0-9]+ d_charge[0-9]+) 0 external",
-    "row driver": rf"xrow[0-9]+ d_row[0-9]+ row[0-9]+ vbias 0 row_driver{_VALUES}",
+    "reference": "|".join(re.escape(line) for line in sky130.REFERENCE),
+    "temperature": rf"\.temp {_NUMBER}",
+    "row driver": rf"xrow[0-9]+ d_row[0-9]+ row[0-9]+ vbias 0 (?:row_driver{_VALUES}|vdd vss row_driver)",
     "subckt": r"\.subckt array|\.ends array",
     "pins": rf"\+(?: {_NODE})+",
     "taxel": rf"[rc]taxel{_CELL} {_NODE} {_NODE} {_NUMBER}",
@@ -37,6 +42,7 @@ FORMS = {
     "line": rf"(?:crow|ccolumn)[0-9]+ {_NODE} 0 {_NUMBER}",
     "array": rf"xarray(?: {_NODE})+ array",
     "column": rf"rcolumn[0-9]+ {_NODE} {_NODE} {_NUMBER}",
+    "far column": rf"rfar[0-9]+ col[0-9]+ far[0-9]+ {_NUMBER}|vfar[0-9]+ (?:col|far)[0-9]+ 0 {_NUMBER}",
     "current": rf"(?:ileak|ioffset)[0-9]+ 0 (?:{_NODE}|xch[0-9]+\.v_sum) {_NUMBER}",
     "channel": rf"xch[0-9]+ {_NODE} d_charge[0-9]+ d_preset comp[0-9]+ ibias vdd vss {_CHANNEL}{_VALUES}",
     "options": rf"\.options(?: {_OPTION}=(?:{_NUMBER}|gear|trap))+",
@@ -49,12 +55,33 @@ PARAMETER = rf"\.param [a-z][a-z0-9_]* = {_NUMBER}"
 _DECK = re.compile("|".join(f"(?:{form})" for form in FORMS.values()))
 
 
+_BLOCKS = (
+    "row_driver",
+    "conveyor",
+    "conveyor_multi",
+    "mirror",
+    "integrator",
+    "comparator",
+    "charge_source",
+    "vfc",
+)
+_BLOCKS += tuple(f"channel_{topology}" for topology in TOPOLOGIES)
+_FILES = (
+    "design.inc",
+    "behavioural/blocks.inc",
+    "behavioural/mirror_lag.sp",
+    *(f"sky130/{name}" for name in ("devices.inc", "bias.sp", "ota.sp", "offset_null.sp")),
+    *(f"{view}/{block}.sp" for view in ("behavioural", "sky130") for block in _BLOCKS),
+)
+
+
 @cache
 def includes() -> frozenset[str]:
-    """The two files that a deck includes, by their whole path."""
-    return frozenset(
-        f'.include "{ROOT / "spice" / name}"' for name in ("design.inc", "behavioural/blocks.inc")
-    )
+    """The lines by which a deck includes a file of spice/ or the models of a corner, each by its whole path."""
+    files = [ROOT / "spice" / name for name in _FILES]
+    with suppress(InputError):  # without the models no deck includes any
+        files += [sky130.models(corner) for corner in sky130.CORNERS]
+    return frozenset(f'.include "{file}"' for file in files)
 
 
 def strange_lines(lines: Iterable[str]) -> list[str]:

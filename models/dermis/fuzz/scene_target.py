@@ -152,6 +152,7 @@ def prepare(place: Path) -> None:
     # What decks of transistors include is kept in build/ and written on first use.
     for corner in sky130.CORNERS:
         sky130.models(corner)
+    deck.includes()
     for scene in seeds()[-15:]:  # the small ones
         (place / "scene.toml").write_bytes(scene)
         with contextlib.suppress(InputError):  # one of them is refused, and all load what they need
@@ -195,7 +196,7 @@ def look(made: planning.Plan, place: Path, again: bool) -> None:
 
 
 def check_deck(made: planning.Plan) -> None:
-    """Write the decks of the first and the last frame and look at every line.
+    """Write the decks of the first and the last frame, with all columns and of each part, and look at every line.
 
     Raises
     ------
@@ -204,9 +205,11 @@ def check_deck(made: planning.Plan) -> None:
     """
     for frame in {0, made.frames - 1}:
         levels = [0.0] * (made.rows + 1 + made.cols)
-        strange = deck.strange_lines(netlist.frame_deck(made, frame, levels, record=True).lines)
-        if strange:
-            raise Finding("deck", "netlist.frame_deck", repr(strange[0][:300]))
+        for columns in {tuple(range(made.cols)), *netlist.parts(made)}:
+            written = netlist.frame_deck(made, frame, levels, record=True, columns=columns)
+            strange = deck.strange_lines(written.lines)
+            if strange:
+                raise Finding("deck", "netlist.frame_deck", repr(strange[0][:300]))
 
 
 def run(data: bytes, place: Path) -> str:
