@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dermis import bounds, engines, scene
 from dermis.bounds import Extent, Total
@@ -75,16 +75,29 @@ class _Weighing:
             self.where = np.nonzero(felt)
             self.cap = self.total.cap[felt]
             self.lsb = {name: np.ascontiguousarray(lsb[felt]) for name, lsb in self.total.lsb.items()}
+            self.ground = {
+                name: {by: part[felt] for by, part in parts.items()}
+                for name, parts in self.total.ground.items()
+            }
             self.kept = {
                 name: np.broadcast_to(bounds.kept(name, e), felt.shape)[felt]
                 for name in bounds.KEPT
                 if name in self.on
             }
-        self.bound = {
-            name: self._largest(lsb if self.total.bounds[name].level else np.minimum(lsb, self.cap))
-            for name, lsb in self.lsb.items()
-        }
+        # A packet is counted by its size, and bounds are in ideal ones.
+        self.counts = 1.0 / e.packet_low[self.where[2]]
+        self.bound = {name: self.alone(name, set()) for name in self.on}
         self.fields = {name: fields_of(plan, name) for name in self.on}
+
+    def alone(self, name: str, out: Set[str]) -> float:
+        """Codes by which an effect may move any, beside others that are not `out`."""
+        lsb = self.lsb[name]
+        lsb = lsb if self.total.bounds[name].level else np.minimum(lsb, self.cap)
+        return self._largest((lsb + self._through_grounds(name, out)) * self.counts)
+
+    def _through_grounds(self, name: str, out: Set[str]) -> ArrayLike:
+        """Packets by which an effect moves levels where virtual grounds give way, by what is not `out`."""
+        return sum((part for by, part in self.ground[name].items() if by not in out), 0.0)
 
     def _cells(self, names: Set[str], kept: Set[str]) -> Floats:
         """Packets by which effects that are left out (or random) may move a decision, beside others that are kept."""
@@ -98,6 +111,7 @@ class _Weighing:
                 levels = levels + lsb
             else:
                 inputs = inputs + lsb
+            levels = levels + self._through_grounds(name, names)
         for name in filter(kept.__contains__, self.kept):
             levels = levels + self.kept[name]
         moved = np.minimum(inputs, self.cap)
@@ -118,17 +132,17 @@ class _Weighing:
             return True
         if "mirror_lag" in out:
             budget = min(budget, self.extent.lag_room)
-        if any(self.bound[name] > budget for name in out):
+        if any(self.alone(name, out) > budget for name in out):
             return False
         return self.off(out) <= budget
 
     def off(self, out: set[str]) -> float:
-        """Packets by which leaving these out together may move what is counted, at most."""
+        """Codes by which leaving these out together may move any, at most."""
         if not out:
             return 0.0
         grown = bounds.grown(self.on.keys() - out, self.total.bounds, self.extent)[self.total.felt]
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._largest(self._cells(out, self.kept.keys() - out) * grown)
+            return self._largest(self._cells(out, self.kept.keys() - out) * grown * self.counts)
 
     def margin(self, out: set[str], random: Iterable[str] = ()) -> Floats:
         """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""
@@ -175,7 +189,7 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
             why[n] = f"all left out: {left:.3g} of {auto.budget_lsb:g} LSB"
         elif n in sheet:
             why[n] = "changes the frames themselves"
-        elif weighing.bound[n] > auto.budget_lsb:
+        elif weighing.alone(n, out) > auto.budget_lsb:
             why[n] = "above the budget"
         else:
             why[n] = "what is left of the budget is less"

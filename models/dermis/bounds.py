@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,11 +45,14 @@ class Bound:
     `level` says that it moves levels and packets; otherwise it moves the current, and what it does to a cell
     that reads full scale anyway ends where full scale begins. `gauss` says that `lsb` is `sigma` standard
     deviations of a normal number, independent of those of other effects: such bounds add as squares.
+    `ground` says, for each effect by which virtual grounds give way, how far this one moves levels through them:
+    packets that come on top as long as that effect is kept (without it the grounds stand still).
     """
 
     lsb: ArrayLike
     level: bool = False
     gauss: bool = False
+    ground: Mapping[str, Floats] = field(default_factory=dict)
 
 
 class Extent:
@@ -155,12 +158,24 @@ class Extent:
         self.g_input: ArrayLike = 0.0
         self.g_others: ArrayLike = 0.0
         if plan.topology == "direct":
-            self.g_input = (self.a + self.reach + 2.0 * self.side)[:, None]
+            self.g_input = _ground(self)[:, None]
             self.g_others = (self.reach + self.side)[:, None]
 
-    def amperes(self, i: ArrayLike) -> Bound:
-        """The bound of an effect that changes column currents by at most i, [B, R, C] or [B, 1, C], in A."""
-        return Bound(np.asarray(i) * self.per_a)
+    def amperes(self, i: ArrayLike, own_s: Floats | None = None, others_s: Floats | None = None) -> Bound:
+        """The bound of an effect that changes column currents by at most i, [B, R, C] or [B, 1, C], in A.
+
+        `own_s` and `others_s` [B, C]: by how many siemens it changes what the virtual ground of a column sees of
+        itself and of all others together; one number where both are alike.
+        """
+        ground = (
+            {} if own_s is None else _through_grounds(self, own_s, own_s if others_s is None else others_s)
+        )
+        return Bound(np.asarray(i) * self.per_a, ground=ground)
+
+    def arrives(self, direct: Floats) -> Floats:
+        """`spread` for 1 V: siemens [B, C] at virtual grounds, of a change of `direct` [B, C] at the taxels."""
+        lift = _ratio((self.r_col * direct).max(axis=1, keepdims=True), self.damp[:, 0])
+        return direct + np.minimum(lift, 1.0) * (self.reach + self.side)
 
     def spread(self, direct: Floats) -> Floats:
         """Currents of all columns when `direct` [B, R, C] A is pushed into each, from the rows' side."""
@@ -257,7 +272,16 @@ def lateral(_: Any, e: Extent) -> Bound:
     if e.net.r_trace_column_ohm:
         shunt = e.net.g_lateral_column_s * e.net.r_trace_column_ohm
         i = i + shunt * _trace_columns(e)
-    return e.amperes(i)
+    # Between two virtual grounds directly; between the lines of others by as much as these rise.
+    risen = _ratio(e.r_col.max() * e.reach, e.damp[:, 0])
+    own, others = np.zeros(e.a.shape), np.zeros(e.a.shape)
+    if e.side:
+        own = e.side * (1.0 + risen)
+        others = own + e.side * (np.minimum(1.0, e.r_col.max() * (e.reach + e.side)) + risen)
+    if e.net.r_trace_column_ohm:
+        along = e.rows * shunt * _ground(e)
+        own, others = own + along, others + along
+    return e.amperes(i, own, others)
 
 
 def row_driver(_: Any, e: Extent) -> Bound:
@@ -265,7 +289,10 @@ def row_driver(_: Any, e: Extent) -> Bound:
     q = _times(e.net.r_row_driven_ohm, e.s)
     droop = e.v * (q / (1.0 + q)) + e.d * np.minimum(1.0, q)
     lift = _reach(e.g, np.minimum(1.0, _times(e.net.r_row_grounded_ohm, e.s)))
-    return e.amperes(droop[:, :, None] * e.t + e.spread((e.p * e.v + e.d) * lift[:, None]))
+    # A row lifts by no more than the columns where they give way, whether it is driven or not.
+    largest = max(e.net.r_row_driven_ohm, e.net.r_row_grounded_ohm)
+    lifts = _reach(e.g, np.minimum(1.0, _times(largest, e.s)))
+    return e.amperes(droop[:, :, None] * e.t + e.spread((e.p * e.v + e.d) * lift[:, None]), e.arrives(lifts))
 
 
 def column_input(_: Any, e: Extent) -> Bound:
@@ -275,7 +302,7 @@ def column_input(_: Any, e: Extent) -> Bound:
     own = rise if e.net.r_trace_column_ohm == 0 and not e.side else highest
     loses, gains = own * (e.a + e.side)[:, None], highest * (e.reach + e.side)[:, None]
     # Without offsets and leaks every column rises, so losing and gaining take from each other.
-    return e.amperes(loses + gains if e.d else np.maximum(loses, gains))
+    return e.amperes(loses + gains if e.d else np.maximum(loses, gains), _in_line(e, e.net.r_column_ohm))
 
 
 def column_offset(_: Any, e: Extent) -> Bound:
@@ -314,7 +341,9 @@ def trace(_: Any, e: Extent) -> Bound:
     i = e.spread(e.g * driven) + e.spread((e.p * e.v + e.d) * across)
     if e.net.r_trace_column_ohm:
         i = i + _trace_columns(e)
-    return e.amperes(i)
+    # A row's own traces keep it from its driver, and one end of it from the other.
+    kept = _reach(e.g, np.minimum(2.0, _times(e.cols * r, e.s)))
+    return e.amperes(i, e.arrives(kept) + _in_line(e, np.full(e.cols, e.rows * e.net.r_trace_column_ohm)))
 
 
 def _slowest_clocks(e: Extent) -> float:
@@ -460,12 +489,22 @@ def _lost(e: Extent, g_s: ArrayLike) -> Floats:
     return g_s * c.inv_gain_dc * e.amplitude / c.c_int_f / c.f_clk_hz
 
 
+def _swing(e: Extent) -> Floats:
+    """Packets by which a charge is away from zero while it counts: one packet and the slack."""
+    return np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack
+
+
 def _leak(e: Extent, g_s: ArrayLike) -> Floats:
-    """Packets lost in a gate through g across the input: |w| stays within one packet and the slack."""
-    return e.n * _lost(e, g_s) * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
+    """Packets lost in a gate through g across the input."""
+    return e.n * _lost(e, g_s) * _swing(e)
 
 
-def _wound_up(e: Extent) -> Floats:
+def _drops(e: Extent, g_s: ArrayLike) -> Floats:
+    """Packets lost in a gate through g across an input that moves with the slope of a slow output."""
+    return e.converter.t_gbw_s * g_s / e.converter.c_int_f * _swing(e)
+
+
+def _held_by_saturated(e: Extent) -> Floats:
     """Packets at most in any integrator of the row at the end of the gate, [B, R, 1]: what no packet took away.
 
     A cell beside it hangs on that, though what it does to the cell itself ends at full scale.
@@ -479,10 +518,39 @@ def _wound_up(e: Extent) -> Floats:
     return (np.maximum(1.0, 2.0 * e.x) + e.slack + held).max(axis=2, keepdims=True)
 
 
-def _from_others(e: Extent, per_packet: ArrayLike) -> Floats:
-    """Packets of a gate from inputs of others: `per_packet` [C] for 1 S and a packet there, none beyond the bias."""
+def _from_others(e: Extent, per_packet: ArrayLike, g_s: ArrayLike | None = None) -> Floats:
+    """Packets of a gate from inputs of others through g: `per_packet` [C] for 1 S and a packet there.
+
+    None is moved beyond the bias.
+    """
     most = (e.v + e.d) * e.per_a
-    return e.g_others * np.where(per_packet > 0, np.minimum(per_packet * _wound_up(e), most), 0.0)
+    g_s = e.g_others if g_s is None else g_s
+    return g_s * np.where(per_packet > 0, np.minimum(per_packet * _held_by_saturated(e), most), 0.0)
+
+
+def _ground(e: Extent) -> Floats:
+    """Siemens [B, C] that lie between a virtual ground and all else, either way it is looked at, at most."""
+    return e.a + e.reach + 2.0 * e.side
+
+
+def _in_line(e: Extent, r_ohm: Floats) -> Floats:
+    """Siemens [B, C] that resistances r [C] between lines and their virtual grounds change between the grounds."""
+    g = _ground(e)
+    return g * np.minimum(1.0, _times(r_ohm, g)).max(axis=1, keepdims=True)
+
+
+def _through_grounds(e: Extent, own_s: Floats, others_s: Floats) -> dict[str, Floats]:
+    """Packets [B, R, C] by effect that makes virtual grounds give way: `Bound.ground` of so many siemens [B, C]."""
+    found: dict[str, Floats] = {}
+    if e.plan.topology != "direct":
+        return found
+    c = e.converter
+    own, others = (np.minimum(g, _ground(e))[:, None] for g in (own_s, others_s))
+    if c.inv_gain_dc.any():
+        found["integrator_gain"] = _leak(e, own) + _from_others(e, e.n * _lost(e, 1.0), others)
+    if c.t_gbw_s.any():
+        found["integrator_bandwidth"] = _drops(e, own) + _from_others(e, c.t_gbw_s / c.c_int_f, others)
+    return found
 
 
 def integrator_gain(p: Any, e: Extent) -> Bound:
@@ -568,8 +636,7 @@ def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     """The output is late by tau x, by what is left of the last packet, and by what the moving input drops."""
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
-    drops = c.t_gbw_s * (c.g_in_s + e.g_input) / c.c_int_f * (np.maximum(1.0, 2.0 * e.x) + e.pile + e.slack)
-    drops = drops + _from_others(e, c.t_gbw_s / c.c_int_f)
+    drops = _drops(e, c.g_in_s + e.g_input) + _from_others(e, c.t_gbw_s / c.c_int_f)
     return Bound(
         np.maximum(tau * e.x, e.bandwidth_tail - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
     )
@@ -777,6 +844,11 @@ class Total:
         self.lsb = {
             name: np.broadcast_to(np.asarray(b.lsb, dtype=float), shape) for name, b in bounds.items()
         }
+        self.ground = {
+            name: {by: np.broadcast_to(part, shape) for by, part in b.ground.items()}
+            for name, b in bounds.items()
+        }
+        # What comes through virtual grounds is part of the bound of what makes them give way.
         inputs, levels = sums(e, bounds, self.lsb)
         c = e.converter
         ideal = e.plan.v_bias_v * e.n / (c.k * c.i0_a)

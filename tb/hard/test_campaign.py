@@ -270,18 +270,37 @@ def test_a_lost_effect_in_the_deck_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     assert broken(one, "cosim", 1) == {"through_spice"}
 
 
+def _weighed_through_spice(
+    ohm: list[float], lateral_ohm: float, gain_dc: float, budget_lsb: float
+) -> tuple[int, set[str]]:
+    """Columns of topology direct that may move each other, beside an offset too small to keep: (compared, broken)."""
+    on: dict[str, Any] = dict.fromkeys(EFFECTS, False) | {
+        "auto": {"budget_lsb": budget_lsb},
+        "lateral": {"r_ohm": lateral_ohm},
+        "integrator_gain": {"gain_dc": gain_dc, "r_in_ohm": 1e9},
+        "preset_error": {"v_v": 1e-6},
+    }
+    one = made(on, [[ohm]], topology="direct")
+    outcome = trial.run(one, "auto,cosim", 1, ["budget_through_spice"])
+    return outcome.compared["budget_through_spice"], {b.law for b in outcome.broken}
+
+
 @pytest.mark.long
 def test_what_auto_leaves_out_by_a_bound_too_small_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Engine event refuses all of this, so it cannot speak against the bound."""
-    on: dict[str, Any] = dict.fromkeys(EFFECTS, False) | {
-        "auto": {"budget_lsb": 2.0},
-        "lateral": {"r_ohm": 2e3},
-        "integrator_gain": {"gain_dc": 1e4, "r_in_ohm": 1e9},
-    }
-    one = made(on, [[[20.0, 2000.0]]], topology="direct")
-    assert broken(one, "auto,cosim", 1) == set()
-    monkeypatch.setattr(bounds, "_from_others", lambda e, per_packet: 0.0)
-    assert broken(one, "auto,cosim", 1) == {"budget_through_spice"}
+    """Event refuses the second with all of it on, so it cannot speak against the bound."""
+    assert _weighed_through_spice([20.0, 2000.0], 2e5, 1e4, budget_lsb=2.0) == (1, set())
+    monkeypatch.setattr(bounds, "_from_others", lambda *_: 0.0)
+    assert _weighed_through_spice([20.0, 2000.0], 2e3, 1e4, budget_lsb=2.0) == (1, {"budget_through_spice"})
+
+
+@pytest.mark.long
+def test_a_coupling_that_auto_leaves_out_by_a_bound_of_nothing_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ohm = [2360.0, 680.0, 3290.0, 2730.0]
+    assert _weighed_through_spice(ohm, 700.0, 110.0, budget_lsb=0.25) == (1, set())
+    monkeypatch.setattr(bounds, "_through_grounds", lambda *_: {})
+    assert _weighed_through_spice(ohm, 700.0, 110.0, budget_lsb=0.25) == (1, {"budget_through_spice"})
 
 
 # ---- shrinking, and going on

@@ -165,6 +165,42 @@ def test_what_a_neighbour_that_winds_up_does_is_within_its_bound(
     assert moved <= bound + 1
 
 
+# Topology direct: taxels, what couples their columns and moves no current here, and the gain beside it.
+COUPLED: dict[str, tuple[list[list[float]], str, str]] = {
+    "one_saturated": ([[250.0, 2000.0]], "lateral = { r_ohm = 1000.0 }", "300"),
+    "one_far_beyond": ([[20.0, 2000.0]], "lateral = { r_ohm = 2000.0 }", "1e4"),
+    "rows_that_float": (
+        [[250.0, 2000.0], [1000.0, 1000.0]],
+        "row_driver = { r_ohm = 0.0, grounded_r_ohm = inf }",
+        "300",
+    ),
+    "none_saturated": ([[600.0, 2000.0, 25000.0]], "lateral = { r_ohm = 300.0 }", "100"),
+}
+
+
+@pytest.mark.parametrize("gives_way", ["integrator_gain", "integrator_bandwidth"])
+@pytest.mark.parametrize("which", COUPLED)
+def test_what_couples_columns_that_give_way_is_within_its_bound(
+    resistance_plan: MakePlan, reader: DeckReader, which: str, gives_way: str
+) -> None:
+    """Through conductance between virtual grounds that are not held, though it moves no current between held ones."""
+    values, coupling, gain_dc = COUPLED[which]
+    parameters = {
+        "integrator_gain": f"gain_dc = {gain_dc}, r_in_ohm = 1e9",
+        "integrator_bandwidth": "gbw_hz = 1e5",
+    }
+    kept = f"{gives_way} = {{ {parameters[gives_way]} }}\n"
+    made = resistance_plan(np.array([values]), topology="direct", effects=kept + coupling)
+    plain = resistance_plan(np.array([values]), topology="direct", effects=kept)
+    moved = np.abs(reader.codes(made) - reader.codes(plain))
+    total, name = auto._Weighing(made, AutoTable()).total, coupling.split()[0]
+    assert (moved <= total.lsb[name] + total.ground[name][gives_way] + 1).all()
+    assert not total.lsb[name].any()
+    # The slope of a slow output brings nothing over a gate where no charge piles up.
+    if which != "none_saturated" or gives_way == "integrator_gain":
+        assert moved.max() > 1, "too weak to test anything"
+
+
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:
     """Ties the chip of deck_bench, which all of the above is read with, to the real one; motion over two frames."""
     on = effects_of("conveyor_mirror") | {"mirror_lag": "{ q_c = 1e-11 }", "trace": ALONE["trace"][1]}

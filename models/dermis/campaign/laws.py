@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines, vfc
+from dermis import auto, engines, vfc
 from dermis import plan as planning
 from dermis.array import column_currents, column_currents_by_source, column_currents_with_bounds
 from dermis.campaign.world import World
@@ -509,7 +509,9 @@ def through_spice(s: Subject) -> Iterator[str]:
 
 def budget_through_spice(s: Subject) -> Iterator[str]:
     """What auto leaves out stays within its budget beside everything on in engine cosim, at most one apart besides."""
-    if not s.chosen.left_out_lsb:
+    # A bound of nothing is a claim as well; what is on and changes no field is none.
+    out = s.plan.on.keys() - s.chosen.on.keys()
+    if not any(auto.fields_of(s.plan, name) & s.active for name in out):
         return
     engines.check(s.plan)
     codes = engines.run(s.plan, simulator="icarus").codes
