@@ -220,6 +220,47 @@ def test_planning_does_not_grow_with_the_frames() -> None:
     assert bounds.Extent(plan, 6.0).g.shape[0] == bounds.BLOCKS_MAX
 
 
+SMALL_PACKETS = {
+    "array": {"rows": 1, "cols": 2},
+    "stimulus": {"kind": "uniform", "code": [10, 20]},
+    "interface": {"topology": "direct"},
+}
+
+
+@pytest.mark.parametrize("packet_error", [0.0, -0.9])
+def test_a_budget_is_in_codes_whatever_the_size_of_a_packet(packet_error: float) -> None:
+    """A tenth of a packet's charge makes ten times as many codes of what is left out."""
+    off = dict.fromkeys(EFFECTS, False) | {"charge_packet": {"packet_error": packet_error}}
+    ideal = made(off, **SMALL_PACKETS)
+    one_a = float(ideal.converter.i0_a[0]) / ideal.timing.gate_clocks  # for a whole gate: one packet
+    offset = {"offset_current": {"i_a": 0.95 * 0.25 * one_a}}
+    plan = made(off | offset | {"auto": {"budget_lsb": 0.25}}, **SMALL_PACKETS)
+    assert ("offset_current" in on(plan)) == (packet_error < 0.0)
+    moved = engines.run(made(off | offset, **SMALL_PACKETS)).codes.astype(int) - engines.run(ideal).codes
+    assert (np.abs(moved).max() > 1) == (packet_error < 0.0)
+    assert plan.left_out_lsb <= 0.25
+    bound = next(e.bound_lsb for e in plan.effects if e.name == "offset_current")
+    # The same product in another order: 1e-9 is far above its rounding.
+    assert bound == pytest.approx(0.95 * 0.25 / (1.0 + packet_error), rel=1e-9)
+
+
+def test_what_couples_columns_need_not_be_kept_where_virtual_grounds_stand_still() -> None:
+    """What makes them give way is left out by a bound that holds all that comes of it."""
+    weak = {"gain_dc": 1e7, "r_in_ohm": 1e9}
+    data = {
+        "array": {"rows": 1, "cols": 2},
+        "stimulus": {"kind": "uniform", "code": [200]},
+        "interface": {"topology": "direct"},
+    }
+    off = dict.fromkeys(EFFECTS, False) | {"auto": {"budget_lsb": 0.05}, "lateral": {"r_ohm": 5.0}}
+    plan = made(off | {"integrator_gain": weak}, **data)
+    assert not on(plan)
+    weighing = auto._Weighing(planning.whole(plan.scene, None), AutoTable())
+    alone = weighing.off({"lateral"})
+    assert 0.0 < alone < weighing.off({"integrator_gain"}) == plan.left_out_lsb
+    assert "lateral" in on(made(off | {"integrator_gain": weak | {"gain_dc": 300.0}}, **data))
+
+
 # --- certified codes -----------------------------------------------------------------------------------------------
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from dermis import auto, bounds, effects, scene
 from dermis import plan as planning
-from dermis.array import Network, column_currents
+from dermis.array import Network, column_currents, column_currents_by_source
 from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import certificate, event
 
@@ -155,6 +155,79 @@ def test_row_driver_on_an_even_frame_is_bounded_closely() -> None:
     moved = N * np.abs(duty(plan, ["row_driver"]) - duty(plan, []))
     # Met with equality up to rounding; 1 % above is what "closely" claims.
     assert moved.max() * (1 - 1e-12) <= totals(plan).lsb["row_driver"].max() < 1.01 * moved.max()
+
+
+COUPLE = ("lateral", "row_driver", "column_input", "trace")
+
+
+def between_grounds(plan: planning.Plan, on: list[str]) -> np.ndarray:
+    """Conductance [frames, driven row, column, moved column] between virtual grounds: one of them at 1 V."""
+    kept = effects.gather({n: plan.scene.effects[n] for n in on}, plan.setting())
+    moved = []
+    for one in np.eye(plan.cols):
+        network = Network(plan.conductance_s(0), plan.v_bias_v, **kept.network, v_column_offset_v=one)
+        moved.append(column_currents_by_source(network, plan.conductance_s())[1])
+    return np.stack(moved, axis=-1)
+
+
+def coupling_misses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trials: int, factor: float = 1.0
+) -> tuple[int, dict[str, list[float]]]:
+    """As network_misses: of what a virtual ground sees of itself and of all others together."""
+    monkeypatch.setattr(
+        bounds, "_through_grounds", lambda _, *pair: dict(zip(("own", "all"), pair, strict=True))
+    )
+    rng = np.random.default_rng(9)
+    misses, ratios = 0, {name: [] for name in COUPLE}
+    for _ in range(trials):
+        data = random_network(rng, tmp_path) | {"interface": {"topology": "direct"}}
+        plan = whole_plan(data, tmp_path / "scene.toml")
+        there = [n for n in plan.scene.effects if n in COUPLE]
+        extent = bounds.Extent(plan, 6.0)
+        most = bounds._ground(extent)
+        for name in there:
+            told = getattr(bounds, name)(plan.scene.effects[name], extent).ground
+            others = [n for n in there if n != name and rng.random() < 0.7]
+            change = np.abs(between_grounds(plan, [*others, name]) - between_grounds(plan, others))
+            own = np.diagonal(change, axis1=2, axis2=3)
+            for seen, bound in ((own, told["own"]), (change.sum(axis=-1) - own, told["all"])):
+                bound = np.minimum(bound, most)
+                # Bounds that hold with equality are met to the rounding of a solve: 1e-9 of all there is, or a
+                # millionth of a microsiemens where it is 0.
+                misses += int((seen > factor * bound[:, None] + 1e-9 * most[:, None] + 1e-12).sum())
+                # Smaller ones are the rounding of a difference.
+                if seen.max() > 1e-6 * most.max():
+                    ratios[name].append(float(bound.max() / seen.max()))
+    return misses, ratios
+
+
+def test_no_network_effect_couples_virtual_grounds_by_more_than_its_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    misses, ratios = coupling_misses(tmp_path, monkeypatch, 250)
+    assert misses == 0
+    # Not absurd: half of all scenes are bounded within a factor of 8 of what really happens.
+    assert {name: np.median(r) for name, r in ratios.items() if np.median(r) > 8} == {}
+    assert min(len(r) for r in ratios.values()) > 50
+    assert coupling_misses(tmp_path, monkeypatch, 20, factor=0.1)[0] > 100, (
+        "a bound ten times too small passes"
+    )
+
+
+@pytest.mark.parametrize("topology", ["direct", "conveyor_mirror"])
+@pytest.mark.parametrize("gives_way", [(), ("integrator_gain",), ("integrator_bandwidth", "integrator_gain")])
+def test_only_virtual_grounds_that_give_way_couple_columns(gives_way: tuple[str, ...], topology: str) -> None:
+    data = {
+        "array": {"rows": 2, "cols": 3},
+        "stimulus": {"kind": "uniform", "code": 100},
+        "interface": {"topology": topology},
+        "effects": dict.fromkeys(("lateral", "row_driver", "trace", *gives_way), True),
+    }
+    total = totals(whole_plan(data))
+    there = set(gives_way) if topology == "direct" else set()
+    for name in ("lateral", "row_driver", "trace"):
+        assert set(total.ground[name]) == there
+        assert all((part > 0).all() for part in total.ground[name].values())
 
 
 # --- converter: codes between those with thresholds moved by the bound ---------------------------------------------

@@ -62,7 +62,7 @@ COMPANY = {
 # In the direct interface, where event and rtl refuse a column that makes a slow amplifier slower beside a range that
 # bites, columns that move each other beside one, and columns that saturate and move the others by more than a count.
 DIRECT = {
-    "integrator_gain": "{ gain_dc = 3000, r_in_ohm = 1e4 }",
+    "integrator_gain": "{ gain_dc = 6000, r_in_ohm = 1e4 }",
     "integrator_bandwidth": "{ gbw_hz = 2e6 }",
     "integrator_range": "{ v_max_v = 1.6, v_min_v = -1.6 }",
     "line_capacitance": "{ c_row_f = 2e-9, c_column_f = 0.0, c_taxel_f = 0.0 }",

@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -185,7 +186,15 @@ def _couples(plan: Plan) -> bool:
     return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
 
 
-def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
+class Way(NamedTuple):
+    """How far duties go in a gate, `low` and `high` [frames, rows, cols], and the conductances behind it, or None."""
+
+    low: Floats
+    high: Floats
+    g_behind: Floats | None
+
+
+def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupling | None:
     """The coupling of frames whose duties are x [frames, rows, cols], infinite ones too; None where there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
@@ -201,7 +210,9 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     active = plan.active_fields()
     if not _couples(plan):
         return None
-    x = np.clip(x, -drowning(converter), drowning(converter))
+    most_x = drowning(converter)
+    x = np.clip(x, -most_x, most_x)
+    lowest, highest = (x, x) if way is None else (np.clip(v, -most_x, most_x) for v in (way.low, way.high))
     matrix = seen_from_grounds(network, g)
     own = np.arange(plan.cols)
     a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
@@ -211,10 +222,19 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
     # What a packet a clock more brings back, as long as it sends no packet away.
     slope = 0.5 * clocks * per_clock + per_swing
     closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
-    matrix[..., own, own] = 0.0
+    drift = np.zeros(1)
+    links = np.abs(matrix)
+    if way is not None and way.g_behind is not None:
+        behind = seen_from_grounds(network, way.g_behind)
+        # Until the gate is over a virtual ground may be anywhere within a packet.
+        drift = clocks * np.matmul(np.abs(behind - matrix), per_clock[:, np.newaxis])[..., 0]
+        links = np.maximum(links, np.abs(behind))
+    matrix[..., own, own] = links[..., own, own] = 0.0
     matrix = np.broadcast_to(matrix, (*x.shape, plan.cols))
+    links = np.broadcast_to(links, matrix.shape)
     start = W_PRESET + converter.preset_error_v / converter.packet_v()
-    level = converter.v_comp_offset_v / converter.packet_v()
+    rise_v = converter.v_comp_offset_v + converter.v_hysteresis_v / 2
+    level = rise_v * (1.0 + converter.inv_gain_dc) / converter.packet_v()
     low, high = _biting(converter)
     start_held = np.clip(start, low, high)
     most_ones = (clocks + 1) / 2
@@ -236,20 +256,28 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
             break
     # What saturates does so whatever its neighbours do. Traces are reckoned one taxel at a time, at most as
     # wrong as all they do.
-    doubts = clocks * np.abs(others - before)
+    doubts = clocks * np.abs(others - before) + drift
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
         alone = np.minimum(g, G_ACROSS_S)
         behind = _behind_lines(network, alone)
         off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
-    doubts = doubts + clocks * _wound_up(plan, np.abs(matrix), left, mean, per_clock, per_swing)
-    doubts = doubts + _on_the_way(plan, np.abs(matrix), np.minimum(x, left), per_clock, per_swing)
+    doubts = doubts + _on_the_way(plan, links, np.minimum(lowest, left), per_clock, per_swing)
+    # How far means go with duties that are off by all that is allowed: near a simple ratio of whole numbers a phase
+    # stands still for a gate, and the mean with it.
+    least, most = left - _SETTLED / clocks, left + _SETTLED / clocks
+    at_least, at_most = (_over_gate(v, start_held, level, low, high, clocks)[0] for v in (least, most))
+    moved = np.maximum(np.abs(at_least - mean), np.abs(at_most - mean)) + _unsure(plan, lowest, highest)
+    least, most = least + (lowest - x), most + (highest - x)
+    given = moved * per_clock + _wound_up(plan, least, most, mean, per_clock, per_swing)
+    doubts = doubts + clocks * np.matmul(links, given[..., np.newaxis])[..., 0]
     if converter.range_bites():
         # Where charge is lost every packet may lose as much again as it is off, as in `event.displaced`.
         ones = np.clip(clocks * left + 1.0, 1.0, most_ones)
         doubts = np.where(_meets_range(plan, left, doubts), doubts * (1.0 + ones), doubts)
     # Nor does what stays dark.
-    felt = (x <= _X_SATURATED) & (clocks * left + doubts > level - start)
+    full = _X_SATURATED * np.maximum(1.0 + converter.packet_error, 1.0)
+    felt = (lowest <= full) & (clocks * (left + highest - x) + doubts > level - start)
     doubt = np.where(felt, doubts, 0.0).max()
     if doubt > _SETTLED:
         names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
@@ -266,22 +294,38 @@ def coupling(plan: Plan, g: Floats, x: Floats) -> Coupling | None:
 
 
 def _wound_up(
-    plan: Plan, links_s: Floats, x: Floats, mean: Floats, per_clock: Floats, per_swing: Floats
+    plan: Plan, least: Floats, most: Floats, mean: Floats, per_clock: Floats, per_swing: Floats
 ) -> Floats:
-    """Packets a clock at most [frames, rows, cols] that come through links [..., cols, cols] from columns whose packets
-    do not take all that comes, beyond what comes with the means of the walk.
+    """Packets a clock at most [frames, rows, cols] that come through 1 S from columns whose packets do not take all
+    that comes, beyond what comes with the means of the walk, where duties are between `least` and `most`.
 
     What comes beyond a packet every second clock, or below nothing, stays in the integrator up to its range, and
     `_walk_over_gate` keeps none of it. No virtual ground moves further than the bias.
     """
     converter, clocks = plan.converter, plan.timing.gate_clocks
-    low, high = converter.range_v() / converter.packet_v()
     taken = 0.5 * np.minimum(1.0 + converter.packet_error, 1.0)
-    pile = clocks * np.maximum(np.maximum(x - taken, -x), 0.0)
-    room = np.abs(np.where(x < 0.0, low, high) - mean)
-    given = np.minimum(0.5 * pile, room) * per_clock + np.minimum(pile, room) * per_swing / clocks
-    given = np.minimum(given, plan.v_bias_v * (1.0 + abs(plan.drive.ripple)) / (converter.k * converter.i0_a))
-    return np.matmul(links_s, given[..., np.newaxis])[..., 0]
+    ends = converter.range_v() / converter.packet_v()
+    given = np.zeros_like(mean)
+    for end, beyond in zip(ends, (-least, most - taken), strict=True):
+        pile, room = clocks * np.maximum(beyond, 0.0), np.abs(end - mean)
+        through = np.minimum(0.5 * pile, room) * per_clock + np.minimum(pile, room) * per_swing / clocks
+        given = np.maximum(given, through)
+    return np.minimum(given, plan.v_bias_v * (1.0 + abs(plan.drive.ripple)) / (converter.k * converter.i0_a))
+
+
+def _unsure(plan: Plan, lowest: Floats, highest: Floats) -> Floats:
+    """Packets [frames, rows, cols] by which the mean charge of columns may stand off that of the walk over a gate.
+
+    For packets of another size, noise at levels and starts, samples and outputs that are late, a window wider than a
+    packet, and duties that move between `lowest` and `highest`.
+    """
+    converter, clocks = plan.converter, plan.timing.gate_clocks
+    noise = 3.0 * (converter.v_comp_noise_v + converter.v_preset_noise_v) / converter.packet_v()
+    window = np.maximum(converter.v_hysteresis_v / converter.packet_v() - 1.0, 0.0)
+    late = (converter.t_comp_delay_s + converter.t_gbw_s) * converter.f_clk_hz
+    duty = np.clip(highest, 0.0, 0.5)
+    moves = np.minimum(clocks * (highest - lowest), 1.0)
+    return np.abs(converter.packet_error) + noise + window + (0.5 + late) * duty + moves * 0.5 * (1.0 + duty)
 
 
 def _biting(converter: Converter) -> Floats:
@@ -301,10 +345,13 @@ def _on_the_way(plan: Plan, links_s: Floats, slower: Floats, per_clock: Floats, 
     converter, clocks = plan.converter, plan.timing.gate_clocks
     duty = np.clip(slower, 0.0, 0.5)
     swing = np.minimum(clocks * duty, 1.0 + np.abs(converter.packet_error))
+    start = (converter.preset_error_v - converter.v_comp_offset_v) / converter.packet_v() + W_PRESET
+    away = np.maximum(np.abs(start) - 1.0, 0.0)  # it may take all of a gate to come back from there
     period = np.minimum(1.0 / np.maximum(duty, 1.0 / clocks), clocks)
     longer = np.maximum(period[..., np.newaxis], period[..., np.newaxis, :])
     course = 0.5 * np.matmul(links_s * longer, (swing * per_clock)[..., np.newaxis])[..., 0]
-    return course + np.matmul(links_s, (swing * per_swing)[..., np.newaxis])[..., 0]
+    swings = 0.5 * clocks * away * per_clock + (swing + away) * per_swing
+    return course + np.matmul(links_s, swings[..., np.newaxis])[..., 0]
 
 
 def _meets_range(plan: Plan, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
@@ -680,8 +727,9 @@ class Slots:
         )
         self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
         if plan.topology == "direct":
-            begin = self.terms[:, 0].reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
-            self.coupling = coupling(plan, plan.conductance_s(part), begin)
+            behind = plan.next_conductance_s(part) if drive.motion else None
+            mean, way = self._way(behind)
+            self.coupling = coupling(plan, plan.conductance_s(part), mean, way)
             if self.coupling is not None:
                 self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
         self._most = np.tile(drowning(converter), self.frames)
@@ -702,6 +750,18 @@ class Slots:
         if found is not None:
             self._settling(found, _per_c(plan))
         self.mean = np.empty((self.frames, self.rows, self.cols))
+
+    def _way(self, g_behind: Floats | None) -> tuple[Floats, Way]:
+        """Mean duties over the gate, [frames, rows, cols], and how far they go, in front of a compression."""
+        gate = self.basis[self._settle : self._settle + self._gate]
+        ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
+        means = self.terms * gate.mean(axis=0)[:, np.newaxis]
+
+        def duty(parts: Floats) -> Floats:
+            cells = parts.sum(axis=1) + self.offset
+            return cells.reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
+
+        return duty(means), Way(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
 
     def _dark(self, found: Course, drive: Drive, per_a: Floats, finite: Callable[[Floats], Floats]) -> Floats:
         each = 3 if drive.ripple else 1
