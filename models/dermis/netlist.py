@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dermis import sky130
 from dermis.array import Network
@@ -56,6 +57,13 @@ HONOURS = frozenset(
     }
 )
 """Record fields a deck can express; a field not named here is refused, never ignored."""
+
+# Up to this part of a clock the delay of a comparator is the pole of its block: of a bend a clock ago 2e-9 is left.
+# Beyond, a pole makes bends round (3 % at 0.3 clock, beside a clamp 28 codes), so the block has none and its output is
+# looked at that much before the clock, on a time point (comparator_early_s, Deck.late_s). Nothing else in the block
+# knows of time, so a delay behind it is a delay before it. No transmission line: ngspice counts a limit of its steps
+# from the point before the last, and behind a step longer than the line that is below zero ("timestep too small").
+_DELAY_POLE_CLOCKS = 0.05
 
 OF_BLOCK = {
     "row_driver": {"r_row_driven_ohm", "r_row_grounded_ohm"},
@@ -234,6 +242,17 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
     return values
 
 
+def _late_s(plan: Plan) -> NDArray[np.float64]:
+    """How long before the clock each comparator is looked at, in s; 0 where its block has the delay."""
+    delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
+    return np.where(delay > _early_s(plan), delay, 0.0)
+
+
+def _early_s(plan: Plan) -> float:
+    """Delay beyond which a comparator is looked at earlier, in s."""
+    return _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz
+
+
 def _assignments(values: Mapping[str, float]) -> str:
     return " ".join(f"{name}={spice_number(value)}" for name, value in values.items())
 
@@ -280,6 +299,9 @@ def frame_deck(
         f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
         f"vbias vbias 0 {_bias(plan, frame)}",
     ]
+    late = _late_s(plan)[list(columns)]
+    if late.any():
+        lines.append(f".param comparator_early_s={spice_number(_early_s(plan))}")
     if transistors:
         lines += sky130.REFERENCE
     else:
@@ -340,7 +362,9 @@ def frame_deck(
     abrupt = (True,) * (rows + 1) + (False,) * len(columns)
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
     edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf
-    return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest_step_s(plan.drive), edge_s)
+    late_s = (*late.tolist(), *(0.0,) * (len(probes) - len(late))) if late.any() else ()
+    longest = longest_step_s(plan.drive)
+    return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest, edge_s, late_s)
 
 
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
@@ -435,12 +459,14 @@ _LEAK_CLOCKS = 50.0
 def has_pole(plan: Plan) -> bool:
     """Whether anything in the deck has a time constant besides the integrators that the steps must follow.
 
-    Comparator, range clamp, bandwidth, slow mirror, capacitance, and an integrator that leaks within some clocks.
-    What only moves (ripple, taxels) is followed well enough by steps of a clock, or of `longest_step_s`.
+    Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror, capacitance, and an integrator
+    that leaks within some clocks. What only moves (ripple, taxels) is followed well enough by steps of a clock, or of
+    `longest_step_s`.
     """
     converter = plan.converter
     clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
-    fields = (converter.t_comp_delay_s, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
+    delayed = converter.t_comp_delay_s - _late_s(plan)
+    fields = (delayed, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
     capacitances = {"c_row_f", "c_column_f", "c_taxel_f"} & plan.surrounding.keys()
     if any(np.any(f) for f in fields) or np.any(clamped) or any(plan.surrounding[c] for c in capacitances):
         return True

@@ -47,6 +47,7 @@ class Deck:
     probes : names of the nodes to sample.
     longest_step_s : no time step may be longer, whatever the caller allows.
     longest_edge_s : nor may an edge of a source that is not abrupt.
+    late_s : of each probe, how long before the time of a sample it is looked at; empty for not at all.
     """
 
     lines: tuple[str, ...]
@@ -56,6 +57,7 @@ class Deck:
     probes: tuple[str, ...]
     longest_step_s: float = math.inf
     longest_edge_s: float = math.inf
+    late_s: tuple[float, ...] = ()
 
 
 def library() -> Path:
@@ -175,12 +177,22 @@ class NgspiceHalf:
         _lib = _lib or _load()
         self._log = log
         self._probes = deck.probes
+        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes))
+        if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
+            raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
         log.parent.mkdir(parents=True, exist_ok=True)
         self._log_begins = log.stat().st_size if log.exists() else 0
         start = ladder.START[level.start]
         lines = [*deck.lines, *level.option_lines]
         gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
         step_s = min(t_max_step_s, deck.longest_step_s)
+        # Times this close are one here: a step between them would be near ngspice's smallest, 1e-11 of the largest.
+        self._tiny = 1e-10 * step_s
+        # Longest first: the order in which they are looked at on the way to a sample.
+        values = sorted({float(late) for late in late_s if late > self._tiny}, reverse=True)
+        self._late = [(late, np.flatnonzero(late_s == late)) for late in values]
+        self._prompt = np.flatnonzero(late_s <= self._tiny)
+        self._now = 0.0
 
         def load(extra: Sequence[str], how: ladder.Rung) -> None:
             text = [*lines, *extra, ".end"]
@@ -217,6 +229,7 @@ class NgspiceHalf:
         self._time = np.zeros(room)
         self._level = np.zeros(room)
         self._sample = np.zeros(len(deck.probes))
+        self._told = self._sample.copy() if self._late else self._sample
         self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
 
     def _raise(self, gave_up: bool = False) -> NoReturn:
@@ -239,23 +252,59 @@ class NgspiceHalf:
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites)."""
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
+
+        Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
+        0, what they were at 0.
+
+        Raises
+        ------
+        ValueError
+            A probe is later than the last call was.
+        """
+        for late, probes in self._late:
+            at = to - late
+            if at < self._now - self._tiny and self._now > 0.0:
+                raise ValueError(f"a probe {late:g} s late, {to - self._now:g} s behind the last sample")
+            if at > self._now + self._tiny:
+                self._solve(at, [edge for edge in edges if edge[0] <= at])
+                edges = [edge for edge in edges if edge[0] > at]
+            self._told[probes] = self._sample[probes]
+        self._solve(to, edges)
+        if self._late:
+            self._told[self._prompt] = self._sample[self._prompt]
+        return self._told
+
+    def _solve(self, to: float, edges: Sequence[Edge]) -> None:
+        """Solve up to time `to`, where a time point then stands."""
         for i, (time, source, level) in enumerate(edges):
             self._source[i] = source
             self._time[i] = time
             self._level[i] = level
         if failed := _lib.lockstep_advance(to, len(edges), *self._pointers):
             self._raise(gave_up=failed == _GAVE_UP)
-        return self._sample
+        self._now = to
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set."""
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
+
+        Probes of `Deck.late_s` are shown that much later, and the times are those of both.
+        """
         rows = _lib.lockstep_record_rows()
         width = len(self._probes) + 1
         if rows == 0:
             return np.zeros(0), {p: np.zeros(0) for p in self._probes}
         table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
-        return table[:, 0], {p: table[:, i + 1] for i, p in enumerate(self._probes)}
+        solved = table[:, 0]
+        if not self._late:
+            return solved, {p: table[:, i + 1] for i, p in enumerate(self._probes)}
+        late_s = dict.fromkeys(self._probes, 0.0)
+        late_s |= {self._probes[i]: late for late, probes in self._late for i in probes}
+        time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
+        time = time[time <= solved[-1]]
+        return time, {
+            p: np.interp(time - late_s[p], solved, table[:, i + 1]) for i, p in enumerate(self._probes)
+        }
 
     @property
     def statistics(self) -> dict[str, int]:

@@ -36,6 +36,19 @@ def test_every_line_of_a_deck_with_every_effect_has_an_allowed_form(topology: st
     assert len(lines) > 40
 
 
+def test_the_line_of_comparators_that_are_looked_at_earlier_has_an_allowed_form() -> None:
+    data = {
+        "array": {"rows": 2, "cols": 2},
+        "stimulus": {"kind": "uniform", "code": [3]},
+        "effects": {"comparator_delay": {"t_s": 1e-7}},
+    }
+    lines = netlist.frame_deck(
+        plan.make(scene.from_data(data, Path("made.toml")), "cosim"), 0, [0.0] * 5
+    ).lines
+    assert ".param comparator_early_s=1e-08" in lines
+    assert deck.strange_lines(lines) == []
+
+
 VIEWS = (
     '"sky130"',
     '{ corner = "sf", temperature_c = -40.0, supply_scale = 0.9 }',
@@ -90,7 +103,7 @@ def test_the_parameters_of_the_design_have_the_allowed_form() -> None:
         "vdd vss channel_direct k=80.0 x=$(id)",
         ".options reltol=1e-3 post",  # a line that must be refused, no tolerance
         ".options savecurrents",
-        ".param x = 1", "a1 %v(x) %v(y) m",
+        ".param x = 1", ".param comparator_early_s={x}", "a1 %v(x) %v(y) m",
         "dermis frame 0: 2 x 2, direct\n.control", "dermis frame 0: 2 x 2, $(id)",
         "xrow0 d_row0 row0 vbias 0 row_driver", "٣", "rtaxel_r٣c0 r0 c0 1.0",
         "\trtaxel_r0c0 r0 c0 1.0", "rtaxel_r0c0 r0 c0 1.0\r", "rtaxel_r0c0 r0 c0 1.0\x00",

@@ -363,3 +363,34 @@ def test_abstol_beside_a_clamp_is_of_the_largest_reference_current_in_the_deck(
     assert abstol(unlike) == pytest.approx(1e-13, rel=1e-12)
     assert abstol(unlike, (0, 2)) == pytest.approx(4.8e-14, rel=1e-12)
     assert abstol(unlike, (0, 3)) == pytest.approx(1.2e-17, rel=1e-12)
+
+
+def test_a_comparator_late_by_a_good_part_of_a_clock_is_looked_at_earlier(resistance_plan: MakePlan) -> None:
+    """Beyond a twentieth of a clock the block is told to leave its delay out, and alone it is no pole for the steps."""
+    bare = frame_deck(resistance_plan(OHM), 0, LEVELS, record=True)
+    assert bare.late_s == ()
+    late = frame_deck(
+        resistance_plan(OHM, effects="comparator_delay = { t_s = 6e-8 }"),
+        0,
+        LEVELS,
+        record=True,
+        columns=(1, 3),
+    )
+    same = frame_deck(resistance_plan(OHM), 0, LEVELS, record=True, columns=(1, 3))
+    more = [line.replace(" comp_t_delay_s=6e-08", "") for line in late.lines]
+    more.remove(".param comparator_early_s=1e-08")
+    assert tuple(more) == same.lines
+    assert late.probes == same.probes
+    assert late.late_s == (6e-8, 6e-8, 0.0, 0.0)
+    pole = frame_deck(resistance_plan(OHM, effects="comparator_delay = { t_s = 1e-8 }"), 0, LEVELS)
+    assert pole.late_s == ()
+    assert sum("comp_t_delay_s=1e-08" in line for line in pole.lines) == COLS
+
+
+@pytest.mark.parametrize(("late_s", "clocks"), [(1.9e-9, 0.0475), (2.1e-9, 0.0525)])
+def test_the_twentieth_is_of_the_clock_of_the_plan(
+    resistance_plan: MakePlan, late_s: float, clocks: float
+) -> None:
+    plan = resistance_plan(OHM, effects=f"comparator_delay = {{ t_s = {late_s} }}")
+    fast = replace(plan, timing=replace(plan.timing, f_clk_hz=clocks / late_s))
+    assert bool(frame_deck(fast, 0, LEVELS).late_s) == (clocks > 0.05)

@@ -26,7 +26,7 @@ _OPTION = (
 
 FORMS = {
     "title": rf"dermis frame [0-9]+: [0-9]+ x [0-9]+, (?:{'|'.join(TOPOLOGIES)})",
-    "clock": rf"\.param converter_f_clk_hz={_NUMBER}",
+    "clock": rf"\.param (?:converter_f_clk_hz|comparator_early_s)={_NUMBER}",
     "supply": rf"(?:vdd vdd|vss vss|vibias ibias|vbias vbias) 0 {_NUMBER}",
     "ripple": rf"vbias vbias 0 sin\({_NUMBER}(?: {_NUMBER}){{5}}\)",
     "external": r"v_d_(?:row[0-9]+ d_row[0-9]+|preset d_preset|charge[0-9]+ d_charge[0-9]+) 0 external",
