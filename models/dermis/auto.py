@@ -93,7 +93,8 @@ class _Weighing:
         """Codes by which an effect may move any, beside others that are not `out`."""
         lsb = self.lsb[name]
         lsb = lsb if self.total.bounds[name].level else np.minimum(lsb, self.cap)
-        return self._largest((lsb + self._through_grounds(name, out)) * self.counts)
+        with np.errstate(over="ignore"):
+            return self._largest((lsb + self._through_grounds(name, out)) * self.counts)
 
     def _through_grounds(self, name: str, out: Set[str]) -> ArrayLike:
         """Packets by which an effect moves levels where virtual grounds give way, by what is not `out`."""
