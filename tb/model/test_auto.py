@@ -244,12 +244,12 @@ def test_a_budget_is_in_codes_whatever_the_size_of_a_packet(packet_error: float)
     assert bound == pytest.approx(0.95 * 0.25 / (1.0 + packet_error), rel=1e-9)
 
 
-def test_bounds_at_the_end_of_doubles_are_kept_without_an_overflow() -> None:
+def test_a_bound_at_the_end_of_doubles_is_infinite_in_small_packets_without_an_overflow() -> None:
     off = dict.fromkeys(EFFECTS, False) | {"charge_packet": {"packet_error": -0.9}}
-    ideal = made(off, **SMALL_PACKETS)
-    a_packet = float(ideal.converter.i0_a[0]) / ideal.timing.gate_clocks
-    huge = {"offset_current": {"i_a": 1e308 * a_packet}, "auto": {"budget_lsb": 0.25}}
-    assert "offset_current" in on(made(off | huge, **SMALL_PACKETS))
+    plan = made(off | {"offset_current": {"i_a": 1e-9}}, **SMALL_PACKETS)
+    weighing = auto._Weighing(planning.whole(plan.scene, None), AutoTable())
+    weighing.lsb["offset_current"] = np.full_like(weighing.lsb["offset_current"], 1e308)
+    assert weighing.alone("offset_current", set()) == np.inf
 
 
 def test_what_couples_columns_need_not_be_kept_where_virtual_grounds_stand_still() -> None:
