@@ -509,9 +509,8 @@ def _held_by_saturated(e: Extent) -> Floats:
 
     A cell beside it hangs on that, though what it does to the cell itself ends at full scale.
     """
-    below = (e.d * (e.a + e.side) + e.leak)[:, None] * e.per_a / e.n + np.abs(
-        e.converter.i_offset_a
-    ) / e.converter.i0_a
+    offset = np.abs(e.converter.i_offset_a) / e.converter.i0_a
+    below = (e.d * (e.a + e.side) + e.leak)[:, None] * e.per_a / e.n + offset
     low, high = _limits(e)
     above = e.n * np.maximum(e.x_up - 0.5 * e.packet_low, 0.0)
     held = np.maximum(np.minimum(above, np.abs(high)), np.minimum(e.n * below, np.abs(low)))
@@ -523,6 +522,8 @@ def _from_others(e: Extent, per_packet: ArrayLike, g_s: ArrayLike | None = None)
 
     None is moved beyond the bias.
     """
+    if e.plan.topology != "direct":  # no input of another is in reach
+        return np.zeros(e.x.shape)
     most = (e.v + e.d) * e.per_a
     g_s = e.g_others if g_s is None else g_s
     return g_s * np.where(per_packet > 0, np.minimum(per_packet * _held_by_saturated(e), most), 0.0)

@@ -55,7 +55,7 @@ def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
         return g_now, converter.duty(column_currents(Network(g_now, bias_v, **plan.surrounding))[row])
 
     state = np.concatenate([cell["w0"]] * (2 if slow else 1))
-    high, last, before, count = (np.zeros(cols) for _ in range(4))
+    last, before, count = (np.zeros(cols) for _ in range(3))
     high = (cell["w0"] >= cell["rise"]).astype(float)
     moves = bool(drive.motion or drive.ripple)
     g_now, x = duty(0.5)

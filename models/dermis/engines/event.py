@@ -435,7 +435,7 @@ def count_cells(
         if not 0 < charge_delay <= 1:
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
-        # n * x rounds to parts of n.
+        # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
         plain = event_loops.plain if clocks <= LONGEST_GATE else event_loops.plain_long
         with float_flags.watch(f"event_loops.{plain.__name__}"):
             plain(x, w0, packet, rise, clocks, charge_delay, counts, end)

@@ -259,8 +259,8 @@ def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupli
     doubts = clocks * np.abs(others - before) + drift
     if active & {"r_trace_row_ohm", "r_trace_column_ohm"}:
         alone = np.minimum(g, G_ACROSS_S)
-        behind = _behind_lines(network, alone)
-        off = behind * (1.0 - np.divide(behind, alone, out=np.ones_like(alone), where=alone > 0))
+        in_line = _behind_lines(network, alone)
+        off = in_line * (1.0 - np.divide(in_line, alone, out=np.ones_like(alone), where=alone > 0))
         doubts = doubts + 0.25 * clocks * off.sum(axis=1)[:, None, :] * per_clock
     doubts = doubts + _on_the_way(plan, links, np.minimum(lowest, left), per_clock, per_swing)
     # How far means go with duties that are off by all that is allowed: near a simple ratio of whole numbers a phase
@@ -726,7 +726,7 @@ class Slots:
             np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
         )
         self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
-        if plan.topology == "direct":
+        if _couples(plan):
             behind = plan.next_conductance_s(part) if drive.motion else None
             mean, way = self._way(behind)
             self.coupling = coupling(plan, plan.conductance_s(part), mean, way)
