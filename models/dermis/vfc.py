@@ -27,6 +27,8 @@ LONGEST_GATE = 1 << 16
 # Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up. Compiled
 # code keeps it: after a change delete engines/__pycache__.
 Y_MIN = 1e-6
+# A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
+X_MAX = 1e12
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 # Structural: they say what converter it is, not how it departs from the ideal one.
@@ -103,6 +105,10 @@ class Converter:
         room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
         # A range of exactly so many packets, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
+
+    def drowning(self) -> NDArray[np.float64]:
+        """Duty [cols] beyond which nothing changes: what drowns a packet, however large."""
+        return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
         """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""

@@ -18,7 +18,7 @@ from dermis.campaign import command, draw, laws, shrink, trial, world
 from dermis.campaign.world import World, lines_of
 from dermis.design import ROOT
 from dermis.effects import EFFECTS
-from dermis.engines import Result, certificate, closed, cosim, event, event_input, rtl
+from dermis.engines import Result, certificate, closed, cosim, event, event_columns, rtl
 from dermis.plan import Plan
 from dermis.workers import Outcome, Task
 
@@ -191,7 +191,7 @@ def test_a_certificate_that_is_too_narrow_is_found(monkeypatch: pytest.MonkeyPat
 
 def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the coupling of columns once did: the frames of a part were repeated as often as the slowest of them."""
-    original = event_input.coupling
+    original = event_columns.coupling
 
     def wrong(plan: Plan, g: Any, x: Any) -> Any:
         found = original(plan, g, x)
@@ -238,7 +238,7 @@ def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_t
     for one, says in ((plan, True), (apart, False)):
         g = one.conductance_s()
         duty = one.converter.duty(column_currents(one.network(0), g))
-        coupled = event_input.coupling(one, g, duty)
+        coupled = event_columns.coupling(one, g, duty)
         assert coupled is not None
         assert (coupled.known > 0).any() == says
 

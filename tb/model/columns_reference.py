@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from dermis.array import Network, column_currents
 from dermis.engines import event
-from dermis.engines.event_input import seen_from_grounds
+from dermis.engines.event_columns import seen_from_grounds
 from dermis.plan import Plan
 
 

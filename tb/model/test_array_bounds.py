@@ -22,7 +22,7 @@ from dermis.array import (
     column_currents_by_source,
     column_currents_with_bounds,
 )
-from dermis.engines import event_input
+from dermis.engines import event_columns
 from dermis.errors import InputError, SimulatorError
 from dermis.hard import nodal
 
@@ -350,9 +350,9 @@ def test_a_floating_row_on_which_nothing_conducts_is_seen_from_no_column(trace_o
     g = 1 / np.random.default_rng(0).uniform(500, 64250, (2, 3, 4))
     lines = {"r_row_grounded_ohm": np.inf, "r_trace_row_ohm": trace_ohm, "r_trace_column_ohm": trace_ohm}
     g[:, 1] = 0.0
-    with_it = event_input.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    with_it = event_columns.seen_from_grounds(Network(g[0], 0.5, **lines), g)
     g = np.delete(g, 1, axis=1)
-    without = event_input.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    without = event_columns.seen_from_grounds(Network(g[0], 0.5, **lines), g)
     own = np.arange(4)
     # One row is driven in each slot; the open one leaves the columns as they are without it.
     assert with_it[:, [0, 2]][..., own, own] == pytest.approx(

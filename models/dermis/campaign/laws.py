@@ -22,7 +22,7 @@ from dermis import auto, engines, vfc
 from dermis import plan as planning
 from dermis.array import column_currents, column_currents_by_source, column_currents_with_bounds
 from dermis.campaign.world import World
-from dermis.engines import Result, closed, event, event_input
+from dermis.engines import Result, closed, event, event_columns, event_input
 from dermis.plan import Plan
 
 Floats = NDArray[np.float64]
@@ -120,7 +120,7 @@ class Subject:
 
     def steady(self) -> event.Cells:
         """The converters at a constant duty each."""
-        coupled = event_input.coupling(self.plan, self.plan.conductance_s(), self.x)
+        coupled = event_columns.coupling(self.plan, self.plan.conductance_s(), self.x)
         return event.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
 
 
@@ -353,7 +353,7 @@ def symmetric(s: Subject) -> Iterator[str]:
     other = event.run(_permuted(s.plan, rows, cols))
     expected, x = s.result.codes[:, rows][:, :, cols], s.x[:, rows][:, :, cols]
     # A short makes an infinite duty; beyond any that is clipped.
-    most = event_input.drowning(s.plan.converter)[cols]
+    most = s.plan.converter.drowning()[cols]
     before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
     # Where offsets and leaks all but cancel what the bias makes, the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
@@ -374,7 +374,7 @@ def _coupled(s: Subject) -> Floats:
     for alike, slots in event_input.groups(plan, slice(0, plan.frames)):
         if slots is None:
             x = plan.converter.duty(column_currents(plan.network(0), g[alike]))
-            coupled = event_input.coupling(plan, g[alike], x)
+            coupled = event_columns.coupling(plan, g[alike], x)
         else:
             coupled = slots.coupling
         if coupled is not None:

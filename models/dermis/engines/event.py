@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from dermis import float_flags, noise, settling
 from dermis.array import Network, column_currents
 from dermis.engines import Result, code_type, event_input, event_loops
-from dermis.engines.event_input import Coupling, Slots, coupling, drowning, groups
+from dermis.engines.event_columns import G_ACROSS_S, Coupling, coupling
+from dermis.engines.event_input import Slots, groups
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
 from dermis.vfc import LONGEST_GATE, W_PRESET, Y_MIN, Converter
@@ -38,7 +39,7 @@ HONOURS = frozenset(
     | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
 )
 
-# Counts by which a capacitance may move a code in a way that this engine does not follow, as `event_input.coupling`.
+# Counts by which a capacitance may move a code in a way that this engine does not follow, as `event_columns.coupling`.
 _DISPLACED = 1.0
 
 RANDOM = frozenset(
@@ -257,7 +258,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
             g_in = g_in + coupled.across_s
         elif plan.topology == "direct":
             # The whole column hangs on the virtual ground, whichever row is driven.
-            g_in = g_in + np.minimum(g_taxel_s, event_input.G_ACROSS_S).sum(axis=1, keepdims=True)
+            g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
         per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
         across = np.minimum(per_clock, _LEAK_MAX)
         leak = across * (converter.inv_gain_dc * amplitude)
@@ -276,7 +277,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
         "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
     }
     everywhere = {name: np.broadcast_to(value, x.shape) for name, value in columns.items()}
-    most = drowning(converter)
+    most = converter.drowning()
     return Cells(x=np.clip(x, -most, most), leak=leak, across=across, **everywhere)
 
 
@@ -297,7 +298,7 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
     """Variance of charge a clock in packets^2 that does not hang on x: thermal noise, [frames, 1, cols]."""
     converter = plan.converter
-    column_s = np.minimum(g_taxel_s, event_input.G_ACROSS_S).sum(axis=1, keepdims=True)
+    column_s = np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
     q_packet = converter.i0_a / converter.f_clk_hz
     return 2.0 * converter.kt_noise_j * column_s / (converter.k**2 * converter.f_clk_hz * q_packet**2)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dermis import children, hdl, read_out, spi_protocol
 from dermis.array import column_currents
 from dermis.design import ROOT, TOPOLOGIES
-from dermis.engines import Result, event, event_input, event_loops
+from dermis.engines import Result, event, event_columns, event_input, event_loops
 from dermis.errors import InputError, SimulatorError
 from dermis.lint import rtl_include_dirs, rtl_sources
 from dermis.plan import Plan
@@ -198,16 +198,16 @@ class Currents:
     modes: int = 0
     dark: int = 0
     fade: int = 0
-    coupling: event_input.Coupling | None = None
+    coupling: event_columns.Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
     if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}) and not event_input.glows(plan):
-        g, most = plan.conductance_s(part), event_input.drowning(converter)
+        g, most = plan.conductance_s(part), converter.drowning()
         current = column_currents(plan.network(0), g)
-        coupled = event_input.coupling(plan, g, converter.duty(current))
+        coupled = event_columns.coupling(plan, g, converter.duty(current))
         with np.errstate(over="ignore"):
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
         if coupled is not None:
@@ -266,7 +266,7 @@ def write_inputs(
 def run_time_values(
     plan: Plan,
     part: slice,
-    coupled: event_input.Coupling | None,
+    coupled: event_columns.Coupling | None,
     each: bool,
     sync_latch: bool,
     places: dict[str, int],

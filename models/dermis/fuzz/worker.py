@@ -24,7 +24,13 @@ from dermis.fuzz.target import GUIDES
 AGAIN = 500
 """Inputs after which the memory limit is set anew, beyond what the corpus in memory has grown to."""
 
-COMPILED = ("dermis.star_mesh", "dermis.noise", "dermis.engines.event_input", "dermis.engines.event_loops")
+COMPILED = (
+    "dermis.star_mesh",
+    "dermis.noise",
+    "dermis.engines.event_columns",
+    "dermis.engines.event_input",
+    "dermis.engines.event_loops",
+)
 """Modules that numba compiles, which it cannot where atheris has put its calls."""
 
 OWN = tuple(

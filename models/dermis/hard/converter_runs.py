@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import engines, hdl, plan, scene, vfc
-from dermis.engines import closed, cosim, event, event_input, rtl
+from dermis.engines import closed, cosim, event, rtl
 from dermis.hard import exact
 from dermis.hard.case import Measured
 from dermis.plan import Plan
@@ -134,7 +134,7 @@ def through_verilog(
     instead: Sequence[Path] = (),
 ) -> NDArray[Any]:
     """Codes of duties through the Verilog; `instead` has files that take the place of modules."""
-    most = event_input.drowning(made.converter)
+    most = made.converter.drowning()
     currents = rtl.Currents(np.clip(x, -most, most)[..., np.newaxis], np.ones((1, 1)))
     with hdl.work_directory("rtl_runs", made, None) as files:
         command = rtl.build(made, bits, currents, simulator, latch, instead=instead)
