@@ -15,7 +15,7 @@ from lines_reference import charge_reference
 from made_plans import made, ohms
 from scipy.integrate import quad, solve_ivp
 
-from dermis import auto, bounds, settling
+from dermis import auto, bounds, displacement, settling
 from dermis import plan as planning
 from dermis.array import Network, column_currents
 from dermis.design import ROOT
@@ -469,13 +469,13 @@ def test_what_capacitances_displace_is_far_below_a_count_at_the_defaults(
 ) -> None:
     on = EVERY | ({"mirror_lag": True} if topology == "conveyor_mirror" else {})
     plan = made(tmp_path, ohms(1, 1, 16, 4), on, topology)
-    found = {name: float(value.max()) for name, value in event.displaced(plan).items()}
+    found = {name: float(value.max()) for name, value in displacement.counts(plan).items()}
     # Formulas against numbers of nine digits.
     assert found == pytest.approx(counts, rel=1e-6)
     assert event.refuses(plan) is None
     # A range that bites: 256 times as much, by what every packet of a gate may lose.
     bites = {**on, "integrator_range": {"v_max_v": 0.69, "v_min_v": -0.56}}
-    beside = event.displaced(made(tmp_path, ohms(1, 1, 16, 4), bites, topology))
+    beside = displacement.counts(made(tmp_path, ohms(1, 1, 16, 4), bites, topology))
     factor = 1.0 + (plan.timing.gate_clocks + 1) / 2
     # A product and a quotient of doubles.
     assert {n: float(v.max()) / factor for n, v in beside.items()} == pytest.approx(found, rel=1e-12)
