@@ -21,7 +21,8 @@ from dermis import auto, bench_vfc, engines, plan, scene
 from dermis.accuracy import chip, choice, command, converter, exact, frames, probe, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
-from dermis.effects import AutoTable
+from dermis.bounds import Bound
+from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.ngspice import NgspiceHalf
@@ -434,6 +435,35 @@ def test_a_run_that_misses_goes_on_with_the_next_finer_setting(
     assert set(made.on) < set(done.on)
     # One that reaches what is asked is left alone.
     assert choice.settled(done, result, pytest.fail) == (done, result)
+
+
+def test_where_bounds_are_wrong_the_last_setting_leaves_nothing_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bound of nothing keeps an effect out at any budget; it is not asked in the end."""
+    small = replace(EFFECTS["supply_ripple"], bound=lambda parameters, extent: Bound(0.0))
+    monkeypatch.setitem(EFFECTS, "supply_ripple", small)
+    data = {
+        "array": {"rows": 2, "cols": 2},
+        "stimulus": {"kind": "uniform", "r_ohm": 330.0},
+        "run": {"accuracy_lsb": 0.1},
+        "effects": {
+            "supply_ripple": {"relative": 1.0, "frequency_hz": 1e4},
+            "comparator_noise": {"v_v": 0.01},
+        },
+    }
+    made = plan.make(scene.from_data(data, tmp_path / "rippling.toml"))
+    first = engines.run(made)
+    assert "supply_ripple" not in made.on
+    assert choice.reached_lsb(made, first) > 1.0
+    done, result = choice.settled(made, first, engines.run)
+    assert set(done.on) == set(done.scene.effects)
+    row = choice.reached(done, result, 0.0, "x")[0]
+    assert row["status"] == "PASS", row
+    assert row["value"] == 0.0
+    everything = plan.make(scene.from_data({**data, "run": {"engine": "event"}}, tmp_path / "all.toml"))
+    assert (np.asarray(done.margin_lsb) == everything.margin_lsb).all()
+    assert "before, a budget of" in row["note"]
 
 
 def test_a_held_out_scene_that_misses_makes_the_promise_smaller(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -143,12 +143,21 @@ def _judged_frames(made: Plan) -> int:
 
 
 def finer(made: Plan, found_lsb: float) -> Plan | None:
-    """The plan of the next smaller budget with less left out, where this one reached `found_lsb`, if there is one."""
+    """The plan of the next smaller budget with less left out, where this one reached `found_lsb`.
+
+    Where no budget leaves out less it is the one that leaves out nothing, whatever the bounds say; behind that None.
+    """
     chosen = made.accuracy
     assert chosen is not None
     missed = (*chosen.missed, (chosen.budget_lsb, found_lsb))
-    for budget in sorted((b for b in BUDGETS_LSB if b < chosen.budget_lsb), reverse=True):
-        again = with_budget(made.scene, budget)
+
+    def finer_ones() -> Iterator[tuple[float, Plan]]:
+        for budget in sorted((b for b in BUDGETS_LSB if b < chosen.budget_lsb), reverse=True):
+            yield budget, with_budget(made.scene, budget)
+        nothing_out = plan.whole(made.scene, "event")
+        yield 0.0, replace(nothing_out, margin_lsb=chooser.random_margin(nothing_out))
+
+    for budget, again in finer_ones():
         if set(again.on) != set(made.on):
             expected = min(budget, again.left_out_lsb) / table()["budget_over_error"]
             setting = replace(
