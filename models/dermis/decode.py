@@ -23,13 +23,14 @@ class Decoded:
     x : ndarray
         Duty c / N, the middle of what reads as this code.
     resistance_ohm, force_n : ndarray
-        At x; code 0 decodes to inf and 0.
+        At x; code 0 decodes to inf and 0. Of a law so flat that no force makes the resistance the
+        force is inf.
     force_low_n, force_high_n : ndarray
         What reads as this code ideally: x from (c - 1/2) / N, included, to (c + 1/2) / N, excluded. The
         highest code has no upper end (inf).
     d_force_n, d_resistance_ohm : ndarray
-        Force from one end of the code to the other (from 0 to the first threshold for code 0), and the slope
-        R / c of the resistance per code, R^2 / (N V_b / (k i0)) (inf at code 0).
+        Force from one end of the code to the other (from 0 to the first threshold for code 0; inf where the upper end
+        is), and the slope R / c of the resistance per code, R^2 / (N V_b / (k i0)) (inf at code 0).
     zero, saturated : ndarray of bool
         No pulse at all; full scale or anything above it.
     """
@@ -81,7 +82,7 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
         force_n=plan.sensor.force_n(resistance),
         force_low_n=low,
         force_high_n=np.where(codes == code_max, np.inf, high),
-        d_force_n=high - low,
+        d_force_n=np.subtract(high, low, out=np.full(x.shape, np.inf), where=np.isfinite(high)),
         d_resistance_ohm=d_resistance,
         zero=codes == 0,
         saturated=codes == code_max,

@@ -212,7 +212,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "certified": _certified(plan, result),
         "seed": plan.seed,
         "decoded": {
-            "total_force_n": decoded.force_n.sum(axis=(1, 2)).tolist(),
+            "total_force_n": [_json(force) for force in decoded.force_n.sum(axis=(1, 2)).tolist()],
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },

@@ -24,6 +24,9 @@ _OhmPoint = Annotated[float, Field(ge=1e-6, le=1e15)]
 # Neighbouring points this close have no slope worth the name, and the logarithm of their ratio would vanish.
 _POINT_RATIO = 1.001
 
+# A force beyond is infinite: of a law so flat that nothing makes such a resistance. Sums over a sheet stay numbers.
+_FORCE_MAX_N = 1e300
+
 
 class SensorTable(Strict):
     """[sensor]: the law between force and resistance."""
@@ -147,7 +150,7 @@ class PowerSensor:
         return np.where(force < self.force_on_n, self.r_open_ohm, np.minimum(ohm, self.r_open_ohm))
 
     def force_n(self, resistance_ohm: ArrayLike) -> Floats:
-        """F in newtons that a resistance in ohm means, any shape; 0 from r_open_ohm on, inf for R = 0."""
+        """F in newtons that a resistance means, any shape; 0 from r_open_ohm on, above 1e300 inf, as for R = 0."""
         ohm = np.asarray(resistance_ohm, dtype=float)
         points = np.array(self.r_points_ohm)
         at = np.maximum(np.searchsorted(-points, -ohm, side="right") - 1, 0)
@@ -155,6 +158,7 @@ class PowerSensor:
             force = np.array(self.force_points_n)[at] * np.abs(ohm / points[at]) ** (
                 -1.0 / self.exponents()[at]
             )
+        force = np.where(force > _FORCE_MAX_N, np.inf, force)
         return np.where(ohm >= self.r_open_ohm, 0.0, np.maximum(force, self.force_on_n))
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dermis import output, regression, report, scene
 from dermis import plan as planning
-from dermis import scene
 from dermis.decode import decode, taxels_alone
 from dermis.engines import closed
 
@@ -129,3 +130,44 @@ def test_without_a_network_nothing_is_corrected() -> None:
     plan = made(EVERY)
     codes = closed.run(plan).codes
     assert (decode(plan, codes, corrected=True).force_n == decode(plan, codes).force_n).all()
+
+
+FLAT = {"law": "power", "force_points_n": [1.0, 1e9], "r_points_ohm": [1000.0, 998.0]}
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_law_so_flat_that_no_force_reaches_a_resistance_decodes_to_inf(tmp_path: Path) -> None:
+    """Slope 1e-4: 600 ohm would take 1e2285 N. The codes are what they are, and a run writes null for such a force."""
+    plan = made({"r_ohm": [600.0, 1000.0, 999.0, 0.0]}, sensor=FLAT)
+    result = closed.run(plan)
+    decoded = decode(plan, result.codes)
+    assert np.isinf(decoded.force_n[[0, 3]]).all()
+    assert np.isfinite(decoded.force_n[1:3]).all()
+    for every in dataclasses.fields(decoded):
+        assert not np.isnan(getattr(decoded, every.name)).any(), every.name
+    assert np.isinf(decoded.d_force_n[[0, 3]]).all()
+    codes = np.arange(256).reshape(-1, 1, 1)
+    assert not np.isnan(decode(plan, codes).d_force_n).any()
+    output.write(tmp_path / "out", plan, result, [])
+    total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
+    assert total_n == [None, *decoded.force_n[1:3].ravel(), None]
+    fit = regression.fit_residual(plan, result.codes)
+    report.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
+
+
+@pytest.mark.filterwarnings("error")
+def test_forces_at_the_end_of_numbers_run_to_their_end(tmp_path: Path) -> None:
+    """Nine orders of magnitude are one percent of resistance: up to 1e308 N a taxel, of which 1e300 are a force."""
+    ohm = 127500.0 / 212
+    for decades, finite in ((308.0, False), (299.9, True)):
+        law = {**FLAT, "r_points_ohm": [1000.0, 1000.0 * (ohm / 1000.0) ** (9 / decades)]}
+        plan = made({"r_ohm": [ohm, 1.05 * ohm, 1.5 * ohm]}, array={"rows": 3, "cols": 1}, sensor=law)
+        result = closed.run(plan)
+        force_n = decode(plan, result.codes).force_n
+        assert np.isfinite(force_n[0]).all() == finite
+        assert force_n.max() > 1e299
+        output.write(tmp_path / "out", plan, result, [])
+        total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
+        assert total_n == [f if np.isfinite(f) else None for f in force_n.sum(axis=(1, 2))]
+        fit = regression.fit_residual(plan, result.codes)
+        report.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
