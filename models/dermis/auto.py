@@ -40,13 +40,14 @@ class Choice:
     """What a plan simulates.
 
     `on` names of effects; `engine`; `margin_lsb` [cols] for the certified codes: what is left out, what is
-    random, and what kept effects add; `left_out_lsb` the largest sum of what is left out; `bound_lsb` and `why`
-    for every effect that was considered.
+    random, and what kept effects add; `unsure_lsb` [rows, cols] as Plan has it; `left_out_lsb` the largest sum of
+    what is left out; `bound_lsb` and `why` for every effect that was considered.
     """
 
     on: tuple[str, ...]
     engine: str
     margin_lsb: Floats
+    unsure_lsb: Floats
     left_out_lsb: float
     bound_lsb: dict[str, float]
     why: dict[str, str]
@@ -75,9 +76,9 @@ class _Weighing:
             self.where = np.nonzero(felt)
             self.cap = self.total.cap[felt]
             self.lsb = {name: np.ascontiguousarray(lsb[felt]) for name, lsb in self.total.lsb.items()}
-            self.ground = {
+            self.beside = {
                 name: {by: part[felt] for by, part in parts.items()}
-                for name, parts in self.total.ground.items()
+                for name, parts in self.total.beside.items()
             }
             self.kept = {
                 name: np.broadcast_to(bounds.kept(name, e), felt.shape)[felt]
@@ -92,35 +93,45 @@ class _Weighing:
     def alone(self, name: str, out: Set[str]) -> float:
         """Codes by which an effect may move any, beside others that are not `out`."""
         lsb = self.lsb[name]
-        lsb = lsb if self.total.bounds[name].level else np.minimum(lsb, self.cap)
+        lsb = np.minimum(lsb, self.cap) if self.total.bounds[name].steady else lsb
         with np.errstate(over="ignore"):
-            return self._largest((lsb + self._through_grounds(name, out)) * self.counts)
+            return self._largest((lsb + self._on_top(name, out)) * self.counts)
 
-    def _through_grounds(self, name: str, out: Set[str]) -> ArrayLike:
-        """Packets by which an effect moves levels where virtual grounds give way, by what is not `out`."""
-        return sum((part for by, part in self.ground[name].items() if by not in out), 0.0)
+    def _on_top(self, name: str, out: Set[str]) -> ArrayLike:
+        """Packets by which an effect moves levels beside others that are not `out`."""
+        return sum((part for by, part in self.beside[name].items() if by not in out), 0.0)
+
+    def _inputs(self, names: Set[str]) -> Floats:
+        """Packets by which steady currents of cells are off where effects are left out, full scale or not."""
+        inputs = np.zeros(self.cap.shape)
+        for name in filter(names.__contains__, self.on):
+            if self.total.bounds[name].steady:
+                inputs = inputs + self.lsb[name]
+        return inputs
 
     def _cells(self, names: Set[str], kept: Set[str]) -> Floats:
         """Packets by which effects that are left out (or random) may move a decision, beside others that are kept."""
-        inputs = levels = squares = 0.0
+        moved = np.minimum(self._inputs(names), self.cap)
+        levels = squares = 0.0
+        fastest = moved
         # In the scene's order: that of a set differs from process to process, and with it a sum's last digit.
         for name in filter(names.__contains__, self.on):
             bound, lsb = self.total.bounds[name], self.lsb[name]
             if bound.gauss:
                 squares = squares + lsb * lsb
-            elif bound.level:
+            elif not bound.steady:
                 levels = levels + lsb
-            else:
-                inputs = inputs + lsb
-            levels = levels + self._through_grounds(name, names)
-        for name in filter(kept.__contains__, self.kept):
-            levels = levels + self.kept[name]
-        moved = np.minimum(inputs, self.cap)
-        if "mirror_lag" in self.on and "mirror_lag" not in names and np.any(moved > 0):
+            if bound.rate is not None:
+                fastest = fastest + np.broadcast_to(bound.rate, self.total.felt.shape)[self.where]
+            levels = levels + self._on_top(name, names)
+        if "mirror_lag" in self.on and "mirror_lag" not in names and np.any(fastest > 0):
             whole = np.zeros(self.total.felt.shape)
-            whole[self.where] = moved
+            whole[self.where] = fastest
             moved = moved + bounds.lag_slack(whole, self.extent)[self.where[2]]
-        return moved + levels + np.sqrt(squares)
+        cells = moved + levels + np.sqrt(squares)
+        # Where nothing moves a cell all runs are one.
+        beside = sum((self.kept[name] for name in filter(kept.__contains__, self.kept)), 0.0)
+        return np.where(cells <= 0, 0.0, cells + beside)
 
     @staticmethod
     def _largest(cells: Floats) -> float:
@@ -133,8 +144,8 @@ class _Weighing:
             return True
         if "mirror_lag" in out:
             budget = min(budget, self.extent.lag_room)
-        # Asked for many sets: what comes through no ground is the same beside any.
-        if any((self.alone(name, out) if self.ground[name] else self.bound[name]) > budget for name in out):
+        # Asked for many sets: that of nothing on top is the same beside any.
+        if any((self.alone(name, out) if self.beside[name] else self.bound[name]) > budget for name in out):
             return False
         return self.off(out) <= budget
 
@@ -143,8 +154,9 @@ class _Weighing:
         if not out:
             return 0.0
         grown = bounds.grown(self.on.keys() - out, self.total.bounds, self.extent)[self.total.felt]
+        cells = self._cells(out, self.kept.keys() - out)
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._largest(self._cells(out, self.kept.keys() - out) * grown * self.counts)
+            return self._largest(np.where(cells <= 0, 0.0, cells * grown * self.counts))
 
     def margin(self, out: set[str], random: Iterable[str] = ()) -> Floats:
         """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""
@@ -153,6 +165,17 @@ class _Weighing:
         if names:
             whole[self.where] = self._cells(names, self.kept.keys() - out)
         return np.nan_to_num(whole.max(axis=(0, 1)), nan=np.inf)
+
+    def unsure(self, out: set[str], margin: Floats) -> Floats:
+        """N x [rows, cols] below which a cell may read less than full scale in the chip though it does so here.
+
+        0 where the margin [cols] holds all that currents are off by. Elsewhere it ends where full scale begins.
+        """
+        whole = np.zeros(self.total.felt.shape)
+        if out:
+            inputs, col = self._inputs(out), self.where[2]
+            whole[self.where] = np.where(inputs > margin[col], self.total.sure[col] + inputs, 0.0)
+        return whole.max(axis=0)
 
 
 def fields_of(plan: Plan, name: str) -> frozenset[str]:
@@ -196,7 +219,8 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
         else:
             why[n] = "what is left of the budget is less"
     on = tuple(n for n in names if n not in out)
-    return Choice(on, chosen, _certain(weighing, out), left, weighing.bound, why)
+    margin = _certain(weighing, out)
+    return Choice(on, chosen, margin, weighing.unsure(out, margin), left, weighing.bound, why)
 
 
 def _certain(weighing: _Weighing, out: set[str]) -> Floats:

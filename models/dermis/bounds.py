@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import settling
+from dermis import displacement, settling
 from dermis.settling import BRISK_CLOCKS
 from dermis.vfc import W_PRESET, Y_MIN
 
@@ -36,6 +36,19 @@ _G_MAX_S = 1e30
 SLOW_CLOCKS = 1.0
 # Duty, in packets of the size they are, beyond which a cell that may not be saturated is not trusted to be.
 _X_CLIP = 0.75
+# Time constants of a leak in a gate up to which counts follow levels (docs/auto.md, "The lemma").
+_FORGETS = 3.0
+# Ripple, relative, from which on a current all but stands still for a while.
+_ALL_OF_IT = 0.999
+# Voltage by which a line may be away from rest, relative to what sources reach (docs/auto.md, "A line's capacitance").
+_SWITCHED = 4.0
+# The effect by whose field capacitances push charge (displacement.counts).
+_DISPLACES = {
+    "ripple": "supply_ripple",
+    "inv_gain_dc": "integrator_gain",
+    "t_gbw_s": "integrator_bandwidth",
+    "q_mirror_c": "mirror_lag",
+}
 
 
 @dataclass(frozen=True)
@@ -45,14 +58,22 @@ class Bound:
     `level` says that it moves levels and packets; otherwise it moves the current, and what it does to a cell
     that reads full scale anyway ends where full scale begins. `gauss` says that `lsb` is `sigma` standard
     deviations of a normal number, independent of those of other effects: such bounds add as squares.
-    `ground` says, for each effect by which virtual grounds give way, how far this one moves levels through them:
-    packets that come on top as long as that effect is kept (without it the grounds stand still).
+    `rate` is for what moves the current for a part of the gate: so many packets in a whole gate at its fastest. It
+    counts as a level, for what it withholds while packets come every second clock does not come back.
+    `beside` says of some other effects how many packets come on top, of levels, as long as that one is kept: without
+    it virtual grounds stand still, and lines have settled.
     """
 
     lsb: ArrayLike
     level: bool = False
     gauss: bool = False
-    ground: Mapping[str, Floats] = field(default_factory=dict)
+    rate: ArrayLike | None = None
+    beside: Mapping[str, ArrayLike] = field(default_factory=dict)
+
+    @property
+    def steady(self) -> bool:
+        """Whether it moves the current alike in every clock of a gate, at most."""
+        return not self.level and self.rate is None
 
 
 class Extent:
@@ -87,6 +108,11 @@ class Extent:
         [C] least that a packet of the size they are takes.
     late : ndarray or float
         [B, R, C] packets that come on top of x: what settles, and what a slow mirror is early by.
+    unsettled : ndarray
+        [B, 1, C] packets that lines which have not settled bring into a gate or keep from it, at most; infinite where
+        nothing is known of them.
+    displaced : dict
+        Counts [C] at most that capacitances push into converters, by the effect that has them do it.
     """
 
     def __init__(self, plan: Plan, sigma: float) -> None:
@@ -127,6 +153,12 @@ class Extent:
 
         gain = np.maximum(1.0, np.abs(c.gain))
         self.per_a = self.n * gain / (c.k * c.i0_a)
+        self.unsettled = _unsettled(self)
+        self.displaced = {_DISPLACES[name]: most for name, most in displacement.counts(plan).items()}
+        known = np.isfinite(self.unsettled)
+        # No voltage of a line is further from rest than by two switchings, one at either end of a break.
+        rush = np.where(known, 0.0, _SWITCHED * (self.v + self.d) * (self.a + self.side)[:, None])
+        self.i_up = self.i_up + rush + np.where(known, self.unsettled, 0.0) / self.per_a
         self.x_up = self.i_up * self.per_a / self.n + np.abs(c.i_offset_a) / c.i0_a
         full = plan.timing.code_max
         self.clips = self.n >= 2 * full
@@ -134,11 +166,17 @@ class Extent:
         self.packet_least = np.maximum(size * (1.0 - spread), 1e-3)
         self.packet_low = np.minimum(self.packet_least, 1.0)
         self.packet_high = np.maximum(size * (1.0 + spread), 1.0)
-        # A duty that changes in a gate may be above 1/2 for a while and leave charge for later: it is never clipped.
-        moving = plan.drive.motion
-        self.x_clip: ArrayLike = math.inf if moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
+        # A duty that goes anywhere in a gate may be above 1/2 for a while and leave charge for later: never clipped.
+        self.moving = plan.drive.motion or not known.all()
+        self.x_clip: ArrayLike = (
+            math.inf if self.moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
+        )
         self.x = np.minimum(self.x_up, self.x_clip)
-        self.pile = self.n * np.maximum(self.x - 0.5 * self.packet_low, 0.0) if moving else 0.0
+        # What packets may not have taken yet though the mean of the duty is one that they can take.
+        self.pile = self.n * np.maximum(self.x_up - 0.5 * self.packet_low, 0.0)
+        if not self.moving:
+            for_now = np.asarray(supply_ripple(None, self).lsb) + self.unsettled + _early_mirror(self)
+            self.pile = np.minimum(self.pile, for_now)
         self.x_sure: ArrayLike = self.x_clip
         self.lag_room = math.inf  # packets that may be left out in all where a slow mirror is
         self.lagging: ArrayLike = 0.0  # [B, R, C] packets by which a slow mirror may be early or late
@@ -167,10 +205,14 @@ class Extent:
         `own_s` and `others_s` [B, C]: by how many siemens it changes what the virtual ground of a column sees of
         itself and of all others together; one number where both are alike.
         """
-        ground = (
-            {} if own_s is None else _through_grounds(self, own_s, own_s if others_s is None else others_s)
-        )
-        return Bound(np.asarray(i) * self.per_a, ground=ground)
+        beside: dict[str, ArrayLike] = dict(self.settles())
+        if own_s is not None:
+            beside |= _through_grounds(self, own_s, own_s if others_s is None else others_s)
+        return Bound(np.asarray(i) * self.per_a, beside=beside)
+
+    def settles(self) -> dict[str, Floats]:
+        """`Bound.beside` of what changes how lines settle, or from where."""
+        return {"line_capacitance": 2.0 * self.unsettled} if self.unsettled.any() else {}
 
     def arrives(self, direct: Floats) -> Floats:
         """`spread` for 1 V: siemens [B, C] at virtual grounds, of a change of `direct` [B, C] at the taxels."""
@@ -197,7 +239,7 @@ class Extent:
         # A charge that stops at its lower limit does not miss what else was to go.
         low = _limits(self)[0]
         with np.errstate(invalid="ignore"):
-            free = low <= -1.0 - _beside(self)
+            free = low <= -1.0 - _away(self)
         return np.where(np.isinf(low) | free, np.minimum(came / self.packet_least, most), most)
 
     @functools.cached_property
@@ -352,9 +394,15 @@ def _slowest_clocks(e: Extent) -> float:
     return settling.slowest_s(e.net) * e.converter.f_clk_hz
 
 
-def line_capacitance(_: Any, e: Extent) -> Bound:
-    """What a row slot starts away from rest has decayed when the gate opens, at the slowest rate there can be."""
+def _unsettled(e: Extent) -> Floats:
+    """`Extent.unsettled`: what starts away from rest has decayed when the gate opens, at the slowest rate there is.
+
+    It holds whatever else is on, and for lines that lead onto their virtual grounds through no resistance.
+    """
     net, c = e.net, e.converter
+    nothing = np.zeros((len(e.g), 1, e.cols))
+    if not (net.c_row_f or net.c_column_f or net.c_taxel_f):
+        return nothing
     live = bool((e.g > 0).any())
     rows_tau = net.r_row_driven_ohm * (net.c_row_f + 2 * e.cols * net.c_taxel_f)
     if net.c_row_f or (net.c_taxel_f and live):
@@ -364,19 +412,16 @@ def line_capacitance(_: Any, e: Extent) -> Bound:
     cols_tau += net.r_trace_column_ohm * net.c_taxel_f * e.rows * (e.rows + 1)
     tau = max(rows_tau, cols_tau)
     if tau == 0 and not e.drive.active_fields():
-        return Bound(0.0)
+        return nothing
     rest = math.exp(-e.settle / c.f_clk_hz / tau) if tau else 0.0
-    # A slow mirror also keeps what has settled by then, unless lines are so brisk that event lets it pass.
-    kept = c.q_mirror_c.any() and _slowest_clocks(e) > BRISK_CLOCKS
-    if kept or not rest < 0.25:
-        return Bound(np.inf)
-    volts = 4.0 * (e.v + e.d)
+    if not rest < 0.25:
+        return nothing + np.inf
+    volts = _SWITCHED * (e.v + e.d)
     farads = e.rows * net.c_row_f + e.cols * net.c_column_f + 4 * e.rows * e.cols * net.c_taxel_f
     stored = math.sqrt(farads) * volts  # norm of the state, sqrt(J)
     gate_s = e.n / c.f_clk_hz
-    with np.errstate(divide="ignore"):
-        onto = np.minimum(np.divide(1.0, net.r_column_ohm), e.a + e.side)  # [B, C]
-    charge = (np.sqrt(gate_s * onto / 2.0) + 2.0 * math.sqrt(e.rows * net.c_taxel_f)) * stored * rest
+    onto = np.sqrt(gate_s * (e.a + e.side) / 2.0)  # [B, C]
+    charge = (onto + 2.0 * math.sqrt(e.rows * net.c_taxel_f)) * stored * rest
     if e.drive.active_fields():
         smallest = min(net.c_row_f, net.c_column_f)
         norm = math.sqrt(farads / smallest) if smallest else math.inf
@@ -395,16 +440,25 @@ def line_capacitance(_: Any, e: Extent) -> Bound:
         shifts = 2.0 * e.rows * net.c_taxel_f * moves
         shifts += 2.0 * math.sqrt(e.rows * net.c_taxel_f * farads) * min(tau * slope, moves)
         charge = charge + (e.a + e.side) * late + shifts
-    return Bound((charge * c.f_clk_hz * e.per_a / e.n)[:, None])
+    return (charge * c.f_clk_hz * e.per_a / e.n)[:, None]
+
+
+def line_capacitance(_: Any, e: Extent) -> Bound:
+    """What has not settled, and what capacitances push into converters at any time."""
+    # A slow mirror also keeps what has settled by then, unless lines are so brisk that event lets it pass.
+    if e.converter.q_mirror_c.any() and _slowest_clocks(e) > BRISK_CLOCKS:
+        return Bound(np.inf, rate=np.inf)
+    whole = e.unsettled + sum(e.displaced.values())
+    return Bound(whole, rate=whole)
 
 
 # --- the current into the converter ------------------------------------------------------------------------------
 
 
 def mirror_ratio(_: Any, e: Extent) -> Bound:
-    """x |gain - 1|."""
+    """x |gain - 1|, up to where a smaller gain leaves a cell saturated."""
     gain = e.converter.gain
-    duty = np.minimum(e.x_up, e.x_clip / np.minimum(1.0, np.maximum(gain, 1e-3)))
+    duty = np.minimum(e.x_up, _ratio(e.x_clip, np.clip(gain, 0.0, 1.0)))
     return Bound(e.n * duty * np.abs(gain - 1.0))
 
 
@@ -414,11 +468,11 @@ def offset_current(_: Any, e: Extent) -> Bound:
 
 
 def range_switch(_: Any, e: Extent) -> Bound:
-    """i - i / (1 + a i), largest where the cell just saturates."""
+    """i - i / (1 + a i): bent towards more by what comes for a part of the gate, which is lost at most."""
     c = e.converter
-    i = e.x * c.k * c.i0_a
-    part = i * c.inv_i_range_a
-    return Bound(e.n * e.x * part / (1.0 + part))
+    part = e.x_up * c.k * c.i0_a * c.inv_i_range_a
+    brief = np.where(np.isfinite(e.unsettled), e.unsettled, 0.0) if c.inv_i_range_a.any() else 0.0
+    return Bound(e.n * e.x_up * (1.0 - 1.0 / (1.0 + part)) + brief)
 
 
 def mirror_lag(_: Any, e: Extent) -> Bound:
@@ -434,37 +488,48 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
         late = kappa * np.log1p(worst / Y_MIN * np.exp(-settle * worst / some))
         left = np.maximum(settle * slowest / some, 1e-9)
         early = kappa * (np.log(-np.expm1(-left * (1.0 + e.n / settle))) - np.log(-np.expm1(-left)))
-    if e.drive.ripple:
-        a = min(e.drive.ripple, 0.999)
-        late = late + kappa * math.log((1.0 + a) / (1.0 - a))
-        early = early + kappa * math.log((1.0 + a) / (1.0 - a))
-    if e.drive.motion:
+    if 0.0 < e.drive.ripple < _ALL_OF_IT:
+        late = late + kappa * math.log((1.0 + e.drive.ripple) / (1.0 - e.drive.ripple))
+        early = early + kappa * math.log((1.0 + e.drive.ripple) / (1.0 - e.drive.ripple))
+    if _mirror_begins_anywhere(e):
         late = kappa * np.log(np.maximum(e.x, Y_MIN) / Y_MIN)
-        highest = e.x.max(axis=1, keepdims=True)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            early = kappa * np.log1p(
-                np.where(kappa > 0, highest * e.n / np.where(kappa > 0, kappa, 1.0), 0.0)
-            )
+        early = _early_mirror(e)
     # It gives no negative current. That lifts dark cells to nothing, which no code shows as long as all else that
     # may lift them stays below half a packet: kept effects, and what is left out (Extent.lag_room).
     below = ((e.d * (e.a + e.side) + e.leak) * e.per_a)[:, None]
     lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e))
     room = -W_PRESET - float(np.max(lifted))
-    if e.drive.motion or room < 0.05:
+    if e.moving or room < 0.05:
         nothing = below
     else:
         nothing = np.where(kappa > 0, e.n * Y_MIN, 0.0)
         if below.any():
             e.lag_room = room
     e.lagging = np.maximum(np.minimum(late, e.n * e.x), early)
-    return Bound(e.lagging + nothing)
+    return Bound(e.lagging + nothing, rate=e.n * e.x, beside=_pushed(e, "mirror_lag"))
+
+
+def _mirror_begins_anywhere(e: Extent) -> bool:
+    """Whether the output of a slow mirror may be anything when the gate opens: its input was another until then."""
+    slow_lines = e.converter.q_mirror_c.any() and e.unsettled.any() and _slowest_clocks(e) > BRISK_CLOCKS
+    return e.moving or e.drive.ripple >= _ALL_OF_IT or bool(slow_lines)
+
+
+def _early_mirror(e: Extent) -> Floats:
+    """Packets, broadcastable to [B, R, C], at most by which a slow mirror is early."""
+    kappa = e.converter.q_mirror_c * e.converter.f_clk_hz / e.converter.i0_a
+    if not _mirror_begins_anywhere(e):
+        return kappa * math.log1p(e.n / max(e.settle, 1))
+    most = e.n * e.x.max(axis=1, keepdims=True)
+    return kappa * np.log1p(np.divide(most, kappa, out=np.zeros(most.shape), where=kappa > 0))
 
 
 def supply_ripple(_: Any, e: Extent) -> Bound:
     """A sine of amplitude a x adds at most a x f_clk / (pi f) packets up to any clock."""
     d = e.drive
     clocks = min(e.n, e.converter.f_clk_hz / (math.pi * d.f_ripple_hz)) if d.ripple else 0.0
-    return Bound(d.ripple * clocks * e.x)
+    beside = _pushed(e, "supply_ripple") if d.ripple else {}
+    return Bound(d.ripple * clocks * e.x, rate=d.ripple * e.n * e.x, beside=beside)
 
 
 def motion(_: Any, e: Extent) -> Bound:
@@ -541,7 +606,7 @@ def _in_line(e: Extent, r_ohm: Floats) -> Floats:
 
 
 def _through_grounds(e: Extent, own_s: Floats, others_s: Floats) -> dict[str, Floats]:
-    """Packets [B, R, C] by effect that makes virtual grounds give way: `Bound.ground` of so many siemens [B, C]."""
+    """Packets [B, R, C] by effect that makes virtual grounds give way: `Bound.beside` of so many siemens [B, C]."""
     found: dict[str, Floats] = {}
     if e.plan.topology != "direct":
         return found
@@ -554,13 +619,22 @@ def _through_grounds(e: Extent, own_s: Floats, others_s: Floats) -> dict[str, Fl
     return found
 
 
+def _pushed(e: Extent, name: str) -> dict[str, ArrayLike]:
+    """`Bound.beside` of an effect that has capacitances push charge, or moves lines that have not settled."""
+    found: dict[str, ArrayLike] = dict(e.settles())
+    if name in e.displaced:
+        found["line_capacitance"] = found.get("line_capacitance", 0.0) + e.displaced[name]
+    return found
+
+
 def integrator_gain(p: Any, e: Extent) -> Bound:
     """The charge leaks while the input gives way, and levels count from a smaller output."""
     c = e.converter
     level = (np.abs(c.v_comp_offset_v) + c.v_hysteresis_v / 2) / e.packet_v * c.inv_gain_dc
     late = c.t_gbw_s * c.f_clk_hz * c.inv_gain_dc * 2.0
     others = _from_others(e, e.n * _lost(e, 1.0))
-    return Bound(_leak(e, c.g_in_s + e.g_input) + others + level + late, level=True)
+    lsb = _leak(e, c.g_in_s + e.g_input) + others + level + late
+    return Bound(lsb, level=True, beside=_pushed(e, "integrator_gain"))
 
 
 def mirror_output(p: Any, e: Extent) -> Bound:
@@ -575,10 +649,10 @@ def _limits(e: Extent) -> Floats:
     return e.converter.range_v() / (e.packet_v * e.amplitude)
 
 
-def _beside(e: Extent) -> Floats:
+def _away(e: Extent) -> Floats:
     """Packets by which a trajectory may leave -packet .. 2 x for all that moves, [B, R, C]."""
     c = e.converter
-    moving = 2.0 * (np.asarray(supply_ripple(None, e).lsb) + e.lagging)
+    moving = 2.0 * (np.asarray(supply_ripple(None, e).lsb) + e.lagging + e.unsettled)
     if e.drive.motion:
         below = e.d * (e.a + e.side) + e.leak
         moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
@@ -587,8 +661,8 @@ def _beside(e: Extent) -> Floats:
 
 def integrator_range(_: Any, e: Extent) -> Bound:
     """Nothing where no trajectory can reach the limits; else there is no bound worth having."""
-    limits, moving = _limits(e), _beside(e)
-    x = e.x if e.drive.motion else np.minimum(e.x, e.x_sure)
+    limits, moving = _limits(e), _away(e)
+    x = e.x if e.moving else np.minimum(e.x, e.x_sure)
     inside = (limits[0] <= -1.0 - moving) & (limits[1] >= 2.0 * x + e.pile + moving)
     return Bound(np.where(inside, 0.0, np.inf), level=True)
 
@@ -638,9 +712,8 @@ def integrator_bandwidth(_: Any, e: Extent) -> Bound:
     c = e.converter
     tau = c.t_gbw_s * c.f_clk_hz
     drops = _drops(e, c.g_in_s + e.g_input) + _from_others(e, c.t_gbw_s / c.c_int_f)
-    return Bound(
-        np.maximum(tau * e.x, e.bandwidth_tail - tau * np.maximum(e.x_floor, 0.0)) + drops, level=True
-    )
+    lsb = np.maximum(tau * e.x, e.bandwidth_tail - tau * np.maximum(e.x_floor, 0.0)) + drops
+    return Bound(lsb, level=True, beside=_pushed(e, "integrator_bandwidth"))
 
 
 # --- random effects: sigma times the rms -------------------------------------------------------------------------
@@ -754,7 +827,7 @@ def kept(name: str, e: Extent) -> ArrayLike:
 
 
 def lag_slack(moved: Floats, e: Extent) -> Floats:
-    """What a kept slow mirror adds when its input is off by `moved` [B, R, C] packets a gate.
+    """What a kept slow mirror adds when its input is off by `moved` [B, R, C] packets a gate, at its fastest.
 
     ln(y'/y) stays below ln(1 + dx/y_min): beyond that the faster of two mirrors no longer gains.
     """
@@ -766,17 +839,18 @@ def lag_slack(moved: Floats, e: Extent) -> Floats:
 def grown(on: Collection[str], bounds: Mapping[str, Bound], e: Extent) -> Floats:
     """By what factor a level that is off by little may be off at the end of the gate, where `on` is kept, [B, R, C].
 
-    Charge that an integrator loses hangs on where its levels are: at a limit every packet may lose as much more as the
-    level is off, and a leak takes its part of it in every clock. Certified codes need no such factor (docs/auto.md).
+    Charge that an integrator loses hangs on where its levels are. At a limit a packet a clock later loses as much as
+    flows in a clock, and where the next begins at the limit again so do all that follow: however little the level is
+    off. A leak takes its part of it in every clock; one that forgets within a gate does as a limit does. Certified
+    codes need no such factor (docs/auto.md).
     """
-    factor = np.ones(e.g.shape)
-    if "integrator_range" in on:
-        reached = np.asarray(bounds["integrator_range"].lsb) > 0
-        factor = factor + np.where(reached, e.ones, 0.0)
     leaks = np.zeros(e.g.shape)
     if "integrator_gain" in on:
-        leaks = leaks + _lost(e, e.converter.g_in_s + e.g_input)
-    return factor + e.n * leaks
+        leaks = leaks + e.n * _lost(e, e.converter.g_in_s + e.g_input)
+    factor = np.where(leaks > _FORGETS, np.inf, 1.0 + leaks)
+    if "integrator_range" in on:
+        factor = np.where(np.asarray(bounds["integrator_range"].lsb) > 0, np.inf, factor)
+    return factor
 
 
 Bounding = Callable[[Any, Extent], Bound]
@@ -822,10 +896,10 @@ def sums(e: Extent, bounds: Mapping[str, Bound], lsb: Mapping[str, Floats]) -> t
     for name, bound in bounds.items():
         if bound.gauss:
             squares += lsb[name] * lsb[name]
-        elif bound.level:
-            levels += lsb[name]
-        else:
+        elif bound.steady:
             inputs += lsb[name]
+        else:
+            levels += lsb[name]
     return inputs, levels + np.sqrt(squares)
 
 
@@ -833,7 +907,8 @@ def _sure(e: Extent, levels: Floats) -> Floats:
     """N x in packets [C] above which a converter reads full scale with every effect on."""
     start = levels.max(axis=(0, 1)) - W_PRESET
     sure = np.maximum(start + e.plan.timing.code_max - 1, e.n * start / 2)
-    return np.where(e.clips & (sure <= e.n * e.x_clip), sure, np.inf)
+    # Below nothing more of a current is less.
+    return np.where(e.clips & (sure <= e.n * e.x_clip) & (e.drive.ripple <= 1.0), sure, np.inf)
 
 
 class Total:
@@ -845,11 +920,11 @@ class Total:
         self.lsb = {
             name: np.broadcast_to(np.asarray(b.lsb, dtype=float), shape) for name, b in bounds.items()
         }
-        self.ground = {
-            name: {by: np.broadcast_to(part, shape) for by, part in b.ground.items()}
+        self.beside = {
+            name: {by: np.broadcast_to(np.asarray(part, dtype=float), shape) for by, part in b.beside.items()}
             for name, b in bounds.items()
         }
-        # What comes through virtual grounds is part of the bound of what makes them give way.
+        # What comes on top is part of the bound of what it comes on top beside.
         inputs, levels = sums(e, bounds, self.lsb)
         c = e.converter
         ideal = e.plan.v_bias_v * e.n / (c.k * c.i0_a)

@@ -136,6 +136,8 @@ class Plan:
         View of every SPICE block, for engine cosim.
     margin_lsb : ndarray or float
         [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
+    unsure_lsb : ndarray or float
+        [rows, cols] packets a gate below which a cell that reads full scale may read less in the chip, by the margin.
     left_out_lsb : float
         What of that the plan leaves out may come to in a code, largest of all (docs/auto.md).
     moved_lsb : ndarray or float
@@ -165,6 +167,7 @@ class Plan:
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
     margin_lsb: Floats | float = 0.0
+    unsure_lsb: Floats | float = 0.0
     left_out_lsb: float = 0.0
     accuracy: Chosen | None = None
     moved_lsb: Floats | float = 0.0
@@ -349,6 +352,7 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
         effects=tuple(states),
         engine=choice.engine,
         margin_lsb=choice.margin_lsb,
+        unsure_lsb=choice.unsure_lsb,
         left_out_lsb=choice.left_out_lsb,
     )
 

@@ -73,6 +73,27 @@ def test_errors_within_e_stay_between_thresholds_moved_by_e(leak: float, limits:
     ).all()  # half is too little
 
 
+@pytest.mark.parametrize(
+    ("leaks", "margin", "apart"),
+    [(1.0, 0.1, 1), (3.0, 0.01, 1), (3.0, 0.25, 2), (30.0, 0.01, 4), (100.0, 1e-3, 8)],
+)
+def test_a_leak_that_forgets_within_a_gate_tips_counts_by_a_thousandth(
+    leaks: float, margin: float, apart: int
+) -> None:
+    """Up to three time constants in a gate levels that are off by E move counts by 1 + E (1 + N L); beyond, by many."""
+    rng = np.random.default_rng(2)
+    x = np.concatenate([rng.uniform(0, 0.55, 20000), rng.integers(1, 7, 20000) / rng.integers(12, 24, 20000)])
+    none = np.zeros((N, 1))
+    codes = [machine(x, theta + none[0], none, leaks / N, -np.inf, np.inf) for theta in (0.0, margin)]
+    most = (codes[0] - codes[1]).max()
+    if leaks <= bounds._FORGETS:
+        assert most <= np.floor(1.0 + margin * (1.0 + leaks))
+        assert most == apart
+    else:
+        assert most >= apart
+        assert most > np.floor(1.0 + margin * (1.0 + leaks))
+
+
 # --- network and current: difference of N x ------------------------------------------------------------------------
 
 
@@ -186,7 +207,7 @@ def coupling_misses(
         extent = bounds.Extent(plan, 6.0)
         most = bounds._ground(extent)
         for name in there:
-            told = getattr(bounds, name)(plan.scene.effects[name], extent).ground
+            told = getattr(bounds, name)(plan.scene.effects[name], extent).beside
             others = [n for n in there if n != name and rng.random() < 0.7]
             change = np.abs(between_grounds(plan, [*others, name]) - between_grounds(plan, others))
             own = np.diagonal(change, axis1=2, axis2=3)
@@ -226,8 +247,8 @@ def test_only_virtual_grounds_that_give_way_couple_columns(gives_way: tuple[str,
     total = totals(whole_plan(data))
     there = set(gives_way) if topology == "direct" else set()
     for name in ("lateral", "row_driver", "trace"):
-        assert set(total.ground[name]) == there
-        assert all((part > 0).all() for part in total.ground[name].values())
+        assert set(total.beside[name]) == there
+        assert all((part > 0).all() for part in total.beside[name].values())
 
 
 # --- converter: codes between those with thresholds moved by the bound ---------------------------------------------

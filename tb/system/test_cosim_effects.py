@@ -194,7 +194,7 @@ def test_what_couples_columns_that_give_way_is_within_its_bound(
     plain = resistance_plan(np.array([values]), topology="direct", effects=kept)
     moved = np.abs(reader.codes(made) - reader.codes(plain))
     total, name = auto._Weighing(made, AutoTable()).total, coupling.split()[0]
-    assert (moved <= total.lsb[name] + total.ground[name][gives_way] + 1).all()
+    assert (moved <= total.lsb[name] + total.beside[name][gives_way] + 1).all()
     assert not total.lsb[name].any()
     # The slope of a slow output brings nothing over a gate where no charge piles up.
     if which != "none_saturated" or gives_way == "integrator_gain":
