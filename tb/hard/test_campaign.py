@@ -114,6 +114,29 @@ def test_a_campaign_draws_everything_there_is(tmp_path: Path) -> None:
     assert draw.world(1, 7, "closed,event", tmp_path) != draw.world(0, 7, "closed,event", tmp_path)
 
 
+def test_some_scenes_have_few_effects_drawn_far(tmp_path: Path) -> None:
+    """Alone, beyond full scale, behind long breaks: where a bound that is too small is not hidden by others."""
+    assert draw.world(3, 5, "auto,cosim", tmp_path) == draw.world(3, 5, "auto,cosim", tmp_path)
+    few = []
+    for number in range(600):
+        one = draw.world(3, number, "closed,event", tmp_path)
+        effects = one.scene["effects"]
+        if "auto" in effects and False in effects.values():
+            few.append((one, {n: v for n, v in effects.items() if n not in ("auto", "motion") and v}))
+    assert len(few) > 60
+    assert {len(on) for _, on in few} == {1, 2, 3, 4}
+    timings = [one.design.get("timing", {}) for one, _ in few]
+    assert max(t.get("break_clocks", 1) for t in timings) > 100
+    ripples = [on["supply_ripple"] for _, on in few if "supply_ripple" in on]
+    assert max(r["relative"] for r in ripples) > 0.5
+    assert max(r["frequency_hz"] for r in ripples) > 1e6
+    lines = [on["line_capacitance"] for _, on in few if "line_capacitance" in on]
+    # The largest default is 100 pF.
+    assert max(max(line.values()) for line in lines) > 1e-6
+    # Auto keeps some of so few.
+    assert any(one.plan(tmp_path, None).on for one, _ in few[:20])
+
+
 # ---- planted faults
 
 
