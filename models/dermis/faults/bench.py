@@ -152,6 +152,10 @@ class Bench:
             ignore = shutil.ignore_patterns("__pycache__", ".*")
             shutil.copytree(ROOT / part, self.tree / part, ignore=ignore)
 
+    def forget_builds(self) -> None:
+        """Take builds of another run away: a trial that disturbs one would find it done."""
+        shutil.rmtree(self.tree / "build" / "models", ignore_errors=True)
+
     def end(self) -> None:
         """End every command that is running in it, and start no more."""
         self.ended = True

@@ -162,9 +162,10 @@ def faults_command(
 def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
     bench = Bench(PLACE / "tree", seed)
     bench.copy()
-    rows = run(
-        trials, bench, jobs, Kept(PLACE / f"rows_{seed}.json", batch.fingerprint(bench.tree), fresh=fresh)
-    )
+    kept = Kept(PLACE / f"rows_{seed}.json", batch.fingerprint(bench.tree), fresh=fresh)
+    if not kept.pieces:
+        bench.forget_builds()
+    rows = run(trials, bench, jobs, kept)
     verdict.write_rows("faults", rows)
     verdict.print_rows(rows, f"Faults in the run itself ({len(rows)} trials)")
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]
