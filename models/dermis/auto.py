@@ -153,10 +153,11 @@ class _Weighing:
         """Codes by which leaving these out together may move any, at most."""
         if not out:
             return 0.0
-        grown = bounds.grown(self.on.keys() - out, self.total.bounds, self.extent)[self.total.felt]
+        grown = bounds.grown(self.on.keys() - out, self.total.bounds, self.extent)
+        times, plus = (part[self.total.felt] for part in grown)
         cells = self._cells(out, self.kept.keys() - out)
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._largest(np.where(cells <= 0, 0.0, cells * grown * self.counts))
+            return self._largest(np.where(cells <= 0, 0.0, (cells * times + plus) * self.counts))
 
     def margin(self, out: set[str], random: Iterable[str] = ()) -> Floats:
         """Packets [cols] by which leaving `out` out, and noise of `random`, may move a decision."""

