@@ -373,10 +373,3 @@ def test_random_scenes_are_the_same_for_the_same_seed_and_cover_every_kind(tmp_p
     assert {d["interface"]["topology"] for d in many} == set(TOPOLOGIES)
     named = {name for d in many for name, value in d["effects"].items() if isinstance(value, dict)}
     assert named >= set(EFFECTS)
-    # Columns that are coupled and give way.
-    assert any(
-        isinstance(d["effects"].get("integrator_gain"), dict)
-        and isinstance(d["effects"].get("lateral"), dict)
-        for d in many
-        if d["interface"]["topology"] == "direct"
-    )
