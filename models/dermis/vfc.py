@@ -29,6 +29,9 @@ LONGEST_GATE = 1 << 16
 Y_MIN = 1e-6
 # A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
 X_MAX = 1e12
+# Packets a clock that stand for an infinite current among the coefficients of functions of time: so far out that no
+# current of numbers is cut short, which would bend the course it takes; sums and products of it stay finite.
+X_INFINITE = 1e100
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 # Structural: they say what converter it is, not how it departs from the ideal one.

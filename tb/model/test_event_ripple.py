@@ -13,7 +13,7 @@ from made_plans import made
 
 from dermis import engines
 from dermis import plan as planning
-from dermis.engines import event, event_input
+from dermis.engines import event, event_ripple
 from dermis.engines.event_input import course
 from dermis.errors import InputError
 
@@ -85,13 +85,13 @@ def test_a_slower_or_smaller_ripple_beside_a_compression_is_taken(
 def test_what_a_ripple_s_course_does_beyond_its_mean_is_within_its_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(event_input, "_refuse_bent", lambda plan, ways: None)
+    monkeypatch.setattr(event_ripple, "check", lambda plan, ways: None)
     rng, off = np.random.default_rng(5), []
     for _ in range(60):
         x, h = 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-2.0, 1.0)
         f_hz = 5e6 * 10 ** rng.uniform(-1.5, 0.7)
         plan = rippling(tmp_path, x, rng.uniform(0.1, 1.0), f_hz, range_switch=compressed(h))
-        counts = event_input.bent(plan, course(plan, slice(0, 1)))["inv_i_range_a"].max()
+        counts = event_ripple.bent(plan, course(plan, slice(0, 1)))["inv_i_range_a"].max()
         off.append(min(255, counted_in_small_steps(plan)) - int(event.run(plan).codes[0, 0, 0]))
         # So much charge moves a code by its next whole number; the mean of a bent course is never above.
         assert -counts - 1 < off[-1] <= 0
@@ -103,7 +103,7 @@ def test_the_variance_within_the_clocks_of_a_gate_is_bounded_at_any_frequency(tm
     u = (np.arange(200) + 0.5) / 200
     for f_hz in (3e4, 1.1e6, 2.5e6, 2.5001e6, 4.9e6, 5e6, 7.7e6, 3.3e7):
         plan = rippling(tmp_path, 0.3, 0.5, f_hz)
-        most, kept = event_input._within(plan)
+        most, kept = event_ripple._within(plan)
         found = []
         for phase in np.linspace(0, math.pi, 41):
             t = np.arange(plan.timing.gate_clocks)[:, None] + u

@@ -21,19 +21,17 @@ from numpy.typing import NDArray
 
 from dermis import float_flags, settling, solve_error
 from dermis.array import Network, column_currents_by_source
+from dermis.engines import event_ripple
 from dermis.engines.event_columns import Coupling, Way, couples, coupling
 from dermis.errors import InputError
 from dermis.plan import Drive, Plan
-from dermis.vfc import Y_MIN
+from dermis.vfc import X_INFINITE, Y_MIN
 
 Floats = NDArray[np.float64]
 
 _CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
 FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
 
-# Packets a clock that stand for an infinite current among the coefficients of functions of time: so far out that no
-# current of numbers is cut short, which would bend the course it takes; sums and products of it stay finite.
-_X_INFINITE = 1e100
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
 # Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
@@ -52,12 +50,6 @@ _NEGLIGIBLE = 1e-18
 _LEFT_OUT = 1e-6
 # Packets in a whole slot of an exponential that a slow mirror does not feel.
 _UNFELT = 1e-6
-# Counts by which a course within a clock may move a code beyond what its mean does.
-_BENT = 1.0
-# Counts of a ripple's swing within its clocks, at a duty of 1, below which `refuses` does not solve a frame to ask.
-_ASKED = 0.1
-# Packets a clock from which on a converter is at full scale whatever it is short of: twice what it takes.
-_FULL = 1.0
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
 # in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
 # in a gate.
@@ -259,7 +251,7 @@ def glows(plan: Plan) -> bool:
 
 def refuses(plan: Plan) -> InputError | None:
     """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
-    if not couples(plan) and not plan.active_fields() & _CAPACITANCES and not _bends(plan):
+    if not couples(plan) and not plan.active_fields() & _CAPACITANCES and not event_ripple.may_bend(plan):
         return None
     first = plan.fullest_frame()
     try:
@@ -267,121 +259,6 @@ def refuses(plan: Plan) -> InputError | None:
     except InputError as error:
         return error
     return None
-
-
-def _within(plan: Plan) -> tuple[float, float]:
-    """Of a sine of amplitude 1 and the ripple's frequency: the most that variances within clocks sum up to over a gate,
-    and the largest mean over a clock.
-
-    In a clock of angle w around phase p the variance is (1 - sinc w) / 2 + (sinc w - sinc^2 (w / 2)) sin^2 p, and the
-    sum of cos 2 p over N clocks is at most sin (N w) / sin w.
-    """
-    clocks, angle = plan.timing.gate_clocks, 2.0 * math.pi * plan.drive.f_ripple_hz / plan.timing.f_clk_hz
-    whole, half = math.sin(angle) / angle, math.sin(angle / 2.0) / (angle / 2.0)
-    turn = abs(math.sin(angle))
-    # So slow a beat has no digits of its own, and all phases of a gate are near one.
-    beat = abs(math.sin(clocks * angle)) / turn if clocks * turn > 1.0 else float(clocks)
-    return clocks * (1.0 - half**2) / 2.0 + abs(whole - half**2) / 2.0 * beat, abs(half)
-
-
-def _bends(plan: Plan) -> bool:
-    """Whether a ripple is so fast and large, beside what bends or cuts its course, that `bent` is to be asked early."""
-    if not plan.drive.ripple or not bends_courses(plan):
-        return False
-    clocks = plan.timing.gate_clocks
-    return abs(plan.drive.ripple) * math.sqrt(clocks * _within(plan)[0]) > _ASKED
-
-
-def bends_courses(plan: Plan) -> bool:
-    """Whether more of a current's course within a clock than its mean may move a code."""
-    converter = plan.converter
-    return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_bites())
-
-
-def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
-    """Counts [frames, rows, cols] at most by which a ripple's course within clocks moves codes, beyond its mean, by the
-    field that does it.
-
-    `inv_i_range_a`: s(x) = x / (1 + h |x|) of a mean is not the mean of s. With p = 1 + h x, E[1 / p] - 1 / E[p] is
-    E[(p - E p)^2 / p] / (E p)^2: what is missing in a clock is at most h var / ((1 + h x) (1 + h mean)^2), both x and
-    mean at their lowest in the gate; where x changes its sign, h var, since |s''| is 2 h at most.
-
-    `q_mirror_c`: the mirror knows no negative input, and of max(x, 0) the mean is off by half a standard deviation at
-    most. That is all: charge that a slow mirror gives is q ln(1 + y / q times the integral of exp(charge / q)), so what
-    comes early or late within a clock moves it by no more than itself, less than a count wherever one is open. What
-    rows before were off by it may carry on.
-
-    `v_int_max_v`: at a limit charge is lost by the highest point of its course. That is an end of the clock, as on the
-    straight line, unless the current passes 0 or a packet a clock there, or a packet begins within a clock: then it is
-    off by a quarter of what the current changes by within a clock at most. Each packet may lose as much again as all
-    else is off.
-    """
-    converter, ripple, clocks = plan.converter, abs(plan.drive.ripple), plan.timing.gate_clocks
-    variance, kept = _within(plan)
-    limit_a = _X_INFINITE * converter.k * converter.i0_a
-    per_a = np.abs(converter.gain) / (converter.k * converter.i0_a)
-
-    def reach(begin: Floats, end: Floats, bend: Floats | None) -> tuple[Floats, Floats]:
-        both = [np.clip(i, -limit_a, limit_a) * per_a for i in (begin, end)]
-        more = 0.0 if bend is None else np.minimum(np.abs(bend), limit_a) * per_a
-        return np.minimum(*both) - more, np.maximum(*both) + more
-
-    follows = reach(ways.follows_begin, ways.follows_end, ways.follows_bend)
-    rest = reach(ways.rest_begin, ways.rest_end, ways.rest_bend)
-    most = np.maximum(np.abs(follows[0]), np.abs(follows[1]))
-
-    def swung(part: float) -> tuple[Floats, Floats]:
-        low = np.minimum(follows[0] * (1.0 - part), follows[0] * (1.0 + part)) + rest[0]
-        return low, np.maximum(follows[1] * (1.0 - part), follows[1] * (1.0 + part)) + rest[1]
-
-    low, high = swung(ripple)
-    mean_low, mean_high = swung(ripple * kept)
-    size = 1.0 + converter.packet_error
-    least = np.maximum(np.maximum(low, -high), 0.0)
-    mean_least = np.maximum(np.maximum(mean_low, -mean_high), 0.0)
-    found = {}
-    squeeze = np.zeros(plan.cols)
-    if converter.gain.all():
-        squeeze = converter.inv_i_range_a / per_a
-    with np.errstate(over="ignore", under="ignore"):
-        if squeeze.any():
-            gap = squeeze * variance * (ripple * most) ** 2
-            gap = gap / (1.0 + squeeze * least) / (1.0 + squeeze * mean_least) ** 2
-            found["inv_i_range_a"] = gap
-        slow = converter.q_mirror_c.any()
-        if slow:
-            cut = 0.5 * math.sqrt(clocks * variance) * ripple * most
-            found["q_mirror_c"] = np.where((low < 0.0) & (high > 0.0), cut, 0.0)
-            found = {
-                name: np.broadcast_to(c.max(axis=1, keepdims=True), c.shape) for name, c in found.items()
-            }
-        else:
-            full = low / (1.0 + squeeze * least) >= _FULL * np.maximum(size, 1.0)
-            found = {name: np.where(full, 0.0, counts) for name, counts in found.items()}
-        if converter.range_bites():
-            angle = 2.0 * math.pi * plan.drive.f_ripple_hz / plan.timing.f_clk_hz
-            found = {name: counts * (1.0 + (clocks + 1) / 2) for name, counts in found.items()}
-            highest = high / (1.0 + squeeze * np.abs(high))
-            turns = (low < 0.0) | (highest > size)
-            turns = turns | bool(plan.timing.charge_delay_clocks % 1.0)
-            if not slow:
-                turns = turns & ~full
-            lost = clocks * ripple * most * min(angle, 2.0) / 4.0 / (1.0 + squeeze * least)
-            found["v_int_max_v"] = np.where(turns, lost, 0.0)
-    return {name: np.minimum(counts / size, plan.timing.code_max) for name, counts in found.items()}
-
-
-def _refuse_bent(plan: Plan, ways: Course) -> None:
-    for name, counts in bent(plan, ways).items():
-        if (counts > _BENT).any():
-            beside = plan.effects_of_field(name)
-            raise InputError(
-                plan.scene.path,
-                "effects.supply_ripple",
-                f"on together with {', '.join(beside)}",
-                f"a ripple whose course within a clock is known to {_BENT:g} count in engines event and rtl, "
-                f"here {counts.max():.2g}; engine cosim takes any",
-            )
 
 
 class Slots:
@@ -427,8 +304,8 @@ class Slots:
     def __init__(self, plan: Plan, part: slice, found: settling.Transients | None) -> None:
         converter, timing, drive = plan.converter, plan.timing, plan.drive
         ways = course(plan, part)
-        if drive.ripple and bends_courses(plan):
-            _refuse_bent(plan, ways)
+        if drive.ripple:
+            event_ripple.check(plan, ways)
         self.frames, self.rows, self.cols = ways.follows_begin.shape
         self.coupling: Coupling | None = None
         cells = self.frames * self.cols
@@ -453,7 +330,7 @@ class Slots:
 
         unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
         per_a = converter.gain / (converter.k * converter.i0_a)
-        limit_a = _X_INFINITE * converter.k * converter.i0_a
+        limit_a = X_INFINITE * converter.k * converter.i0_a
 
         def finite(current: Floats) -> Floats:
             return np.clip(current, -limit_a, limit_a)
