@@ -29,6 +29,8 @@ _BELOW = {"t_aperture_s": 1e-7, "t_s": 1e-7, "relative": 0.5}
 # These couple the columns of topology direct; where they do so by more than a count, engine event refuses them
 # together with finite gain.
 _COUPLING = ("lateral", "row_driver", "column_input", "trace")
+# Those that have resistance in the way of a taxel's current.
+_LINES = ("row_driver", "column_input", "trace")
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,14 @@ def random_scene(rng: np.random.Generator, directory: Path, frames: int = 24) ->
     if topology == "direct":
         couples = rng.random() < 0.5
         on |= dict.fromkeys(("integrator_gain", "integrator_bandwidth") if couples else _COUPLING, False)
+    law, kind = str(rng.choice(["inverse", "inverse", "power"])), str(rng.choice(KINDS))
+    if kind == "resistance" and not any(on.get(name, True) for name in _LINES):
+        # A short across sources of unlike voltages is refused.
+        on["column_offset"] = False
     return {
         "array": {"rows": rows, "cols": cols},
-        "sensor": {"law": str(rng.choice(["inverse", "inverse", "power"]))},
-        "stimulus": stimulus(rng, str(rng.choice(KINDS)), rows, cols, frames, directory),
+        "sensor": {"law": law},
+        "stimulus": stimulus(rng, kind, rows, cols, frames, directory),
         "interface": {
             "topology": topology,
             "k": int(rng.choice(design.interface.k_options)),
