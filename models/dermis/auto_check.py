@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from dermis import plan as planning
 from dermis.design import TOPOLOGIES
 from dermis.design import load as load_design
 from dermis.engines import event
+from dermis.errors import InputError
 from dermis.progress import slots
 
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
@@ -234,20 +236,24 @@ def compare(data: dict[str, Any], path: Path, warm: set[Any] | None = None) -> O
 
 
 def campaign(count: int, seed: int, frames: int) -> list[Outcome]:
-    """Outcomes of `count` random scenes; the same for the same seed."""
+    """Outcomes of `count` random scenes, without those that engine event refuses with everything on; the same for the
+    same seed.
+    """
     outcomes: list[Outcome] = []
     warm: set[Any] = set()
     with tempfile.TemporaryDirectory() as directory, slots("auto-check", count, "scenes") as on_done:
         for number in range(count):
             rng = np.random.default_rng([seed, number])
             data = random_scene(rng, Path(directory), frames)
-            outcomes.append(compare(data, Path(directory) / "scene.toml", warm))
+            with contextlib.suppress(InputError):
+                outcomes.append(compare(data, Path(directory) / "scene.toml", warm))
             on_done(number + 1)
     return outcomes
 
 
-def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
-    """Verdict rows of a campaign."""
+def rows(outcomes: list[Outcome], count: int | None = None) -> list[verdict.Row]:
+    """Verdict rows of a campaign of `count` scenes, or as many as there are outcomes."""
+    refused = 0 if count is None else count - len(outcomes)
     total = sum(o.conversions for o in outcomes)
     length = max(o.width.size for o in outcomes)
     widths = sum(np.pad(o.width, (0, length - o.width.size)) for o in outcomes)
@@ -257,6 +263,7 @@ def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
     by_engine = ", ".join(f"{sum(o.engine == e for o in outcomes)} {e}" for e in auto.ENGINE_COST_NS)
     return [
         verdict.report("auto.scenes", len(outcomes), "scenes", by_engine),
+        verdict.judge("auto.refused", refused / (len(outcomes) + refused), f"{refused} scenes"),
         verdict.judge("auto.conversions", total),
         verdict.judge(
             "auto.over_budget",
@@ -286,7 +293,7 @@ def rows(outcomes: list[Outcome]) -> list[verdict.Row]:
 def auto_check_command(scenes: int, seed: int, frames: int) -> int:
     """Random scenes as auto plans them against everything on: budget, certified codes, speed."""
     outcomes = campaign(scenes, seed, frames)
-    found = rows(outcomes)
+    found = rows(outcomes, scenes)
     verdict.write_rows("auto_check", found)
     verdict.print_rows(found, f"{scenes} random scenes, auto against all effects in engine event")
     return verdict.exit_code(found)
