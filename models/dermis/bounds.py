@@ -205,12 +205,12 @@ class Extent:
         `own_s` and `others_s` [B, C]: by how many siemens it changes what the virtual ground of a column sees of
         itself and of all others together; one number where both are alike.
         """
-        beside: dict[str, ArrayLike] = dict(self.settles())
+        beside = self.settles()
         if own_s is not None:
             beside |= _through_grounds(self, own_s, own_s if others_s is None else others_s)
         return Bound(np.asarray(i) * self.per_a, beside=beside)
 
-    def settles(self) -> dict[str, Floats]:
+    def settles(self) -> dict[str, ArrayLike]:
         """`Bound.beside` of what changes how lines settle, or from where."""
         return {"line_capacitance": 2.0 * self.unsettled} if self.unsettled.any() else {}
 
@@ -528,7 +528,9 @@ def supply_ripple(_: Any, e: Extent) -> Bound:
     """A sine of amplitude a x adds at most a x f_clk / (pi f) packets up to any clock."""
     d = e.drive
     clocks = min(e.n, e.converter.f_clk_hz / (math.pi * d.f_ripple_hz)) if d.ripple else 0.0
-    beside = _pushed(e, "supply_ripple") if d.ripple else {}
+    beside = e.settles() if d.ripple else {}
+    for name, pushed in _pushed(e, "supply_ripple").items():
+        beside[name] = beside.get(name, 0.0) + pushed
     return Bound(d.ripple * clocks * e.x, rate=d.ripple * e.n * e.x, beside=beside)
 
 
@@ -620,11 +622,8 @@ def _through_grounds(e: Extent, own_s: Floats, others_s: Floats) -> dict[str, Fl
 
 
 def _pushed(e: Extent, name: str) -> dict[str, ArrayLike]:
-    """`Bound.beside` of an effect that has capacitances push charge, or moves lines that have not settled."""
-    found: dict[str, ArrayLike] = dict(e.settles())
-    if name in e.displaced:
-        found["line_capacitance"] = found.get("line_capacitance", 0.0) + e.displaced[name]
-    return found
+    """`Bound.beside` of an effect that has capacitances push charge."""
+    return {"line_capacitance": e.displaced[name]} if name in e.displaced else {}
 
 
 def integrator_gain(p: Any, e: Extent) -> Bound:
