@@ -245,7 +245,7 @@ def campaign(count: int, seed: int, frames: int) -> list[Outcome]:
         for number in range(count):
             rng = np.random.default_rng([seed, number])
             data = random_scene(rng, Path(directory), frames)
-            with contextlib.suppress(InputError):
+            with contextlib.suppress(InputError):  # a refusal, counted in `rows`
                 outcomes.append(compare(data, Path(directory) / "scene.toml", warm))
             on_done(number + 1)
     return outcomes

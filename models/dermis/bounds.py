@@ -742,7 +742,9 @@ def clock_jitter(_: Any, e: Extent) -> Bound:
 def _thermal(e: Extent) -> Floats:
     c = e.converter
     charge = c.i0_a / c.f_clk_hz
-    return (e.n * 2.0 * c.kt_noise_j * e.a / (c.k**2 * c.f_clk_hz) / charge**2)[:, None]
+    # Without an error of the ratio, or with it.
+    part = np.maximum(1.0, np.abs(c.gain)) / c.k
+    return (e.n * 2.0 * c.kt_noise_j * e.a * part**2 / c.f_clk_hz / charge**2)[:, None]
 
 
 def _shot(e: Extent) -> Floats:

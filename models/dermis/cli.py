@@ -144,7 +144,18 @@ def run(
     views: str | None,
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import batch, engines, output, plan, plan_table, progress, regression, report, verdict
+    from dermis import (
+        batch,
+        cpu_time,
+        engines,
+        output,
+        plan,
+        plan_table,
+        progress,
+        regression,
+        report,
+        verdict,
+    )
     from dermis import scene as scenes
 
     path = scenes.find(scene)
@@ -170,10 +181,13 @@ def run(
         raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
 
     def simulate(which: plan.Plan) -> engines.Result:
+        begin = cpu_time.cpu_used_s()
         with progress.slots(path.stem, which.frames * which.rows) as on_slots:
-            return batch.run(
+            done = batch.run(
                 which, on_slots, processes=processes, scheduler=scheduler, certified=True, **options
             )
+        done.info["cpu_seconds"] = cpu_time.cpu_used_s() - begin
+        return done
 
     with output.place(target) as where:
         start = time.perf_counter()
@@ -190,7 +204,7 @@ def run(
         full = int((result.codes >= made.timing.code_max).sum())
         rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
         if made.accuracy is not None:
-            rows += choice.reached(made, result, result.info["seconds"], path.stem)
+            rows += choice.reached(made, result, result.info["cpu_seconds"], path.stem)
             result.info["accuracy"] = dataclasses.asdict(made.accuracy)
 
         def draw(directory: Path) -> None:

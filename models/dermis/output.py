@@ -230,8 +230,9 @@ def _certified(plan: Plan, result: Result) -> dict[str, Any]:
     """How far apart the certified codes are, and what they allow for (docs/auto.md)."""
     width = np.subtract(result.high, result.low, dtype=int)
     auto = plan.scene.table.effects.auto or AutoTable()
+    budget_lsb = auto.budget_lsb if plan.scene.table.effects.auto else 0.0
     return {
-        "budget_lsb": auto.budget_lsb if plan.scene.table.effects.auto else 0.0,
+        "budget_lsb": budget_lsb if plan.accuracy is None else plan.accuracy.budget_lsb,
         "sigma": auto.sigma,
         "left_out_lsb": plan.left_out_lsb,
         "margin_lsb": _json(float(np.max(plan.margin_lsb))),

@@ -336,6 +336,8 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
                 why = f"topology {everything.topology} has none"
             elif getattr(world.table.effects, state.name) is False:
                 why = "switched off"
+            elif world.table.effects.auto is None:
+                why = "not named"
             elif effect.considered:
                 why = "no default for this topology"
             else:

@@ -588,7 +588,8 @@ def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Fl
     else:
         raise about.wrong("file", quoted(table.file), "a file that ends in .csv, .npy or .npz")
     _check_values(values, shown, table)
-    return values[_selected(table, values.shape[0], about)]
+    # -0.0 is 0, and 1 / -0.0 is not what a short conducts.
+    return values[_selected(table, values.shape[0], about)] + 0.0
 
 
 def _selected(table: FramesTable | ResistanceTable, frames: int, about: Surroundings) -> list[int] | slice:

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from mpmath import mpf
 from scipy.integrate import solve_ivp
 
-from dermis import auto, bench_vfc, engines, plan, scene
+from dermis import ablate, auto, bench_vfc, engines, plan, scene
 from dermis.accuracy import chip, choice, command, converter, exact, frames, probe, transistors
 from dermis.accuracy.point import Point, from_csv, pareto, to_csv
 from dermis.bench_engines import random_plan
@@ -554,3 +554,47 @@ def test_a_run_states_what_it_reached(tmp_path: Path) -> None:
     assert names["run.reached_lsb.wish"]["max"] == 0.2
     assert names["run.reached_s.wish"]["value"] > 0
     assert said["info"]["accuracy"]["wanted_lsb"] == 0.2
+    assert said["certified"]["budget_lsb"] == said["info"]["accuracy"]["budget_lsb"] > 0
+    assert said["certified"]["left_out_lsb"] <= said["certified"]["budget_lsb"]
+
+
+def test_a_recording_is_judged_to_its_end(tmp_path: Path) -> None:
+    """64 open frames, then 64 at a decision that the error of the ratio moves: the first ones said 0."""
+    path = tmp_path / "late.toml"
+    ohm = [float("inf")] * 64 + [250.0 * 510 / 200.48] * 64
+    path.write_text(
+        f'[stimulus]\nkind = "uniform"\nr_ohm = {ohm}\n[run]\naccuracy_lsb = 0.1\n'
+        "[effects]\nmirror_ratio = { ratio_error = 2e-4, spread = 0.0 }\n"
+    )
+    made = plan.make(scene.load(path))
+    result = engines.run(made)
+    assert choice.reached_lsb(made, result) > 0.9
+    better, again = choice.settled(made, result, engines.run)
+    assert choice.reached_lsb(better, again) == 0
+    assert (again.codes == engines.run(plan.whole(made.scene, "event")).codes).all()
+
+
+def test_pieces_that_are_judged_are_spread_and_hold_the_fullest_frame() -> None:
+    ohm = [1e5] * 700 + [400.0] + [1e5] * 299
+    data = {
+        "stimulus": {"kind": "uniform", "r_ohm": ohm},
+        "run": {"accuracy_lsb": 1.0},
+        "effects": {"trace": True},
+    }
+    made = plan.make(scene.from_data(data, Path("made.toml")))
+    parts = choice._judged(made)
+    assert any(part.start <= 700 < part.stop for part in parts)
+    assert parts[0].start == 0
+    assert parts[-1].stop == made.frames
+    assert sum(part.stop - part.start for part in parts) <= choice._JUDGED // 256
+
+
+def test_effects_that_a_wish_does_not_name_are_said_not_to_be_named(tmp_path: Path) -> None:
+    made = plan.make(wishing("single_touch", tmp_path, accuracy_lsb=0.1))
+    reasons = {e.name: e.reason for e in made.effects if e.bound_lsb is None}
+    assert {n: r for n, r in reasons.items() if r != "not named" and "topology" not in r} == {}
+
+
+def test_an_ablation_of_a_wish_is_of_all_that_the_scene_names(tmp_path: Path) -> None:
+    world = wishing("single_touch", tmp_path, accuracy_lsb=0.1)
+    assert set(ablate.with_effects(world, world.effects).on) == set(world.effects)

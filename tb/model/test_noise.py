@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special, stats
 
-from dermis import noise, scene
+from dermis import bounds, noise, scene
 from dermis import plan as planning
 from dermis.effects import EFFECTS
 from dermis.engines import event, event_loops
@@ -347,3 +347,19 @@ def test_the_compiled_loop_of_a_sure_converter_holds_no_random_number() -> None:
     sure, noisy = (fresh.inspect_llvm(kind) for kind in fresh.signatures)
     assert "dermis5noise" not in sure
     assert "dermis5noise" in noisy
+
+
+def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> None:
+    variances = []
+    for ratio_error in (0.0, 1.0):
+        effects = {"thermal_noise": True, "mirror_ratio": {"ratio_error": ratio_error, "spread": 0.0}}
+        data = {"stimulus": {"kind": "uniform", "code": 50}, "effects": effects}
+        plan = planning.whole(scene.from_data(data, tmp_path / "made.toml"), "event")
+        variances.append(event._noise_variance(plan, plan.conductance_s()))
+        extent = bounds.Extent(plan, 1.0)
+        # A bound of one sigma is the standard deviation at the end of the gate.
+        told = np.asarray(bounds.thermal_noise(None, extent).lsb)
+        # Two orders of a few products.
+        assert told == pytest.approx(np.sqrt(plan.timing.gate_clocks * variances[-1]), rel=1e-12)
+    # As above.
+    assert variances[1] == pytest.approx(4.0 * variances[0], rel=1e-12)

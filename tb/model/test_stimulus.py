@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dermis import engines, stimulus
 from dermis import plan as planning
-from dermis import stimulus
 from dermis.errors import InputError
 from dermis.sensor import InverseSensor
 
@@ -601,3 +601,21 @@ def test_too_many_values_are_refused_before_they_are_made(write_scene: Write) ->
     )
     assert error.key == "stimulus.code"
     assert "at most" in error.allowed
+
+
+@pytest.mark.parametrize("effects", ["", "motion = true", "auto = {}\nmotion = true"])
+@pytest.mark.parametrize("file", ["r.csv", "r.npy"])
+def test_a_resistance_of_minus_zero_is_a_short(write_scene: Write, effects: str, file: str) -> None:
+    """1 / -0.0 is -inf: with motion it read 0 beside certified codes of 0, without it ended as a defect."""
+    ohm = np.full((2, 2, 3), 1000.0)
+    ohm[1, 0, 0] = ohm[0, 1, 2] = -0.0
+    plans = []
+    for values in (ohm, np.abs(ohm)):
+        text = "\n".join(",".join(map(repr, map(float, row))) for row in values.reshape(-1, 3)) + "\n"
+        assert ("-0.0" in text) == (values is ohm)
+        content = npy(values) if file.endswith("npy") else text
+        plans.append(planning.load(write_scene(f"{ohms(file)}[effects]\n{effects}\n", **{file: content})))
+    assert not np.signbit(plans[0].resistance_ohm).any()
+    codes = [engines.run(plan).codes for plan in plans]
+    assert (codes[0] == codes[1]).all()
+    assert effects or codes[0][1, 0, 0] == codes[0][0, 1, 2] == 255

@@ -242,7 +242,8 @@ def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
     converter = plan.converter
     column_s = np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
     q_packet = converter.i0_a / converter.f_clk_hz
-    return 2.0 * converter.kt_noise_j * column_s / (converter.k**2 * converter.f_clk_hz * q_packet**2)
+    part = converter.gain / converter.k
+    return 2.0 * converter.kt_noise_j * column_s * part**2 / (converter.f_clk_hz * q_packet**2)
 
 
 def _noise_rows(

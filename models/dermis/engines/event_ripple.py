@@ -80,8 +80,8 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
 
     def reach(begin: Floats, end: Floats, bend: Floats | None) -> tuple[Floats, Floats]:
         both = [np.clip(i, -limit_a, limit_a) * per_a for i in (begin, end)]
-        more = 0.0 if bend is None else np.minimum(np.abs(bend), limit_a) * per_a
-        return np.minimum(*both) - more, np.maximum(*both) + more
+        more = np.zeros(()) if bend is None else np.clip(bend, -limit_a, limit_a) * per_a
+        return np.minimum(*both) + np.minimum(more, 0.0), np.maximum(*both) + np.maximum(more, 0.0)
 
     follows = reach(ways.follows_begin, ways.follows_end, ways.follows_bend)
     rest = reach(ways.rest_begin, ways.rest_end, ways.rest_bend)
