@@ -100,6 +100,8 @@ class Extent:
         [B, R, C] current of a column for 1 V on the driven row, in siemens, at most.
     i_up, x_up, x : ndarray
         [B, R, C] largest current in A, duty, and duty clipped where every cell is saturated.
+    offset, rest : ndarray
+        [C] and [B, 1, C] duty of offset currents alone, and of all that does not follow the bias, either way.
     per_a : ndarray
         [C] packets of a gate for 1 A of column current.
     packet_low, packet_high : ndarray
@@ -172,6 +174,8 @@ class Extent:
             math.inf if self.moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
         )
         self.x = np.minimum(self.x_up, self.x_clip)
+        self.offset = np.abs(c.i_offset_a) / c.i0_a
+        self.rest = ((self.d * (self.a + self.side) + self.leak) * self.per_a / self.n + self.offset)[:, None]
         # What packets may not have taken yet though the mean of the duty is one that they can take.
         self.pile = self.n * np.maximum(self.x_up - 0.5 * self.packet_low, 0.0)
         if not self.moving:
@@ -223,6 +227,11 @@ class Extent:
         """Currents of all columns when `direct` [B, R, C] A is pushed into each, from the rows' side."""
         lift = _ratio((self.r_col * direct).max(axis=2, keepdims=True), self.damp)
         return direct + np.minimum(lift, self.v + self.d) * (self.reach + self.side)[:, None]
+
+    @property
+    def x_mirror(self) -> Floats:
+        """Duty [B, R, C] of the mirror, in front of an offset current that may take from it."""
+        return np.minimum(self.x_up, self.x + self.offset)
 
     @property
     def ones(self) -> Floats:
@@ -439,7 +448,8 @@ def _unsettled(e: Extent) -> Floats:
         # Through the taxels' own capacitance: what the voltages across them change by.
         shifts = 2.0 * e.rows * net.c_taxel_f * moves
         shifts += 2.0 * math.sqrt(e.rows * net.c_taxel_f * farads) * min(tau * slope, moves)
-        charge = charge + (e.a + e.side) * late + shifts
+        seen = e.a + e.side
+        charge = charge + np.where(seen > 0, seen, 1.0) * np.where(seen > 0, late, 0.0) + shifts
     return (charge * c.f_clk_hz * e.per_a / e.n)[:, None]
 
 
@@ -458,7 +468,7 @@ def line_capacitance(_: Any, e: Extent) -> Bound:
 def mirror_ratio(_: Any, e: Extent) -> Bound:
     """x |gain - 1|, up to where a smaller gain leaves a cell saturated."""
     gain = e.converter.gain
-    duty = np.minimum(e.x_up, _ratio(e.x_clip, np.clip(gain, 0.0, 1.0)))
+    duty = np.minimum(e.x_up, _ratio(e.x_clip + e.offset, np.clip(gain, 0.0, 1.0)))
     return Bound(e.n * duty * np.abs(gain - 1.0))
 
 
@@ -480,10 +490,11 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
     c = e.converter
     kappa = c.q_mirror_c * c.f_clk_hz / c.i0_a
     settle = max(e.settle, 1)
+    x = e.x_mirror
     some = np.where(kappa > 0, kappa, 1.0)
     slowest = np.maximum(e.x_floor, 0.0)
     # Late: a mirror that wakes up is latest at x = kappa / settle; early: one that falls to nothing.
-    worst = np.clip(some / settle, slowest, np.maximum(e.x, slowest))
+    worst = np.clip(some / settle, slowest, np.maximum(x, slowest))
     with np.errstate(under="ignore"):
         late = kappa * np.log1p(worst / Y_MIN * np.exp(-settle * worst / some))
         left = np.maximum(settle * slowest / some, 1e-9)
@@ -492,7 +503,7 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
         late = late + kappa * math.log((1.0 + e.drive.ripple) / (1.0 - e.drive.ripple))
         early = early + kappa * math.log((1.0 + e.drive.ripple) / (1.0 - e.drive.ripple))
     if _mirror_begins_anywhere(e):
-        late = kappa * np.log(np.maximum(e.x, Y_MIN) / Y_MIN)
+        late = kappa * np.log(np.maximum(x, Y_MIN) / Y_MIN)
         early = _early_mirror(e)
     # It gives no negative current. That lifts dark cells to nothing, which no code shows as long as all else that
     # may lift them stays below half a packet: kept effects, and what is left out (Extent.lag_room).
@@ -505,8 +516,8 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
         nothing = np.where(kappa > 0, e.n * Y_MIN, 0.0)
         if below.any():
             e.lag_room = room
-    e.lagging = np.maximum(np.minimum(late, e.n * e.x), early)
-    return Bound(e.lagging + nothing, rate=e.n * e.x, beside=_pushed(e, "mirror_lag"))
+    e.lagging = np.maximum(np.minimum(late, e.n * x), early)
+    return Bound(e.lagging + nothing, rate=e.n * x, beside=_pushed(e, "mirror_lag"))
 
 
 def _mirror_begins_anywhere(e: Extent) -> bool:
@@ -520,7 +531,7 @@ def _early_mirror(e: Extent) -> Floats:
     kappa = e.converter.q_mirror_c * e.converter.f_clk_hz / e.converter.i0_a
     if not _mirror_begins_anywhere(e):
         return kappa * math.log1p(e.n / max(e.settle, 1))
-    most = e.n * e.x.max(axis=1, keepdims=True)
+    most = e.n * e.x_mirror.max(axis=1, keepdims=True)
     return kappa * np.log1p(np.divide(most, kappa, out=np.zeros(most.shape), where=kappa > 0))
 
 
@@ -528,10 +539,12 @@ def supply_ripple(_: Any, e: Extent) -> Bound:
     """A sine of amplitude a x adds at most a x f_clk / (pi f) packets up to any clock."""
     d = e.drive
     clocks = min(e.n, e.converter.f_clk_hz / (math.pi * d.f_ripple_hz)) if d.ripple else 0.0
+    # What follows the bias: more than comes in all where offsets and leaks take from it.
+    x = np.minimum(e.x_up, e.x + e.rest)
     beside = e.settles() if d.ripple else {}
     for name, pushed in _pushed(e, "supply_ripple").items():
         beside[name] = beside.get(name, 0.0) + pushed
-    return Bound(d.ripple * clocks * e.x, rate=d.ripple * e.n * e.x, beside=beside)
+    return Bound(d.ripple * clocks * x, rate=d.ripple * e.n * x, beside=beside)
 
 
 def motion(_: Any, e: Extent) -> Bound:
@@ -576,11 +589,9 @@ def _held_by_saturated(e: Extent) -> Floats:
 
     A cell beside it hangs on that, though what it does to the cell itself ends at full scale.
     """
-    offset = np.abs(e.converter.i_offset_a) / e.converter.i0_a
-    below = (e.d * (e.a + e.side) + e.leak)[:, None] * e.per_a / e.n + offset
     low, high = _limits(e)
     above = e.n * np.maximum(e.x_up - 0.5 * e.packet_low, 0.0)
-    held = np.maximum(np.minimum(above, np.abs(high)), np.minimum(e.n * below, np.abs(low)))
+    held = np.maximum(np.minimum(above, np.abs(high)), np.minimum(e.n * e.rest, np.abs(low)))
     return (np.maximum(1.0, 2.0 * e.x) + e.slack + held).max(axis=2, keepdims=True)
 
 
@@ -650,11 +661,9 @@ def _limits(e: Extent) -> Floats:
 
 def _away(e: Extent) -> Floats:
     """Packets by which a trajectory may leave -packet .. 2 x for all that moves, [B, R, C]."""
-    c = e.converter
     moving = 2.0 * (np.asarray(supply_ripple(None, e).lsb) + e.lagging + e.unsettled)
     if e.drive.motion:
-        below = e.d * (e.a + e.side) + e.leak
-        moving = moving + (below * e.per_a)[:, None] + np.abs(c.i_offset_a) / c.i0_a * e.n
+        moving = moving + e.n * e.rest
     return moving + e.sigma * np.sqrt(_walk(e)) + e.slack
 
 
