@@ -161,7 +161,8 @@ class Extent:
         # No voltage of a line is further from rest than by two switchings, one at either end of a break.
         rush = np.where(known, 0.0, _SWITCHED * (self.v + self.d) * (self.a + self.side)[:, None])
         self.i_up = self.i_up + rush + np.where(known, self.unsettled, 0.0) / self.per_a
-        self.x_up = self.i_up * self.per_a / self.n + np.abs(c.i_offset_a) / c.i0_a
+        self.offset = np.abs(c.i_offset_a) / c.i0_a
+        self.x_up = self.i_up * self.per_a / self.n + self.offset
         full = plan.timing.code_max
         self.clips = self.n >= 2 * full
         size, spread = 1.0 + c.packet_error, sigma * c.packet_flicker
@@ -174,7 +175,6 @@ class Extent:
             math.inf if self.moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
         )
         self.x = np.minimum(self.x_up, self.x_clip)
-        self.offset = np.abs(c.i_offset_a) / c.i0_a
         self.rest = ((self.d * (self.a + self.side) + self.leak) * self.per_a / self.n + self.offset)[:, None]
         # What packets may not have taken yet though the mean of the duty is one that they can take.
         self.pile = self.n * np.maximum(self.x_up - 0.5 * self.packet_low, 0.0)
