@@ -6,6 +6,7 @@ models/dermis/bounds.py says how far each effect can move a decision; docs/auto.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -217,6 +218,8 @@ def choose(plan: Plan, auto: AutoTable, engine: str | None) -> Choice:
             why[n] = "changes the frames themselves"
         elif weighing.alone(n, out) > auto.budget_lsb:
             why[n] = "above the budget"
+        elif math.isinf(weighing.off(out | {n})):
+            why[n] = "beside a limit in reach, or a leak, nothing is small"
         else:
             why[n] = "what is left of the budget is less"
     on = tuple(n for n in names if n not in out)
