@@ -117,8 +117,8 @@ class Converter:
         """x = (gain * i / k + i_offset) / i0 of column currents [..., cols] in ampere, i compressed first."""
         i_column = np.asarray(i_column_a, dtype=float)
         if self.inv_i_range_a.any():
-            # 1 / (1/|i| + a) is |i| / (1 + |i| a) and has a limit for a short.
-            with np.errstate(divide="ignore"):
+            # 1 / (1/|i| + a) is |i| / (1 + |i| a) and has a limit for a short, and for what is next to nothing.
+            with np.errstate(divide="ignore", over="ignore"):
                 i_column = np.copysign(
                     np.divide(1.0, np.divide(1.0, np.abs(i_column)) + self.inv_i_range_a), i_column
                 )
