@@ -100,6 +100,8 @@ class Extent:
         [B, R, C] current of a column for 1 V on the driven row, in siemens, at most.
     i_up, x_up, x : ndarray
         [B, R, C] largest current in A, duty, and duty clipped where every cell is saturated.
+    stray_a : ndarray
+        [B, 1, C] most of a column current that does not follow the bias, in A.
     offset, rest : ndarray
         [C] and [B, 1, C] duty of offset currents alone, and of all that does not follow the bias, either way.
     per_a : ndarray
@@ -113,6 +115,8 @@ class Extent:
     unsettled : ndarray
         [B, 1, C] packets that lines which have not settled bring into a gate or keep from it, at most; infinite where
         nothing is known of them.
+    brief : ndarray
+        [B, 1, C] the same, nothing where it is infinite: the largest current holds that.
     displaced : dict
         Counts [C] at most that capacitances push into converters, by the effect that has them do it.
     """
@@ -151,7 +155,8 @@ class Extent:
         leak = np.abs(net.i_leak_a) * np.minimum(1.0, net.r_column_ohm * (self.a + self.side))
         self.leak = np.abs(net.i_leak_a) + leak.sum(axis=1, keepdims=True) - leak  # [B, C]
         self.t = self.g + self.p * (self.reach + self.side)[:, None]
-        self.i_up = self.v * self.t + (self.d * (self.a + self.side) + self.leak)[:, None]
+        self.stray_a = (self.d * (self.a + self.side) + self.leak)[:, None]
+        self.i_up = self.v * self.t + self.stray_a
 
         gain = np.maximum(1.0, np.abs(c.gain))
         self.per_a = self.n * gain / (c.k * c.i0_a)
@@ -160,7 +165,8 @@ class Extent:
         known = np.isfinite(self.unsettled)
         # No voltage of a line is further from rest than by two switchings, one at either end of a break.
         rush = np.where(known, 0.0, _SWITCHED * (self.v + self.d) * (self.a + self.side)[:, None])
-        self.i_up = self.i_up + rush + np.where(known, self.unsettled, 0.0) / self.per_a
+        self.brief = np.where(known, self.unsettled, 0.0)
+        self.i_up = self.i_up + rush + self.brief / self.per_a
         self.offset = np.abs(c.i_offset_a) / c.i0_a
         self.x_up = self.i_up * self.per_a / self.n + self.offset
         full = plan.timing.code_max
@@ -175,7 +181,7 @@ class Extent:
             math.inf if self.moving else (_X_CLIP if self.clips else 1.0) * self.packet_high
         )
         self.x = np.minimum(self.x_up, self.x_clip)
-        self.rest = ((self.d * (self.a + self.side) + self.leak) * self.per_a / self.n + self.offset)[:, None]
+        self.rest = self.stray_a * self.per_a / self.n + self.offset
         # What packets may not have taken yet though the mean of the duty is one that they can take.
         self.pile = self.n * np.maximum(self.x_up - 0.5 * self.packet_low, 0.0)
         if not self.moving:
@@ -481,7 +487,7 @@ def range_switch(_: Any, e: Extent) -> Bound:
     """i - i / (1 + a i): bent towards more by what comes for a part of the gate, which is lost at most."""
     c = e.converter
     part = e.x_up * c.k * c.i0_a * c.inv_i_range_a
-    brief = np.where(np.isfinite(e.unsettled), e.unsettled, 0.0) if c.inv_i_range_a.any() else 0.0
+    brief = e.brief if c.inv_i_range_a.any() else 0.0
     return Bound(e.n * e.x_up * (1.0 - 1.0 / (1.0 + part)) + brief)
 
 
@@ -507,7 +513,7 @@ def mirror_lag(_: Any, e: Extent) -> Bound:
         early = _early_mirror(e)
     # It gives no negative current. That lifts dark cells to nothing, which no code shows as long as all else that
     # may lift them stays below half a packet: kept effects, and what is left out (Extent.lag_room).
-    below = ((e.d * (e.a + e.side) + e.leak) * e.per_a)[:, None]
+    below = e.stray_a * e.per_a
     lifted = e.n * np.maximum(c.i_offset_a, 0.0) / c.i0_a + e.slack + e.sigma * np.sqrt(_walk(e))
     room = -W_PRESET - float(np.max(lifted))
     if e.moving or room < 0.05:
