@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one list of synthesizable sources, for Icarus (-c), Verilator (-f) and Yosys (read by dermis.lint); paths from the project root.
+// The one list of synthesizable sources, for Icarus (-c), Verilator (-f) and Yosys (read by scripts.lint); paths from the project root.
 +incdir+rtl
 rtl/dermis_tech_dff.v
 rtl/dermis_tech_latch.v

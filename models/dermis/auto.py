@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import bounds, engines, scene
+from dermis import bounds, engines
 from dermis.bounds import Extent, Total
 from dermis.effects import EFFECTS, AutoTable
-from dermis.schema import Strict
+from dermis.scene import scene
+from dermis.scene.schema import Strict
 
 if TYPE_CHECKING:
-    from dermis.plan import Plan
-    from dermis.scene import Scene
+    from dermis.records import Plan
+    from dermis.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

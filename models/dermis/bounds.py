@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis import displacement, settling
-from dermis.settling import BRISK_CLOCKS
-from dermis.vfc import W_PRESET, Y_MIN
+from dermis.array import settling
+from dermis.array.settling import BRISK_CLOCKS
+from dermis.converter import injection
+from dermis.converter.vfc import W_PRESET, Y_MIN
 
 if TYPE_CHECKING:
-    from dermis.plan import Plan
+    from dermis.records import Plan
 
 Floats = NDArray[np.float64]
 
@@ -161,7 +162,7 @@ class Extent:
         gain = np.maximum(1.0, np.abs(c.gain))
         self.per_a = self.n * gain / (c.k * c.i0_a)
         self.unsettled = _unsettled(self)
-        self.displaced = {_DISPLACES[name]: most for name, most in displacement.counts(plan).items()}
+        self.displaced = {_DISPLACES[name]: most for name, most in injection.counts(plan).items()}
         known = np.isfinite(self.unsettled)
         # No voltage of a line is further from rest than by two switchings, one at either end of a break.
         rush = np.where(known, 0.0, _SWITCHED * (self.v + self.d) * (self.a + self.side)[:, None])

@@ -6,102 +6,64 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import errno
+import functools
 import importlib
 import os
 import shutil
 import sys
 import tempfile
 import time
+import tomllib
 import traceback
 from pathlib import Path
 from typing import Any
 
 import click
 
-from dermis import __version__, children
-from dermis.design import ROOT
+from dermis import __version__, records
 from dermis.errors import DermisError, InputError, SimulatorError, one_line
+from dermis.processes import children
+from dermis.scene.design import ROOT
 
-# Commands that live with what they do; loaded only when called, so that each starts quickly.
-ELSEWHERE = {
+# Commands of the package that are loaded only when they are called, so that each command starts quickly.
+LATER = {
     "ablate": (
-        "dermis.ablate",
-        "What each effect of a scene costs, in codes and in time: one off at a time.",
+        "dermis.report.ablate",
+        "Cost of each effect of a scene, in codes and in time: one off at a time.",
     ),
-    "accuracy": (
-        "dermis.accuracy.command",
-        "What accuracy costs in simulation time: error against time, drawn.",
-    ),
-    "accuracy-chip": (
-        "dermis.accuracy.chip",
-        "What resolution costs in conversion time on the chip: curves, csv and figures.",
-    ),
-    "auto-check": ("dermis.auto_check", "Random scenes as auto plans them against everything on."),
-    "bench": ("dermis.bench", "Speed and accuracy figures, into build/bench.json."),
-    "calc": ("dermis.calculator", "Size the chip from range, array, frame time and bits."),
-    "campaign": (
-        "dermis.campaign.command",
-        "Random scenes through the engines, against each other and against laws of the physics.",
-    ),
-    "characterise": (
-        "dermis.characterise.command",
-        "The SKY130 blocks over corners, temperatures, supplies and mismatch, against their limits.",
-    ),
-    "coverage": ("dermis.coverage", "Lines and signal bits of rtl/ that the cocotb tests reach, by module."),
-    "equivalence": (
-        "dermis.equivalence.command",
-        "Channels in transistors against the models extracted from them, and seeded faults.",
-    ),
-    "extract": (
-        "dermis.equivalence.command",
-        "Measure the blocks in transistors and write the parameters of models/extracted.",
-    ),
-    "faults": ("dermis.faults.command", "Kill, interrupt, fill, close, cut: what a disturbed run leaves."),
-    "formal": ("dermis.formal", "Proofs of the digital core, by induction and PDR, and their seeded faults."),
-    "fuzz": (
-        "dermis.fuzz.command",
-        "Hostile input, guided by coverage, against every parser; what it found.",
-    ),
-    "generate": ("dermis.generate", "Rewrite, or check, what is generated from models/design.toml."),
-    "gl": ("dermis.gate_level", "The cocotb tests of the top on the mapped netlist."),
-    "hard": (
-        "dermis.hard.runner",
-        "Hard cases through every engine that can express them, against exact answers.",
-    ),
-    "liberty": ("dermis.liberty", "Make, or check, the Liberty files of the SKY130 cells."),
-    "mutate": ("dermis.mutate", "Mutants of the RTL against its tests, proofs and an equivalence check."),
     "plan": (
-        "dermis.plan_table",
-        "What a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
+        "dermis.report.plan_table",
+        "Effects that a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
     ),
-    "sim": (
-        "dermis.regression",
-        "The full-array regression: scenes through Verilog and ngspice, a verdict table.",
-    ),
-    "stiff": (
-        "dermis.hard.stiff",
-        "Errors of published stiff circuits by ngspice's method, step and tolerance.",
-    ),
-    "sweep": ("dermis.sweep", "Resistance against frequency for the four interfaces, csv and plot."),
-    "synth": ("dermis.synth", "Yosys: cells, area, timing and equivalence of the mapped core."),
 }
+PROGRAMS = ROOT / "scripts" / "commands.toml"
+"""Commands of the checkout: programs that build or judge the chip. An installed package has none of them."""
+
+
+@functools.cache
+def elsewhere() -> dict[str, tuple[str, str]]:
+    """Return module and help line of every command that this module does not define."""
+    if not PROGRAMS.is_file():
+        return LATER
+    programs = tomllib.loads(PROGRAMS.read_text(encoding="utf-8"))
+    return LATER | {name: (entry["module"], entry["help"]) for name, entry in programs.items()}
 
 
 class Commands(click.Group):
-    """A group whose further commands are `<name>_command` of the modules in ELSEWHERE."""
+    """A group whose further commands are `<name>_command` of the modules in `elsewhere`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted([*super().list_commands(ctx), *ELSEWHERE])
+        return sorted([*super().list_commands(ctx), *elsewhere()])
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in ELSEWHERE:
+        if name not in elsewhere():
             return super().get_command(ctx, name)
-        return getattr(importlib.import_module(ELSEWHERE[name][0]), f"{name.replace('-', '_')}_command")
+        return getattr(importlib.import_module(elsewhere()[name][0]), f"{name.replace('-', '_')}_command")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands elsewhere without importing them."""
         own = {name: command.get_short_help_str(90) for name, command in self.commands.items()}
-        rows = own | {name: text for name, (_, text) in ELSEWHERE.items()}
+        rows = own | {name: text for name, (_, text) in elsewhere().items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(rows.items()))
 
@@ -144,19 +106,11 @@ def run(
     views: str | None,
 ) -> int:
     """Simulate one scene: a path, or the name of a file in models/scenes."""
-    from dermis import (
-        batch,
-        cpu_time,
-        engines,
-        output,
-        plan,
-        plan_table,
-        progress,
-        regression,
-        report,
-        verdict,
-    )
-    from dermis import scene as scenes
+    from dermis import engines, plan
+    from dermis.engines import batch
+    from dermis.processes import cpu_time
+    from dermis.report import comparison, figures, output, plan_table, progress, verdict
+    from dermis.scene import scene as scenes
 
     path = scenes.find(scene)
     world = scenes.load(path)
@@ -180,7 +134,7 @@ def run(
         other = "--processes" if processes > 1 else "--waves"
         raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
 
-    def simulate(which: plan.Plan) -> engines.Result:
+    def simulate(which: records.Plan) -> engines.Result:
         begin = cpu_time.cpu_used_s()
         with progress.slots(path.stem, which.frames * which.rows) as on_slots:
             done = batch.run(
@@ -193,12 +147,12 @@ def run(
         start = time.perf_counter()
         result = simulate(made)
         if made.accuracy is not None:
-            from dermis.accuracy import choice
+            from dermis import accuracy_choice as choice
 
             made, result = choice.settled(made, result, simulate)
         result.info["seconds"] = time.perf_counter() - start
         first = made.part(0, min(made.frames, max(1, JUDGED // (made.rows * made.cols))))
-        rows = regression.compare(first, engines.Result(result.codes[: first.frames]), path.stem)
+        rows = comparison.compare(first, engines.Result(result.codes[: first.frames]), path.stem)
         if first.frames < made.frames:
             rows = [{**row, "note": f"{row['note']}; the first {first.frames} frames"} for row in rows]
         full = int((result.codes >= made.timing.code_max).sum())
@@ -208,10 +162,10 @@ def run(
             result.info["accuracy"] = dataclasses.asdict(made.accuracy)
 
         def draw(directory: Path) -> None:
-            fit = regression.fit_residual(made, result.codes)
-            report.frame_figure(made, result.codes, fit, directory / "frame.png")
+            fit = comparison.fit_residual(made, result.codes)
+            figures.frame_figure(made, result.codes, fit, directory / "frame.png")
             if waves:
-                from dermis import waves as wave_files
+                from dermis.report import waves as wave_files
 
                 wave_files.write(directory, made, result)
 
@@ -220,18 +174,6 @@ def run(
         output.write(where, made, result, rows, draw)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
     click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
-    return verdict.exit_code(rows)
-
-
-@cli.command()
-def lint() -> int:
-    """Lint the Verilog and its wrapper with Icarus, Verilator and Yosys, the real-number models with the first two."""
-    from dermis import lint as linter
-    from dermis import verdict
-
-    rows = linter.run_lint() + linter.lint_wrapper() + linter.lint_models()
-    verdict.write_rows("lint", rows)
-    verdict.print_rows(rows, "Lint of rtl/ and models/verilog/")
     return verdict.exit_code(rows)
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field, create_model
 
 from dermis import bounds
-from dermis.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K, TOPOLOGIES, Design
 from dermis.errors import InputError
-from dermis.schema import Strict, entry
+from dermis.scene.design import ABSOLUTE_ZERO_C, ELECTRON_C, K_BOLTZMANN_J_PER_K, TOPOLOGIES, Design
+from dermis.scene.schema import Strict, entry
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 PerColumn = _Number | Annotated[list[_Number], Field(min_length=1)]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The array as the converters see it: the column currents of the driven row, solved beforehand (dermis.array), one frame after the other.
+// The array as the converters see it: the column currents of the driven row, solved beforehand (dermis.array.array), one frame after the other.
 // Interface: row_select_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 what course.sv makes
 // a current of), value[N c + n] run-time value n of column c (values.vh), all as the bits of a double and read from outside by name: Icarus 11 has
 // no ports that are arrays.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Second-generation current conveyor: z sources what enters x (means over a clock; _begin: where the slot began).
-// Its input resistance and offset act on the array and are in the column currents already (dermis.array); nothing else is left here.
+// Its input resistance and offset act on the array and are in the column currents already (dermis.array.array); nothing else is left here.
 `default_nettype none
 
 module conveyor (

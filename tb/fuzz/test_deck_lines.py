@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from dermis import netlist, plan, scene, sky130
-from dermis.design import ROOT, TOPOLOGIES
+from dermis import plan, records
+from dermis.chip import netlist, sky130
 from dermis.effects import EFFECTS
 from dermis.errors import InputError
-from dermis.fuzz import deck
+from dermis.scene import scene
+from dermis.scene.design import ROOT, TOPOLOGIES
+from tb.programs.fuzz import deck
 
 
-def with_everything(topology: str) -> plan.Plan:
+def with_everything(topology: str) -> records.Plan:
     """A plan with every effect that an interface has, cosim has and the others leave room for."""
     effects = {name: True for name, effect in EFFECTS.items() if topology in effect.topologies}
     stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}

@@ -10,12 +10,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from dermis import batch, engines, plan, scene, schema, stimulus, verdict
-from dermis import spi_protocol as spi
+from dermis import engines, plan
+from dermis.chip import spi_protocol as spi
+from dermis.engines import batch
 from dermis.errors import InputError
-from dermis.fuzz import command, grammar, oracle, register_model, target, worker
-from dermis.fuzz.faults import FAULTS
-from dermis.fuzz.target import NAMES
+from dermis.report import verdict
+from dermis.scene import scene, schema, stimulus
+from tb.programs.fuzz import command, grammar, oracle, register_model, target, worker
+from tb.programs.fuzz.faults import FAULTS
+from tb.programs.fuzz.target import NAMES
 
 QUICK = ("title_in_deck", "room_for_the_limit", "short_answer")
 """Faults that some of the first inputs meet; `make test LONG=1` and `make fuzz` take all."""

@@ -11,7 +11,7 @@ import sys
 import time
 
 from dermis.errors import SimulatorError
-from dermis.hard import Measured
+from tb.programs.hard import Measured
 
 SLEEP = "DERMIS_SEEDED_SLEEP"
 """Variable with the seconds that a process left behind would sleep: of this test's alone, so that they are its mark."""

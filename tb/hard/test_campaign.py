@@ -12,15 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import array, bounds
-from dermis.array import column_currents
-from dermis.campaign import command, draw, laws, shrink, trial, world
-from dermis.campaign.world import World, lines_of
-from dermis.design import ROOT
+from dermis import bounds
+from dermis.array import array
+from dermis.array.array import column_currents
+from dermis.converter import coupling
 from dermis.effects import EFFECTS
-from dermis.engines import Result, certificate, closed, cosim, event, event_columns, rtl
-from dermis.plan import Plan
-from dermis.workers import Outcome, Task
+from dermis.engines import Result, certificate, closed, cosim, event, rtl
+from dermis.records import Plan
+from dermis.scene.design import ROOT
+from scripts.workers import Outcome, Task
+from tb.programs.campaign import command, draw, laws, shrink, trial, world
+from tb.programs.campaign.world import World, lines_of
 
 FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
 # What campaigns found and nothing has cured yet (docs/campaign.md): once cured, a case moves to FOUND.
@@ -214,7 +216,7 @@ def test_a_certificate_that_is_too_narrow_is_found(monkeypatch: pytest.MonkeyPat
 
 def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the coupling of columns once did: the frames of a part were repeated as often as the slowest of them."""
-    original = event_columns.coupling
+    original = coupling.coupling
 
     def wrong(plan: Plan, g: Any, x: Any) -> Any:
         found = original(plan, g, x)
@@ -261,7 +263,7 @@ def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_t
     for one, says in ((plan, True), (apart, False)):
         g = one.conductance_s()
         duty = one.converter.duty(column_currents(one.network(0), g))
-        coupled = event_columns.coupling(one, g, duty)
+        coupled = coupling.coupling(one, g, duty)
         assert coupled is not None
         assert (coupled.known > 0).any() == says
 

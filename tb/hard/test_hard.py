@@ -21,11 +21,15 @@ import seeded_faults
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dermis import hard, verdict, vfc, workers
-from dermis.design import ROOT
+from dermis.converter import vfc
 from dermis.errors import InputError
-from dermis.hard import Case, converter_inputs, converter_runs, exact, runner
-from dermis.hard.converter_runs import World
+from dermis.report import verdict
+from dermis.scene.design import ROOT
+from scripts import workers
+from tb.programs import hard
+from tb.programs.hard import Case, converter_inputs, converter_runs, runner
+from tb.programs.hard.converter_runs import World
+from tb.reference import exact
 
 # ---- the suite ----------------------------------------------------------------------------------------------
 
@@ -66,7 +70,7 @@ def test_every_engine_either_runs_a_converter_case_or_says_why_not() -> None:
 
 def test_two_cases_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     twice = [case_of(seeded_faults.right)] * 2
-    monkeypatch.setattr("dermis.hard.converter.cases", lambda: twice)
+    monkeypatch.setattr("tb.programs.hard.converter.cases", lambda: twice)
     with pytest.raises(ValueError, match="two hard cases are named seeded"):
         hard.all_cases()
 
@@ -203,7 +207,7 @@ if __name__ == "__main__":
 def test_an_interrupt_ends_all_and_leaves_no_child(tmp_path: Path, stop: signal.Signals) -> None:
     here = str(Path(__file__).resolve().parent)
     (tmp_path / "test_hard_case.py").write_text(
-        "import seeded_faults\nfrom dermis.hard import Case\n"
+        "import seeded_faults\nfrom tb.programs.hard import Case\n"
         "def case():\n"
         "    return Case('seeded', 'converter', 'w', 'e', 's', 't', 0.0, 'lsb',\n"
         "                {'hang_with_child': seeded_faults.hang_with_child}, limit_s=100.0)\n"

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import workers
-from dermis.hard import stiff
-from dermis.hard.stiff import Setting
-from dermis.hard.stiff_circuits import CIRCUITS, StiffCircuit
+from scripts import workers
+from tb.programs.hard import stiff
+from tb.programs.hard.stiff import Setting
+from tb.programs.hard.stiff_circuits import CIRCUITS, StiffCircuit
 
 
 def error_v(circuit: StiffCircuit, setting: Setting) -> float:

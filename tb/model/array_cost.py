@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from dermis.array import Network, column_currents
+from dermis.array.array import Network, column_currents
 
 SERIES: dict[str, Any] = {
     "r_row_driven_ohm": 1.0,

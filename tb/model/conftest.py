@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from dermis import plan as planning
-from dermis import scene
+from dermis import records
+from dermis.scene import scene
 
 
 def made(
@@ -16,7 +17,7 @@ def made(
     ohm: np.ndarray,
     effects: dict[str, object],
     topology: str = "conveyor_mirror",
-) -> planning.Plan:
+) -> records.Plan:
     np.save(tmp_path / "ohm.npy", ohm)
     data = {
         "array": {"rows": ohm.shape[1], "cols": ohm.shape[2]},

@@ -14,8 +14,10 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import decode, engines, plan, scene
-from dermis.plan import Plan
+from dermis import engines, plan
+from dermis.decode import force
+from dermis.records import Plan
+from dermis.scene import scene
 
 # Frames of a scene that are run: enough for cuts at every place that matters, few enough for a second a scene.
 FRAMES = 24
@@ -24,14 +26,14 @@ FRAMES = 24
 def numbers(made: Plan) -> dict[str, NDArray]:
     """All arrays of a run with certified codes, the resistances behind it and the forces decoded from it, by name."""
     result = engines.certify(made, engines.run(made))
-    decoded = decode.decode(made, result.codes)
+    decoded = force.decode(made, result.codes)
     arrays = {"ohm": made.resistance_ohm, "codes": result.codes, "low": result.low, "high": result.high}
     arrays |= {"force_n": decoded.force_n} | result.info
     return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray)}
 
 
 def joined(made: Plan, cuts: list[int]) -> dict[str, NDArray]:
-    """The same, from parts that end at `cuts`, as processes or machines run them (dermis.batch)."""
+    """The same, from parts that end at `cuts`, as processes or machines run them (dermis.engines.batch)."""
     edges = [0, *cuts, made.frames]
     parts = [numbers(made.part(first, stop)) for first, stop in itertools.pairwise(edges)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import ablate, auto, effects, engines, plan, scene, vfc
+from dermis import auto, effects, engines, plan
+from dermis.converter import vfc
 from dermis.errors import InputError
-from dermis.scene import Scene
+from dermis.report import ablate
+from dermis.scene import scene
+from dermis.scene.scene import Scene
 
 CODES = list(range(3, 250, 8))
 

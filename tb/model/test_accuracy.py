@@ -17,17 +17,21 @@ from click.testing import CliRunner
 from mpmath import mpf
 from scipy.integrate import solve_ivp
 
-from dermis import ablate, auto, bench_vfc, engines, plan, scene
-from dermis.accuracy import chip, choice, command, converter, exact, frames, probe, transistors
-from dermis.accuracy.point import Point, from_csv, pareto, to_csv
-from dermis.bench_engines import random_plan
+from dermis import accuracy_choice as choice
+from dermis import auto, engines, plan
 from dermis.bounds import Bound
+from dermis.chip.ngspice import NgspiceHalf
+from dermis.converter.vfc import count_exact
 from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
-from dermis.ngspice import NgspiceHalf
-from dermis.scene import Scene
-from dermis.vfc import count_exact
+from dermis.report import ablate
+from dermis.scene import scene
+from dermis.scene.scene import Scene
+from tb.programs.accuracy import chip, command, converter, exact, frames, probe, transistors
+from tb.programs.accuracy.point import Point, from_csv, pareto, to_csv
+from tb.programs.bench import bench_vfc
+from tb.programs.bench.bench_engines import random_plan
 
 
 def test_trapezoids_are_of_second_order_behind_a_pole(tmp_path: Path) -> None:

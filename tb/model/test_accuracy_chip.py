@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis.accuracy import chip
-from dermis.design import load
-from dermis.plan import Plan
+from dermis.records import Plan
+from dermis.scene.design import load
+from tb.programs.accuracy import chip
 
 PAPER = chip.gate_of(chip.PAPER_BITS)
 

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dermis import array as array_module
-from dermis.array import Network, column_currents
+from dermis.array import array as array_module
+from dermis.array.array import Network, column_currents
 from dermis.errors import SimulatorError
-from dermis.hard import nodal
+from tb.reference import nodal
 
 # Hidalgo-Lopez et al., J. Sensors 2018, 9735741, Table 2(a): error of V/I in % of one taxel in an 8x8 array
 # of 5 kohm, every row and column behind Rs. Rows: Rs. Columns: the taxel.

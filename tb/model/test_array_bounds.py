@@ -13,18 +13,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dermis import array as array_module
-from dermis import batch, engines, plan, solve_error, star_mesh
-from dermis.array import (
+from dermis import engines, plan, records
+from dermis.array import array as array_module
+from dermis.array import solve_error, star_mesh
+from dermis.array.array import (
     Network,
     NoSolution,
     column_currents,
     column_currents_by_source,
     column_currents_with_bounds,
 )
-from dermis.engines import event_columns
+from dermis.converter import coupling
+from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError
-from dermis.hard import nodal
+from tb.reference import nodal
 
 Floats = NDArray[np.float64]
 
@@ -240,7 +242,7 @@ file = "r.csv"
 """
 
 
-def made(write_scene: Callable[..., Path], effects: str, ohm: str) -> plan.Plan:
+def made(write_scene: Callable[..., Path], effects: str, ohm: str) -> records.Plan:
     return plan.load(write_scene(SCENE.format(effects=effects), r__csv=ohm), "closed")
 
 
@@ -350,9 +352,9 @@ def test_a_floating_row_on_which_nothing_conducts_is_seen_from_no_column(trace_o
     g = 1 / np.random.default_rng(0).uniform(500, 64250, (2, 3, 4))
     lines = {"r_row_grounded_ohm": np.inf, "r_trace_row_ohm": trace_ohm, "r_trace_column_ohm": trace_ohm}
     g[:, 1] = 0.0
-    with_it = event_columns.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    with_it = coupling.seen_from_grounds(Network(g[0], 0.5, **lines), g)
     g = np.delete(g, 1, axis=1)
-    without = event_columns.seen_from_grounds(Network(g[0], 0.5, **lines), g)
+    without = coupling.seen_from_grounds(Network(g[0], 0.5, **lines), g)
     own = np.arange(4)
     # One row is driven in each slot; the open one leaves the columns as they are without it.
     assert with_it[:, [0, 2]][..., own, own] == pytest.approx(

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from dermis import array as array_module
-from dermis import star_mesh
-from dermis.array import Network, column_currents
+from dermis.array import array as array_module
+from dermis.array import star_mesh
+from dermis.array.array import Network, column_currents
 from dermis.errors import SimulatorError
-from dermis.hard import nodal
+from tb.reference import nodal
 
 EVERYTHING: dict[str, Any] = {
     "r_row_driven_ohm": 1.0,

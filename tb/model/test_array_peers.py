@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dermis.array import Network, column_currents
-from dermis.plan import Timing
-from dermis.settling import transients
+from dermis.array.array import Network, column_currents
+from dermis.array.settling import transients
+from dermis.records import Timing
 
 with warnings.catch_warnings(record=True):
     # It complains, whatever the filters say, that it cannot draw.

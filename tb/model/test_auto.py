@@ -14,27 +14,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import auto, auto_check, bounds, engines, scene
+from dermis import auto, bounds, engines, records
 from dermis import plan as planning
-from dermis.design import TOPOLOGIES
 from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import certificate
 from dermis.errors import InputError
-from dermis.plan_table import print_plan
+from dermis.report.plan_table import print_plan
+from dermis.scene import scene
+from dermis.scene.design import TOPOLOGIES
+from tb.programs import auto_check
 
 TOUCH = {"kind": "indenter", "shape": "spherical", "force_n": [2.0, 12.0], "width": 5, "length": 5}
 
 
-def made(effects: dict[str, Any], engine: str | None = None, **more: Any) -> planning.Plan:
+def made(effects: dict[str, Any], engine: str | None = None, **more: Any) -> records.Plan:
     data = {"stimulus": TOUCH, "effects": effects} | more
     return planning.make(scene.from_data(data, Path("made.toml")), engine)
 
 
-def certified(plan: planning.Plan) -> engines.Result:
+def certified(plan: records.Plan) -> engines.Result:
     return engines.certify(plan, engines.run(plan))
 
 
-def on(plan: planning.Plan) -> set[str]:
+def on(plan: records.Plan) -> set[str]:
     return {e.name for e in plan.effects if e.on}
 
 

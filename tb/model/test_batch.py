@@ -19,12 +19,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import batch, children, engines, plan, pool, scene, watchdog
-from dermis.design import ROOT
+from dermis import engines, plan
 from dermis.effects import EFFECTS
+from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError
-from dermis.faults import inject
-from dermis.plan import Plan
+from dermis.processes import children, pool, watchdog
+from dermis.records import Plan
+from dermis.scene import scene
+from dermis.scene.design import ROOT
+from tb.programs.faults import inject
 
 FRAMES, SIZE = 11, 6
 
@@ -257,9 +260,9 @@ def test_another_version_of_the_package_is_refused(make_plan) -> None:
 
 DECIDE = (
     "models/design.toml",
-    "models/dermis/array.py",
+    "models/dermis/array/array.py",
     "models/dermis/engines/event.py",
-    "models/dermis/lockstep.c",
+    "models/dermis/chip/lockstep.c",
     "models/verilog/files.f",
     "models/verilog/skin.sv",
     "models/verilog/skin_main.cpp",

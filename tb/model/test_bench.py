@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import bench, bench_engines, bench_peers, bench_vfc, verdict
-from dermis.bench_vfc import Circuit, Job
-from dermis.design import spec
 from dermis.effects import EFFECTS
 from dermis.errors import InputError, SimulatorError
+from dermis.report import verdict
+from dermis.scene.design import spec
+from tb.programs.bench import bench, bench_engines, bench_peers, bench_vfc
+from tb.programs.bench.bench_vfc import Circuit, Job
 
 LIMIT_S = 60.0
 CIRCUIT = Circuit(gate_clocks=300)

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from dermis import bench, bench_history, verdict
 from dermis.errors import InputError
+from dermis.report import verdict
+from tb.programs.bench import bench, bench_history
 
 MACHINE = "some processor, 2 cores"
 

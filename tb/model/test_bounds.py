@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import auto, bounds, effects, scene
+from dermis import auto, bounds, effects, records
 from dermis import plan as planning
-from dermis.array import Network, column_currents, column_currents_by_source
+from dermis.array.array import Network, column_currents, column_currents_by_source
 from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import certificate, event
+from dermis.scene import scene
 
 N = 510
 NETWORK = ("lateral", "row_driver", "column_input", "column_offset", "trace", "mux_leakage", "offset_current")
 
 
-def whole_plan(data: dict[str, Any], path: Path = Path("made.toml")) -> planning.Plan:
+def whole_plan(data: dict[str, Any], path: Path = Path("made.toml")) -> records.Plan:
     return planning.whole(scene.from_data(data, path), None)
 
 
-def totals(plan: planning.Plan) -> bounds.Total:
+def totals(plan: records.Plan) -> bounds.Total:
     extent = bounds.Extent(plan, 6.0)
     on = plan.scene.effects
     return bounds.Total(extent, bounds.of_effects(on, {n: EFFECTS[n].bound for n in on}, extent))
@@ -130,7 +131,7 @@ def random_network(rng: np.random.Generator, tmp_path: Path) -> dict[str, Any]:
     }
 
 
-def duty(plan: planning.Plan, on: list[str]) -> np.ndarray:
+def duty(plan: records.Plan, on: list[str]) -> np.ndarray:
     kept = effects.gather({n: plan.scene.effects[n] for n in on}, plan.setting())
     network = Network(plan.conductance_s(0), plan.v_bias_v, **kept.network)
     converter = replace(plan.converter, i_offset_a=kept.converter.get("i_offset_a", 0.0))
@@ -181,7 +182,7 @@ def test_row_driver_on_an_even_frame_is_bounded_closely() -> None:
 COUPLE = ("lateral", "row_driver", "column_input", "trace")
 
 
-def between_grounds(plan: planning.Plan, on: list[str]) -> np.ndarray:
+def between_grounds(plan: records.Plan, on: list[str]) -> np.ndarray:
     """Conductance [frames, driven row, column, moved column] between virtual grounds: one of them at 1 V."""
     kept = effects.gather({n: plan.scene.effects[n] for n in on}, plan.setting())
     moved = []
@@ -316,7 +317,7 @@ def certified(
     less = replace(
         full,
         converter=planning._converter(world, kept.converter),
-        drive=planning.Drive(t_frame_s=full.drive.t_frame_s, **kept.drive),
+        drive=records.Drive(t_frame_s=full.drive.t_frame_s, **kept.drive),
         surrounding=dict(kept.network),
         margin_lsb=factor * margin,
     )

@@ -14,10 +14,12 @@ from click.testing import CliRunner
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dermis import calculator, verdict, vfc
-from dermis import design as dd
-from dermis.calculator import make_wish, solve
+from dermis.converter import vfc
 from dermis.errors import InputError
+from dermis.report import verdict
+from dermis.scene import design as dd
+from scripts import calculator
+from scripts.calculator import make_wish, solve
 
 # What the paper states; nothing of the answer is in it.
 PAPER_WISH = {

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dermis import coverage, verdict
-from dermis.lint import TOP, rtl_sources
+from dermis.chip.sources import TOP, rtl_sources
+from dermis.report import verdict
+from scripts import coverage
 
 SIZES = dict(coverage.SIZES)
 MODULES = [path.stem for path in rtl_sources()]

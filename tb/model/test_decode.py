@@ -12,13 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dermis import output, regression, report, scene
 from dermis import plan as planning
-from dermis.decode import decode, taxels_alone
+from dermis import records
+from dermis.decode.force import decode, taxels_alone
 from dermis.engines import closed
+from dermis.report import comparison, figures, output
+from dermis.scene import scene
 
 
-def made(stimulus: dict[str, object], **tables: object) -> planning.Plan:
+def made(stimulus: dict[str, object], **tables: object) -> records.Plan:
     data = {"array": {"rows": 1, "cols": 1}, "stimulus": {"kind": "uniform", **stimulus}, **tables}
     return planning.make(scene.from_data(data, Path("made.toml")))
 
@@ -151,8 +153,8 @@ def test_a_law_so_flat_that_no_force_reaches_a_resistance_decodes_to_inf(tmp_pat
     output.write(tmp_path / "out", plan, result, [])
     total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
     assert total_n == [None, *decoded.force_n[1:3].ravel(), None]
-    fit = regression.fit_residual(plan, result.codes)
-    report.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
+    fit = comparison.fit_residual(plan, result.codes)
+    figures.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
 
 
 @pytest.mark.filterwarnings("error")
@@ -169,5 +171,5 @@ def test_forces_at_the_end_of_numbers_run_to_their_end(tmp_path: Path) -> None:
         output.write(tmp_path / "out", plan, result, [])
         total_n = json.loads((tmp_path / "out/summary.json").read_text())["decoded"]["total_force_n"]
         assert total_n == [f if np.isfinite(f) else None for f in force_n.sum(axis=(1, 2))]
-        fit = regression.fit_residual(plan, result.codes)
-        report.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")
+        fit = comparison.fit_residual(plan, result.codes)
+        figures.frame_figure(plan, result.codes, fit, tmp_path / "frame.png")

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dermis import design as dd
-from dermis import verdict
 from dermis.errors import InputError
+from dermis.report import verdict
+from dermis.scene import design as dd
 
 TEXT = dd.DESIGN_FILE.read_text(encoding="utf-8")
 

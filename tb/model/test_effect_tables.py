@@ -7,10 +7,11 @@ import re
 
 import pytest
 
-from dermis import effect_tables, engines
-from dermis.design import ROOT
+from dermis import engines
 from dermis.effects import EFFECTS
-from dermis.plan import ENGINES
+from dermis.records import ENGINES
+from dermis.scene.design import ROOT
+from scripts import effect_tables
 
 PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 

@@ -14,15 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dermis import plan as planning
-from dermis import scene
-from dermis.array import Network, NoSolution
-from dermis.design import ROOT, TOPOLOGIES
+from dermis import records
+from dermis.array.array import Network, NoSolution
+from dermis.converter import loops
+from dermis.converter.vfc import Converter, count
 from dermis.effects import EFFECTS
-from dermis.engines import closed, event, event_loops
+from dermis.engines import closed, event
 from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
 from dermis.errors import InputError
-from dermis.plan import Drive
-from dermis.vfc import Converter, count
+from dermis.records import Drive
+from dermis.scene import scene
+from dermis.scene.design import ROOT, TOPOLOGIES
 
 Write = Callable[..., Path]
 
@@ -91,7 +93,7 @@ def scenes(draw: st.DrawFn, effects: list[str]) -> dict[str, object]:
     }
 
 
-def made(data: dict[str, object]) -> planning.Plan:
+def made(data: dict[str, object]) -> records.Plan:
     return planning.make(scene.from_data(data, Path("made.toml")))
 
 
@@ -278,7 +280,7 @@ def test_a_charge_that_changes_every_clock_is_the_walk_in_fifty_digits_too(kind:
 def test_the_tie_sees_a_coefficient_that_is_off_by_a_billionth(row: str, by: float) -> None:
     one = IDEAL | {"x": 0.37, "leak": 1e-3, "lag": 0.05, "across": 0.1, "w0": -0.47}
     rows = event.rows_of(cells_from([one]), 1.0)
-    rows.slow[getattr(event_loops, row)] *= 1 + by
+    rows.slow[getattr(loops, row)] *= 1 + by
     counts, end = np.empty(1, dtype=np.int64), np.empty(1)
     event.walk_cells(40, 1.0, np.array([one["x"]]), None, rows, None, 0, 1, counts, end)
     # Ten times what the tie above allows: the fault would be seen.
@@ -308,14 +310,14 @@ def test_an_effect_reaches_the_loop_with_its_own_parameters_and_no_others(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     handed: list[set[str]] = []
-    names = list(inspect.signature(event_loops.walk.py_func).parameters)
+    names = list(inspect.signature(loops.walk.py_func).parameters)
 
     def spy(*given: object) -> None:
         handed.append({n for n, value in zip(names, given, strict=True) if value is not None} - always)
         given[-2][:], given[-1][:] = 0, 0.0  # type: ignore[index]
 
     always = {"clocks", "late", "slow", "rise", "begin", "stop", "counts", "end"}
-    monkeypatch.setattr(event_loops, "walk", spy)
+    monkeypatch.setattr(loops, "walk", spy)
     value = {"r_ohm": 1.0} if name == "column_input" else True
     event.run(made({"stimulus": {"kind": "uniform", "code": 5}, "effects": {name: value}}))
     assert all(got == HANDED[name] for got in handed)

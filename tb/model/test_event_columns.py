@@ -6,17 +6,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import columns_reference
 import numpy as np
 import pytest
 from made_plans import made, ohms
 
-from dermis import float_flags
-from dermis import plan as planning
-from dermis.array import Network, column_currents
-from dermis.engines import event, event_columns
-from dermis.engines.event_columns import seen_from_grounds
+from dermis import records
+from dermis.array import float_flags
+from dermis.array.array import Network, column_currents
+from dermis.converter import coupling
+from dermis.converter.coupling import seen_from_grounds
+from dermis.engines import event
 from dermis.errors import InputError
+from tb.reference import columns_reference
 
 
 def coupled(seed: int) -> dict[str, object]:
@@ -71,7 +72,7 @@ def test_columns_so_close_that_the_course_of_their_charge_counts_are_refused(
             taken.append(np.abs(event.run(plan).codes[0] - right).max())
         except InputError:
             with monkeypatch.context() as patch:
-                patch.setattr(event_columns, "_SETTLED", 1e9)
+                patch.setattr(coupling, "_SETTLED", 1e9)
                 refused.append(np.abs(event.run(plan).codes[0] - right).max())
     assert max(taken) <= 1
     assert len(taken) > len(refused)
@@ -104,7 +105,7 @@ def test_columns_near_simple_ratios_are_refused_where_a_phase_that_stands_still_
     assert taken >= 20, "too few to say anything"
 
 
-def close_columns(rng: np.random.Generator, tmp_path: Path) -> planning.Plan:
+def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
     """Two frames with whatever the common equation can follow, a third of them near simple ratios, a third near 1/2."""
     shape = (2, int(rng.integers(1, 3)), int(rng.integers(2, 5)))
     x = [
@@ -232,11 +233,11 @@ def test_the_mean_charge_of_a_converter_at_its_limits_is_that_of_small_steps() -
             w = min(max(w + (x - flowing) / steps, low), high)
             total += w / (clocks * steps)
         last = w >= 0.0 and not before
-    mean, _ = event_columns._walk_in_range(x, -0.5, 0.0, low, high, clocks)
+    mean, _ = coupling._walk_in_range(x, -0.5, 0.0, low, high, clocks)
     # Half a step of one clock's change at most is between a sum and an integral.
     assert mean == pytest.approx(total, abs=1.0 / steps)
 
 
 def test_a_charge_that_stands_still_within_its_range_divides_nothing_by_nothing() -> None:
     with float_flags.watch("event_columns._walk_in_range"):
-        assert event_columns._walk_in_range(0.0, -0.5, 0.0, -0.9, 0.67, 510) == (-0.5, -0.5)
+        assert coupling._walk_in_range(0.0, -0.5, 0.0, -0.9, 0.67, 510) == (-0.5, -0.5)

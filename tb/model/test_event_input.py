@@ -11,18 +11,19 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-from lines_reference import charge_reference
 from made_plans import made, ohms
 from scipy.integrate import quad, solve_ivp
 
-from dermis import auto, bounds, displacement, settling
-from dermis import plan as planning
-from dermis.array import Network, column_currents
-from dermis.design import ROOT
-from dermis.engines import event, event_input
-from dermis.engines.event_input import Slots, course
+from dermis import auto, bounds, records
+from dermis.array import settling
+from dermis.array.array import Network, column_currents
+from dermis.converter import currents, injection
+from dermis.converter.currents import Slots, course
+from dermis.converter.vfc import X_MAX, Y_MIN
+from dermis.engines import event
 from dermis.errors import InputError
-from dermis.vfc import X_MAX, Y_MIN
+from dermis.scene.design import ROOT
+from tb.reference.lines_reference import charge_reference
 
 RIPPLE = {"relative": 0.05, "frequency_hz": 31e3, "phase_deg": 40.0}
 SERIES = {
@@ -32,7 +33,7 @@ SERIES = {
 }
 
 
-def charges(plan: planning.Plan) -> np.ndarray:
+def charges(plan: records.Plan) -> np.ndarray:
     """Charge a clock, [frames, rows, cols, clocks]."""
     slots = Slots.of(plan, slice(0, plan.frames))
     out = np.empty((plan.frames, plan.rows, plan.cols, plan.timing.gate_clocks))
@@ -46,7 +47,7 @@ def charges(plan: planning.Plan) -> np.ndarray:
     return out
 
 
-def current_at(plan: planning.Plan, frame: int, row: int, clock: float) -> np.ndarray:
+def current_at(plan: records.Plan, frame: int, row: int, clock: float) -> np.ndarray:
     """Column currents `clock` clocks after the slot of a row began, from the definition: networks at that instant."""
     drive, timing = plan.drive, plan.timing
     within = row * timing.slot_s + clock / timing.f_clk_hz
@@ -197,7 +198,7 @@ def test_slow_mirror_is_exact_however_far_its_input_jumps(far: float, kappa: flo
     x = np.array([0.0, 0.0, far, far, 0.0, 0.0, 3.0, 0.5])
     settle, one = 2, np.ones(1)
     out, mean = np.empty((x.size, 1)), np.empty(1)
-    found = event_input.charges(
+    found = currents.charges(
         0, 0, x[:, None], np.zeros(1), settle, np.ones((1, 1, 1)), None, None, None, None, None, None, kappa * one,
         np.zeros(1), 0, None, np.zeros((1, 1)), X_MAX * one, out, mean,
     )[:, 0]  # fmt: skip
@@ -223,18 +224,18 @@ def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_
     assert codes[2] <= ideal[2] + 1
 
 
-def with_break(plan: planning.Plan, clocks: int) -> planning.Plan:
+def with_break(plan: records.Plan, clocks: int) -> records.Plan:
     return dataclasses.replace(plan, timing=dataclasses.replace(plan.timing, break_clocks=clocks))
 
 
-def dark_at(plan: planning.Plan, g: np.ndarray) -> np.ndarray:
+def dark_at(plan: records.Plan, g: np.ndarray) -> np.ndarray:
     """Column currents of conductances [rows, cols] while no row is driven: as if one without taxels were."""
     return column_currents(Network(np.vstack([g, np.zeros(g.shape[1])]), plan.v_bias_v, **plan.surrounding))[
         -1
     ]
 
 
-def mirror_in_many_digits(plan: planning.Plan, clocks: int, q_c: float) -> np.ndarray:
+def mirror_in_many_digits(plan: records.Plan, clocks: int, q_c: float) -> np.ndarray:
     """Charge a clock [rows, cols, clocks of the gate] of a slow mirror, its rows `clocks` dark clocks apart."""
     timing, converter = plan.timing, plan.converter
     unit = converter.k * converter.i0_a
@@ -433,7 +434,7 @@ def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tm
         if left < auto.ROUNDING_LSB / 100:
             # Below a packet in 1e18 there is nothing to be left out.
             taken += left > 1e-18
-            assert next(event_input.groups(plan, slice(0, 1)))[1] is None
+            assert next(currents.groups(plan, slice(0, 1)))[1] is None
             assert event.refuses(plan) is None
             continue
         refused += 1
@@ -469,13 +470,13 @@ def test_what_capacitances_displace_is_far_below_a_count_at_the_defaults(
 ) -> None:
     on = EVERY | ({"mirror_lag": True} if topology == "conveyor_mirror" else {})
     plan = made(tmp_path, ohms(1, 1, 16, 4), on, topology)
-    found = {name: float(value.max()) for name, value in displacement.counts(plan).items()}
+    found = {name: float(value.max()) for name, value in injection.counts(plan).items()}
     # Formulas against numbers of nine digits.
     assert found == pytest.approx(counts, rel=1e-6)
     assert event.refuses(plan) is None
     # A range that bites: 256 times as much, by what every packet of a gate may lose.
     bites = {**on, "integrator_range": {"v_max_v": 0.69, "v_min_v": -0.56}}
-    beside = displacement.counts(made(tmp_path, ohms(1, 1, 16, 4), bites, topology))
+    beside = injection.counts(made(tmp_path, ohms(1, 1, 16, 4), bites, topology))
     factor = 1.0 + (plan.timing.gate_clocks + 1) / 2
     # A product and a quotient of doubles.
     assert {n: float(v.max()) / factor for n, v in beside.items()} == pytest.approx(found, rel=1e-12)

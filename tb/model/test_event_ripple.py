@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from made_plans import made
 
-from dermis import engines
-from dermis import plan as planning
-from dermis.engines import event, event_ripple
-from dermis.engines.event_input import course
+from dermis import engines, records
+from dermis.converter import ripple
+from dermis.converter.currents import course
+from dermis.engines import event
 from dermis.errors import InputError
 
 
-def counted_in_small_steps(plan: planning.Plan) -> int:
+def counted_in_small_steps(plan: records.Plan) -> int:
     """Code of one taxel through a compression and an integrator with a range: 64 instants a clock, straight from the
     definition."""
     converter, timing, drive = plan.converter, plan.timing, plan.drive
@@ -40,7 +40,7 @@ def counted_in_small_steps(plan: planning.Plan) -> int:
     return ones
 
 
-def rippling(tmp_path: Path, x: float, relative: float, f_hz: float, **effects: object) -> planning.Plan:
+def rippling(tmp_path: Path, x: float, relative: float, f_hz: float, **effects: object) -> records.Plan:
     ripple = {"relative": relative, "frequency_hz": f_hz, "phase_deg": 40.0}
     return made(tmp_path, np.full((1, 1, 1), 250.0 / x), {"supply_ripple": ripple, **effects})
 
@@ -85,13 +85,13 @@ def test_a_slower_or_smaller_ripple_beside_a_compression_is_taken(
 def test_what_a_ripple_s_course_does_beyond_its_mean_is_within_its_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(event_ripple, "check", lambda plan, ways: None)
+    monkeypatch.setattr(ripple, "check", lambda plan, ways: None)
     rng, off = np.random.default_rng(5), []
     for _ in range(60):
         x, h = 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-2.0, 1.0)
         f_hz = 5e6 * 10 ** rng.uniform(-1.5, 0.7)
         plan = rippling(tmp_path, x, rng.uniform(0.1, 1.0), f_hz, range_switch=compressed(h))
-        counts = event_ripple.bent(plan, course(plan, slice(0, 1)))["inv_i_range_a"].max()
+        counts = ripple.bent(plan, course(plan, slice(0, 1)))["inv_i_range_a"].max()
         off.append(min(255, counted_in_small_steps(plan)) - int(event.run(plan).codes[0, 0, 0]))
         # So much charge moves a code by its next whole number; the mean of a bent course is never above.
         assert -counts - 1 < off[-1] <= 0
@@ -103,7 +103,7 @@ def test_the_variance_within_the_clocks_of_a_gate_is_bounded_at_any_frequency(tm
     u = (np.arange(200) + 0.5) / 200
     for f_hz in (3e4, 1.1e6, 2.5e6, 2.5001e6, 4.9e6, 5e6, 7.7e6, 3.3e7):
         plan = rippling(tmp_path, 0.3, 0.5, f_hz)
-        most, kept = event_ripple._within(plan)
+        most, kept = ripple._within(plan)
         found = []
         for phase in np.linspace(0, math.pi, 41):
             t = np.arange(plan.timing.gate_clocks)[:, None] + u

@@ -16,9 +16,11 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dermis import design as dd
-from dermis import generate, spice_text, verdict
+from dermis.chip import spice_text
 from dermis.errors import InputError
+from dermis.report import verdict
+from dermis.scene import design as dd
+from scripts import generate
 
 GENERATED = (
     "rtl/dermis_design.vh",
@@ -26,7 +28,7 @@ GENERATED = (
     "spice/array/array.sp",
     "rtl/dermis_registers.v",
     "rtl/dermis_registers.h",
-    "models/dermis/register_map.py",
+    "models/dermis/chip/register_map.py",
     "docs/numbers.md",
     "docs/effects.md",
     "docs/registers.md",
@@ -61,7 +63,7 @@ def test_the_tree_is_up_to_date() -> None:
         ("docs/scenes.md", "In series with every grounded row", "In series with every other row"),
         ("docs/registers.md", "| 04 | `SETTLE` |", "| 05 | `SETTLE` |"),
         ("rtl/dermis_registers.v", "address_i == 8'h05", "address_i == 8'h06"),
-        ("models/dermis/register_map.py", "GATE = 0x05", "GATE = 0x06"),
+        ("models/dermis/chip/register_map.py", "GATE = 0x05", "GATE = 0x06"),
     ],
 )
 def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old: str, new: str) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import tolerances
 
-from dermis import float_flags
-from dermis.design import ROOT
+from dermis.array import float_flags
+from dermis.scene.design import ROOT
 
 # --- floating-point flags --------------------------------------------------------------------------------------------
 
@@ -171,13 +171,13 @@ if sys.argv[1] == "seeded.c":
 
 @pytest.mark.parametrize("seeded", [False, True])
 def test_a_seeded_divide_in_the_lock_step_is_an_error(tmp_path: Path, seeded: bool) -> None:
-    source = (ROOT / "models/dermis/lockstep.c").read_text(encoding="utf-8")
+    source = (ROOT / "models/dermis/chip/lockstep.c").read_text(encoding="utf-8")
     right = "if (t <= s->t)"
     assert source.count(right) == 1
     # it changes no value: infinity is positive
     wrong = "if (t <= s->t && 1.0 / (s->from - s->from) > 0.0)"
     (tmp_path / "seeded.c").write_text(source.replace(right, wrong))
-    path = "seeded.c" if seeded else str(ROOT / "models/dermis/lockstep.c")
+    path = "seeded.c" if seeded else str(ROOT / "models/dermis/chip/lockstep.c")
     found = subprocess.run(
         [sys.executable, "-c", LOCKSTEP, path], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dermis.kept import Kept
+from scripts.checkpoint import Kept
 
 
 def test_pieces_are_taken_up_by_the_same_stamp_alone(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_a_piece_may_wait_for_the_file_but_not_for_long(
     kept = Kept(tmp_path / "state.json", "code")
     kept.put("a", 1, now=False)
     assert Kept(kept.path, "code").pieces == {}
-    monkeypatch.setattr("dermis.kept._SAVE_S", 0.0)
+    monkeypatch.setattr("scripts.checkpoint._SAVE_S", 0.0)
     kept.put("b", 2, now=False)
     assert Kept(kept.path, "code").pieces == {"a": 1, "b": 2}
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import liberty, liberty_cells, liberty_spice, liberty_text, liberty_verify
 from dermis.errors import InputError, SimulatorError
-from dermis.liberty_cells import PREFIX
+from scripts.liberty import liberty, liberty_cells, liberty_spice, liberty_text, liberty_verify
+from scripts.liberty.liberty_cells import PREFIX
 
 CORNERS = tuple(liberty_spice.CORNERS)
 LIMIT_S = 60

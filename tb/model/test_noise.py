@@ -14,11 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special, stats
 
-from dermis import bounds, noise, scene
+from dermis import bounds, records
 from dermis import plan as planning
+from dermis.converter import loops, noise
 from dermis.effects import EFFECTS
-from dermis.engines import event, event_loops
+from dermis.engines import event
 from dermis.engines.event import Cells, Draws, Noise, count_cells, walk_reference
+from dermis.scene import scene
 
 GATE = 510
 RANDOM = [effect.name for effect in EFFECTS.values() if effect.random]
@@ -201,7 +203,7 @@ def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -
 # --- what single effects do to codes: a plain Monte-Carlo run beside it ------------------------------------------
 
 
-def plan_of(effects: dict[str, object], code: float, frames: int, seed: int = 0) -> planning.Plan:
+def plan_of(effects: dict[str, object], code: float, frames: int, seed: int = 0) -> records.Plan:
     ohm = 250.0 * GATE / code if code else math.inf
     data = {
         "array": {"rows": 8, "cols": 16},
@@ -324,8 +326,8 @@ def test_numbers_hang_on_the_seed_alone() -> None:
 
 def test_no_number_is_drawn_where_nothing_is_random(monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[tuple] = []
-    walk = event_loops.walk
-    monkeypatch.setattr(event_loops, "walk", lambda *a: (taken.append(a), walk(*a)))
+    walk = loops.walk
+    monkeypatch.setattr(loops, "walk", lambda *a: (taken.append(a), walk(*a)))
     for name in ("cell_keys", "normals", "normal", "uniform", "walk_grid"):
         monkeypatch.setattr(noise, name, lambda *_: pytest.fail("a number was drawn"))
     effects = {"integrator_gain": True, "comparator_hysteresis": True, "supply_ripple": True}
@@ -339,9 +341,9 @@ def test_the_compiled_loop_of_a_sure_converter_holds_no_random_number() -> None:
     # Compiled here, since numba shows no code that comes from its cache.
     ideal = {"leak": 1e-3, "packet": 1.0, "low": -np.inf, "high": np.inf}
     leaky = Cells(**{f.name: np.full(1, ideal.get(f.name, 0.0)) for f in dataclasses.fields(Cells)})
-    fresh = numba.njit(error_model="numpy")(event_loops.walk.py_func)
+    fresh = numba.njit(error_model="numpy")(loops.walk.py_func)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(event_loops, "walk", fresh)
+        patch.setattr(loops, "walk", fresh)
         count_cells(leaky, 10, 1.0)
         count_cells(leaky, 10, 1.0, Noise(np.full((4, 1), 1e-3), keys(1)))
     sure, noisy = (fresh.inspect_llvm(kind) for kind in fresh.signatures)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dermis import read_out, spi_protocol
+from dermis.chip import read_out, spi_protocol
 from dermis.errors import SimulatorError
-from dermis.plan import Timing
+from dermis.records import Timing
 
 
 def timing(rows: int, bits: int) -> Timing:

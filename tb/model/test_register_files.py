@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from dermis import design as design_module
-from dermis import register_files as rf
-from dermis import register_map as rm
-from dermis.design import ROOT
+from dermis.chip import register_map as rm
 from dermis.errors import InputError
+from dermis.scene import design as design_module
+from dermis.scene.design import ROOT
+from scripts import register_files as rf
 
 DESIGN = design_module.load(ROOT / "models" / "design.toml")
 
@@ -51,7 +51,7 @@ def test_a_changed_map_changes_every_file(tmp_path: Path) -> None:
     root = map_with(tmp_path, ("} TEST_RATE @ 0x16;", "} TEST_SPEED @ 0x16;"))
     changed, now = rf.files(DESIGN, root), rf.files(DESIGN, ROOT)
     assert "TEST_SPEED" in changed["rtl/dermis_registers.h"]
-    assert "TEST_SPEED" in changed["models/dermis/register_map.py"]
+    assert "TEST_SPEED" in changed["models/dermis/chip/register_map.py"]
     assert "TEST_SPEED" in rf.table(DESIGN, root)
     assert (
         changed["rtl/dermis_registers.v"] == now["rtl/dermis_registers.v"]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import repeat
 
-from dermis import noise
+from dermis.converter import noise
 
 SCENES = (
     "noisy_channel",

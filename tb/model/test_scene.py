@@ -15,11 +15,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dermis import effects, engines, scene
+from dermis import effects, engines, records
 from dermis import plan as planning
-from dermis.design import ROOT, TOPOLOGIES
 from dermis.errors import InputError
-from dermis.schema import SCENE_BYTES_MAX
+from dermis.scene import scene
+from dermis.scene.design import ROOT, TOPOLOGIES
+from dermis.scene.schema import SCENE_BYTES_MAX
 
 Write = Callable[..., Path]
 SCENES = sorted((ROOT / "models" / "scenes").glob("*.toml"))
@@ -50,7 +51,7 @@ def outcome(attempt: Callable[[], object]) -> str:
     return ""
 
 
-def assert_same_plan(a: planning.Plan, b: planning.Plan) -> None:
+def assert_same_plan(a: records.Plan, b: records.Plan) -> None:
     assert (a.topology, a.timing, a.drive, a.effects, a.engine, a.seed, a.views) == (
         (b.topology, b.timing, b.drive, b.effects, b.engine, b.seed, b.views)
     )
@@ -77,7 +78,7 @@ def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_each_scene_runs_in_the_closed_engine_or_is_told_which_one_can(path: Path) -> None:
     plan = planning.load(path, "closed")
-    able = [name for name in planning.ENGINES if not engines.refused(plan, name)]
+    able = [name for name in records.ENGINES if not engines.refused(plan, name)]
     assert able, "a scene that nothing can run"
     if "closed" not in able:
         with pytest.raises(InputError) as caught:
@@ -171,7 +172,7 @@ def test_an_effect_that_is_false_is_off(write_scene: Write) -> None:
     ],
 )
 def test_any_title_survives_the_round_trip(title: str, write_scene: Write, tmp_path: Path) -> None:
-    from dermis.schema import write_toml
+    from dermis.scene.schema import write_toml
 
     plan = planning.load(write_scene(write_toml({"title": title}) + UNIFORM))
     assert plan.scene.title == title

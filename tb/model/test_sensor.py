@@ -14,13 +14,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dermis import design as designs
 from dermis import plan as planning
-from dermis import sensor
-from dermis.decode import decode
+from dermis.decode.force import decode
 from dermis.engines import closed
 from dermis.errors import InputError
-from dermis.sensor import InverseSensor, PowerSensor, SensorState, age, creep_decades, play, spread_factor
+from dermis.scene import design as designs
+from dermis.scene import sensor
+from dermis.scene.sensor import (
+    InverseSensor,
+    PowerSensor,
+    SensorState,
+    age,
+    creep_decades,
+    play,
+    spread_factor,
+)
 
 Floats = NDArray[np.float64]
 Write = Callable[..., Path]

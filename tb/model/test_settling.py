@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lines_reference import charge_reference
 from numpy.typing import NDArray
 
-from dermis import settling
-from dermis.array import Network, column_currents
-from dermis.plan import Timing
-from dermis.settling import Unsupported, bound_c, transients
+from dermis.array import settling
+from dermis.array.array import Network, column_currents
+from dermis.array.settling import Unsupported, bound_c, transients
+from dermis.records import Timing
+from tb.reference.lines_reference import charge_reference
 
 TIMING = Timing(f_clk_hz=5e6, slot_clocks=40, settle_clocks=8, gate_clocks=32, code_max=255, rows=3)
 

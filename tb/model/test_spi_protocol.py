@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dermis import spi_protocol as spi
+from dermis.chip import spi_protocol as spi
 
 
 def answering(answer: bytes) -> Callable[[bytes], bytes]:

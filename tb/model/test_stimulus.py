@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dermis import engines, stimulus
+from dermis import engines
 from dermis import plan as planning
 from dermis.errors import InputError
-from dermis.sensor import InverseSensor
+from dermis.scene import stimulus
+from dermis.scene.sensor import InverseSensor
 
 T = 2e-3  # frame time of the chip with its 16 rows
 

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dermis import cli, engines, scene
+from dermis import cli, engines
 from dermis import plan as planning
-from dermis.design import TOPOLOGIES
 from dermis.errors import InputError
+from dermis.scene import scene
+from dermis.scene.design import TOPOLOGIES
 
 Write = Callable[..., Path]
 

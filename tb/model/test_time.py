@@ -13,11 +13,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from dermis import netlist, noise, vfc
 from dermis import plan as planning
+from dermis.chip import netlist
+from dermis.converter import noise, vfc
 from dermis.engines import event
 from dermis.engines.event import Cells, count_cells
-from dermis.plan import Drive
+from dermis.records import Drive
 
 Write = Callable[..., Path]
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dermis.vfc import (
+from dermis.converter.vfc import (
     Converter,
     bits_exact,
     code,

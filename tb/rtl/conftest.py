@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dermis.hdl import SIMULATORS
+from dermis.chip.hdl import SIMULATORS
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), *(str(d) for d in sorted(HERE.iterdir()) if d.is_dir() and d.name[0] not in "._")]

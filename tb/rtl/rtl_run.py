@@ -13,9 +13,9 @@ from typing import Any
 
 from cocotb_tools.check_results import get_results
 
-from dermis import hdl
-from dermis.design import ROOT
-from dermis.lint import rtl_sources
+from dermis.chip import hdl
+from dermis.chip.sources import rtl_sources
+from dermis.scene.design import ROOT
 
 TRAPS = Path(__file__).resolve().parent / "traps"
 

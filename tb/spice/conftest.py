@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from ngspice_batch import Bench, run
 
-from dermis import design as design_module
-from dermis.design import Design
+from dermis.scene import design as design_module
+from dermis.scene.design import Design
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from ngspice_batch import SPICE
 
-from dermis import design as design_module
-from dermis.spice_text import array_subckt
+from dermis.chip.spice_text import array_subckt
+from dermis.scene import design as design_module
 
 SIZE = 16
 CLOCKS = (100, 1100)
@@ -50,7 +50,7 @@ def deck(topology: str, dut: Mapping[str, float], row_ohm: float = 0.0, clocks: 
         "cost of a frame",
         f'.include "{SPICE / "design.inc"}"',
         f'.include "{SPICE / "behavioural" / "blocks.inc"}"',
-        # The tolerances of dermis.netlist's ideal decks: this measures their cost.
+        # The tolerances of dermis.chip.netlist's ideal decks: this measures their cost.
         ".options acct reltol=1e-6 abstol=1e-13 vntol=1e-9 trtol=1e9",
         "vdd vdd 0 1.65",
         "vss vss 0 -1.65",

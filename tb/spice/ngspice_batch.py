@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dermis import spice_batch
-from dermis.design import ROOT
+from dermis.chip import spice_batch
 from dermis.errors import SimulatorError
+from dermis.scene.design import ROOT
 
 SPICE = ROOT / "spice"
 SECTIONS = ("include", "options", "parameters", "stimulus", "dut", "measure", "control")
@@ -75,7 +75,7 @@ class Bench:
 
 
 def run(deck: Path, limit_s: float = 60.0) -> dict[str, float]:
-    """Run a deck and return ``{name: value}`` for every ``.meas`` in it; see dermis.spice_batch for what it raises.
+    """Run a deck and return ``{name: value}`` for every ``.meas`` in it; errors as in dermis.chip.spice_batch.
 
     A bench that needs a retry is wrong, however well the retry goes.
     """

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from dermis.design import Design
+from dermis.scene.design import Design
 
 Measure = Callable[..., dict[str, float]]
 

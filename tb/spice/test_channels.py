@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from ngspice_batch import Bench, run
 
-from dermis.design import Design
+from dermis.scene.design import Design
 
 Measure = Callable[..., dict[str, float]]
 

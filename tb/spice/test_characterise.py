@@ -13,13 +13,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dermis import design, verdict
-from dermis.characterise import benches, command, results, run_all, runs
-from dermis.characterise.benches import BENCHES, Bench, Condition, deck
-from dermis.characterise.command import characterise_command, chosen, jobs_of
-from dermis.characterise.run_all import Job, Runs, conditions
+from dermis.chip.sky130 import CORNERS
 from dermis.errors import InputError, SimulatorError
-from dermis.sky130 import CORNERS
+from dermis.report import verdict
+from dermis.scene import design
+from scripts.characterise import benches, command, results, run_all, runs
+from scripts.characterise.benches import BENCHES, Bench, Condition, deck
+from scripts.characterise.command import characterise_command, chosen, jobs_of
+from scripts.characterise.run_all import Job, Runs, conditions
 
 
 @pytest.fixture(autouse=True)
@@ -403,7 +404,7 @@ def test_another_version_takes_no_work() -> None:
 
 def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One condition, three draws and a fault: each row of the table, and pictures that leave out what is not there."""
-    from dermis.characterise import docs, figures
+    from scripts.characterise import docs, figures
 
     monkeypatch.setattr(docs, "DOCS", build / "page.md")
     monkeypatch.setattr(docs, "FIGURES", build)

@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import design as design_module
-from dermis import engines, extracted, netlist, plan, scene, verdict
-from dermis.array import column_currents
+from dermis import engines, plan
+from dermis.array.array import column_currents
+from dermis.chip import netlist
 from dermis.engines import event
-from dermis.equivalence import cases, command, faults, gate, loop
-from dermis.equivalence.gate import Case
 from dermis.errors import InputError
-from dermis.schema import read_toml
+from dermis.report import verdict
+from dermis.scene import design as design_module
+from dermis.scene import extracted, scene
+from dermis.scene.schema import read_toml
+from tb.programs.equivalence import cases, command, faults, gate, loop
+from tb.programs.equivalence.gate import Case
 
 TYPICAL = {"corner": "tt", "temperature_c": 27.0}
 SHORT = Case(codes=(0, 64, 240), clocks=48)

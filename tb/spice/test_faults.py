@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from dermis.design import Design
 from dermis.errors import SimulatorError
+from dermis.scene.design import Design
 
 Measure = Callable[..., dict[str, float]]
 Edits = dict[str, Sequence[tuple[str, str]]]

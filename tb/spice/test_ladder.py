@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from dermis import ladder, ngspice, spice_batch
+from dermis.chip import ladder, ngspice, spice_batch
+from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
-from dermis.hard import circuits
-from dermis.ngspice import Deck, NgspiceHalf
+from tb.programs.hard import circuits
 
 
 def apart(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from dermis import sky130, spice_batch, verdict
-from dermis.characterise import benches
-from dermis.characterise.benches import BENCHES, Condition
+from dermis.chip import sky130, spice_batch
+from dermis.report import verdict
+from scripts.characterise import benches
+from scripts.characterise.benches import BENCHES, Condition
 
 CORNERS = (("tt", 27.0), ("ss", -40.0), ("ff", 125.0))
 # One corner in every test run, the others in the long one: each run of ngspice is a second or two.

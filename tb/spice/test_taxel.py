@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dermis.design import Design
+from dermis.scene.design import Design
 
 
 def nodal(design: Design, lateral_ohm: float) -> dict[str, float]:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dermis import plan
-from dermis.plan import Plan
+from dermis.records import Plan
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 

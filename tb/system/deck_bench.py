@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import netlist
-from dermis.bridge import analog_s
+from dermis.chip import netlist
+from dermis.chip.bridge import analog_s
+from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.engines import cosim
-from dermis.ngspice import Deck, NgspiceHalf
-from dermis.plan import Plan, Timing
+from dermis.records import Plan, Timing
 
 
 def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray[np.int64], dict[str, int]]:

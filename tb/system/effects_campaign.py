@@ -18,9 +18,9 @@ from deck_bench import DeckReader
 from numpy.typing import NDArray
 
 from dermis import effects, engines, plan
-from dermis.design import TOPOLOGIES
 from dermis.errors import InputError
-from dermis.plan import Plan
+from dermis.records import Plan
+from dermis.scene.design import TOPOLOGIES
 
 # Powers of ten are drawn evenly between the two limits, from far below the physical default to far above.
 RANGES: dict[str, dict[str, tuple[float, float]]] = {

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from dermis.design import ROOT
-from dermis.plan import Plan
+from dermis.records import Plan
+from dermis.scene.design import ROOT
 
 MakePlan = Callable[..., Plan]
 

@@ -12,7 +12,7 @@ from deck_bench import DeckReader
 from system_bench import MakePlan
 
 from dermis.engines import event, rtl
-from dermis.plan import Plan
+from dermis.records import Plan
 
 LINES = """
 row_driver = { r_ohm = 100.0, grounded_r_ohm = 150.0 }

@@ -18,9 +18,9 @@ import pytest
 from system_bench import dermis
 
 from dermis import plan
+from dermis.chip.netlist import HONOURS, frame_deck
 from dermis.cli import main
-from dermis.design import ROOT
-from dermis.netlist import HONOURS, frame_deck
+from dermis.scene.design import ROOT
 
 DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
 EFFECTS_ON = "[effects]\nlateral = { r_ohm = 1e3 }\nrow_driver = { r_ohm = 1.0 }\n"

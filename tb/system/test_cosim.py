@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 from system_bench import MakePlan
 
-from dermis import engines, hdl, lint, regression
-from dermis.analog import ExactHalf
-from dermis.design import TOPOLOGIES
+from dermis import engines
+from dermis.chip import hdl
+from dermis.chip.analog import ExactHalf
+from dermis.chip.netlist import integrator_node
 from dermis.engines import Result, closed, cosim, event
 from dermis.errors import InputError, SimulatorError
-from dermis.netlist import integrator_node
-from dermis.waves import trace
+from dermis.report import comparison
+from dermis.report.waves import trace
+from dermis.scene.design import TOPOLOGIES
+from scripts import lint
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
@@ -265,7 +268,7 @@ def test_the_judge_catches_one_wrong_code(resistance_plan: MakePlan) -> None:
     wrong[0, 9, 9] += 1
 
     def exact_row(read: np.ndarray) -> dict:
-        rows = regression.compare(made, Result(read), "case")
+        rows = comparison.compare(made, Result(read), "case")
         return next(row for row in rows if row["name"] == "frame.code_error_exact_lsb.case")
 
     assert exact_row(right)["status"] == "PASS"

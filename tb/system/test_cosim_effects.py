@@ -16,12 +16,12 @@ from system_bench import MakePlan
 from test_decks import ADDS, effects_of, scene_of
 
 from dermis import auto, effects
-from dermis.design import TOPOLOGIES
+from dermis.chip.netlist import frame_deck
+from dermis.chip.ngspice import Deck
 from dermis.effects import AutoTable
 from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
-from dermis.netlist import frame_deck
-from dermis.ngspice import Deck
+from dermis.scene.design import TOPOLOGIES
 
 OHM = 510 * 60 ** np.random.default_rng(5).random((2, 3, 4))
 

@@ -13,11 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from system_bench import MakePlan
 
-from dermis import effects, netlist
-from dermis.array import column_currents
-from dermis.design import TOPOLOGIES
-from dermis.netlist import frame_deck
-from dermis.plan import Plan
+from dermis import effects
+from dermis.array.array import column_currents
+from dermis.chip import netlist
+from dermis.chip.netlist import frame_deck
+from dermis.records import Plan
+from dermis.scene.design import TOPOLOGIES
 
 ROWS, COLS = 3, 4
 LEVELS = [0.0] * (ROWS + 1 + COLS)

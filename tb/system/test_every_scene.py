@@ -12,10 +12,10 @@ import pytest
 from test_rtl_engine import FAULTS, with_fault
 
 from dermis import engines, plan
-from dermis.design import ROOT
 from dermis.engines import event
 from dermis.errors import InputError
-from dermis.plan import ENGINES, Plan
+from dermis.records import ENGINES, Plan
+from dermis.scene.design import ROOT
 
 SCENES = sorted((ROOT / "models" / "scenes").glob("*.toml"))
 

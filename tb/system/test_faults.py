@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis.design import ROOT
 from dermis.engines import cosim
 from dermis.errors import SimulatorError
+from dermis.scene.design import ROOT
 
 
 def gone(text: str, within_s: float = 5.0) -> bool:

@@ -8,7 +8,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 RC = """
     from pathlib import Path

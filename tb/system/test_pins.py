@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 WANTED = ["click", "atheris; python_version < '3.14'", "typing-extensions; python_version < '4'"]
 

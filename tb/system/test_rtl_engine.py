@@ -19,11 +19,14 @@ import pytest
 from effects_campaign import scene
 from system_bench import MakePlan, dermis, processes_with
 
-from dermis import children, effects, engines, hdl, lint, spi_protocol
-from dermis.design import ROOT, TOPOLOGIES
+from dermis import effects, engines
+from dermis.chip import hdl, spi_protocol
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
-from dermis.plan import Plan
+from dermis.processes import children
+from dermis.records import Plan
+from dermis.scene.design import ROOT, TOPOLOGIES
+from scripts import lint
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 

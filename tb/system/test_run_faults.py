@@ -15,13 +15,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import children, files, hdl, output, synth_cells, watchdog
-from dermis.design import ROOT
+from dermis import files
+from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError
-from dermis.faults import bench as benches
-from dermis.faults import command, trials
-from dermis.faults.bench import Bench, Ended, Run
-from dermis.kept import Kept
+from dermis.processes import children, watchdog
+from dermis.report import output
+from dermis.scene.design import ROOT
+from scripts.checkpoint import Kept
+from scripts.synth import synth_cells
+from tb.programs.faults import bench as benches
+from tb.programs.faults import command, trials
+from tb.programs.faults.bench import Bench, Ended, Run
 
 END_S = 60.0
 """What is to happen within milliseconds has happened by then, however loaded the machine; a hang has not."""

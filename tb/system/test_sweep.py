@@ -17,12 +17,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import cli, design, plan, sweep, verdict, vfc
-from dermis.design import ROOT, TOPOLOGIES
+from dermis import cli, plan, records
+from dermis.converter import vfc
 from dermis.effects import EFFECTS
 from dermis.engines import closed
 from dermis.errors import SimulatorError
-from dermis.sweep import Curve, Reading
+from dermis.report import verdict
+from dermis.scene import design
+from dermis.scene.design import ROOT, TOPOLOGIES
+from scripts import sweep
+from scripts.sweep import Curve, Reading
 
 POINTS = 8
 
@@ -181,7 +185,7 @@ def test_a_bench_that_does_not_measure_is_an_error(tmp_path: Path, monkeypatch: 
 # ---- pulses in a trace
 
 
-def trace_of(made: plan.Plan, x: Fraction) -> np.ndarray:
+def trace_of(made: records.Plan, x: Fraction) -> np.ndarray:
     """Charge switch of one column, one entry a clock from the first driven row: each decision is a clock late."""
     timing = made.timing
     charge = np.zeros((1, made.rows * timing.slot_clocks - 1 - timing.break_clocks, 1), dtype=bool)
@@ -193,7 +197,7 @@ def trace_of(made: plan.Plan, x: Fraction) -> np.ndarray:
 
 
 @pytest.fixture
-def two_rows(tmp_path: Path) -> plan.Plan:
+def two_rows(tmp_path: Path) -> records.Plan:
     laid = sweep.in_frames(np.array([500.0, 777.0]), 16, 1)
     return sweep.make_plan(tmp_path, "direct", laid, {}, "two rows")
 
@@ -201,7 +205,7 @@ def two_rows(tmp_path: Path) -> plan.Plan:
 @pytest.mark.parametrize(
     "x", [Fraction(1, 2), Fraction(1, 3), Fraction(2, 7), Fraction(1, 250), Fraction(1, 2000)]
 )
-def test_pulses_of_a_known_trace_are_found(two_rows: plan.Plan, x: Fraction) -> None:
+def test_pulses_of_a_known_trace_are_found(two_rows: records.Plan, x: Fraction) -> None:
     count, period, line = sweep.find_pulses(trace_of(two_rows, x), two_rows)
     expected = vfc.count_exact(x, 510)
     assert count[0, :2, 0].tolist() == [expected, expected]
@@ -216,13 +220,13 @@ def test_pulses_of_a_known_trace_are_found(two_rows: plan.Plan, x: Fraction) -> 
 
 
 @pytest.mark.parametrize(("clock", "counts"), [(115, 0), (116, 1), (625, 1), (626, 0)])
-def test_only_decisions_of_the_gate_count(two_rows: plan.Plan, clock: int, counts: int) -> None:
+def test_only_decisions_of_the_gate_count(two_rows: records.Plan, clock: int, counts: int) -> None:
     charge = np.zeros((1, 3 * 625 - 1, 1), dtype=bool)
     charge[0, clock - 1, 0] = True
     assert sweep.find_pulses(charge, two_rows)[0][0, 0, 0] == counts
 
 
-def test_a_trace_that_ends_early_is_a_simulator_error(two_rows: plan.Plan) -> None:
+def test_a_trace_that_ends_early_is_a_simulator_error(two_rows: records.Plan) -> None:
     charge = trace_of(two_rows, Fraction(1, 3))
     with pytest.raises(SimulatorError, match="row 1"):
         sweep.find_pulses(charge[:, :1200], two_rows)
@@ -351,7 +355,7 @@ def test_a_missed_limit_ends_with_1_and_a_failed_simulator_with_3(
 def test_a_simulator_that_fails_costs_its_interface_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def read(made: plan.Plan, points: int, on_slots: Any, work: Path) -> Reading:
+    def read(made: records.Plan, points: int, on_slots: Any, work: Path) -> Reading:
         work.mkdir(parents=True)
         if made.topology == "direct":
             raise SimulatorError("it broke", work)

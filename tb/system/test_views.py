@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dermis import engines, ladder, netlist, scene
+from dermis import engines
 from dermis import plan as planning
-from dermis.design import TOPOLOGIES
+from dermis.chip import ladder, netlist
+from dermis.chip.ngspice import Deck
+from dermis.chip.split import SplitHalf, Workers
 from dermis.engines import cosim
 from dermis.errors import InputError
-from dermis.ngspice import Deck
-from dermis.plan import Plan
-from dermis.split import SplitHalf, Workers
-from dermis.views import BLOCKS
+from dermis.records import Plan
+from dermis.scene import scene
+from dermis.scene.design import TOPOLOGIES
+from dermis.scene.views import BLOCKS
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 LSB = 1 / 510  # of the packets of a gate

@@ -11,9 +11,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dermis import ladder, netlist, scene
 from dermis import plan as planning
-from dermis.ngspice import NgspiceHalf
+from dermis.chip import ladder, netlist
+from dermis.chip.ngspice import NgspiceHalf
+from dermis.scene import scene
 
 SETTLE, CLOCKS = 10, 50
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import solve_error
+from dermis.array import solve_error
 from dermis.errors import InputError, quoted
 
 if TYPE_CHECKING:
-    from dermis.plan import Plan
+    from dermis.records import Plan
 
 
 _ASKED_CELLS = 32 * 32
@@ -85,7 +85,7 @@ def _can(plan: Plan, engine: str) -> bool:
 
 def _named(plan: Plan) -> tuple[list[str], str]:
     """Engines to name in a refusal, and what their names leave open."""
-    from dermis.plan import ENGINES
+    from dermis.records import ENGINES
 
     able = [name for name in ENGINES if not refused(plan, name)]
     if plan.rows * plan.cols > _ASKED_CELLS:
@@ -95,7 +95,7 @@ def _named(plan: Plan) -> tuple[list[str], str]:
 
 def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
     """The first engine, in the order of what they cost, that refuses nothing of a plan; None if there is none."""
-    from dermis.plan import ENGINES
+    from dermis.records import ENGINES
 
     return next((name for name in among or ENGINES if _can(plan, name)), None)
 
@@ -148,7 +148,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
 
 def _check_sources(plan: Plan) -> None:
     """Refuse a plan that has no solution: taxels of 0 ohm across ideal sources."""
-    from dermis import array
+    from dermis.array import array
 
     if not plan.network(0).v_column_offset_v.any():
         return

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from dermis import engines
 from dermis.bounds import SLOW_CLOCKS
-from dermis.engines import closed, event, event_input
+from dermis.converter import currents
+from dermis.engines import closed, event
 
 if TYPE_CHECKING:
     from dermis.engines import Result
-    from dermis.plan import Plan
+    from dermis.records import Plan
 
 
 def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]:
@@ -62,4 +63,4 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
 
 def _steady(plan: Plan) -> bool:
     """Whether the duty of a run serves again: it is the same in every clock, and no converter acts back on it."""
-    return not plan.active_fields() & event_input.FIELDS and plan.topology != "direct"
+    return not plan.active_fields() & currents.FIELDS and plan.topology != "direct"

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import column_currents
+from dermis.array.array import column_currents
+from dermis.converter.vfc import W_PRESET, code
 from dermis.engines import Result, code_type
-from dermis.plan import Plan
-from dermis.vfc import W_PRESET, code
+from dermis.records import Plan
 
 HONOURS = frozenset(
     {

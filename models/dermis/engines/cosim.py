@@ -20,11 +20,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dermis import hdl, ladder, netlist
-from dermis.children import Child, Patience
+from dermis.chip import hdl, ladder, netlist
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
-from dermis.plan import Plan
+from dermis.processes.children import Child, Patience
+from dermis.records import Plan
 
 HONOURS = netlist.HONOURS
 """Of a plan in behavioural views; see `honours`."""

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dermis import bridge, ladder, netlist
-from dermis.analog import ExactHalf
+from dermis.chip import bridge, ladder, netlist
+from dermis.chip.analog import ExactHalf
+from dermis.chip.ngspice import NgspiceHalf
+from dermis.chip.split import SplitHalf, Workers
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.ngspice import NgspiceHalf
-from dermis.split import SplitHalf, Workers
 
 if TYPE_CHECKING:
     from dermis.engines.cosim import Job
@@ -35,7 +35,7 @@ JOB_VARIABLE = "DERMIS_COSIM_JOB"
 
 def main(job_dir: Path) -> int:
     """Run the HDL simulator on a job; its exit code says nothing, the files it leaves do."""
-    from dermis import hdl
+    from dermis.chip import hdl
 
     job = load(job_dir)
     module = __name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl"

@@ -6,7 +6,7 @@ ends, the comparator is sampled a delay before the clock). On a piece the charge
 leak, an exponential; with finite bandwidth the output follows by a second one. What a clock does to a cell is
 so a handful of numbers that are worked out once a gate. Where an effect makes the input change inside a gate,
 its mean over each clock takes the place of the constant (event_input); noise is looked up only where it can
-change a decision (dermis.noise).
+change a decision (dermis.converter.noise).
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import displacement, float_flags, noise
-from dermis.array import Network, column_currents
-from dermis.engines import Result, code_type, event_input, event_loops
-from dermis.engines.event_columns import G_ACROSS_S, Coupling, coupling
-from dermis.engines.event_input import Slots, groups
+from dermis.array import float_flags
+from dermis.array.array import Network, column_currents
+from dermis.converter import currents, injection, loops, noise
+from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
+from dermis.converter.currents import Slots, groups
+from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
+from dermis.engines import Result, code_type
 from dermis.errors import InputError
-from dermis.plan import Drive, Plan
-from dermis.vfc import LONGEST_GATE, W_PRESET, Converter
+from dermis.records import Drive, Plan
 
 Floats = NDArray[np.float64]
 
@@ -98,13 +99,13 @@ class Noise(NamedTuple):
 
 def refuses(plan: Plan) -> InputError | None:
     """What this engine cannot follow of a plan, or None."""
-    return event_input.refuses(plan) or _refuses_displaced(plan)
+    return currents.refuses(plan) or _refuses_displaced(plan)
 
 
 def _refuses_displaced(plan: Plan) -> InputError | None:
     if not plan.surrounding.keys() & {"c_taxel_f", "c_column_f"}:
         return None
-    for name, counts in displacement.counts(plan).items():
+    for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
             return InputError(
                 plan.scene.path,
@@ -256,10 +257,10 @@ def _noise_rows(
     jitter = (converter.t_jitter_s * converter.f_clk_hz)[column]
     output_v = (converter.packet_v() / (1.0 + converter.inv_gain_dc))[column]
     rows = np.empty((4, *x.shape))
-    rows[event_loops.SIGMA] = np.sqrt(variance + shot * (x + rate) + 2.0 * jitter**2 * rate)
-    rows[event_loops.WHITE] = converter.v_comp_noise_v[column] / output_v
-    rows[event_loops.SLOPE] = x * jitter
-    rows[event_loops.APERTURE] = x * (0.5 * converter.t_meta_s[column] * converter.f_clk_hz)
+    rows[loops.SIGMA] = np.sqrt(variance + shot * (x + rate) + 2.0 * jitter**2 * rate)
+    rows[loops.WHITE] = converter.v_comp_noise_v[column] / output_v
+    rows[loops.SLOPE] = x * jitter
+    rows[loops.APERTURE] = x * (0.5 * converter.t_meta_s[column] * converter.f_clk_hz)
     return rows.reshape(4, -1)
 
 
@@ -307,31 +308,28 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
             (1.0 - loaded - root) / 2,
         )
         _fill(fast, -total / (2.0 * lag), -1.0 / root, weight, packet, charge_delay)
-        fast[event_loops.START] = -w0 * 2.0 * leaks / (total * root)
-        slow[event_loops.START] = w0 - fast[event_loops.START]
+        fast[loops.START] = -w0 * 2.0 * leaks / (total * root)
+        slow[loops.START] = w0 - fast[loops.START]
     else:
         _fill(slow, -leak, np.ones_like(leak), np.ones_like(leak), packet, charge_delay)
-        slow[event_loops.START] = w0
+        slow[loops.START] = w0
     latch = early = None
     modes = [slow] if fast is None else [slow, fast]
     if charge_delay < 1.0:
         latch = np.stack(
-            [
-                packet * m[event_loops.DRIVE] * _grow(m[event_loops.RATE], 1.0 - charge_delay)
-                for m in (slow, modes[-1])
-            ]
+            [packet * m[loops.DRIVE] * _grow(m[loops.RATE], 1.0 - charge_delay) for m in (slow, modes[-1])]
         )
     if flat["delay"].any():
         early = np.empty((6, w0.size))
         late = np.maximum(sample - charge_delay, 0.0)
-        whole = sum(m[event_loops.DRIVE] * _grow(m[event_loops.RATE], sample) for m in modes)
-        last = sum(m[event_loops.DRIVE] * _grow(m[event_loops.RATE], late) for m in modes)
-        early[event_loops.KEEP_SLOW] = np.exp(slow[event_loops.RATE] * sample)
-        early[event_loops.KEEP_FAST] = np.exp(modes[-1][event_loops.RATE] * sample)
-        early[event_loops.GAIN_EARLY] = whole
-        early[event_loops.TAKE_EARLY] = packet * (whole - last)
-        early[event_loops.TAKE_EARLY_LAST] = packet * last
-        early[event_loops.POINT] = sample
+        whole = sum(m[loops.DRIVE] * _grow(m[loops.RATE], sample) for m in modes)
+        last = sum(m[loops.DRIVE] * _grow(m[loops.RATE], late) for m in modes)
+        early[loops.KEEP_SLOW] = np.exp(slow[loops.RATE] * sample)
+        early[loops.KEEP_FAST] = np.exp(modes[-1][loops.RATE] * sample)
+        early[loops.GAIN_EARLY] = whole
+        early[loops.TAKE_EARLY] = packet * (whole - last)
+        early[loops.TAKE_EARLY_LAST] = packet * last
+        early[loops.POINT] = sample
     bounded = np.isfinite(flat["low"]).any() or np.isfinite(flat["high"]).any()
     return Rows(
         slow=slow,
@@ -347,11 +345,11 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
 
 def _fill(rows: Floats, rate: Floats, drive: Floats, weight: Floats, packet: Floats, late: float) -> None:
     whole, last = drive * _grow(rate, 1.0), drive * _grow(rate, 1.0 - late)
-    rows[event_loops.KEEP] = np.exp(rate)
-    rows[event_loops.GAIN] = whole
-    rows[event_loops.TAKE] = packet * (whole - last)
-    rows[event_loops.RATE], rows[event_loops.DRIVE] = rate, drive
-    rows[event_loops.WEIGHT], rows[event_loops.PACKET] = weight, packet
+    rows[loops.KEEP] = np.exp(rate)
+    rows[loops.GAIN] = whole
+    rows[loops.TAKE] = packet * (whole - last)
+    rows[loops.RATE], rows[loops.DRIVE] = rate, drive
+    rows[loops.WEIGHT], rows[loops.PACKET] = weight, packet
 
 
 def _grow(rate: Floats, length: float | Floats) -> Floats:
@@ -380,7 +378,7 @@ def count_cells(
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
         # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
-        plain = event_loops.plain if clocks <= LONGEST_GATE else event_loops.plain_long
+        plain = loops.plain if clocks <= LONGEST_GATE else loops.plain_long
         with float_flags.watch(f"event_loops.{plain.__name__}"):
             plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
     else:
@@ -402,10 +400,10 @@ def walk_cells(
 ) -> None:
     """Count cells begin..stop-1 of `rows`; x or vary and the rest as for event_loops.walk."""
     of, keys = (None, None) if draws is None else draws
-    step = None if of is None else _grid_step(of[event_loops.SIGMA], clocks)
+    step = None if of is None else _grid_step(of[loops.SIGMA], clocks)
     carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
     with float_flags.watch("event_loops.walk"):
-        event_loops.walk(
+        loops.walk(
             clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
             rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
             counts, end,
@@ -444,7 +442,7 @@ def _count_slots(
     if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
         draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
     frame = np.arange(across) // slots.cols
-    for row, block, charge, mean in slots.blocks(event_loops.BLOCK):
+    for row, block, charge, mean in slots.blocks(loops.BLOCK):
         begin = row * across + block.start
         stop = begin + block.stop - block.start
         if draws is not None:

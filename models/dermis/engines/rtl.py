@@ -19,13 +19,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import children, hdl, read_out, spi_protocol
-from dermis.array import column_currents
-from dermis.design import ROOT, TOPOLOGIES
-from dermis.engines import Result, event, event_columns, event_input, event_loops
+from dermis.array.array import column_currents
+from dermis.chip import hdl, read_out, spi_protocol
+from dermis.chip.sources import rtl_include_dirs, rtl_sources
+from dermis.converter import coupling, currents, loops
+from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
-from dermis.lint import rtl_include_dirs, rtl_sources
-from dermis.plan import Plan
+from dermis.processes import children
+from dermis.records import Plan
+from dermis.scene.design import ROOT, TOPOLOGIES
 
 Floats = NDArray[np.float64]
 
@@ -198,22 +200,22 @@ class Currents:
     modes: int = 0
     dark: int = 0
     fade: int = 0
-    coupling: event_columns.Coupling | None = None
+    coupling: coupling.Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
-    if not plan.active_fields() & (event_input.FIELDS - {"q_mirror_c"}) and not event_input.glows(plan):
+    if not plan.active_fields() & (currents.FIELDS - {"q_mirror_c"}) and not currents.glows(plan):
         g, most = plan.conductance_s(part), converter.drowning()
         current = column_currents(plan.network(0), g)
-        coupled = event_columns.coupling(plan, g, converter.duty(current))
+        coupled = coupling.coupling(plan, g, converter.duty(current))
         with np.errstate(over="ignore"):
             unit = np.clip(current / (converter.k * converter.i0_a), -most, most)
         if coupled is not None:
             unit = unit + coupled.x
         return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
-    slots = event_input.Slots.of(plan, part)
+    slots = currents.Slots.of(plan, part)
     terms, gain, modes = slots.terms.shape[1], np.tile(converter.gain, slots.frames), 0
     found = [slots.terms / gain]
     behind = [] if slots.dark is None else [slots.dark / gain]
@@ -266,7 +268,7 @@ def write_inputs(
 def run_time_values(
     plan: Plan,
     part: slice,
-    coupled: event_columns.Coupling | None,
+    coupled: coupling.Coupling | None,
     each: bool,
     sync_latch: bool,
     places: dict[str, int],
@@ -306,9 +308,7 @@ def run_time_values(
     for name, rows in (("", modes.slow), ("FAST_", modes.fast)):
         if rows is None:
             continue
-        of = {
-            n: rows[getattr(event_loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")
-        }
+        of = {n: rows[getattr(loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")}
         keep_a = "FAST_KEEP_A" if name else "KEEP_A"
         for piece, length in (("A", t_a), ("B", t_b - t_a), ("C", 1.0 - t_b)):
             with np.errstate(divide="ignore", invalid="ignore"):

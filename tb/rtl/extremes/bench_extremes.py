@@ -13,8 +13,8 @@ from rtl_bench import report, scenario
 from spi_client import Pins
 from top_bench import CLOCK_PS, Chip
 
-from dermis import register_map as rm
-from dermis import spi_protocol as spi
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
 
 TEST_DONE = rm.STATUS_TEST_DONE_MASK
 

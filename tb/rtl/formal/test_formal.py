@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from dermis import children, formal
-from dermis.design import ROOT
 from dermis.errors import InputError
+from dermis.processes import children
+from dermis.scene.design import ROOT
+from scripts import formal
 
 pytestmark = pytest.mark.timeout(150)
 PROOFS = formal.proofs()

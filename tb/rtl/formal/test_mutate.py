@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dermis import mutate
-from dermis.design import ROOT
 from dermis.errors import SimulatorError
+from dermis.scene.design import ROOT
+from scripts import mutate
 
 pytestmark = pytest.mark.timeout(150)
 

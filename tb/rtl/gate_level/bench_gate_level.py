@@ -12,7 +12,7 @@ from typing import Any
 import cocotb
 from cocotb.triggers import Timer
 
-from dermis import register_map, spi_protocol
+from dermis.chip import register_map, spi_protocol
 
 HALF_NS = 100
 # SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with and without delays.
@@ -82,7 +82,7 @@ class Bench:
         self.pins.append(word)
 
     async def transaction(self, steps: Any) -> Any:
-        """Run a transaction of dermis.spi_protocol."""
+        """Run a transaction of dermis.chip.spi_protocol."""
         dut = self.dut
         dut.spi_cs_ni.value = 0
         await Timer(2 * SPI_HALF_NS, "ns")

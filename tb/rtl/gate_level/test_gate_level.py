@@ -10,10 +10,12 @@ from typing import Any
 
 import pytest
 
-from dermis import gate_level, synth_cells, verdict
 from dermis.errors import InputError, SimulatorError
-from dermis.synth_cells import TECHNOLOGIES
-from dermis.synth_map import Netlist, Size, map_design
+from dermis.report import verdict
+from scripts import gate_level
+from scripts.synth import synth_cells
+from scripts.synth.synth_cells import TECHNOLOGIES
+from scripts.synth.synth_map import Netlist, Size, map_design
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]

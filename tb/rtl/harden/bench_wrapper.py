@@ -12,8 +12,8 @@ from cocotb.triggers import Timer
 from rtl_bench import report
 from spi_client import Pins
 
-from dermis import register_map as rm
-from dermis import spi_protocol as spi
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
 
 SCK, CS_N, COPI, CIPO, READY, ENABLE = 5, 6, 7, 8, 9, 10
 GATE = 20

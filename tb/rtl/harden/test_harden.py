@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from rtl_run import simulate
 
-from dermis.design import ROOT
-from dermis.lint import rtl_include_dirs, rtl_sources, verilator_root
+from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
+from dermis.scene.design import ROOT
 
 pytestmark = pytest.mark.timeout(120)
 HARDEN = ROOT / "rtl" / "harden"

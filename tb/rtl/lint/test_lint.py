@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dermis import lint
 from dermis.errors import InputError
+from scripts import lint
 
 pytestmark = pytest.mark.timeout(120)
 ROOT = Path(__file__).resolve().parents[3]

@@ -12,8 +12,8 @@ from rtl_reference import AnalogColumns, code
 from spi_client import Client
 from top_bench import Chip
 
-from dermis import register_map as rm
-from dermis import spi_protocol as spi
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
 
 GATE = 510
 PICK = 0b11

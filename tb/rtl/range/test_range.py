@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from rtl_run import simulate
 
-from dermis import design
-from dermis import register_map as rm
-from dermis.design import ROOT, exact
+from dermis.chip import register_map as rm
+from dermis.scene import design
+from dermis.scene.design import ROOT, exact
 
 pytestmark = pytest.mark.timeout(170)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rtl_run import simulate
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 SYNC_RANDOM = Path(__file__).parents[1] / "frame_buffer" / "sync_random.v"
 

@@ -10,7 +10,7 @@ import cocotb
 from cocotb.triggers import Timer
 from rtl_bench import report, scenario
 
-from dermis import register_map as rm
+from dermis.chip import register_map as rm
 
 # Ports that show or feed a register: register -> (port, lowest bit).
 OUTPUTS = {

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from rtl_run import simulate
 
-from dermis import register_map as rm
-from dermis.design import ROOT
+from dermis.chip import register_map as rm
+from dermis.scene.design import ROOT
 
 SIZES = {"1x1x1": (1, 1, 1), "17x9x12": (17, 9, 12), "128x128x16": (128, 128, 16)}
 

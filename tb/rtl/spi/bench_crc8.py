@@ -8,7 +8,7 @@ from typing import Any
 import cocotb
 from cocotb.triggers import Timer
 
-from dermis.spi_protocol import crc8
+from dermis.chip.spi_protocol import crc8
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")

@@ -11,7 +11,7 @@ from cocotb.triggers import Timer, ValueChange
 from rtl_bench import report, scenario
 from spi_client import Pins
 
-from dermis import spi_protocol as spi
+from dermis.chip import spi_protocol as spi
 
 PERIOD_PS = 200_000
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rtl_run import simulate
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 
 def test_every_command_and_every_answer(simulator: str) -> None:

@@ -16,12 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from dermis import synth, synth_cells, synth_map, synth_timing, verdict
+from dermis.chip.sources import rtl_sources
 from dermis.errors import InputError, SimulatorError
-from dermis.lint import rtl_sources
-from dermis.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
-from dermis.synth_equivalence import Proof, prove
-from dermis.synth_map import RAM, Netlist, Size, map_design, map_once
+from dermis.report import verdict
+from scripts.synth import synth, synth_cells, synth_map, synth_timing
+from scripts.synth.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
+from scripts.synth.synth_equivalence import Proof, prove
+from scripts.synth.synth_map import RAM, Netlist, Size, map_design, map_once
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
@@ -428,7 +429,7 @@ with ending():
 def test_a_library_that_is_not_there_is_an_input_error(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("dermis.synth_cells.OSU035", tmp_path)
+    monkeypatch.setattr("scripts.synth.synth_cells.OSU035", tmp_path)
     with pytest.raises(InputError, match="qflow-tech-osu035"):
         OSU035.liberty("typical")
     with pytest.raises(InputError, match="corner"):

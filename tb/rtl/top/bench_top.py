@@ -13,8 +13,8 @@ from rtl_bench import report, scenario
 from spi_client import Client, Pins
 from top_bench import Chip, RegisterModel, exact_codes, reset_values
 
-from dermis import register_map as rm
-from dermis import spi_protocol as spi
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
 
 CONTINUOUS, SHOT, TEST = rm.CONTROL_CONTINUOUS_MASK, rm.CONTROL_SHOT_MASK, rm.CONTROL_TEST_MASK
 DARK, PER_COLUMN = rm.CONTROL_DARK_MASK, rm.CONTROL_RANGE_PER_COLUMN_MASK

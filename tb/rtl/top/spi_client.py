@@ -14,7 +14,7 @@ import cocotb.clock
 from cocotb.triggers import Timer, ValueChange
 from cocotb.utils import get_sim_steps, get_time_from_sim_steps
 
-from dermis.spi_protocol import Result, Transaction
+from dermis.chip.spi_protocol import Result, Transaction
 
 
 class _BaseClock:

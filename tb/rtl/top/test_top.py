@@ -10,7 +10,7 @@ import pytest
 from rtl_reference import SHORT, Duty
 from rtl_run import simulate
 
-from dermis.design import ROOT
+from dermis.scene.design import ROOT
 
 pytestmark = pytest.mark.timeout(170)
 

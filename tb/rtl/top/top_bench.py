@@ -12,8 +12,8 @@ from cocotb.clock import Clock
 from cocotb.triggers import First, RisingEdge, Timer, ValueChange
 from rtl_reference import AnalogColumns, Duty, code, ones
 
-from dermis import register_map as rm
-from dermis.spi_protocol import SLOT_DARK, Frame
+from dermis.chip import register_map as rm
+from dermis.chip.spi_protocol import SLOT_DARK, Frame
 
 CLOCK_PS = 200_000
 """5 MHz."""

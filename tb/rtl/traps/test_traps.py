@@ -10,8 +10,8 @@ import pytest
 from rtl_reference import Duty, code, duty_of_resistance
 from rtl_run import ROOT, simulate
 
-from dermis.hard.converter_inputs import scanner_that_presets_once
-from dermis.lint import header_values
+from scripts.lint import header_values
+from tb.programs.hard.converter_inputs import scanner_that_presets_once
 
 pytestmark = pytest.mark.timeout(120)
 

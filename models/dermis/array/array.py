@@ -1,0 +1,780 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The resistor array between row drivers and column inputs: column currents for each driven row."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis.array import float_flags, solve_error
+from dermis.errors import SimulatorError
+
+Floats = NDArray[np.float64]
+
+# Conductances that stand for a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
+# how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. The
+# eliminations below never subtract them, and products of any two of them and of conductances down to 1e-60 S
+# stay far from where doubles end.
+_G_TAXEL_SHORT_S = 1e40
+_G_SERIES_SHORT_S = 1e60
+# And a resistance that lets nothing through, 1e-60 A a volt, and a capacitance that never charges.
+_R_OPEN_OHM = 1e60
+_C_MAX_F = 1e30
+
+# Taxels solved at once: 128 frames of 16x16 keep the elimination inside a 1 MB cache.
+_VALUES_AT_ONCE = 1 << 15
+
+# Below any electron that ever flowed, above where products of doubles lose their digits to underflow.
+_CURRENT_FLOOR_A = 1e-100
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """The resistive network of one frame, everything in ohm, siemens and volt.
+
+    Row r hangs on v_bias_v through r_row_driven_ohm while it is read and on ground through r_row_grounded_ohm
+    otherwise (inf: floating); column c is held at v_column_offset_v[c] through r_column_ohm[c]. Lateral
+    conductances lie between the inner electrodes of neighbouring taxels: `g_lateral_row_s` between columns c
+    and c+1 in each row, `g_lateral_column_s` between rows r and r+1 in each column. Without trace resistance
+    both ends of the latter are the same column line, so they carry no current and no solve here sees them; a
+    deck still writes them.
+
+    `i_leak_a[c]` flows into column c in front of r_column_ohm and adds to its current. Traces have a resistance
+    per taxel pitch: a row line runs driver, segment, taxel 0, segment, taxel 1 ...; a column line taxel 0,
+    segment, taxel 1 ... last taxel, segment, column node. Capacitances lie from every row line (behind its
+    driver) and every column node to ground and across every taxel; they carry no direct current.
+    """
+
+    g_taxel_s: Floats
+    v_bias_v: float
+    r_row_driven_ohm: float = 0.0
+    r_row_grounded_ohm: float = 0.0
+    r_column_ohm: Floats = 0.0  # type: ignore[assignment]
+    v_column_offset_v: Floats = 0.0  # type: ignore[assignment]
+    g_lateral_row_s: float = 0.0
+    g_lateral_column_s: float = 0.0
+    r_trace_row_ohm: float = 0.0
+    r_trace_column_ohm: float = 0.0
+    i_leak_a: Floats = 0.0  # type: ignore[assignment]
+    c_row_f: float = 0.0
+    c_column_f: float = 0.0
+    c_taxel_f: float = 0.0
+
+    def __post_init__(self) -> None:
+        g = np.asarray(self.g_taxel_s, dtype=float)
+        if g.ndim != 2 or 0 in g.shape or not (g >= 0).all():
+            raise ValueError("g_taxel_s must be [rows, cols], 0 or above")
+        object.__setattr__(self, "g_taxel_s", g)
+        for name in ("r_column_ohm", "v_column_offset_v", "i_leak_a"):
+            array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (g.shape[1],)).copy()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if not (np.isfinite(self.r_column_ohm).all() and (self.r_column_ohm >= 0).all()):
+            raise ValueError("r_column_ohm must be finite and 0 or above")
+        if not 0 <= self.r_row_driven_ohm < np.inf or not self.r_row_grounded_ohm >= 0:
+            raise ValueError("row resistances must be 0 or above, the driven one finite")
+        if not 0 <= self.g_lateral_row_s < np.inf or not 0 <= self.g_lateral_column_s < np.inf:
+            raise ValueError("lateral conductances must be finite and 0 or above")
+        if not 0 <= self.r_trace_row_ohm < np.inf or not 0 <= self.r_trace_column_ohm < np.inf:
+            raise ValueError("trace resistances must be finite and 0 or above")
+        if not (np.isfinite(self.v_column_offset_v).all() and np.isfinite(self.i_leak_a).all()):
+            raise ValueError("v_column_offset_v and i_leak_a must be finite")
+        if not all(0 <= c < np.inf for c in (self.c_row_f, self.c_column_f, self.c_taxel_f)):
+            raise ValueError("capacitances must be finite and 0 or above")
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.g_taxel_s.shape[0]
+
+    @property
+    def cols(self) -> int:
+        """Number of columns."""
+        return self.g_taxel_s.shape[1]
+
+    def active_fields(self) -> frozenset[str]:
+        """Names of the fields that are away from "not there"."""
+        named = (f.name for f in dataclasses.fields(self) if f.name not in ("g_taxel_s", "v_bias_v"))
+        return frozenset(n for n in named if bool(np.any(np.asarray(getattr(self, n)) != 0)))
+
+
+def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Floats:
+    """Current out of each column into its virtual ground while each row is driven.
+
+    Parameters
+    ----------
+    network : Network
+        What surrounds the taxels.
+    g_frames_s : array_like, optional
+        Taxel conductances [frames, rows, cols] to be used in place of `network.g_taxel_s`, all at once.
+
+    Returns
+    -------
+    ndarray
+        Ampere, [rows, cols] (or [frames, rows, cols]); element [r, c] is read in the slot of row r.
+
+    Notes
+    -----
+    Nothing on: i = V_b G, no solve. Otherwise row lines are eliminated on paper (they meet only through
+    columns). What is left is one symmetric matrix of the columns, or with resistance along the columns a
+    chain of such matrices from row to row, the same for all slots. That the driven row hangs on another
+    voltage and perhaps another resistance enters afterwards at one node (a rank-1 change in closed form), so
+    there is always one factorisation a frame. Every elimination is a star-mesh transformation
+    (Grassmann-Taksar-Heyman): sums only, diagonals never formed by subtraction, hence shorts next to megaohms
+    lose no digit. docs/array.md has the derivation, the accuracy and the speed.
+
+    Raises
+    ------
+    NoSolution
+        Ideal sources of unlike voltages are joined by taxels of 0 ohm.
+    SimulatorError
+        The solution misses Kirchhoff's current law, or its error may be more than the account of solve_error.account
+        allows.
+    """
+    driven, rest = column_currents_by_source(network, g_frames_s)
+    return driven if rest is None else driven + rest
+
+
+class NoSolution(ValueError):
+    """Taxels of 0 ohm join ideal sources of unlike voltages; `place` is the frame, row and column of one of them."""
+
+    def __init__(self, frame: int, row: int, column: int) -> None:
+        self.place = (frame, row, column)
+        super().__init__(
+            f"frame {frame}: the taxel of 0 ohm at row {row}, column {column} joins ideal sources of unlike voltages"
+        )
+
+    def __reduce__(self) -> tuple[type[NoSolution], tuple[int, int, int]]:
+        # An exception is rebuilt from its message alone, which would be one argument of three.
+        return type(self), self.place
+
+
+@dataclass
+class Currents:
+    """Column currents in ampere, [rows, cols] or [frames, rows, cols], and a bound of the error of each.
+
+    `driven` follows v_bias_v, `rest` is what offsets and leaks make, None where there are neither; `driven_error`
+    and `rest_error` belong to them.
+    """
+
+    driven: Floats
+    rest: Floats | None
+    driven_error: Floats
+    rest_error: Floats | None
+
+
+def column_currents_by_source(
+    network: Network, g_frames_s: ArrayLike | None = None
+) -> tuple[Floats, Floats | None]:
+    """Split the currents of `column_currents`: those that follow v_bias_v, and those of offsets and leaks.
+
+    The second part is None where there are neither.
+    """
+    found = _by_source(network, g_frames_s, bounded=False)
+    return found.driven, found.rest
+
+
+def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
+    """The currents of `column_currents_by_source`, and how far each may be from that of the network.
+
+    A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where it is below
+    `solve_error.Account.tolerance_a` nothing is done to make it smaller.
+    """
+    return _by_source(network, g_frames_s, bounded=True)
+
+
+def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) -> Currents:
+    g = network.g_taxel_s[np.newaxis] if g_frames_s is None else np.asarray(g_frames_s, dtype=float)
+    if g.ndim != 3 or g.shape[1:] != network.g_taxel_s.shape:
+        raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
+    if not g.min(initial=0.0) >= 0:  # what is no number is neither
+        raise ValueError("g_frames_s must be 0 or above")
+    account = solve_error.current()
+    account.solves += len(g)
+    if not network.active_fields() & _ACTS:
+        with np.errstate(over="ignore"):
+            driven, rest = network.v_bias_v * g, None
+            errors = [_PRODUCT.bound * driven if bounded else driven, rest]
+        account.take(_PRODUCT)
+        account.check(driven, rest, _PRODUCT.bound)
+    else:
+        refuse_loops(network, g)
+        network = in_range(network)
+        driven, rest = np.empty_like(g), np.empty_like(g) if _held(network) else None
+        errors = [np.empty_like(part) if bounded and part is not None else part for part in (driven, rest)]
+        step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
+        for first in range(0, len(g), step):
+            part = slice(first, first + step)
+            found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
+            account.check(found.driven, found.rest, found.error)
+            driven[part] = found.driven
+            if rest is not None:
+                rest[part] = found.rest
+            if bounded:
+                errors[0][part] = _of(found.driven_part, np.abs(found.driven))
+            if bounded and rest is not None:
+                errors[1][part] = found.rest_error
+    parts = driven, rest, *errors
+    return Currents(*(p if p is None or g_frames_s is not None else p[0] for p in parts))
+
+
+# A taxel's conductance and a product with the bias, a rounding each.
+_PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
+
+
+def refuse_loops(network: Network, g: Floats) -> None:
+    """Raise NoSolution where shorts join what is held: column inputs, and rows on ideal drivers while grounded.
+
+    The bias of an ideal driven row across a short into an ideal column is no such thing: it has the limit of any
+    small resistance, more than full scale.
+    """
+    if network.r_trace_row_ohm or network.r_trace_column_ohm or not network.v_column_offset_v.any():
+        return
+    short = np.isinf(g)
+    held = network.r_column_ohm == 0
+    hard_row = network.r_row_grounded_ohm == 0 or network.r_row_driven_ohm == 0
+    for frame, row, column in np.argwhere(short & held & (network.v_column_offset_v != 0)):
+        rows, columns = _joined(short[frame], column)
+        others = network.v_column_offset_v[columns & held]
+        if (hard_row and rows.any()) or (others != network.v_column_offset_v[column]).any():
+            raise NoSolution(int(frame), int(row), int(column))
+
+
+def _joined(short: NDArray[np.bool_], column: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Rows and columns that shorts [rows, cols] join with one column."""
+    rows, columns = np.zeros(short.shape[0], dtype=bool), np.zeros(short.shape[1], dtype=bool)
+    columns[column], before = True, 0
+    while columns.sum() + rows.sum() > before:
+        before = int(columns.sum() + rows.sum())
+        rows = short[:, columns].any(axis=1)
+        columns |= short[rows].any(axis=0)
+    return rows, columns
+
+
+# Capacitances carry no direct current; laterals between ideal columns none at all.
+_ACTS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "i_leak_a",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+    }
+)
+
+
+def in_range(network: Network) -> Network:
+    """Limit absurd values to where products of them stay finite."""
+    limited = {
+        "r_row_driven_ohm": _R_OPEN_OHM,
+        "r_column_ohm": _R_OPEN_OHM,
+        "r_trace_row_ohm": _R_OPEN_OHM,
+        "r_trace_column_ohm": _R_OPEN_OHM,
+        "g_lateral_row_s": _G_SERIES_SHORT_S,
+        "g_lateral_column_s": _G_SERIES_SHORT_S,
+        "c_row_f": _C_MAX_F,
+        "c_column_f": _C_MAX_F,
+        "c_taxel_f": _C_MAX_F,
+    }
+    change = {
+        n: np.minimum(getattr(network, n), most)
+        for n, most in limited.items()
+        if np.any(np.asarray(getattr(network, n)) > most)
+    }
+    if _R_OPEN_OHM < network.r_row_grounded_ohm < np.inf:
+        change["r_row_grounded_ohm"] = _R_OPEN_OHM
+    return dataclasses.replace(network, **change) if change else network
+
+
+def _conductance(resistance_ohm: ArrayLike) -> Floats:
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.minimum(np.divide(1.0, np.asarray(resistance_ohm, dtype=float)), _G_SERIES_SHORT_S)
+
+
+def _ratio(above: Floats, below: Floats) -> Floats:
+    """above / below, 0 where there is nothing below (a row line that hangs on nothing)."""
+    return np.divide(
+        above, below, out=np.zeros(np.broadcast_shapes(above.shape, below.shape)), where=below > 0
+    )
+
+
+# The products along a row line stay away from underflow by as much again.
+_PRODUCT_MIN = 1e-150
+
+
+class _RowLines:
+    """Row lines without their drivers, seen from the column lines: [frames, rows, cols].
+
+    Everything of row line r between its driver's node and the column lines is `to_driver[:, r, c]`, a
+    conductance from the driver's node to column line c, and `between` gives those from column line to column
+    line.
+    """
+
+    def __init__(self, network: Network, g: Floats) -> None:
+        self.g = g
+        self.to_driver = g
+        self.bent = network.r_trace_row_ohm > 0
+        if not self.bent:
+            return
+        # The line as a ladder, from its far end: `total` hangs on node c from there on, `pass_on` is the part
+        # of a current into node c (nothing but what lies before it connected) that goes towards the driver.
+        segment = float(_conductance(network.r_trace_row_ohm))
+        total = np.zeros_like(g[:, :, 0])
+        pivot = np.empty_like(g)
+        for c in reversed(range(network.cols)):
+            total = g[:, :, c] + segment * (total / (segment + total))
+            pivot[:, :, c] = segment + total
+        self.pass_on = segment / pivot
+        # `seen` is the resistance at node c with the driver's node and all column lines grounded.
+        self.seen = 1.0 / pivot
+        for c in range(1, network.cols):
+            self.seen[:, :, c] += self.pass_on[:, :, c] ** 2 * self.seen[:, :, c - 1]
+        self.through = np.cumprod(self.pass_on, axis=2)
+        self.to_driver = g * self.through
+
+    def between(self) -> Floats:
+        """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal 0.
+
+        From node i to node j > i it is g_i seen_i times all pass_on between them times g_j. As a product of
+        one factor of i and one of j it is fast, as long as the products from the driver on stay in range.
+        """
+        if (self.through > _PRODUCT_MIN).all():
+            left = self.g * self.seen / self.through
+            upper = np.matmul(left.transpose(0, 2, 1), self.to_driver)
+        else:
+            upper = self._between_steep()
+        upper = np.triu(upper, 1)
+        return upper + upper.transpose(0, 2, 1)
+
+    def _between_steep(self) -> Floats:
+        frames, rows, cols = self.g.shape
+        after = np.arange(cols)[np.newaxis, :] > np.arange(cols)[:, np.newaxis]
+        upper = np.zeros((frames, cols, cols))
+        for row in range(rows):
+            steps = np.where(after, self.pass_on[:, row, np.newaxis, :], 1.0)
+            left, right = self.g[:, row] * self.seen[:, row], self.g[:, row]
+            upper += left[:, :, np.newaxis] * np.cumprod(steps, axis=2) * right[:, np.newaxis, :]
+        return upper
+
+
+# Relative bounds are one number for all, or an array of the shape of what they belong to.
+Part = float | Floats
+
+
+def _of(part: Part, size: Floats) -> Floats:
+    """A part of sizes that are 0 or above; nothing of nothing, however large a part."""
+    if isinstance(part, float) and part < np.inf:
+        return part * size
+    with np.errstate(over="ignore"):
+        return np.multiply(
+            part, size, out=np.zeros(np.broadcast_shapes(np.shape(part), size.shape)), where=size > 0
+        )
+
+
+@dataclass
+class _Mesh:
+    """What is between the ideal sources of the columns once every node is eliminated, all of it 0 or above.
+
+    `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own` [frames, cols] is
+    the part of a current into a column's node that leaves through its own input. The others bound their errors.
+    """
+
+    between: Floats
+    ground: Floats
+    own: Floats
+    between_part: Part
+    ground_part: Part
+    own_part: Part
+
+
+@dataclass
+class _Response:
+    """What the array does while all rows are grounded, and row r has the current that `drive` describes.
+
+    The current into the driver's node of row r is the one that would hold it at 1 V were all column lines
+    grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at 1 + `lift`
+    [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. `mesh` is there for offsets and
+    leaks. `delivered_part` bounds the relative error of `delivered`, `away_a` and `lift_v` [frames, rows] those of
+    the others where they are not the same number. `voltage` counts the roundings in any voltage behind these
+    (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in solve_error.Account.
+    """
+
+    delivered: Floats
+    lift: Floats
+    away: Floats
+    mesh: _Mesh | None
+    voltage: float
+    missed: float
+    condition: float
+    delivered_part: Part
+    away_a: Floats | None = None
+    lift_v: Floats | None = None
+
+
+@dataclass
+class _Solution:
+    """Currents [frames, rows, cols], the bound of their error as solve_error.Account.check takes it, and its parts: of
+    `driven` relative, of `rest` in ampere.
+    """
+
+    driven: Floats
+    rest: Floats | None
+    error: Part
+    driven_part: Part
+    rest_error: Floats | None
+
+
+def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Solution:
+    lines = _RowLines(network, g)
+    grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
+    response = _respond(network, lines, grounded)
+    missed = _check_balance(
+        lines.to_driver.sum(axis=2),
+        response.away + grounded * response.lift,
+        "in the slot of a row",
+        solve_error.balance(response.voltage),
+    )
+    # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
+    scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
+    driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
+    part = response.delivered_part + _scale_part(network, response, scale)
+    figures = solve_error.Figures(max(missed, response.missed), response.condition)
+    error: Part = part
+    if isinstance(part, np.ndarray):
+        error = _of(part, np.abs(driven))
+        most = np.abs(driven).max(axis=2, keepdims=True)
+        figures.bound = float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
+    else:
+        figures.bound = part
+    rest = error_rest = None
+    if response.mesh is not None:
+        rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
+        error = _of(part, np.abs(driven)) + error_rest
+    account.take(figures)
+    return _Solution(driven, rest, error, part, error_rest)
+
+
+def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
+    """Relative bound of what the driver of a row divides by."""
+    if response.away_a is None or response.lift_v is None:
+        return response.delivered_part
+    # An ideal driver divides by nothing that is in doubt, however much what leaves its row is.
+    driver = network.r_row_driven_ohm * response.away_a if network.r_row_driven_ohm else 0.0
+    error = (driver + response.lift_v) / scale
+    # Of a quotient; a divisor that is in doubt by half of itself says nothing.
+    part = np.where(error < 0.5, error / (1.0 - np.minimum(error, 0.5)), np.inf)
+    return np.minimum(part, solve_error.part(response.voltage, network.rows, network.cols))[:, :, np.newaxis]
+
+
+def _rest(
+    network: Network,
+    g: Floats,
+    lines: _RowLines,
+    response: _Response,
+    scale: Floats,
+    account: solve_error.Account,
+) -> tuple[Floats, Floats, int]:
+    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows, cols], and how many
+    slots were solved by themselves.
+
+    With all rows grounded each is a sum over pairs of sources of a conductance times a difference of voltages, which
+    loses nothing but what cancels by nature. The driven row is a change at one node, and that may cancel on top:
+    such slots are solved by themselves.
+    """
+    delivered = response.delivered
+    pushed = network.r_column_ohm * network.i_leak_a
+    source = network.v_column_offset_v + pushed
+    size_source = np.abs(network.v_column_offset_v) + np.abs(pushed)
+    ground, driver = network.r_row_grounded_ohm, network.r_row_driven_ohm
+    if ground == np.inf:
+        change = 1.0
+    elif ground == driver:
+        change = 0.0
+    else:
+        ground = max(ground, 1.0 / _G_SERIES_SHORT_S)
+        change = (ground - driver) / ground
+    node = lines.to_driver.sum(axis=2) + _conductance(ground)
+    per_volt = _ratio(np.full_like(node, change), node * scale)[:, :, np.newaxis]
+    part = response.delivered_part
+    with np.errstate(over="ignore", invalid="ignore"):
+        held, error_held = _held_currents(network, response.mesh)
+        lift = per_volt * (delivered * source).sum(axis=2, keepdims=True)
+        rest = held[:, np.newaxis, :] - lift * delivered
+        # The driven row's share is a product of two responses over the scale.
+        lifted = np.abs(per_volt) * delivered
+        error = lifted * _of(part, delivered * size_source).sum(axis=2, keepdims=True)
+        part = part + _scale_part(network, response, scale)
+        error += _of(part, lifted * (delivered * size_source).sum(axis=2, keepdims=True))
+        error += error_held[:, np.newaxis, :]
+    # A bound that is no number is as good as none.
+    error = np.where(np.isnan(error), np.inf, error)
+    slots = np.argwhere(((lifted > 0) & (error > account.tolerance_a(network.cols))).any(axis=2))
+    for row in np.unique(slots[:, 1]):
+        frames = slots[slots[:, 1] == row, 0]
+        grounded = np.full(network.rows, _conductance(ground))
+        grounded[row] = _conductance(driver)
+        alone = _respond(network, _RowLines(network, g[frames]), grounded)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
+    if not np.isfinite(rest).all():
+        raise SimulatorError(
+            "array solve: offsets and leaks drive more current than a double holds; try smaller ones"
+        )
+    return rest, error, len(slots)
+
+
+def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats]:
+    """Column currents that offsets and leaks drive with every row on ground, and a bound of their error in ampere,
+    [frames, cols] each."""
+    assert mesh is not None
+    offset, leak = network.v_column_offset_v, network.i_leak_a
+    apart = offset[np.newaxis, :] - offset[:, np.newaxis]
+    pushed = network.r_column_ohm * leak
+    held = (mesh.between * (apart + pushed)).sum(axis=2) - mesh.ground * offset + mesh.own * leak
+    # The differences and the sums of these few terms round as well.
+    rounding = (2 * network.cols + 8) * solve_error.U
+    error = _of(mesh.between_part + rounding, mesh.between * (np.abs(apart) + np.abs(pushed))).sum(axis=2)
+    error += _of(mesh.ground_part + rounding, mesh.ground * np.abs(offset))
+    return held, error + _of(mesh.own_part + rounding, mesh.own * np.abs(leak))
+
+
+def _held(network: Network) -> bool:
+    return bool(network.v_column_offset_v.any() or network.i_leak_a.any())
+
+
+def _add_neighbours(link: Floats, g: float) -> None:
+    at = np.arange(link.shape[1] - 1)
+    link[:, at, at + 1] += g
+    link[:, at + 1, at] += g
+
+
+def _respond(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+    """What drives do with rows on ground through `g_ground` [rows]."""
+    chained = network.r_trace_column_ohm > 0
+    return (_respond_chain if chained else _respond_columns)(network, lines, g_ground)
+
+
+def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+    """Every column line is one node."""
+    rows, cols = network.rows, network.cols
+    g_column = _conductance(network.r_column_ohm)
+    g = lines.to_driver
+
+    # Star-mesh of every driver's node. link[c, d] joins two columns, leak[c] goes to ground.
+    node = g.sum(axis=2) + g_ground
+    share = _ratio(g, node[:, :, np.newaxis])
+    link = np.matmul(share.transpose(0, 2, 1), g)
+    if lines.bent:
+        link += lines.between()
+    if network.g_lateral_row_s:
+        _add_neighbours(link, rows * network.g_lateral_row_s)
+    own = np.arange(cols)
+    link[:, own, own] = 0.0
+    leaks = g_ground[:, np.newaxis] * share
+    leak = leaks.sum(axis=1)
+
+    # One right-hand side a row; and, for offsets and leaks, one a column: its source at 1 V.
+    drive = g.transpose(0, 2, 1)
+    held, missed, condition = _held(network), 0.0, 1.0
+    roundings = solve_error.elements(rows, cols, lines.bent)
+    if network.r_column_ohm.any():
+        if held:
+            sources = np.broadcast_to(np.diag(g_column), link.shape)
+            drive = np.concatenate([drive, sources], axis=2)
+        roundings = solve_error.one_matrix(cols, roundings)
+        u, missed, condition = _eliminate(
+            link, leak + g_column, drive, solve_error.balance(roundings), cols if held else 0
+        )
+        delivered = g_column[:, np.newaxis] * u
+    else:
+        u = np.zeros_like(drive)
+        delivered = drive
+    moved, delivered_rows = (v[:, :, :rows].transpose(0, 2, 1) for v in (u, delivered))
+    away = delivered_rows.sum(axis=2)
+    away += (_sum_of_others(leaks) * moved).sum(axis=2)
+    part = solve_error.part(roundings, rows, cols)
+    mesh = None
+    if held and network.r_column_ohm.any():
+        between, across = delivered[:, :, rows:].copy(), u[:, :, rows:]
+        between[:, own, own] = 0.0
+        ground = (leak[:, :, np.newaxis] * across).sum(axis=1)
+        mesh = _Mesh(between, ground, across[:, own, own], part, part, part)
+        missed = max(missed, _check_mesh(mesh, network.r_column_ohm, solve_error.balance(roundings)))
+    elif held:
+        mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
+    lift = _ratio((g * moved).sum(axis=2), node)
+    return _Response(delivered_rows, lift, away, mesh, roundings, missed, condition, part)
+
+
+def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
+    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves the rest of 1 V; and
+    what it sends to another is what that one would send to it."""
+    sent = mesh.between.sum(axis=1) + mesh.ground
+    behind = np.where(resistance > 0, mesh.own, 1.0)
+    missed = _check_balance(
+        resistance * sent + behind, np.ones_like(sent), "from the source of a column", most
+    )
+    back = mesh.between.transpose(0, 2, 1)
+    return max(missed, _check_balance(mesh.between, back, "from one column to another", most))
+
+
+def _sum_of_others(values: Floats) -> Floats:
+    """Sum along axis 1 of all elements but the one at each place, without a subtraction."""
+    others = np.zeros_like(values)
+    np.cumsum(values[:, :-1], axis=1, out=others[:, 1:])
+    others[:, :-1] += np.cumsum(values[:, :0:-1], axis=1)[:, ::-1]
+    return others
+
+
+# A bound from counted roundings up to this is good enough for any code; beyond it the residuals of every drive at
+# every node are worth their time.
+_COUNTED_ENOUGH = 1e-9
+
+
+def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
+    """Every column line is a chain of one node a row: all drives walk up and down through the inverses of blocks
+    of one row, which are eliminated from the inputs up.
+    """
+    from dermis.array import star_mesh
+
+    behind = network.r_trace_column_ohm + network.r_column_ohm
+    g_end = _conductance(behind)
+    step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
+    g = lines.to_driver
+    node = g.sum(axis=2) + g_ground
+    share = _ratio(g, node[:, :, np.newaxis])
+    leak = g_ground[:, np.newaxis] * share
+    frames, rows, cols = g.shape
+    sources = cols if _held(network) else 0
+    roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
+    part = solve_error.part(roundings, rows, cols)
+    drives = rows + sources + 1
+    moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, cols, drives))
+    largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
+    pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
+    with float_flags.watch("star_mesh.chain"):
+        missed = star_mesh.chain(
+            lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
+            moved, away, last, largest, volt,
+        )  # fmt: skip
+    if not missed <= solve_error.balance(roundings):
+        raise SimulatorError(_missed(missed, "at a node"))
+    of_rows = last[:, :, :rows].transpose(0, 2, 1)
+    response = _Response(
+        g_end * of_rows,
+        _ratio((g * moved).sum(axis=2), node),
+        away[:, :rows],
+        None,
+        roundings,
+        missed,
+        # |inverse| |matrix| 1 is at most twice the voltages under what each node would pass on at 1 V.
+        float(2.0 * largest.max()),
+        part,
+    )
+    found, to_ground = None, away[:, -1]
+    if volt.size:
+        # Residuals bound voltages: by what a drive misses, times what `largest` stands for.
+        with np.errstate(over="ignore", invalid="ignore"):
+            off = volt[:, np.newaxis, :] * last[:, :, -1:]
+            found = np.divide(off, last, out=np.zeros_like(off), where=last > 0)
+            found = np.fmin(np.where(np.isnan(found), np.inf, found), part)
+            response.away_a = volt[:, :rows] * to_ground[:, np.newaxis]
+            response.lift_v = volt[:, :rows] * largest[:, np.newaxis]
+        response.delivered_part = found[:, :, :rows].transpose(0, 2, 1)
+    if sources:
+        own = np.arange(cols)
+        across, ground = last[:, :, rows:-1], away[:, rows:-1]
+        between, tau = g_end[:, np.newaxis] * across, across[:, own, own]
+        between[:, own, own] = 0.0
+        sent = between.sum(axis=1) + ground
+        # A leak enters in front of the last segment: what it sees there is that and the array behind it.
+        response.mesh = mesh = _Mesh(
+            between, ground, tau + network.r_trace_column_ohm * sent, part, part, part
+        )
+        seen_by = _Mesh(between, ground, tau, part, part, part)
+        response.missed = max(missed, _check_mesh(seen_by, behind, solve_error.balance(roundings)))
+        if found is not None:
+            mesh.between_part = found[:, :, rows:-1]
+            with np.errstate(over="ignore", invalid="ignore"):
+                off = volt[:, rows:-1] * to_ground[:, np.newaxis]
+                mesh.ground_part = np.fmin(
+                    np.divide(off, ground, out=np.zeros_like(off), where=ground > 0), part
+                )
+            mesh.own_part = mesh.between_part.max(axis=(1, 2), keepdims=True)[:, :, 0]
+    return response
+
+
+# Columns eliminated one by one before a product of matrices takes their effect to the rest. Up to 64 the steps
+# alone are faster.
+_PANEL = 64
+
+
+def _eliminate(
+    link: Floats, leak: Floats, drive: Floats, most: float, own: int = 0
+) -> tuple[Floats, float, float]:
+    """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps.
+
+    Steps go in panels, so that the bulk is a product of matrices, still of sums only. The last `own` drives, n or
+    none, go into one node each. Returns v, how far Kirchhoff's law is missed (refused above `most`) and a bound of
+    Skeel's condition number.
+    """
+    # Loading the compiled steps takes a moment that a scene without a solve does not need to wait.
+    from dermis.array import star_mesh
+
+    n = leak.shape[1]
+    # Links, ground and drives side by side: an elimination does the same to all of them.
+    work = np.concatenate([link, leak[:, :, np.newaxis], drive], axis=2)
+    v = work[:, :, n + 1 :]
+    pivot = np.empty_like(leak)
+    panels = [(first, min(first + _PANEL, n)) for first in range(0, n, _PANEL)]
+    for first, last in panels:
+        with float_flags.watch("star_mesh.down"):
+            star_mesh.down(work, pivot, first, last, own)
+        if last < n:
+            weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
+            work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
+    for first, last in reversed(panels):
+        if last < n:
+            v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
+        with float_flags.watch("star_mesh.up"):
+            star_mesh.up(work, pivot, first, last)
+    missed, condition = _check_kirchhoff(link, leak, drive, v, most)
+    return v, missed, condition
+
+
+def _check_kirchhoff(
+    link: Floats, leak: Floats, drive: Floats, v: Floats, most: float
+) -> tuple[float, float]:
+    """Check every node for all drives together, each at unit strength, and every drive for all nodes together.
+
+    Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse turns leaks into
+    1 V everywhere, so no row of |inverse| |matrix| sums to more.
+    """
+    magnitude = drive.sum(axis=1)
+    weight = (1.0 / np.maximum(magnitude, _CURRENT_FLOOR_A))[:, :, np.newaxis]
+    node_v = np.matmul(v, weight)
+    out = (leak + link.sum(axis=2))[:, :, np.newaxis]
+    came = np.matmul(drive, weight) + np.matmul(link, node_v)
+    missed = _check_balance(out * node_v, came, "at a node", most)
+    across = np.matmul(leak[:, np.newaxis, :], v)[:, 0]
+    missed = max(missed, _check_balance(across, magnitude, "from one source", most))
+    with np.errstate(over="ignore", divide="ignore"):
+        condition = 2.0 * float((out[:, :, 0] / leak).max())
+    return missed, condition
+
+
+def _check_balance(left: Floats, right: Floats, where: str, most: float) -> float:
+    """Compare sums of currents that are 0 or above; returns the largest miss, of both."""
+    worst = float((np.abs(left - right) / (left + right + _CURRENT_FLOOR_A / most)).max())
+    if not worst <= most:
+        raise SimulatorError(_missed(worst, where))
+    return worst
+
+
+def _missed(worst: float, where: str) -> str:
+    return f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"

@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lock-step loop: carries every edge of dermis_top to an analog half and every comparator back, clock by clock.
+
+Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a frame stands at
+n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a frame is the one at which the first row
+is driven. Codes come as any user of the chip gets them: a host reads each frame through the SPI pins while the next one
+is scanned, on a clock of its own.
+"""
+
+from __future__ import annotations
+
+from asyncio import CancelledError
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip import read_out, spi_protocol
+from dermis.chip.analog import AnalogHalf, Edge
+from dermis.errors import SimulatorError
+from dermis.records import Timing
+
+START_CLOCKS = 64
+"""More than from enable to a frame's first edge, and from there to its first row but for the break."""
+
+SPI_CLOCKS = 1.37
+"""Clocks of the chip in one of the host: no ratio of small numbers, so their edges meet in every way."""
+
+WAIT_BYTES = 64
+"""Longest answer without a token; the chip needs two or three clocks, and no clock is so slow."""
+
+SPI_SHARE = 0.5
+"""Share of a frame's time in which the host has read the frame before; with wide arrays that takes a faster clock."""
+
+
+@dataclass
+class Trace:
+    """What crossed the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
+
+    `begins` has the number of entries before the first instant of each frame's analog half.
+    """
+
+    comparator: list[int] = field(default_factory=list)
+    charge: list[int] = field(default_factory=list)
+    row_select: list[int] = field(default_factory=list)
+    preset: list[int] = field(default_factory=list)
+    begins: list[int] = field(default_factory=list)
+
+
+HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
+"""(frame, source levels at the frame's first instant) -> analog half; sources are rows, preset, charge."""
+
+
+def analog_s(timing: Timing) -> float:
+    """Seconds of a frame on the analog side: from its first driven row to the next frame's first edge."""
+    return (timing.rows * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
+
+
+def _bits(samples: NDArray[np.float64]) -> int:
+    return int.from_bytes(np.packbits(samples > 0.0, bitorder="little").tobytes(), "little")
+
+
+def _changed(old: int, new: int) -> list[tuple[int, float]]:
+    """Index and new level of every bit that differs."""
+    found = []
+    different = old ^ new
+    while different:
+        index = (different & -different).bit_length() - 1
+        different &= different - 1
+        found.append((index, float(new >> index & 1)))
+    return found
+
+
+def _known(handle: Any, what: str) -> int:
+    try:
+        return int(handle.value)  # asking is_resolvable first costs 7 us for sixteen bits
+    except ValueError:
+        raise SimulatorError(f"{what} is {handle.value}, not 0 or 1: the Verilog lost its state") from None
+
+
+class Bridge:
+    """Runs frames of dermis_top against analog halves, inside a cocotb test.
+
+    Parameters
+    ----------
+    dut : cocotb handle of dermis_top
+    timing : Timing
+    cols : number of columns
+    sync_latch : the chip was built with the flip-flop + latch synchronizer
+    trace : keep what crossed, clock by clock
+    progress : called with the number of slots done
+    """
+
+    def __init__(
+        self,
+        dut: Any,
+        timing: Timing,
+        cols: int,
+        *,
+        sync_latch: bool = False,
+        trace: bool = False,
+        progress: Callable[[int], None] = lambda slots: None,
+    ) -> None:
+        self._dut = dut
+        self._timing = timing
+        self._cols = cols
+        self._sync_latch = sync_latch
+        self._progress = progress
+        self._slots = 0
+        self._moved = True
+        self.trace = Trace() if trace else None
+        self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
+        self._half_ps = max(1, round(0.5e12 / timing.f_clk_hz))
+        self._host = _Host(dut, timing, cols)
+
+    async def run(self, frames: int, make_half: HalfFactory) -> NDArray[np.uint16]:
+        """Reset the chip and read `frames` frames; return codes [frames, rows, cols].
+
+        Raises
+        ------
+        SimulatorError
+            The analog half stopped, the Verilog drives an X or loses its row scan, or the host read anything but
+            every frame once and whole.
+        """
+        import cocotb
+        from cocotb.clock import Clock
+        from cocotb.triggers import FallingEdge, SimTimeoutError, Timer, with_timeout
+
+        dut = self._dut
+        # made once: a trigger may be awaited again and again
+        self._edge, self._settled = FallingEdge(dut.clk_i), Timer(1, unit="ps")
+        for pin in (
+            dut.rst_ni,
+            dut.enable_i,
+            dut.comp_async_i,
+            dut.row_sense_i,
+            dut.spi_sck_i,
+            dut.spi_copi_i,
+        ):
+            pin.value = 0
+        dut.spi_cs_ni.value = 1
+        clock = Clock(dut.clk_i, 2 * self._half_ps, unit="ps", impl="gpi")
+        clock.start(start_high=False)
+        for _ in range(3):
+            await FallingEdge(dut.clk_i)
+        dut.rst_ni.value = 1
+        await FallingEdge(dut.clk_i)
+        dut.enable_i.value = 1
+        host = cocotb.start_soon(self._host.read(frames))
+        watchers = [cocotb.start_soon(self._watch(handle)) for handle in (dut.row_select_o, dut.preset_o)]
+        try:
+            for _ in range(START_CLOCKS):
+                await self._next_clock()
+                if _known(dut.frame_start_o, "frame_start_o"):
+                    break
+            for frame in range(frames):
+                levels = await self._first_row(frame)
+                half = make_half(frame, levels)
+                try:
+                    await self._frame(frame, half, levels)
+                finally:
+                    half.close()
+                if frame:
+                    self._host.require(frame)
+            # The analog side rests while the last frame is read.
+            try:
+                await with_timeout(host, round(4 * self._host.frame_ps), "ps")
+            except SimTimeoutError:
+                self._host.require(frames)
+            return self._host.codes(frames)
+        finally:  # another bridge may start from reset behind an abort of the analog half
+            for task in (host, *watchers):
+                task.cancel()
+            clock.stop()
+
+    async def _watch(self, handle: Any) -> None:
+        """Note that a net moved: looking at it every clock takes longer, and these two stand still for hundreds."""
+        while True:
+            await handle.value_change
+            self._moved = True
+
+    async def _first_row(self, frame: int) -> list[float]:
+        """Wait until the first row is driven; return the levels there."""
+        dut, rows = self._dut, self._timing.rows
+        for _ in range(START_CLOCKS + self._timing.break_clocks):
+            levels = self._levels()
+            if any(levels[:rows]):
+                break
+            await self._next_clock()
+            self._record()
+        if levels[:rows] != [1.0] + [0.0] * (rows - 1) or levels[rows] != 1.0:
+            raise SimulatorError(f"frame {frame} does not begin with row 0 driven and the preset on")
+        dut.row_sense_i.value = 1
+        return levels
+
+    def _record(self) -> None:
+        """Keep a clock that no analog half sees, between two frames."""
+        if self.trace is not None and self.trace.begins:
+            self.trace.comparator.append(_known(self._dut.comp_async_i, "comp_async_i"))
+            self.trace.charge.append(_known(self._dut.charge_o, "charge_o"))
+            self.trace.row_select.append(_known(self._dut.row_select_o, "row_select_o"))
+            self.trace.preset.append(_known(self._dut.preset_o, "preset_o"))
+
+    async def _next_clock(self) -> None:
+        await self._edge
+        if self._sync_latch:
+            await self._settled  # the latch opens with the falling edge: look once it has settled
+
+    def _levels(self) -> list[float]:
+        t = self._timing
+        row = _known(self._dut.row_select_o, "row_select_o")
+        charge = _known(self._dut.charge_o, "charge_o")
+        levels = [float(row >> r & 1) for r in range(t.rows)]
+        levels.append(float(_known(self._dut.preset_o, "preset_o")))
+        return levels + [float(charge >> c & 1) for c in range(self._cols)]
+
+    async def _frame(self, frame: int, half: AnalogHalf, levels: list[float]) -> None:
+        """Run one frame, from the edge that drives its first row (already passed) to the next frame's first edge."""
+        from cocotb.handle import Immediate
+
+        dut, timing, trace = self._dut, self._timing, self.trace
+        rows, cols = timing.rows, self._cols
+        t_clk = 1.0 / timing.f_clk_hz
+        charge_delay = self.charge_delay_clocks * t_clk
+        row_handle, preset_handle, charge_handle, comp_handle = (
+            dut.row_select_o,
+            dut.preset_o,
+            dut.charge_o,
+            dut.comp_async_i,
+        )
+        row = sum(1 << r for r in range(rows) if levels[r])
+        preset = int(levels[rows])
+        charge = sum(1 << c for c in range(cols) if levels[rows + 1 + c])
+        edges: list[Edge] = []
+        sent = -1
+        if trace is not None:
+            trace.begins.append(len(trace.row_select))
+        half.advance(0.0, [])
+        for clock in range(1, rows * (timing.slot_clocks + START_CLOCKS)):
+            now = clock * t_clk
+            bits = _bits(half.advance(now, edges)[:cols])
+            if bits != sent:
+                comp_handle.set(Immediate(bits))
+                sent = bits
+            await self._next_clock()
+            new_charge = _known(charge_handle, "charge_o")
+            new_preset, new_row = preset, row
+            if self._moved:
+                self._moved = False
+                new_preset = _known(preset_handle, "preset_o")
+                new_row = _known(row_handle, "row_select_o")
+            if trace is not None:
+                trace.comparator.append(bits)
+                trace.charge.append(new_charge)
+                trace.row_select.append(new_row)
+                trace.preset.append(new_preset)
+            edges = [(now + charge_delay, rows + 1 + c, level) for c, level in _changed(charge, new_charge)]
+            if new_preset != preset:
+                edges.append((now, rows, float(new_preset)))
+            if new_row != row:
+                edges += [(now, r, level) for r, level in _changed(row, new_row)]
+                dut.row_sense_i.value = new_row
+                if not new_row:
+                    self._slots += 1
+                    self._progress(self._slots)
+                    if _known(dut.frame_start_o, "frame_start_o"):
+                        return
+            charge, preset, row = new_charge, new_preset, new_row
+        raise SimulatorError(f"frame {frame} does not end {clock} clocks behind its first row")
+
+
+class _Host:
+    """What sits at the SPI pins: reads each frame when the chip says that it is ready, and checks what came."""
+
+    def __init__(self, dut: Any, timing: Timing, cols: int) -> None:
+        self._dut = dut
+        self._timing = timing
+        self._cols = cols
+        self._frames: list[NDArray[np.uint16]] = []
+        self._failure: SimulatorError | None = None
+        self.frame_ps = 1e12 * timing.frame_s
+        bits = 8 * (16 + read_out.frame_bytes(timing, cols))
+        period_ps = min(SPI_CLOCKS * 1e12 / timing.f_clk_hz, SPI_SHARE * self.frame_ps / bits)
+        self._period_ps = 2 * max(1, round(0.5 * period_ps))
+
+    def require(self, frames: int) -> None:
+        """Raise what went wrong, or that fewer than so many frames were read."""
+        if self._failure is not None:
+            raise self._failure
+        if len(self._frames) < frames:
+            raise SimulatorError(
+                f"read-out {len(self._frames) + 1} through SPI: the chip never says that a frame is ready"
+            )
+
+    def codes(self, frames: int) -> NDArray[np.uint16]:
+        """Codes [frames, rows, cols] of what was read."""
+        self.require(frames)
+        return np.array(self._frames[:frames])
+
+    async def read(self, frames: int) -> None:
+        """Read so many frames; stop at the first one that is not right."""
+        from cocotb.triggers import RisingEdge, Timer
+
+        dut = self._dut
+        try:
+            for frame in range(frames):
+                if not _known(dut.frame_ready_o, "frame_ready_o"):
+                    await RisingEdge(dut.frame_ready_o)
+                data = await self._fetch()
+                self._frames.append(read_out.codes_of_frame(data, frame, self._timing, self._cols))
+                # CS stays high longer than the chip takes to see it.
+                await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
+        except (SimulatorError, spi_protocol.SpiError) as error:
+            self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
+
+    async def _fetch(self) -> bytes:
+        """The bytes of the newest frame."""
+        from cocotb.clock import Clock
+        from cocotb.triggers import FallingEdge
+
+        dut = self._dut
+        transaction, ended = spi_protocol.read_frame_bytes(WAIT_BYTES), False
+        dut.spi_cs_ni.value = 0
+        sck = Clock(dut.spi_sck_i, self._period_ps, unit="ps", impl="gpi")
+        sck.start(start_high=False)
+        try:
+            send = next(transaction)
+            while True:
+                send = transaction.send(await self._exchange(send))
+        except StopIteration as done:
+            return done.value
+        except CancelledError:
+            ended = True
+            raise
+        finally:
+            if not ended and _known(dut.spi_sck_i, "spi_sck_i"):
+                await FallingEdge(dut.spi_sck_i)
+            sck.stop()
+            dut.spi_cs_ni.value = 1
+
+    async def _exchange(self, send: bytes) -> bytes:
+        """Send bytes and return those that came meanwhile; COPI stands still where all to be sent is 0."""
+        from cocotb.triggers import FallingEdge, RisingEdge
+
+        dut, cipo = self._dut, self._dut.spi_cipo_o
+        rise, fall = RisingEdge(dut.spi_sck_i), FallingEdge(dut.spi_sck_i)
+        word, got = int.from_bytes(send, "big"), 0
+        for bit in range(8 * len(send) - 1, -1, -1):
+            if word:
+                dut.spi_copi_i.value = word >> bit & 1
+            await rise
+            got = got << 1 | _known(cipo, "spi_cipo_o")
+            if word:
+                await fall
+        if word:
+            dut.spi_copi_i.value = 0
+        return got.to_bytes(len(send), "big")

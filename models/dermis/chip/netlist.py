@@ -1,0 +1,484 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The SPICE deck of a plan: row drivers, array and one channel a column, written from the records and nothing else.
+
+A record field at its default writes nothing beyond the ideal setting of its block, so an effect that is off leaves no
+element behind. Every number is formatted from a float and every name is made here: no text of a scene reaches a deck.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array.array import Network
+from dermis.chip import sky130
+from dermis.chip.ngspice import Deck
+from dermis.chip.spice_text import array_subckt, spice_number
+from dermis.errors import InputError
+from dermis.records import Drive, Plan
+from dermis.scene.design import ROOT
+from dermis.scene.views import CONVERTER, Views
+
+SPICE = ROOT / "spice"
+
+HONOURS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "g_lateral_row_s",
+        "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+        "i_leak_a",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
+        "gain",
+        "i_offset_a",
+        "inv_gain_dc",
+        "g_in_s",
+        "v_int_max_v",
+        "v_int_min_v",
+        "packet_error",
+        "preset_error_v",
+        "v_comp_offset_v",
+        "v_hysteresis_v",
+        "t_comp_delay_s",
+        "inv_i_range_a",
+        "q_mirror_c",
+        "t_gbw_s",
+        "ripple",
+        "motion",
+    }
+)
+"""Record fields a deck can express; a field not named here is refused, never ignored."""
+
+# Up to this part of a clock the delay of a comparator is the pole of its block: of a bend a clock ago 2e-9 is left.
+# Beyond, a pole makes bends round (3 % at 0.3 clock, beside a clamp 28 codes), so the block has none and its output is
+# looked at that much before the clock, on a time point (comparator_early_s, Deck.late_s). Nothing else in the block
+# knows of time, so a delay behind it is a delay before it. No transmission line: ngspice counts a limit of its steps
+# from the point before the last, and behind a step longer than the line that is below zero ("timestep too small").
+_DELAY_POLE_CLOCKS = 0.05
+
+OF_BLOCK = {
+    "row_driver": {"r_row_driven_ohm", "r_row_grounded_ohm"},
+    "conveyor": {"r_column_ohm", "v_column_offset_v", "gain", "inv_i_range_a", "q_mirror_c"},
+    "integrator": {"inv_gain_dc", "g_in_s", "v_int_max_v", "v_int_min_v", "preset_error_v", "t_gbw_s"},
+    "comparator": {"v_comp_offset_v", "v_hysteresis_v", "t_comp_delay_s"},
+    "charge_source": {"packet_error"},
+}
+"""Record fields that say what a block does. Transistors do what they do: beside them such a field is refused."""
+
+# A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a
+# capacitor follows those exactly at any step: there is no truncation error to watch (trtol), and the tolerances are
+# those of Newton's method, which linear decks meet in the least number of iterations anyway.
+_OPTIONS_EXACT = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "trtol": 1e12}
+
+# With a pole the step follows the truncation error. Ten times tighter changes no code of nonideal_channel and takes
+# 1.8 times the steps; trtol 7 is ngspice's own, said because XSPICE elements would turn it into 1.
+_OPTIONS_POLE = {"reltol": 1e-4, "abstol": 1e-12, "vntol": 1e-7, "chgtol": 1e-14, "trtol": 7.0}
+
+# A clamp inside the converter's own swing is met at every packet, and what it takes decides which clock the next one
+# falls on. At 1e-4 a code of a range of -0.25 .. 0.6 V is off by 3; at 1e-5 by 1; here by none.
+_OPTIONS_CLAMP = {"reltol": 1e-6, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
+# abstol there, of the deck's largest reference current: 1e-13 A at 25 uA. The direct interface has k times that: with
+# 1e-13 A beside its milliampere Newton's method could not meet the rounding of a capacitance between two ideal sources
+# ("timestep too small").
+_ABSTOL_CLAMP = 4e-9
+
+# There an edge of a packet lasts so many clocks (1 ps). A ramp of r clocks takes r / 2 of a packet out behind the
+# sample at its end and hands x^2 r / 2 of one to the clamp. Elsewhere that comes back; here what is left decides which
+# clock the next packet falls on: 3 codes by 1 ns at x = 0.495 and a range of -0.56 V.
+_EDGE_CLAMP_CLOCKS = 5e-6
+
+# Transistors. Newton's method has to be done with a node of an open-loop amplifier: abstol above the noise of a
+# megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet. trtol 2 for ngspice's 7: what has flown in is then
+# within 0.1 LSB of steps half as long and of Gear's formula, for one column at tt (docs/views.md has tolerances;
+# test_the_steps_do_not_make_the_code in tb/system/test_views.py).
+OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15, "trtol": 2.0}
+
+
+def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> tuple[str, ...]:
+    """Names of the sources that the digital side drives: rows, preset, charge switches of all or some columns."""
+    return (
+        *(f"v_d_row{r}" for r in range(rows)),
+        "v_d_preset",
+        *(f"v_d_charge{c}" for c in (range(cols) if columns is None else columns)),
+    )
+
+
+def honours(plan: Plan) -> frozenset[str]:
+    """Record fields that the decks of a plan can express in the views it takes."""
+    blocks = set(plan.views.in_transistors(plan.topology))
+    if _channel_in_transistors(plan.views, plan.topology):
+        blocks |= set(CONVERTER)  # its channel hands on no parameters
+    lost = set().union(*(OF_BLOCK[block] for block in blocks))
+    if plan.topology == "direct" and "integrator" in blocks:
+        lost |= {"v_column_offset_v"}
+    return HONOURS - lost
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What the transistors of a plan's views are not made for, or None."""
+    views, world = plan.views, plan.scene
+    blocks = views.in_transistors(plan.topology)
+    interface, design = world.table.interface, world.design
+    if not blocks:
+        return None
+    if views.columns is not None and len(parts(plan)) == 1 and len(views.columns) < plan.cols:
+        allowed = "every column, where columns see each other: the direct interface, or lateral resistors"
+        return InputError(world.path, "run.views.columns", list(views.columns), allowed)
+    channel = blocks & set(CONVERTER)
+    if plan.topology == "direct" and 0 < len(channel) < len(CONVERTER):
+        block = next(b for b in CONVERTER if b not in channel)
+        allowed = '"sky130" as the rest of the channel: the direct interface has blocks of other sizes'
+        return InputError(world.path, f"run.views.{block}", '"behavioural"', allowed)
+    if plan.topology == "direct" and channel and interface.k != design.interface.k:
+        allowed = f"{design.interface.k}, the size of the sky130 direct interface"
+        return InputError(world.path, "interface.k", interface.k, allowed)
+    if not channel and "conveyor" not in blocks:
+        return None
+    for key, made in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
+        if (value := getattr(interface, key)) != made:
+            allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
+            return InputError(world.path, f"interface.{key}", value, allowed)
+    return None
+
+
+def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
+    """Columns by the circuit that has them: circuits that may be solved apart.
+
+    Transistors cost by the device and by the step, and every column has its own instants to step on. Columns behind
+    conveyors stand at their virtual grounds, so a column sees of the others no more than what they draw from the rows;
+    lateral resistors and the direct interface tie them together. Models by themselves are solved fastest together.
+    """
+    columns = range(plan.cols)
+    heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
+    if (
+        not heavy
+        or plan.topology == "direct"
+        or {"g_lateral_row_s", "g_lateral_column_s"} & plan.active_fields()
+    ):
+        return (tuple(columns),)
+    light = tuple(c for c in columns if c not in heavy)
+    return (*((c,) for c in heavy), *((light,) if light else ()))
+
+
+def _channel_in_transistors(views: Views, topology: str) -> bool:
+    """Whether the file of the channel is that of the transistors: with its conveyor, or in one piece if direct."""
+    blocks = views.in_transistors(topology)
+    return ("conveyor" if topology != "direct" else "integrator") in blocks
+
+
+def _includes(views: Views, topology: str) -> Iterator[str]:
+    """The lines that bring the blocks of a deck, each from the folder of its view."""
+    blocks = views.in_transistors(topology)
+    yield f'.include "{SPICE / "design.inc"}"'
+    if not blocks:
+        yield f'.include "{SPICE / "behavioural" / "blocks.inc"}"'
+        return
+    yield f'.include "{sky130.models(views.corner)}"'
+    yield f".temp {spice_number(views.temperature_c)}"
+    yield from (f'.include "{SPICE / "sky130" / name}"' for name in ("devices.inc", "bias.sp", "ota.sp"))
+    fine = blocks >= set(CONVERTER)
+    where = {
+        "row_driver": ("row_driver.sp",),
+        "conveyor": ("conveyor.sp", "conveyor_multi.sp", "mirror.sp"),
+        **{name: (f"{name}.sp",) for name in CONVERTER},
+    }
+    for block, files in where.items():
+        view = "sky130" if block in blocks else "behavioural"
+        extra = (
+            {"sky130": "offset_null.sp", "behavioural": "mirror_lag.sp"}[view] if block == "conveyor" else ""
+        )
+        yield from (f'.include "{SPICE / view / name}"' for name in (*files, extra) if name)
+    yield f'.include "{SPICE / ("sky130" if fine else "behavioural") / "vfc.sp"}"'
+    channel = "sky130" if _channel_in_transistors(views, topology) else "behavioural"
+    yield f'.include "{SPICE / channel / f"channel_{topology}.sp"}"'
+
+
+def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, float]:
+    """Parameters of one channel that are away from the ideal channel, and the packet."""
+    converter = plan.converter
+    direct = plan.topology == "direct"
+    packet_v = float(converter.packet_v()[column])
+    values = {
+        "i0_a": float(converter.i0_a[column]),
+        "c_int_f": float(converter.c_int_f[column]),
+        # v_preset_v is minus the stored charge, whatever the polarity of the channel
+        "v_preset_v": 0.5 * packet_v - float(converter.preset_error_v[column]),
+    }
+    ideal = {
+        "packet_error": (converter.packet_error, 0.0),
+        "comp_v_offset_v": (converter.v_comp_offset_v, 0.0),
+        "comp_v_hysteresis_v": (converter.v_hysteresis_v, 0.0),
+        "comp_t_delay_s": (converter.t_comp_delay_s, 0.0),
+        "int_v_out_max_v": (converter.v_int_max_v, np.inf),
+        "int_v_out_min_v": (converter.v_int_min_v, -np.inf),
+        "int_t_gbw_s": (converter.t_gbw_s, 0.0),
+    }
+    if direct:
+        ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
+    else:
+        values["k"] = float(converter.k[column])
+        ideal["conv_r_x_ohm"] = (network.r_column_ohm, 0.0)
+        ideal["conv_v_offset_v"] = (network.v_column_offset_v, 0.0)
+        ideal["out_inv_i_range_a"] = (converter.inv_i_range_a, 0.0)
+        ideal["out_q_lag_c"] = (converter.q_mirror_c, 0.0)
+        if plan.topology == "multi_output_conveyor":
+            ideal["conv_gain_error"] = (converter.gain - 1.0, 0.0)
+        else:
+            ideal["mir_ratio_error"] = (converter.gain - 1.0, 0.0)
+    values |= {name: float(v[column]) for name, (v, off) in ideal.items() if v[column] != off}
+    if converter.inv_gain_dc[column]:
+        values["int_gain_dc"] = 1.0 / float(converter.inv_gain_dc[column])
+    if converter.g_in_s[column]:
+        values["int_r_in_ohm"] = 1.0 / float(converter.g_in_s[column])
+    return values
+
+
+def _late_s(plan: Plan) -> NDArray[np.float64]:
+    """How long before the clock each comparator is looked at, in s; 0 where its block has the delay."""
+    delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
+    return np.where(delay > _early_s(plan), delay, 0.0)
+
+
+def _early_s(plan: Plan) -> float:
+    """Delay beyond which a comparator is looked at earlier, in s."""
+    return _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz
+
+
+def _assignments(values: Mapping[str, float]) -> str:
+    return " ".join(f"{name}={spice_number(value)}" for name, value in values.items())
+
+
+def frame_deck(
+    plan: Plan,
+    frame: int,
+    levels: Sequence[float],
+    *,
+    record: bool = False,
+    columns: Sequence[int] | None = None,
+) -> Deck:
+    """Write the deck of one frame.
+
+    Parameters
+    ----------
+    plan : Plan
+    frame : int
+        Which frame's resistances stand in the array.
+    levels : sequence of float
+        Value of every source at time zero, in the order of `source_names`, of all columns.
+    record : bool
+        Probe the integrators as well, for waveforms.
+    columns : sequence of int, optional
+        Those that the deck has channels for (see `parts`). The others end at their virtual grounds.
+
+    Returns
+    -------
+    Deck
+        Its probes are the comparator outputs, then, if recorded, the integrator outputs.
+    """
+    network = plan.network(frame)
+    rows, cols = network.rows, network.cols
+    columns = tuple(range(cols)) if columns is None else tuple(columns)
+    views = plan.views.at(columns)
+    transistors = views.in_transistors(plan.topology)
+    direct = plan.topology == "direct"
+    supply = plan.scene.design.supply
+    lines = [
+        f"dermis frame {frame}: {rows} x {cols}, {plan.topology}",
+        *_includes(views, plan.topology),
+        f".param converter_f_clk_hz={spice_number(plan.timing.f_clk_hz)}",
+        f"vdd vdd 0 {spice_number(supply.vdd_v * views.supply_scale)}",
+        f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
+        f"vbias vbias 0 {_bias(plan, frame)}",
+    ]
+    late = _late_s(plan)[list(columns)]
+    if late.any():
+        lines.append(f".param comparator_early_s={spice_number(_early_s(plan))}")
+    if transistors:
+        lines += sky130.REFERENCE
+    else:
+        lines.append("vibias ibias 0 0")
+    # A dc value beside `external` crashes libngspice 39.
+    names = source_names(rows, cols, columns)
+    lines += [f"{name} {name[2:]} 0 external" for name in names]
+    if "row_driver" in transistors:
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 vdd vss row_driver" for r in range(rows)]
+    else:
+        driver = {
+            "r_on_ohm": float(network.r_row_driven_ohm),
+            "r_ground_ohm": min(float(network.r_row_grounded_ohm), 1e18),  # inf: floating
+            "v_bias_v": float(network.v_bias_v),
+        }
+        if plan.drive.ripple:
+            driver["follow"] = 1
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
+
+    lines += _array(plan, frame, network)
+    if network.c_row_f:
+        lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
+    if network.c_column_f:
+        lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in columns]
+    pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in range(cols)]
+    lines.append(f"xarray {' '.join(pins)} array")
+    lines += [line for c in range(cols) if c not in columns for line in _far_column(plan, network, c)]
+
+    for c in columns:
+        node = f"col{c}"
+        if direct and network.r_column_ohm[c]:
+            node = f"vg{c}"
+            lines.append(f"rcolumn{c} col{c} {node} {spice_number(float(network.r_column_ohm[c]))}")
+        if leak := float(network.i_leak_a[c]):
+            lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
+        if _channel_in_transistors(views, plan.topology):
+            values = _assignments({"k": plan.scene.table.interface.k})
+        else:
+            values = _assignments(_channel_parameters(plan, network, c))
+        lines.append(
+            f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}"
+        )
+        if offset := float(plan.converter.i_offset_a[c]):
+            summing = node if direct else f"xch{c}.v_sum"
+            lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
+    # Beside transistors neither tolerances nor edges are those of a clamp: gates are driven by edges that a chip has,
+    # and what 1 ns of ramp moves is below their own tolerances.
+    bites = not transistors and plan.converter.range_bites()
+    if transistors:
+        lines.append(transistor_options())
+    else:
+        i0_a = float(plan.converter.i0_a[list(columns)].max())
+        lines.append(options(has_pole(plan), clamp_i0_a=i0_a if bites else None))
+    probes = [f"comp{c}" for c in columns]
+    if record:
+        whole = direct and _channel_in_transistors(views, "direct")
+        probes += [integrator_nodes(c)[whole] for c in columns]
+    abrupt = (True,) * (rows + 1) + (False,) * len(columns)
+    started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
+    edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf
+    late_s = (*late.tolist(), *(0.0,) * (len(probes) - len(late))) if late.any() else ()
+    longest = longest_step_s(plan.drive)
+    return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest, edge_s, late_s)
+
+
+def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
+    """A column whose channel is in another circuit: its virtual ground, behind what the network puts before it.
+
+    Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm off by that change
+    what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V: 0.003 LSB.
+    """
+    r, v = 0.0, 0.0
+    if not plan.views.has_transistors(column, plan.topology):
+        r, v = float(network.r_column_ohm[column]), float(network.v_column_offset_v[column])
+    end = f"far{column}" if r else f"col{column}"
+    if r:
+        yield f"rfar{column} col{column} {end} {spice_number(r)}"
+    yield f"vfar{column} {end} 0 {spice_number(v)}"
+
+
+def _bias(plan: Plan, frame: int) -> str:
+    """The bias: a number, or a sine whose phase at the frame's first instant carries on from the frame before."""
+    drive, level = plan.drive, plan.v_bias_v
+    if not drive.ripple:
+        return spice_number(level)
+    if not drive.f_ripple_hz:  # ngspice would take one period a transient
+        return spice_number(level * (1.0 + drive.ripple * math.sin(drive.phase_ripple_rad)))
+    turns = drive.turns(plan.first_frame + frame, plan.timing.break_clocks, plan.timing.f_clk_hz)
+    phase = math.degrees(drive.phase_ripple_rad) + 360.0 * turns
+    numbers = (level, drive.ripple * level, drive.f_ripple_hz, 0.0, 0.0, phase)
+    return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
+
+
+def _array(plan: Plan, frame: int, network: Network) -> list[str]:
+    """The array of one frame; its taxels move to those of the next frame if the plan says so."""
+    slope = None
+    g_taxel_s = network.g_taxel_s
+    floor = plan.scene.design.array.r_floor_ohm
+    if plan.drive.motion:
+        now, then = (
+            np.minimum(g, 1.0 / floor)
+            for g in (network.g_taxel_s, plan.next_conductance_s(slice(frame, frame + 1))[0])
+        )
+        slope = (then - now) / plan.drive.t_frame_s
+        g_taxel_s = now + slope * (plan.timing.break_clocks / plan.timing.f_clk_hz)
+    with np.errstate(divide="ignore"):
+        resistance = np.divide(1.0, g_taxel_s)
+        row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
+    text = array_subckt(
+        network.rows,
+        network.cols,
+        resistance,
+        row,
+        design=plan.scene.design,
+        lateral_column_ohm=column,
+        trace_row_ohm=float(network.r_trace_row_ohm),
+        trace_column_ohm=float(network.r_trace_column_ohm),
+        taxel_f=float(network.c_taxel_f),
+        slope_s_per_s=slope,
+    )
+    return text.splitlines()
+
+
+def transistor_options() -> str:
+    """The `.options` line of a deck with transistors in it."""
+    return f".options {_assignments(OPTIONS_TRANSISTORS)}"
+
+
+def options(pole: bool, clamp_i0_a: float | None = None) -> str:
+    """The `.options` line of a deck with a time constant besides its integrators, without, or with a biting clamp.
+
+    `clamp_i0_a` is the largest reference current, in A, of a deck with a clamp that bites (abstol goes with it), else
+    None.
+    """
+    if clamp_i0_a is not None:
+        # The reason of abstol is that of _ABSTOL_CLAMP.
+        return ".options " + _assignments({**_OPTIONS_CLAMP, "abstol": _ABSTOL_CLAMP * clamp_i0_a})
+    return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
+
+
+def integrator_node(column: int) -> str:
+    """Name of the integrator output of a channel in the flattened deck."""
+    return integrator_nodes(column)[0]
+
+
+def integrator_nodes(column: int) -> tuple[str, str]:
+    """Its name in every channel but one, and in that of the direct interface in transistors, which is one piece."""
+    return f"xch{column}.xvfc.v_int", f"xch{column}.v_int"
+
+
+# A leak this many clocks long bends a clock's straight line by 1 / (12 n^2) of what it takes: 3e-5 of a packet in all.
+_LEAK_CLOCKS = 50.0
+
+
+def has_pole(plan: Plan) -> bool:
+    """Whether anything in the deck has a time constant besides the integrators that the steps must follow.
+
+    Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror, capacitance, and an integrator
+    that leaks within some clocks. What only moves (ripple, taxels) is followed well enough by steps of a clock, or of
+    `longest_step_s`.
+    """
+    converter = plan.converter
+    clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
+    delayed = converter.t_comp_delay_s - _late_s(plan)
+    fields = (delayed, converter.v_hysteresis_v, converter.t_gbw_s, converter.q_mirror_c)
+    capacitances = {"c_row_f", "c_column_f", "c_taxel_f"} & plan.surrounding.keys()
+    if any(np.any(f) for f in fields) or np.any(clamped) or any(plan.surrounding[c] for c in capacitances):
+        return True
+    if not converter.inv_gain_dc.any():
+        return False
+    across = converter.g_in_s
+    if plan.topology == "direct":
+        across = across + plan.conductance_s().sum(axis=1).max(axis=0)
+    leak = across * converter.inv_gain_dc / (converter.c_int_f * converter.f_clk_hz)
+    return bool(np.any(leak * _LEAK_CLOCKS > 1.0))
+
+
+def longest_step_s(drive: Drive) -> float:
+    """A fortieth of a period of the ripple, whose area trapezoids then have to 0.2 %; inf without."""
+    return 1.0 / (40.0 * drive.f_ripple_hz) if drive.ripple and drive.f_ripple_hz else math.inf

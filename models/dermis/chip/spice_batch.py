@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Batch decks through ngspice: run with a limit, on the ladder, and every `.meas` either a finite number or an error.
+
+ngspice's exit code says nothing: it is 0 when a `.meas` fails and when a transient is given up half way, whose
+measurements then look as good as any.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dermis.chip import ladder
+from dermis.errors import InputError, SimulatorError
+from dermis.processes.children import run_child
+
+_MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
+_PRINT = re.compile(r"^print\s+(\w+)\s*$", re.MULTILINE | re.IGNORECASE)
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+_RESULT = re.compile(rf"^(\w+)\s*=\s+({_NUMBER})\b", re.MULTILINE | re.IGNORECASE)
+_ABORT = re.compile(
+    r"^.*(?:timestep too small|no convergence|simulation\(s\) aborted|analysis failed|iteration limit|"
+    r"matrix is singular).*$",
+    re.MULTILINE | re.IGNORECASE,
+)
+_ERROR = re.compile(
+    r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined|out of interval).*$",
+    re.MULTILINE | re.IGNORECASE,
+)
+_TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
+# ngspice asks OpenMP for two threads for its transistors, whatever OMP_NUM_THREADS says: where another process wants a
+# core as well they wait for each other by spinning, and a deck takes ten times as long.
+_ENVIRONMENT = {"NGSPICE_MEAS_PRECISION": "15", "OMP_THREAD_LIMIT": "1"}
+_SECTION = re.compile(r"^\s*\.(?:control|end)\b", re.MULTILINE | re.IGNORECASE)
+_GUESSED = re.compile(r"^\t(\d+)\t(\S+)\tvoltage", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a deck measured.
+
+    Attributes
+    ----------
+    values : by name of its `.meas`, in lower case
+    retries : attempts that ngspice gave up before (docs/ladder.md); they went to stderr as well
+    """
+
+    values: Mapping[str, float]
+    retries: tuple[ladder.Retry, ...]
+
+
+def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -> Measured:
+    """Run a deck and return what each of its `.meas` found, and each `print name` of its control section.
+
+    Parameters
+    ----------
+    deck : Path
+        Its folder receives what is run, ``<name>.run.sp``, and the log, ``<name>.log``.
+    limit_s : float
+        Wall-clock limit of every attempt.
+    level : ladder.Level
+        Where on the ladder it begins: higher where the lower rungs are known to fail.
+
+    Raises
+    ------
+    InputError
+        No ngspice on the path.
+    SimulatorError
+        ngspice stopped on every rung, took too long, or did not measure something.
+    """
+    tool = shutil.which("ngspice")
+    if tool is None:
+        raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
+    way = ladder.Climb(deck.stem, level)
+    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), way)
+    return Measured(values, tuple(way.retries))
+
+
+def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict[str, float]:
+    log = deck.with_suffix(".log")
+    text = deck.read_text()
+    wanted = [name.lower() for _, name in _MEAS.findall(text)]
+    printed = [name.lower() for name in _PRINT.findall(text)]
+    # ngspice prints 7 digits of what it finds, whatever it is asked; of a formula it prints as many as asked.
+    text = _MEAS.sub(r"\g<0>\n.meas \1 full_\2 param='\2'", text)
+    start, extra = ladder.START[level.start], list(level.option_lines)
+    if start.guess:
+        extra += _guess(tool, deck, text, extra, limit_s)
+        start = ladder.START[0]
+    said, code = _ngspice(tool, deck, _with(text, extra, [start.optran]), limit_s)
+    if found := _ABORT.search(said):
+        time = _TIME.search(said)
+        steps = time is not None or "initial timepoint" in said
+        raise ladder.Abort(
+            "steps" if steps else "start",
+            _trouble(said, found[0]),
+            float(time[1]) if time else 0.0,
+            ladder.node_of(said),
+            log,
+        )
+    values = {name.lower(): float(value) for name, value in _RESULT.findall(said)}
+    missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
+    missing += [n for n in printed if not math.isfinite(values.get(n, math.nan))]
+    if missing:
+        error = _ERROR.search(said)
+        why = f": {error[0].strip()}" if error else ""
+        raise SimulatorError(f"ngspice, {deck.stem}: did not measure {', '.join(missing)}{why}", log)
+    if code:
+        raise SimulatorError(f"ngspice, {deck.stem}: exit code {code}", log)
+    return {name: values[f"full_{name}"] for name in wanted} | {name: values[name] for name in printed}
+
+
+def _ngspice(tool: str, deck: Path, text: str, limit_s: float) -> tuple[str, int]:
+    """Run a text in the folder of a deck; return what ngspice said, and its exit code."""
+    log, work = deck.with_suffix(".log"), deck.with_suffix(".run.sp")
+    work.write_text(text)
+    log.unlink(missing_ok=True)
+    code = run_child([tool, "-b", work.name], deck.parent, log, limit_s, _ENVIRONMENT)
+    said = log.read_text(errors="replace")
+    if code is None:
+        raise SimulatorError(f"ngspice, {deck.stem}: not done after {limit_s:g} s", log)
+    if code < 0:
+        raise SimulatorError(f"ngspice, {deck.stem}: ended by signal {-code}", log)
+    return said, code
+
+
+def _with(text: str, lines: list[str], commands: list[str]) -> str:
+    """Put lines behind a deck's own, and commands before its own."""
+    found = _SECTION.search(text)
+    at = found.start() if found else len(text)
+    block = "\n".join([*lines, ".control", *commands, ".endc", ""])
+    return text[:at] + block + text[at:]
+
+
+def _guess(tool: str, deck: Path, text: str, extra: list[str], limit_s: float) -> list[str]:
+    """Nodesets from the end of a hidden transient, that Newton's method has to confirm."""
+    raw = deck.with_suffix(".guess")
+    raw.unlink(missing_ok=True)
+    ramp = next(rung for rung in ladder.START if rung.guess)
+    commands = [ramp.optran, "op", "set filetype=ascii", f"write {raw.name}", "quit"]
+    _ngspice(tool, deck, _with(text, extra, commands), limit_s)
+    if not raw.exists():
+        return []
+    head, _, table = raw.read_text().partition("Values:\n")
+    numbers = table.split()[1:]
+    return [
+        f".nodeset {name if name.startswith('v(') else f'v({name})'}={numbers[int(index)]}"
+        for index, name in _GUESSED.findall(head)
+    ]
+
+
+def _trouble(text: str, complaint: str) -> str:
+    """Return ngspice's complaint with the time and the node it names, which may stand on other lines."""
+    parts = [complaint.strip()]
+    for pattern in (r"time\s*=\s*[\d.e+-]+", r"trouble with [^\n;]+", r"singular matrix:[^\n]+"):
+        found = re.search(pattern, text, re.IGNORECASE)
+        if found and found[0] not in parts[0]:
+            parts.append(found[0].strip())
+    return "; ".join(parts)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How SPICE text is written: numbers, folded lines, and the array with every element that a scene may give it."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dermis.errors import InputError
+from dermis.scene import design as design_module
+from dermis.scene.design import Design
+
+
+def spice_number(value: float | int) -> str:
+    """Return a number as a deck may hold it; only finite numbers get there, never text."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{number} cannot stand in a deck")
+    return repr(int(value)) if isinstance(value, int) else repr(number)
+
+
+def array_subckt(
+    rows: int,
+    cols: int,
+    resistance_ohm: ArrayLike | None = None,
+    lateral_ohm: ArrayLike | str | None = None,
+    name: str = "array",
+    design: Design | None = None,
+    *,
+    lateral_column_ohm: float | None = None,
+    trace_row_ohm: float = 0.0,
+    trace_column_ohm: float = 0.0,
+    taxel_f: float = 0.0,
+    slope_s_per_s: ArrayLike | None = None,
+) -> str:
+    """Write the taxel array as a subckt with the pins r0 r1 ... c0 c1 ...
+
+    A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the column
+    line. A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and (3, 5).
+
+    With trace resistance the taxel (3, 4) joins the nodes ``u_r3c4`` of its row line and ``v_r3c4`` of its column
+    line, its inner electrode. Row line 3 runs pin, ``rtrace_row_r3c0``, u_r3c0, ``rtrace_row_r3c1``, u_r3c1 ...;
+    column line 4 runs v_r0c4, ``rtrace_col_r0c4``, v_r1c4 ... last row, its rtrace_col, pin. Only then has a lateral
+    resistor along a column (``rlat_col_r3c4``, to row 4) two ends, and is written.
+
+    Parameters
+    ----------
+    rows, cols
+        Size of the array.
+    resistance_ohm
+        Scalar or [rows, cols] in ohm; inf leaves the element out, what is below array.r_floor_ohm of the
+        design becomes that. None makes each taxel a parameter ``r_r3c4_ohm``, r_max_ohm by default.
+    lateral_ohm
+        Scalar or [rows, cols - 1] in ohm (inf and 0 as above), None to leave the lateral resistors out,
+        "parameter" to make them all ``{r_lateral_ohm}``, a parameter of the subckt.
+    name
+        Name of the subckt.
+    design
+        Where the defaults come from; models/design.toml when None.
+    lateral_column_ohm
+        Lateral resistors along a column, in ohm; None to leave them out.
+    trace_row_ohm, trace_column_ohm
+        Of a row and of a column line a taxel pitch, in ohm; 0 writes no element and makes the line one node.
+    taxel_f
+        Capacitance across every taxel in farad, ``ctaxel_r3c4``; 0 writes none.
+    slope_s_per_s
+        [rows, cols] in siemens a second: how fast conductances change. A taxel that does is a source
+        ``btaxel_r3c4`` and no resistor; its resistance is that at time 0.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, NaN, negative or non-numeric values.
+    """
+    if rows < 1 or cols < 1:
+        raise InputError("array", "rows, cols", f"{rows}, {cols}", "at least 1 each")
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise InputError("array", "name", repr(name), "a lower_snake word")
+    design = design or design_module.load()
+    floor = design.array.r_floor_ohm
+    params: list[str] = []
+    elements: list[str] = []
+
+    def row_node(r: int, c: int) -> str:
+        return f"u_r{r}c{c}" if trace_row_ohm else f"r{r}"
+
+    def inner(r: int, c: int) -> str:
+        return f"v_r{r}c{c}" if trace_column_ohm else f"c{c}"
+
+    cells = [(r, c) for r in range(rows) for c in range(cols)]
+    if resistance_ohm is None:
+        default = spice_number(design.sensor.r_max_ohm)
+        params += [f"r_r{r}c{c}_ohm={default}" for r, c in cells]
+        elements += [f"rtaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {{r_r{r}c{c}_ohm}}" for r, c in cells]
+    else:
+        slope = np.zeros((rows, cols)) if slope_s_per_s is None else np.asarray(slope_s_per_s, dtype=float)
+        if slope.shape != (rows, cols) or not np.isfinite(slope).all():
+            raise InputError(
+                "array", "slope_s_per_s", f"shape {slope.shape}", f"finite, shape {(rows, cols)}"
+            )
+        for (r, c), ohm in _resistances("resistance_ohm", resistance_ohm, (rows, cols)):
+            ends = f"{row_node(r, c)} {inner(r, c)}"
+            if slope[r, c]:
+                start, rate = spice_number(1.0 / max(ohm, floor)), spice_number(float(slope[r, c]))
+                across = ends.replace(" ", ",")
+                elements.append(f"btaxel_r{r}c{c} {ends} i = v({across})*({start} + ({rate})*time)")
+            elif math.isfinite(ohm):
+                elements.append(f"rtaxel_r{r}c{c} {ends} {spice_number(max(ohm, floor))}")
+    if taxel_f:
+        elements += [
+            f"ctaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {spice_number(float(taxel_f))}" for r, c in cells
+        ]
+
+    if isinstance(lateral_ohm, str):
+        if lateral_ohm != "parameter":
+            raise InputError("array", "lateral_ohm", repr(lateral_ohm), 'a number, None or "parameter"')
+        params.append(f"r_lateral_ohm={spice_number(design.array.r_lateral_ohm)}")
+        for r in range(rows):
+            elements += [
+                f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {{r_lateral_ohm}}" for c in range(cols - 1)
+            ]
+    elif lateral_ohm is not None:
+        for (r, c), ohm in _resistances("lateral_ohm", lateral_ohm, (rows, cols - 1)):
+            if math.isfinite(ohm):
+                elements.append(
+                    f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {spice_number(max(ohm, floor))}"
+                )
+    if trace_column_ohm and lateral_column_ohm is not None:
+        for (r, c), ohm in _resistances("lateral_column_ohm", lateral_column_ohm, (rows - 1, cols)):
+            if math.isfinite(ohm):
+                elements.append(
+                    f"rlat_col_r{r}c{c} {inner(r, c)} {inner(r + 1, c)} {spice_number(max(ohm, floor))}"
+                )
+    if trace_row_ohm:
+        segment = spice_number(float(trace_row_ohm))
+        for r, c in cells:
+            before = row_node(r, c - 1) if c else f"r{r}"
+            elements.append(f"rtrace_row_r{r}c{c} {before} {row_node(r, c)} {segment}")
+    if trace_column_ohm:
+        segment = spice_number(float(trace_column_ohm))
+        for r, c in cells:
+            behind = inner(r + 1, c) if r + 1 < rows else f"c{c}"
+            elements.append(f"rtrace_col_r{r}c{c} {inner(r, c)} {behind} {segment}")
+
+    head = [f".subckt {name}"]
+    head += _folded([f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)], 16)
+    if params:
+        head += _folded([f"params: {params[0]}", *params[1:]], 4)
+    return "\n".join([*head, *elements, f".ends {name}", ""])
+
+
+def _resistances(key: str, values: ArrayLike, shape: tuple[int, int]) -> list[tuple[tuple[int, int], float]]:
+    try:
+        table = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError("array", key, "(not numeric)", "numbers in ohm") from None
+    if table.ndim == 0:
+        table = np.broadcast_to(table, shape)
+    if table.shape != shape:
+        raise InputError("array", key, f"shape {table.shape}", f"shape {shape}")
+    bad = np.argwhere(~(table >= 0))
+    if len(bad):
+        r, c = map(int, bad[0])
+        value = repr(float(table[r, c]))
+        raise InputError("array", f"{key}[{r}, {c}]", value, "0 ohm or more, inf for an open taxel")
+    return [((r, c), float(table[r, c])) for r in range(shape[0]) for c in range(shape[1])]
+
+
+def _folded(words: list[str], per_line: int) -> list[str]:
+    return ["+ " + " ".join(words[i : i + per_line]) for i in range(0, len(words), per_line)]

@@ -1,0 +1,437 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the columns of the direct interface do to each other through virtual grounds that give way.
+
+Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground gives way to flows
+through the array into the others. Engine event has each column feel the mean of the others' charge over a gate; what
+that leaves open is bounded in counts, and refused by name beyond one (docs/event.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array import float_flags
+from dermis.array.array import Network, in_range
+from dermis.converter.vfc import W_PRESET, Converter
+from dermis.errors import InputError
+from dermis.records import Plan
+
+Floats = NDArray[np.float64]
+
+# Conductance of a short across a virtual ground: any integrator loses all its charge through it.
+G_ACROSS_S = 1e12
+# Duty that no neighbour moves back into the range of codes.
+_X_SATURATED = 0.6
+# Counts to which the coupling of columns must have settled after so many repetitions, and below which it has.
+_SETTLED = 1.0
+_REPEATS = 6
+_UNMOVED = 0.01
+# What of a change of duties may come back to them without a word: repetitions multiply a rounding by its powers, and
+# some hundred of 1e-16 are no part of a count.
+_CLOSE = 2.0
+
+# Fields that make the virtual ground of one column see the others.
+COUPLING = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "g_lateral_row_s",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+    }
+)
+
+
+def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
+    """Conductance matrix between the virtual grounds of the columns, [frames, rows or 1, cols, cols].
+
+    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are driven one
+    after the other (one matrix for all where driven and grounded rows hang on the same resistance). Trace
+    resistance is counted as if each taxel were alone on its two lines.
+    """
+    network = in_range(network)
+    rows, cols = network.rows, network.cols
+    g = _behind_lines(network, np.minimum(g_frames_s, G_ACROSS_S))
+    resistance = np.full((1, rows), network.r_row_grounded_ohm)
+    if network.r_row_driven_ohm != network.r_row_grounded_ohm:
+        resistance = np.full((rows, rows), network.r_row_grounded_ohm)
+        np.fill_diagonal(resistance, network.r_row_driven_ohm)
+    # A row is a star: what it takes from a column goes on to others and, where it hangs on something, to ground.
+    total = g.sum(axis=2)[:, None, :]
+    floats = np.isinf(resistance)
+    tied = np.where(floats, 0.0, resistance)
+    onward = np.divide(
+        np.where(floats, 1.0, tied), np.where(floats, total, 1.0 + tied * total),
+        out=np.zeros(np.broadcast_shapes(total.shape, tied.shape)), where=~floats | (total > 0),
+    )  # fmt: skip
+    # [frames, driven, cols, cols], a product of its own each: the digits do not hang on how many there are.
+    link = np.matmul(g.transpose(0, 2, 1)[:, None] * onward[:, :, None, :], g[:, None])
+    ground = np.matmul(np.where(floats, 0.0, 1.0 / (1.0 + tied * total)), g)
+    beside = np.arange(cols - 1)
+    lateral = min(rows * network.g_lateral_row_s, G_ACROSS_S)
+    link[..., beside, beside + 1] += lateral
+    link[..., beside + 1, beside] += lateral
+    own = np.arange(cols)
+    link[..., own, own] = 0.0
+    if network.r_column_ohm.any():
+        link, ground = _behind_inputs(link, ground, network.r_column_ohm)
+    matrix = -link
+    matrix[..., own, own] = link.sum(axis=-1) + ground
+    return matrix
+
+
+# Conductance of a column input of no resistance: harder than any taxel here, and products of two stay finite.
+_G_HARD_S = 1e30
+
+
+def _behind_inputs(link: Floats, ground: Floats, r_column_ohm: Floats) -> tuple[Floats, Floats]:
+    """Conductances between the far ends of the column inputs, [..., cols, cols], and from them to ground.
+
+    Every column line is taken out of the net by a star-mesh step: sums only, so shorts beside opens cost no digit.
+    """
+    cols = link.shape[-1]
+    inputs = 1.0 / np.maximum(r_column_ohm, 1.0 / _G_HARD_S)
+    # From each line to the lines, to the far ends of the inputs, to ground.
+    work = np.concatenate([link, np.zeros_like(link), ground[..., None]], axis=-1)
+    own = np.arange(cols)
+    work[..., own, cols + own] = inputs
+    out = np.zeros((*link.shape[:-1], cols + 1))
+    for k in range(cols):
+        star = work[..., k, k + 1 :]
+        share = star / star.sum(axis=-1, keepdims=True)
+        work[..., k + 1 :, k + 1 :] += work[..., k + 1 :, k, None] * share[..., None, :]
+        out += star[..., cols - k - 1 : -1, None] * share[..., None, cols - k - 1 :]
+    link = out[..., :cols]
+    link[..., own, own] = 0.0
+    return link, out[..., cols]
+
+
+def _behind_lines(network: Network, g: Floats) -> Floats:
+    along = network.r_trace_row_ohm * np.arange(1, network.cols + 1)
+    down = network.r_trace_column_ohm * np.arange(network.rows, 0, -1)
+    return g / (1.0 + g * (along + down[:, None]))
+
+
+class Way(NamedTuple):
+    """How far duties go in a gate, `low` and `high` [frames, rows, cols], and the conductances behind it, or None."""
+
+    low: Floats
+    high: Floats
+    g_behind: Floats | None
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """What the columns of some frames do to each other.
+
+    `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames, rows, cols]:
+    packets a clock from the others, each taken at the mean of its charge over the gate. `known` [frames, rows, 1]:
+    counts in a gate by which the last repetition moved them, or may have, where columns hang so closely together, as
+    by a short, that rounding may move `x` by as much, and so may their order; else 0.
+    """
+
+    across_s: Floats
+    x: Floats
+    known: Floats
+
+
+def couples(plan: Plan) -> bool:
+    """Whether columns of a plan feel each other."""
+    active = plan.active_fields()
+    return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
+
+
+def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupling | None:
+    """The coupling of frames whose duties are x [frames, rows, cols], infinite ones too; None where there is none.
+
+    A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
+    It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
+    where that has not settled to a count, or where the way to that mean could move a code by more, is refused.
+    `way` is for duties that change within a gate; x is their mean then.
+
+    Raises
+    ------
+    InputError
+        See above.
+    """
+    if not couples(plan):
+        return None
+    most_x = plan.converter.drowning()
+    x = np.clip(x, -most_x, most_x)
+    low, high = (x, x) if way is None else (np.clip(v, -most_x, most_x) for v in (way.low, way.high))
+    columns = _Columns(plan, g, way)
+    settled = columns.settle(x)
+    doubts = columns.doubts(settled, x, low, high)
+    # What saturates does so whatever its neighbours do, and so does what stays dark.
+    full = _X_SATURATED * np.maximum(1.0 + plan.converter.packet_error, 1.0)
+    bright = columns.clocks * (settled.left + high - x) + doubts > columns.level - columns.start
+    doubt = np.where((low <= full) & bright, doubts, 0.0).max()
+    if doubt > _SETTLED:
+        active = plan.active_fields()
+        names = {name for field in COUPLING & active for name in plan.effects_of_field(field)}
+        raise InputError(
+            plan.scene.path,
+            "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
+            f"on together with {', '.join(sorted(names))}",
+            f"what columns of topology direct do to each other known to {_SETTLED:g} count in engines event "
+            f"and rtl, here {doubt:.2g}; engine cosim takes any",
+        )
+    return Coupling(columns.across_s, settled.others, columns.known(settled))
+
+
+class _Settled(NamedTuple):
+    """Where repetition ends, [frames, rows, cols] each.
+
+    Packets a clock from the `others`, and one repetition `before`; the duty that it `left`, and the `mean` charge over
+    the gate at that duty.
+    """
+
+    others: Floats
+    before: Floats
+    left: Floats
+    mean: Floats
+
+
+class _Columns:
+    """The columns of some frames with all that ties them together, in packets and clocks.
+
+    Parameters
+    ----------
+    plan : Plan
+    g : ndarray
+        Taxels, [frames, rows, cols] in siemens.
+    way : Way or None
+        Where duties change within a gate.
+    """
+
+    def __init__(self, plan: Plan, g: Floats, way: Way | None) -> None:
+        self._plan, self._g, self._converter, self._moves = plan, g, plan.converter, way is not None
+        self.clocks = plan.timing.gate_clocks
+        converter, network = plan.converter, plan.network(0)
+        a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
+        # Packets a clock through 1 S for a packet that stands in the integrator, and packets through it for one by
+        # which the output moves: with finite bandwidth the virtual ground stands off by the slope of the output.
+        self._per_clock = a_clock * converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
+        self._per_swing = a_clock * converter.t_gbw_s * converter.f_clk_hz
+        matrix = seen_from_grounds(network, g)
+        own = np.arange(plan.cols)
+        self.across_s = matrix[..., own, own].copy()
+        # What a packet a clock more brings back, as long as it sends no packet away.
+        slope = 0.5 * self.clocks * self._per_clock + self._per_swing
+        self._closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
+        # Counts by which what a column loses to its own taxels changes on the way.
+        self._drift = np.zeros(1)
+        links = np.abs(matrix)
+        if way is not None and way.g_behind is not None:
+            behind = seen_from_grounds(network, way.g_behind)
+            # Until the gate is over a virtual ground may be anywhere within a packet.
+            self._drift = (
+                self.clocks * np.matmul(np.abs(behind - matrix), self._per_clock[:, np.newaxis])[..., 0]
+            )
+            links = np.maximum(links, np.abs(behind))
+        matrix[..., own, own] = links[..., own, own] = 0.0
+        shape = (*g.shape, plan.cols)
+        self._matrix, self._links = np.broadcast_to(matrix, shape), np.broadcast_to(links, shape)
+        self._low, self._high = _biting(converter)
+        self.start = W_PRESET + converter.preset_error_v / converter.packet_v()
+        self._held = np.clip(self.start, self._low, self._high)
+        rise_v = converter.v_comp_offset_v + converter.v_hysteresis_v / 2
+        self.level = rise_v * (1.0 + converter.inv_gain_dc) / converter.packet_v()
+        self._most_ones = (self.clocks + 1) / 2
+
+    def settle(self, x: Floats) -> _Settled:
+        """Repeat until duties x no longer move each other.
+
+        A frame that no longer moves is left as it is, so that its result does not hang on the frames beside it.
+        """
+        # What is left to move grows where a range bites, see `doubts`.
+        bites = self._converter.range_bites()
+        unmoved = _UNMOVED / (1.0 + self._most_ones) if bites else _UNMOVED
+        others, before = np.zeros_like(x), np.zeros_like(x)
+        left, moves = x, np.ones((x.shape[0], 1, 1), dtype=bool)
+        for _ in range(_REPEATS):
+            mean, end = self._over_gate(left)
+            given = mean * self._per_clock + (end - self._held) * self._per_swing / self.clocks
+            before = np.where(moves, others, before)
+            others = np.where(moves, -np.matmul(self._matrix, given[..., np.newaxis])[..., 0], others)
+            left = np.where(moves, x + others - self.across_s * given, left)
+            moves = moves & (self.clocks * np.abs(others - before).max(axis=(1, 2), keepdims=True) >= unmoved)
+            if not moves.any():
+                break
+        return _Settled(others, before, left, mean)
+
+    def known(self, settled: _Settled) -> Floats:
+        """`Coupling.known`."""
+        last = self.clocks * np.abs(settled.others - settled.before).max(axis=2, keepdims=True)
+        return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
+
+    def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
+        """Counts [frames, rows, cols] by which a column may be off, where duties of mean x go from `low` to `high`."""
+        clocks, left = self.clocks, settled.left
+        doubts = clocks * np.abs(settled.others - settled.before) + self._drift
+        doubts = doubts + self._in_traces() + self._on_the_way(np.minimum(low, left))
+        # How far means go with duties that are off by all that is allowed: near a simple ratio of whole numbers a
+        # phase stands still for a gate, and the mean with it.
+        least, most = left - _SETTLED / clocks, left + _SETTLED / clocks
+        at_least, at_most = (self._over_gate(v)[0] for v in (least, most))
+        moved = np.maximum(np.abs(at_least - settled.mean), np.abs(at_most - settled.mean))
+        moved = moved + self._unsure(low, high)
+        given = moved * self._per_clock + self._wound_up(least + (low - x), most + (high - x), settled.mean)
+        doubts = doubts + clocks * np.matmul(self._links, given[..., np.newaxis])[..., 0]
+        if self._converter.range_bites():
+            # Where charge is lost every packet may lose as much again as it is off, as in `displacement.counts`.
+            ones = np.clip(clocks * left + 1.0, 1.0, self._most_ones)
+            doubts = np.where(self._meets_range(left, doubts), doubts * (1.0 + ones), doubts)
+        return doubts
+
+    def _in_traces(self) -> Floats | float:
+        """Counts by which traces may be off: reckoned one taxel at a time, at most as wrong as all they do."""
+        if not self._plan.active_fields() & {"r_trace_row_ohm", "r_trace_column_ohm"}:
+            return 0.0
+        alone = np.minimum(self._g, G_ACROSS_S)
+        in_line = _behind_lines(self._plan.network(0), alone)
+        off = in_line * (1.0 - np.divide(in_line, alone, out=np.ones_like(alone), where=alone > 0))
+        return 0.25 * self.clocks * off.sum(axis=1)[:, None, :] * self._per_clock
+
+    def _on_the_way(self, slower: Floats) -> Floats:
+        """Counts by which what comes through links differs from its mean on the way through a gate.
+
+        The charge of a column swings by a packet in a period, of the duty `slower` at least, and the sum of what it
+        gives is off by half a swing times a period: its own before it sends its next packet, or that of who takes it.
+        """
+        converter, clocks = self._converter, self.clocks
+        duty = np.clip(slower, 0.0, 0.5)
+        swing = np.minimum(clocks * duty, 1.0 + np.abs(converter.packet_error))
+        start = (converter.preset_error_v - converter.v_comp_offset_v) / converter.packet_v() + W_PRESET
+        away = np.maximum(np.abs(start) - 1.0, 0.0)  # it may take all of a gate to come back from there
+        period = np.minimum(1.0 / np.maximum(duty, 1.0 / clocks), clocks)
+        longer = np.maximum(period[..., np.newaxis], period[..., np.newaxis, :])
+        course = 0.5 * np.matmul(self._links * longer, (swing * self._per_clock)[..., np.newaxis])[..., 0]
+        swings = 0.5 * clocks * away * self._per_clock + (swing + away) * self._per_swing
+        return course + np.matmul(self._links, swings[..., np.newaxis])[..., 0]
+
+    def _unsure(self, low: Floats, high: Floats) -> Floats:
+        """Packets by which the mean charge of columns may stand off that of the walk over a gate.
+
+        For packets of another size, noise at levels and starts, samples and outputs that are late, a window wider than
+        a packet, and duties that move between `low` and `high`.
+        """
+        converter = self._converter
+        noise = 3.0 * (converter.v_comp_noise_v + converter.v_preset_noise_v) / converter.packet_v()
+        window = np.maximum(converter.v_hysteresis_v / converter.packet_v() - 1.0, 0.0)
+        late = (converter.t_comp_delay_s + converter.t_gbw_s) * converter.f_clk_hz
+        duty = np.clip(high, 0.0, 0.5)
+        moves = np.minimum(self.clocks * (high - low), 1.0)
+        return (
+            np.abs(converter.packet_error) + noise + window + (0.5 + late) * duty + moves * 0.5 * (1.0 + duty)
+        )
+
+    def _wound_up(self, least: Floats, most: Floats, mean: Floats) -> Floats:
+        """Packets a clock at most that come through 1 S from columns whose packets do not take all that comes, beyond
+        what comes with the means of the walk, where duties are between `least` and `most`.
+
+        What comes beyond a packet every second clock, or below nothing, stays in the integrator up to its range, and
+        `_walk_over_gate` keeps none of it. No virtual ground moves further than the bias.
+        """
+        plan, converter, clocks = self._plan, self._converter, self.clocks
+        taken = 0.5 * np.minimum(1.0 + converter.packet_error, 1.0)
+        ends = converter.range_v() / converter.packet_v()
+        given = np.zeros_like(mean)
+        for end, beyond in zip(ends, (-least, most - taken), strict=True):
+            pile, room = clocks * np.maximum(beyond, 0.0), np.abs(end - mean)
+            through = np.minimum(0.5 * pile, room) * self._per_clock
+            through = through + np.minimum(pile, room) * self._per_swing / clocks
+            given = np.maximum(given, through)
+        bias_v = plan.v_bias_v * (1.0 + abs(plan.drive.ripple))
+        return np.minimum(given, bias_v / (converter.k * converter.i0_a))
+
+    def _meets_range(self, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
+        """Where charge may meet a range that bites, with so many counts of doubt in a gate."""
+        converter = self._converter
+        levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
+        slack = (
+            levels_v * (1.0 + converter.inv_gain_dc) / converter.packet_v()
+            + converter.t_comp_delay_s * converter.f_clk_hz
+            + np.minimum(1.0, converter.t_gbw_s * converter.f_clk_hz)
+            + np.abs(converter.packet_error)
+        )
+        # A packet is gone two clocks behind the decision for it.
+        duty = np.clip(x, 0.0, 0.5)
+        top, bottom = 2.0 * duty + slack, 2.0 * duty - 1.0 - slack
+        off = doubts / self.clocks
+        above = np.maximum(top, self._held) + off > self._high
+        below = np.minimum(bottom, self._held) - off < self._low
+        # The duty is another one later in the gate.
+        return above | below | (x < 0.0) | self._moves
+
+    def _over_gate(self, x: Floats) -> tuple[Floats, Floats]:
+        """Mean of the charge over a gate, and its end, of converters of duties x with nothing on but a range."""
+        mean, end = np.empty_like(x), np.empty_like(x)
+        ends = (self._held, self.level, self._low, self._high)
+        start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
+        with float_flags.watch("event_columns._walk_over_gate"):
+            _walk_over_gate(np.ascontiguousarray(x), start, level, low, high, self.clocks, mean, end)
+        return mean, end
+
+
+def _biting(converter: Converter) -> Floats:
+    """Lower and upper end of the charge in packets, [2, cols]; none where no range bites."""
+    if not converter.range_bites():
+        return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
+    return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
+    """Mean of the charge over a gate, and its end, of a converter whose charge stops at low and high."""
+    w, total, now, before = start, 0.0, False, False
+    for _ in range(clocks):
+        # The packet of the decision two edges ago is flowing in this clock.
+        current = x - 1.0 if before else x
+        then = w + current
+        stop = min(max(then, low), high)
+        # Part of the clock until it stops. Compilers divide either way: never nothing by nothing.
+        way = abs(stop - w) / max(abs(current), 1e-300)
+        way = way if stop != then else 1.0
+        total += 0.5 * (w + stop) * way + stop * (1.0 - way)
+        # Roundings of a sum of charges do not decide.
+        w, before, now = stop, now, stop >= level - 1e-9 and not now
+    return total / clocks, w
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
+    """Mean of the charge over a gate, and its end, of converters with nothing on but a range low .. high.
+
+    Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
+    t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone
+    from t + 1 to t + 2. What a duty above 1/2 brings beyond that is not kept.
+    """
+    for f in range(x.shape[0]):
+        for r in range(x.shape[1]):
+            for c in range(x.shape[2]):
+                fast = max(x[f, r, c], 1e-9)
+                duty = min(fast, 0.5)
+                wound = fast > 0.5 or x[f, r, c] < 0.0
+                if high[c] < (np.inf if wound else level[c] + 2.0 * fast) or low[c] > (
+                    -np.inf if wound else level[c] + 2.0 * fast - 1.0
+                ):
+                    total, w = _walk_in_range(x[f, r, c], start[c], level[c], low[c], high[c], clocks)
+                    mean[f, r, c], end[f, r, c] = total, w
+                    continue
+                total, at_end = start[c] + 0.5 * clocks * duty, start[c] + clocks * duty
+                period, wait = 1.0 / fast, (level[c] - start[c]) / fast - 1e-9
+                for m in range(clocks // 2 + 1):
+                    after = clocks - max(math.ceil(min(max(wait + m * period, 0.0), clocks + 1.0)), 2 * m + 1)
+                    if after <= 1:
+                        break
+                    total -= (after - 1.5) / clocks
+                    at_end -= 1.0
+                mean[f, r, c], end[f, r, c] = total, at_end

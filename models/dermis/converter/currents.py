@@ -1,0 +1,694 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What flows into the converters clock by clock, where it changes inside a gate: ripple, motion, slow mirror,
+settling.
+
+Ripple and motion make a column current a sum of six functions of time with one coefficient each a cell; the
+mean of such a function over a clock is known in closed form, so nothing is sampled. A plan without any of these
+effects never comes here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array import float_flags, settling, solve_error
+from dermis.array.array import Network, column_currents_by_source
+from dermis.converter import ripple
+from dermis.converter.coupling import Coupling, Way, couples, coupling
+from dermis.converter.vfc import X_INFINITE, Y_MIN
+from dermis.errors import InputError
+from dermis.records import Drive, Plan
+
+Floats = NDArray[np.float64]
+
+_CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
+FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
+
+# Cells of a row that `charges` takes at once.
+WIDEST = 128
+# Difference over sum of two outputs of the mirror up to which the logarithm of their ratio is a short series.
+FAR = 0.03
+# Up to here the series of 1 - exp(-t) with eight terms is exact.
+_NEAR = 0.05
+# Conductance that stands for a short on its way to another value; as in dermis.array.array.
+_G_SHORT_S = 1e40
+# A driver that is not there; as in dermis.array.array.
+_OPEN_OHM = 1e30
+# Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
+_NEGLIGIBLE = 1e-18
+# Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
+# hundredth of what certified codes allow for rounding (auto.ROUNDING_LSB), so they hold with it and an engine that
+# was chosen within a budget takes the scene. Where it can be followed, it is.
+_LEFT_OUT = 1e-6
+# Packets in a whole slot of an exponential that a slow mirror does not feel.
+_UNFELT = 1e-6
+# Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
+# in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
+# in a gate.
+_COURSE_MISS = 1e-4
+
+
+def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
+    """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
+    follows, rest = column_currents_by_source(network, g)
+    return follows, np.zeros_like(follows) if rest is None else rest
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
+
+    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the gate beyond
+    the mean of its ends, None where everything goes straight.
+    """
+
+    follows_begin: Floats
+    follows_end: Floats
+    rest_begin: Floats
+    rest_end: Floats
+    follows_bend: Floats | None = None
+    rest_bend: Floats | None = None
+
+
+def course(plan: Plan, part: slice, dark: bool = False) -> Course:
+    """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate.
+
+    `dark` asks for what `rest` would be if no row were driven.
+    """
+    network, g = plan.network(0), plan.conductance_s(part)
+    if dark:
+        network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
+    if not plan.drive.motion:
+        follows, rest = currents(network, g)
+        return Course(follows, follows, rest, rest)
+    timing = plan.timing
+    slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
+    at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
+    clocks = plan.drive.t_frame_s * timing.f_clk_hz
+    # The last gate may end with the frame: a rounding of its length there would leave a part of a short behind, or less
+    # than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is over.
+    if abs(clocks - round(clocks)) <= 1e-9 * clocks:
+        clocks = float(round(clocks))
+    at = np.minimum(at / clocks, 1.0)
+    now, then = np.minimum(g, _G_SHORT_S), np.minimum(plan.next_conductance_s(part), _G_SHORT_S)
+    if not network.active_fields():
+        share = at.reshape(3, 1, plan.rows, 1)
+        follows = plan.v_bias_v * _between(now, then, share)
+        return Course(follows[0], follows[1], np.zeros_like(now), np.zeros_like(now))
+    unit_a = float((plan.converter.k * plan.converter.i0_a).min())
+    follows, rest = _through_frame(network, now, then, at, _COURSE_MISS * unit_a)
+    bends = (part[2] - 0.5 * (part[0] + part[1]) for part in (follows, rest))
+    return Course(follows[0], follows[1], rest[0], rest[1], *bends)
+
+
+def _through_frame(
+    network: Network, now: Floats, then: Floats, at: Floats, error_a: float
+) -> tuple[Floats, Floats]:
+    """Currents of each row at its own instants, [instants, frames, rows, cols], by a polynomial in time through
+    as few solved networks as it takes.
+
+    Row r alone is read at its instant, so solving whole frames for each row would cost rows times as much. The
+    currents are smooth in time: a polynomial through 3, 5, 9 Chebyshev points is compared with the one before
+    at its new points. What does not meet the error is solved row by row. Every frame has the polynomial that it
+    would have alone: what runs beside it does not move a digit.
+    """
+    frames, rows = now.shape[:2]
+    out = np.empty((2, at.size // rows, *now.shape))
+    waiting = np.arange(frames)
+    solved: dict[float, tuple[Floats, Floats]] = {}
+
+    def solve(share: float) -> tuple[Floats, Floats]:
+        if share not in solved:
+            solved[share] = currents(network, _between(now[waiting], then[waiting], share))
+        return solved[share]
+
+    for count in (3, 5, 9):
+        coarse, finer = _instants(count), _instants(2 * count - 1)[1::2]
+        weight = _polynomial(count, finer)
+        miss = np.zeros(waiting.size)
+        for k, p in enumerate(finer):
+            guess = sum(w * np.add(*solve(q)) for w, q in zip(weight[k], coarse, strict=True))
+            miss = np.maximum(miss, np.abs(guess - np.add(*solve(p))).max(axis=(1, 2)))
+        met = miss <= error_a
+        if met.any():
+            fine = _instants(2 * count - 1)
+            weight = _polynomial(2 * count - 1, at).reshape(-1, 1, rows, 1, fine.size)
+            for part in range(2):
+                out[part][:, waiting[met]] = sum(
+                    weight[..., k] * solve(p)[part][met] for k, p in enumerate(fine)
+                )
+        waiting = waiting[~met]
+        if not waiting.size:
+            return out[0], out[1]
+        solved = {share: (follows[~met], rest[~met]) for share, (follows, rest) in solved.items()}
+    for k, share in enumerate(at):
+        found = currents(network, _between(now[waiting], then[waiting], share))
+        for into, values in zip(out, found, strict=True):
+            into[k // rows, waiting, k % rows] = values[:, k % rows]
+    return out[0], out[1]
+
+
+def _between(now: Floats, then: Floats, share: float | Floats) -> Floats:
+    """Conductances on their way: each end alone where its share is 1, whatever the other is."""
+    return (1.0 - share) * now + share * then
+
+
+def _instants(count: int) -> Floats:
+    """Chebyshev points of 0..1, both ends among them."""
+    return np.round(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)), 15)
+
+
+def _polynomial(count: int, where: Floats) -> Floats:
+    """Weight of every one of `count` instants in the polynomial through them, [where, count]."""
+    nodes = _instants(count)
+    weight = np.ones((where.size, count))
+    for k in range(count):
+        others = np.delete(nodes, k)
+        weight[:, k] = np.prod((where[:, None] - others) / (nodes[k] - others), axis=1)
+    return weight
+
+
+def _per_c(plan: Plan) -> Floats:
+    """Packets a clock that a coulomb a clock in each column is, [cols]."""
+    return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
+
+
+def _transients(plan: Plan, frame: int) -> settling.Transients | None:
+    """What has not settled in one frame: whether it is followed, and how, hangs on nothing but the frame."""
+    network = plan.network(0)
+    if not network.active_fields() & _CAPACITANCES:
+        return None
+    g, per_c = plan.conductance_s(slice(frame, frame + 1)), np.abs(_per_c(plan))
+    most = float(per_c.max())
+    felt = "q_mirror_c" in plan.active_fields()
+    felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
+    try:
+        return settling.transients(
+            network,
+            g,
+            plan.timing,
+            _NEGLIGIBLE / most,
+            _UNFELT / most if felt else None,
+            solve_error.LIMIT_LSB / most,
+        )
+    except settling.Unsupported as error:
+        if (settling.bound_c(network, g, plan.timing) * per_c).max() < _LEFT_OUT:
+            return None
+        raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
+
+
+def _joined(found: list[settling.Transients | None], rows: int, cols: int) -> settling.Transients | None:
+    """Several frames as one: those with fewer exponentials, or none, have some of no charge beside them."""
+    if all(f is None for f in found):
+        return None
+    # [rows, modes] or [rows, cols, modes] of no mode
+    nothing = {"decay": (1, rows, 0), "break_decay": (1, rows, 0)}
+
+    def join(name: str) -> Floats | None:
+        arrays = [None if f is None else getattr(f, name) for f in found]
+        if all(a is None for a in arrays):
+            return None
+        full = [np.zeros(nothing.get(name, (1, rows, cols, 0))) if a is None else a for a in arrays]
+        most = max(a.shape[-1] for a in full)
+        return np.concatenate([np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, most - a.shape[-1])]) for a in full])
+
+    return settling.Transients(*(join(f.name) for f in dataclasses.fields(settling.Transients)))  # type: ignore[arg-type]
+
+
+def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
+    """Frames of a part that are worked out alike, in their order, and their slots.
+
+    None where nothing changes inside a gate: capacitance is all that could, and what it holds has settled before.
+    """
+    if not plan.active_fields() & _CAPACITANCES:
+        yield part, Slots(plan, part, None) if plan.active_fields() & FIELDS else None
+        return
+    always = bool(plan.active_fields() & FIELDS - _CAPACITANCES)
+    found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
+    kinds = [(f is not None, f is not None and f.driven_c is not None) for f in found]
+    first = part.start
+    for (followed, _), same in itertools.groupby(kinds):
+        alike = slice(first, first + len(list(same)))
+        of = found[alike.start - part.start : alike.stop - part.start]
+        yield alike, Slots(plan, alike, _joined(of, plan.rows, plan.cols)) if followed or always else None
+        first = alike.stop
+
+
+def glows(plan: Plan) -> bool:
+    """Whether a slow mirror sees a current while no row is driven."""
+    active = plan.active_fields()
+    sources = active & {"v_column_offset_v", "i_leak_a"}
+    return bool(plan.timing.break_clocks and "q_mirror_c" in active and sources)
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
+    if not couples(plan) and not plan.active_fields() & _CAPACITANCES and not ripple.may_bend(plan):
+        return None
+    first = plan.fullest_frame()
+    try:
+        Slots.of(plan, slice(first, first + 1))
+    except InputError as error:
+        return error
+    return None
+
+
+class Slots:
+    """Charge a clock of every cell of some frames, row after row.
+
+    Parameters
+    ----------
+    plan : Plan
+    part : slice
+        Frames.
+    found : settling.Transients or None
+        What has not settled in them; `of` solves for it.
+
+    Attributes
+    ----------
+    basis, begin : ndarray
+        Functions of time: mean over every clock of a slot [clocks, terms], value where its row is driven [terms].
+    terms : ndarray
+        Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
+        and offset current.
+    dark : ndarray or None
+        Such coefficients while no row is driven, where that matters and is not nothing.
+    extra, decay : ndarray or None
+        What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
+        modes, frames * cols].
+    onset, fade, fade_decay : ndarray or None
+        What a slow mirror feels of it: the charge in the first clock in which the row is driven, in the first clock of
+        the break before, and what is left of that a clock later, shaped alike.
+    offset : ndarray
+        Added behind compression and mirror, packets a clock, [rows, frames * cols].
+    coupling : Coupling or None
+        Of the columns of the direct interface.
+    mean : ndarray
+        Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
+    """
+
+    @classmethod
+    def of(cls, plan: Plan, part: slice) -> Slots:
+        """The slots of some frames of a plan, whatever may change in them."""
+        found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
+        return cls(plan, part, _joined(found, plan.rows, plan.cols))
+
+    def __init__(self, plan: Plan, part: slice, found: settling.Transients | None) -> None:
+        converter, timing, drive = plan.converter, plan.timing, plan.drive
+        ways = course(plan, part)
+        if drive.ripple:
+            ripple.check(plan, ways)
+        self.frames, self.rows, self.cols = ways.follows_begin.shape
+        self.coupling: Coupling | None = None
+        cells = self.frames * self.cols
+        self._break, self._settle, self._gate = (
+            timing.break_clocks,
+            timing.settle_clocks,
+            timing.gate_clocks,
+        )
+
+        omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
+        bends = ways.follows_bend is not None
+        self.basis, self.begin = _basis(
+            self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
+        )
+        frame = plan.first_frame + np.arange(part.start, part.stop)
+        phase = np.zeros((self.frames, self.rows))
+        if drive.ripple:
+            begins = range(0, self.rows * timing.slot_clocks, timing.slot_clocks)
+            turns = [[drive.turns(int(f), clock, timing.f_clk_hz) for clock in begins] for f in frame]
+            phase = 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
+        sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
+
+        unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
+        per_a = converter.gain / (converter.k * converter.i0_a)
+        limit_a = X_INFINITE * converter.k * converter.i0_a
+
+        def finite(current: Floats) -> Floats:
+            return np.clip(current, -limit_a, limit_a)
+
+        with np.errstate(over="ignore"):
+            follows, moves = finite(ways.follows_begin), finite(ways.follows_end)
+            terms = [follows + finite(ways.rest_begin)]
+            if drive.ripple:
+                terms += [follows * sine, follows * cosine]
+            if drive.motion:
+                moves = moves - follows
+                terms += [moves + finite(ways.rest_end) - finite(ways.rest_begin)]
+                if drive.ripple:
+                    terms += [moves * sine, moves * cosine]
+            if ways.follows_bend is not None:
+                bend = 4.0 * finite(ways.follows_bend)
+                terms += [bend + 4.0 * finite(ways.rest_bend)]
+                if drive.ripple:
+                    terms += [bend * sine, bend * cosine]
+        # [rows, terms, frames and cols]
+        self.terms = np.ascontiguousarray(
+            np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
+        )
+        self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
+        if couples(plan):
+            behind = plan.next_conductance_s(part) if drive.motion else None
+            mean, way = self._way(behind)
+            self.coupling = coupling(plan, plan.conductance_s(part), mean, way)
+            if self.coupling is not None:
+                self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
+        self._most = np.tile(converter.drowning(), self.frames)
+        self._squeeze = None
+        if converter.inv_i_range_a.any() and unit_a is not None:
+            self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
+        self._lag = self._slow = None
+        if converter.q_mirror_c.any():
+            q_packet = converter.i0_a / timing.f_clk_hz
+            self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
+            self._slow = np.zeros(cells)
+        self.dark = None
+        if glows(plan):
+            network = plan.network(0)
+            same = network.r_row_driven_ohm == network.r_row_grounded_ohm
+            self.dark = self._dark(ways if same else course(plan, part, dark=True), drive, per_a, finite)
+        self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
+        if found is not None:
+            self._settling(found, _per_c(plan))
+        self.mean = np.empty((self.frames, self.rows, self.cols))
+
+    def _way(self, g_behind: Floats | None) -> tuple[Floats, Way]:
+        """Mean duties over the gate, [frames, rows, cols], and how far they go, in front of a compression."""
+        gate = self.basis[self._settle : self._settle + self._gate]
+        ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
+        means = self.terms * gate.mean(axis=0)[:, np.newaxis]
+
+        def duty(parts: Floats) -> Floats:
+            cells = parts.sum(axis=1) + self.offset
+            return cells.reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
+
+        return duty(means), Way(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
+
+    def _dark(self, found: Course, drive: Drive, per_a: Floats, finite: Callable[[Floats], Floats]) -> Floats:
+        each = 3 if drive.ripple else 1
+        dark = np.zeros((self.terms.shape[1], *found.rest_begin.shape))
+        dark[0] = finite(found.rest_begin)
+        if drive.motion:
+            dark[each] = finite(found.rest_end) - dark[0]
+        if found.rest_bend is not None:
+            dark[2 * each] = 4.0 * finite(found.rest_bend)
+        cells = self.frames * self.cols
+        return np.ascontiguousarray((dark * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
+
+    def _settling(self, found: settling.Transients, per_c: Floats) -> None:
+        cells = self.frames * self.cols
+
+        def by_row(charge_c: Floats) -> Floats:
+            charge = charge_c * per_c[:, None]
+            return np.ascontiguousarray(charge.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
+
+        def across(decay: Floats) -> Floats:
+            each = np.repeat(decay[:, :, None, :], self.cols, axis=2)
+            return np.ascontiguousarray(each.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
+
+        self.extra, self.decay = by_row(found.charge_c), across(found.decay)
+        if found.driven_c is not None:
+            self.onset = by_row(found.driven_c)
+            self.fade, self.fade_decay = by_row(found.break_c), across(found.break_decay)
+
+    def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
+        """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
+        cells = self.frames * self.cols
+        scratch = np.empty((self._settle + self._gate, min(size, cells)))
+        mean = np.empty(cells)
+        for row in range(self.rows):
+            for first in range(0, cells, size):
+                block = slice(first, min(first + size, cells))
+                out = scratch[:, : block.stop - first]
+                if out.shape[1] != scratch.shape[1]:
+                    out = np.empty(out.shape)
+                with float_flags.watch("event_input.charges"):
+                    charge = charges(
+                        row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
+                        self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
+                        self._slow, self._break, self.dark, self.offset, self._most, out, mean,
+                    )  # fmt: skip
+                yield row, block, charge, mean[block]
+            self.mean[:, row] = mean.reshape(self.frames, self.cols)
+
+
+def _basis(
+    pause: int, settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
+) -> tuple[Floats, Floats]:
+    """Mean of every function of time over each clock of a slot, [settle + gate, terms], and its value where a pause of
+    some clocks ends.
+
+    1, cos, sin, t, t cos, t sin, b, b cos, b sin, as far as they are on, b = t (1 - t); omega in radian a
+    clock, t runs from 0 to 1 over the gate.
+    """
+    middle = np.arange(settle + gate) + 0.5
+    ramp, ramp_begin = (middle - settle) / gate, (pause - settle) / gate
+    cosine_begin, sine_begin = math.cos(omega * pause), math.sin(omega * pause)
+    half = 0.5 * omega
+    mean = math.sin(half) / half if half else 1.0  # of a cosine over one clock, relative to its middle
+    # integral of u sin(omega u) over -1/2..1/2, small omega without the difference of two near equals
+    tilt = 2.0 * (math.sin(half) - half * math.cos(half)) / omega**2 if omega > 1e-3 else omega / 12.0
+    cosine, sine = np.cos(omega * middle), np.sin(omega * middle)
+    terms, begin = [np.ones_like(middle)], [1.0]
+    if ripple:
+        terms, begin = [*terms, cosine * mean, sine * mean], [*begin, cosine_begin, sine_begin]
+    if motion:
+        terms, begin = [*terms, ramp], [*begin, ramp_begin]
+        if ripple:
+            terms += [ramp * cosine * mean - sine * tilt / gate, ramp * sine * mean + cosine * tilt / gate]
+            begin += [ramp_begin * cosine_begin, ramp_begin * sine_begin]
+    if bends:
+        # t = m + u: b is m (1 - m) + (1 - 2 m) u - u^2, and u^2 has a mean of 1 / 12 over a clock
+        middle_bend, tilted, own = ramp * (1.0 - ramp), (1.0 - 2.0 * ramp) / gate, 1.0 / (12.0 * gate**2)
+        bend_begin = ramp_begin * (1.0 - ramp_begin)
+        terms, begin = [*terms, middle_bend - own], [*begin, bend_begin]
+        if ripple:
+            terms += [
+                (middle_bend - own) * cosine * mean - tilted * sine * tilt,
+                (middle_bend - own) * sine * mean + tilted * cosine * tilt,
+            ]
+            begin += [bend_begin * cosine_begin, bend_begin * sine_begin]
+    return np.stack(terms, axis=1), np.array(begin)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _exp_of_minus(t):  # type: ignore
+    """exp(-t) for t >= 0 to some 1e-13 relative, 0 beyond 64: a polynomial and ten squarings make vector code."""
+    u = (t if t < 64.0 else 64.0) * (-1.0 / 1024.0)
+    p = 1.0 + u * (
+        1.0 + u * (1 / 2 + u * (1 / 6 + u * (1 / 24 + u * (1 / 120 + u * (1 / 720 + u * (1 / 5040))))))
+    )
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    p *= p
+    return p
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _below(x, y, t):  # type: ignore
+    """y + (x - y) exp(-t) for x, y and t >= 0, every digit of it where y is far below x and where x is far below y."""
+    u = t if t < _NEAR else _NEAR
+    lost = u * (
+        1.0
+        - u
+        * (
+            1 / 2
+            - u * (1 / 6 - u * (1 / 24 - u * (1 / 120 - u * (1 / 720 - u * (1 / 5040 - u * (1 / 40320))))))
+        )
+    )
+    kept = _exp_of_minus(t)
+    lost = lost if t < _NEAR else 1.0 - kept
+    kept = 1.0 - lost if t < _NEAR else kept
+    return y * lost + x * kept
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _log_of(s):  # type: ignore
+    """ln((1 + s) / (1 - s)) for s within FAR: the next term is below 1e-19."""
+    s2 = s * s
+    return 2.0 * s * (1 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9 + s2 * (1 / 11))))))
+
+
+# A product may go into its sum unrounded: the terms of the exponential and of the logarithm are half the time.
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def charges(  # type: ignore
+    row_number,
+    first,
+    basis,
+    begin,
+    settle,
+    terms,
+    extra,
+    decay,
+    onset,
+    fade,
+    fade_decay,
+    squeeze,
+    lag,
+    slow,
+    pause,
+    dark,
+    offset,
+    most,
+    out,
+    mean,
+):
+    """Charge a clock of the cells first .. first + out.shape[1] of a row; returns the part of `out` that is the
+    gate.
+
+    Parameters
+    ----------
+    basis : [clocks of the slot, terms], begin : [terms]
+        Functions of time, and their values where the row is driven, `pause` clocks into the slot: the first row of a
+        frame is settled there.
+    terms : [rows, terms, cells]
+        Their coefficients, packets a clock.
+    extra, decay : [rows, modes, cells] or None
+        Charge in the first clock of the gate that has not settled, and what is left of it a clock later.
+    onset, fade, fade_decay : [rows, modes, cells] or None
+        The same from where the row is driven, and in the pause before; for the mirror.
+    squeeze : [cells] or None
+        Compression: x becomes x / (1 + |x| squeeze).
+    lag, slow : [cells] or None
+        Time constant times output of the mirror in packets, and its output, which is carried on.
+    dark : [rows, terms, cells] or None
+        Coefficients in the pause, where no row is driven; None is no current.
+    offset : [rows, cells]
+        Added behind the mirror.
+    most : [cells]
+        Duty that drowns any packet: more, in front of the mirror and behind it, is that.
+    out, mean : [clocks of the slot, cells], [cells]
+        Results.
+    """
+    clocks, count = basis.shape
+    cells = out.shape[1]
+    behind = first + cells
+    factors = np.empty((count, WIDEST))
+    for k in range(count):
+        for c in range(cells):
+            factors[k, c] = terms[row_number, k, first + c]
+    # One array for what the loops over cells touch, so that they become vector instructions (see event_loops.walk).
+    size = WIDEST
+    own = np.zeros(11 * size)
+    row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]
+    limit = own[8 * size : 9 * size]
+    for c in range(cells):
+        added[c], limit[c] = offset[row_number, first + c], most[first + c]
+    if extra is not None:
+        late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
+    if onset is not None:
+        early, fading = onset[row_number, :, first:behind], fade[row_number, :, first:behind]
+        faded = fade_decay[row_number, :, first:behind]
+    if squeeze is not None:
+        hard = own[3 * size : 4 * size]
+        for c in range(cells):
+            hard[c] = squeeze[first + c]
+    start = settle
+    if lag is not None:
+        start = pause
+        output, inert = own[4 * size : 5 * size], own[5 * size : 6 * size]
+        swift, ratio = own[6 * size : 7 * size], own[7 * size : 8 * size]
+        asked, met = own[9 * size : 10 * size], own[10 * size : 11 * size]
+        for c in range(cells):
+            inert[c], swift[c], output[c] = lag[first + c], 1.0 / lag[first + c], slow[first + c]
+            if row_number == 0:
+                x = 0.0
+                for k in range(count):
+                    x += begin[k] * factors[k, c]
+                if squeeze is not None:
+                    x = x / (1.0 + abs(x) * hard[c])
+                output[c] = min(max(x, Y_MIN), limit[c])
+        if row_number > 0:
+            for n in range(pause):
+                for c in range(cells):
+                    x = 0.0
+                    if dark is not None:
+                        for k in range(count):
+                            x += basis[n, k] * dark[row_number, k, first + c]
+                    if onset is not None:
+                        for k in range(fading.shape[0]):
+                            x += fading[k, c] * faded[k, c] ** n
+                    if squeeze is not None:
+                        x = x / (1.0 + abs(x) * hard[c])
+                    x = x if x > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
+                    y = output[c]
+                    output[c] = x * y / _below(x, y, x * swift[c])
+    for n in range(start, clocks):
+        factor, of = basis[n, 0], factors[0]
+        for c in range(cells):
+            row[c] = factor * of[c]
+        for k in range(1, count):
+            factor, of = basis[n, k], factors[k]
+            for c in range(cells):
+                row[c] += factor * of[c]
+        if extra is not None:
+            if n >= settle:
+                for k in range(late.shape[0]):
+                    for c in range(cells):
+                        row[c] += late[k, c] * kept[k, c] ** (n - settle)
+            elif onset is not None:
+                for k in range(early.shape[0]):
+                    for c in range(cells):
+                        row[c] += early[k, c] * kept[k, c] ** (n - pause)
+        if squeeze is not None:
+            for c in range(cells):
+                row[c] = row[c] / (1.0 + abs(row[c]) * hard[c])
+        if lag is not None:
+            if n < settle:
+                for c in range(cells):
+                    x = row[c] if row[c] > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
+                    y = output[c]
+                    output[c] = x * y / _below(x, y, x * swift[c])
+            else:
+                # dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times
+                # the growth of ln y, which is ln(x / below).
+                far = 0.0
+                for c in range(cells):
+                    x = row[c] if row[c] > Y_MIN else Y_MIN
+                    x = x if x < limit[c] else limit[c]
+                    y = output[c]
+                    below = _below(x, y, x * swift[c])
+                    both = 1.0 / (below * (x + below))
+                    output[c] = x * y * (x + below) * both
+                    apart = (below - x) * below * both
+                    row[c] = x + inert[c] * _log_of(apart)
+                    ratio[c], asked[c], met[c] = apart, x, below
+                for c in range(cells):
+                    far = far if abs(ratio[c]) < FAR else 1.0
+                if far > 0.0:
+                    for c in range(cells):
+                        if abs(ratio[c]) >= FAR:
+                            # Of the two themselves: far apart their difference over their sum has no digit beside 1.
+                            row[c] = asked[c] + inert[c] * math.log(met[c] / asked[c])
+        if n >= settle:
+            into = out[n]
+            for c in range(cells):
+                x = row[c] + added[c]
+                x = x if x < limit[c] else limit[c]
+                x = x if x > -limit[c] else -limit[c]
+                average[c] += x
+                row[c] = x
+            for c in range(cells):
+                into[c] = row[c]
+    for c in range(cells):
+        mean[first + c] = average[c] / (clocks - settle)
+        if lag is not None:
+            slow[first + c] = output[c]
+    return out[settle:]

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What capacitances push into converters beyond what lines settle: an upper bound, for nobody here follows it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array import settling
+from dermis.converter.vfc import W_PRESET, Y_MIN
+
+if TYPE_CHECKING:
+    from dermis.records import Plan
+
+Floats = NDArray[np.float64]
+
+
+def counts(plan: Plan) -> dict[str, Floats]:
+    """Counts [cols] at most that capacitances move codes by beyond what lines settle, by the field that does it.
+
+    `ripple`: a bias that ripples pushes C dV through the taxel of the driven row.
+
+    `inv_gain_dc`, `t_gbw_s`: in the direct interface the column, with its taxels to rows that stand still, is across
+    the input of the integrator. C u' joins the balance c_int (u + v)' of the summing node's u and the output v, and
+    u = v / A + t v' is the amplifier: of a charge w, C / c_int / (1 + A) stands there, and t grows by C / c_int. The
+    output moves by no more than a packet a clock.
+
+    `q_mirror_c`: where both lines of a taxel are held, or settle too fast or too intricately to be followed, a row
+    that is driven pushes C V into a slow mirror at once. None of y' = y (x - y) / q brings more than came, nor more
+    than waking it up, q ln(y / y_min) with y = q / (e settle), and q ln(1 + gate / settle) from however far above.
+
+    Where a range bites, each further packet may lose as much again as the first was off. Lines are
+    taken without resistance, where all but the last is largest.
+    """
+    converter, drive, timing, found = plan.converter, plan.drive, plan.timing, {}
+    around = {name: plan.surrounding.get(name, 0.0) for name in ("c_taxel_f", "c_column_f")}
+    taxel_f, column_f = (float(value) for value in around.values())
+    packet_c = converter.k * converter.i0_a / converter.f_clk_hz
+    if drive.ripple and taxel_f:
+        angle = 2.0 * math.pi * drive.f_ripple_hz * timing.gate_clocks / converter.f_clk_hz
+        swing_v = abs(drive.ripple) * plan.v_bias_v * min(angle, 2.0)
+        found["ripple"] = np.abs(converter.gain) * taxel_f * swing_v / packet_c
+    across_f = column_f + plan.rows * taxel_f
+    if plan.topology == "direct" and across_f:
+        levels_v = (
+            np.abs(converter.preset_error_v) + np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v
+        )
+        reach = 1.0 - W_PRESET + levels_v / converter.packet_v()
+        share = converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
+        found["inv_gain_dc"] = share * across_f / converter.c_int_f * reach
+        found["t_gbw_s"] = converter.t_gbw_s * converter.f_clk_hz * across_f / converter.c_int_f
+    if taxel_f and converter.q_mirror_c.any():
+        jump = np.abs(converter.gain) * taxel_f * plan.v_bias_v * (1.0 + abs(drive.ripple)) / packet_c
+        slow = converter.q_mirror_c * converter.f_clk_hz / converter.i0_a
+        settle = max(timing.settle_clocks - timing.break_clocks, 1)
+        woken = np.log1p(slow / (math.e * settle * Y_MIN))
+        most = slow * (woken + math.log1p(timing.gate_clocks / settle))
+        found["q_mirror_c"] = np.where(_follows_jumps(plan), 0.0, np.minimum(jump, most))
+    if converter.range_bites():
+        found = {name: counts * (1.0 + (timing.gate_clocks + 1) / 2) for name, counts in found.items()}
+    return found
+
+
+def _follows_jumps(plan: Plan) -> NDArray[np.bool_]:
+    """Whether slow mirrors feel what a taxel's capacitance brings when its row is driven, [cols], in every frame."""
+    network = plan.network(0)
+    if network.r_trace_row_ohm or network.r_trace_column_ohm:
+        return np.zeros(plan.cols, dtype=bool)
+    # Only where rows float do time constants hang on taxels.
+    frames = range(plan.frames if not np.isfinite(network.r_row_grounded_ohm) else 1)
+    slowest_s = min(settling.slowest_s(network, plan.conductance_s(slice(f, f + 1))) for f in frames)
+    felt = slowest_s * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
+    return felt & ((network.r_row_driven_ohm > 0) | (network.r_column_ohm > 0))

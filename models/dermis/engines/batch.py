@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One plan over several processes of this machine, or over the workers of a Dask cluster: the same codes, sooner.
+
+A plan is cut into parts of whole frames (Plan.part). A part keeps its place in time and its random numbers, so
+its codes are those that it has in a run of the whole plan, however many parts there are and whoever runs them.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import logging
+import os
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis import engines
+from dermis.array import solve_error
+from dermis.engines import Result
+from dermis.errors import InputError, SimulatorError, one_line
+from dermis.processes import children, pool
+from dermis.records import Plan
+from dermis.scene.design import ROOT
+
+# 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
+# 4 MB of doubles both ways, below what Dask complains about.
+_VALUES_A_PART = 1 << 18
+
+# Parts a worker, so that the slowest one does not hold up the rest for long.
+_PARTS_A_WORKER = 4
+
+CONNECT_S = 10
+"""How long a scheduler may take to answer."""
+
+_ADDRESS = r"(tcp|tls|ws|wss)://[^/\s]+:\d{1,5}"
+
+WORKER_S = 60
+"""How long a scheduler may take to have a worker, or to have one again once all are lost."""
+
+LOOK_S = 2.0
+"""Between two looks at whether a cluster is still there."""
+
+_DECIDE = (
+    "models/dermis/**/*.py",
+    "models/dermis/**/*.c",
+    "models/design.toml",
+    "models/verilog/*.cpp",
+    "models/verilog/*.f",
+    "models/verilog/*.sv",
+    "models/verilog/*.vh",
+    "rtl/*.f",
+    "rtl/*.v",
+    "rtl/*.vh",
+    "spice/**/*.sp",
+    "spice/**/*.inc",
+)
+
+
+def run(
+    plan: Plan,
+    progress: Callable[[int], None] | None = None,
+    *,
+    processes: int = 1,
+    scheduler: str | None = None,
+    certified: bool = False,
+    **options: Any,
+) -> Result:
+    """Run a plan through its engine in parts.
+
+    Parameters
+    ----------
+    plan : Plan
+    progress : callable, optional
+        Called with the number of row slots done so far, over all parts.
+    processes : int
+        Processes of this machine; 1 runs the plan here, uncut.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as tcp://host:8786; its workers are used instead.
+    certified : bool
+        Also fill in the lower and upper codes, each part its own.
+    options : passed to the engine
+
+    Returns
+    -------
+    Result
+        As from engines.run; of the engine's further results, arrays of one value a frame are joined, others
+        are kept where all parts agree.
+
+    Raises
+    ------
+    InputError
+        Engine cosim with processes (it has its own); a scheduler that does not answer; the plan's own.
+    SimulatorError
+        A worker died, or runs another version of dermis.
+    """
+    engines.check(plan)
+    if scheduler is not None:
+        with cluster(scheduler) as (executor, workers, look):
+            return _run_parts(plan, executor, workers, progress, certified, options, look)
+    if processes > 1 and plan.engine == "cosim":
+        raise InputError(
+            "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
+        )
+    if processes <= 1 or plan.frames == 1:
+        result = engines.run(plan, progress, **options)
+        return engines.certify(plan, result) if certified else result
+    with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
+        return _run_parts(plan, executor, processes, progress, certified, options)
+
+
+def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
+    """First and last + 1 frame of every part."""
+    at_most = max(1, _VALUES_A_PART // (plan.rows * plan.cols))
+    parts = max(-(-plan.frames // at_most), min(plan.frames, workers * _PARTS_A_WORKER))
+    edges = [plan.frames * i // parts for i in range(parts + 1)]
+    return list(itertools.pairwise(edges))
+
+
+def spread(
+    calls: Iterable[tuple[Callable[..., Any], tuple[Any, ...]]],
+    executor: Executor,
+    workers: int,
+    look: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[int, Future[Any]]]:
+    """Give calls to an executor, and yield (number of the call, its future) as they end, in any order.
+
+    Parameters
+    ----------
+    calls : function and arguments each; taken from as workers become free
+    executor, workers : of `pool.workers` or `cluster`, and how many there are
+    look : called while nothing ends; raises where nothing will
+    """
+    waiting = enumerate(calls)
+    running: dict[Future[Any], int] = {}
+
+    def start(many: int) -> None:
+        for index, (function, arguments) in itertools.islice(waiting, many):
+            running[executor.submit(function, *arguments)] = index
+
+    start(2 * workers)  # enough that no worker waits, few enough that the calls do not pile up
+    while running:
+        ended = wait(running, LOOK_S, FIRST_COMPLETED).done
+        if not ended:
+            look()
+        for task in ended:
+            index = running.pop(task)
+            start(1)
+            yield index, task
+
+
+def _run_parts(
+    plan: Plan,
+    executor: Executor,
+    workers: int,
+    progress: Callable[[int], None] | None,
+    certified: bool,
+    options: dict[str, Any],
+    look: Callable[[], None] = lambda: None,
+) -> Result:
+    light = replace(plan, force_n=None)  # no engine reads it
+    todo = bounds(plan, workers)
+    results: dict[int, Result] = {}
+    done = 0
+    calls = ((_run_part, (light.part(*part), fingerprint(), certified, options)) for part in todo)
+    for index, task in spread(calls, executor, workers, look):
+        first, stop = todo[index]
+        try:
+            results[index] = task.result()
+        except pool.WorkerLost as error:
+            raise SimulatorError(f"frames {first} to {stop - 1}: {error.what}") from None
+        done += (stop - first) * plan.rows
+        if progress is not None:
+            progress(done)
+    return _joined([results[i] for i in range(len(todo))], [stop - first for first, stop in todo])
+
+
+def _joined(parts: list[Result], frames: list[int]) -> Result:
+    def join(values: list[Any]) -> Any:
+        if all(
+            isinstance(v, np.ndarray) and v.ndim and len(v) == n for v, n in zip(values, frames, strict=True)
+        ):
+            return np.concatenate(values)
+        return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
+
+    info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
+    if any("array" in part.info for part in parts):
+        info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
+    whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
+    return Result(**whole, info={name: value for name, value in info.items() if value is not None})
+
+
+def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]) -> Result:
+    """Run one part in a worker."""
+    same_version(version)
+    result = engines.run(part, **options)
+    return engines.certify(part, result) if certified else result
+
+
+def same_version(version: str) -> None:
+    """Refuse work from another version of dermis.
+
+    Raises
+    ------
+    SimulatorError
+        The fingerprint is not that of this machine.
+    """
+    if fingerprint() != version:
+        raise SimulatorError(
+            f"a worker on {os.uname().nodename} has another version of dermis than the one that gives it work"
+        )
+
+
+@functools.cache
+def fingerprint(root: Path = ROOT) -> str:
+    """A hash of everything that decides about codes: the package, its design values, its Verilog and its circuits."""
+    text = hashlib.sha256()
+    for file in sorted({file for pattern in _DECIDE for file in root.glob(pattern) if file.is_file()}):
+        data = file.read_bytes()
+        text.update(f"{file.relative_to(root)}\0{len(data)}\0".encode() + data)
+    return text.hexdigest()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Leave unsaid what Dask has to say of a cluster that is lost: several tracebacks, for the run's own one line.
+
+    Around the client as well: it goes on trying to connect until it is closed, and says so then.
+    """
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+    """The workers of a Dask scheduler as an executor, how many there are, and a look at whether they still are."""
+    allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
+    if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
+        raise InputError("command line", "--scheduler", address, allowed)
+    import distributed
+    from distributed.comm import CommClosedError
+
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "command line", "--scheduler", address, f"{allowed} ({type(error).__name__})"
+        ) from None
+    gone = SimulatorError(f"the scheduler {address} is gone")
+    with _quiet(), client:
+        try:
+            client.wait_for_workers(1, timeout=WORKER_S)
+            workers = sum(client.nthreads().values())
+        except TimeoutError:  # an OSError, too
+            raise SimulatorError(f"the scheduler {address} has no worker after {WORKER_S} s") from None
+        except (OSError, CommClosedError):
+            raise gone from None
+        executor = client.get_executor(pure=False, retries=0)
+        patience = children.Patience(WORKER_S)
+
+        def look() -> None:
+            if client.status != "running":
+                raise gone
+            try:  # what the client knows by itself is what it last heard
+                client.sync(client.scheduler.identity, callback_timeout=WORKER_S)
+            except TimeoutError:
+                raise SimulatorError(f"the scheduler {address} has not answered for {WORKER_S} s") from None
+            except (OSError, CommClosedError):  # it went while it was asked
+                raise gone from None
+            there = len(client.scheduler_info()["workers"])
+            # A number that changes while there are workers, so that it counts only the time without any.
+            if patience.over(time.monotonic() if there else 0):
+                raise SimulatorError(f"the scheduler {address} has had no worker for {WORKER_S} s")
+
+        try:
+            yield executor, workers, look
+        except (distributed.KilledWorker, CancelledError, CommClosedError) as error:
+            executor.shutdown(wait=False)
+            said = one_line(str(error), 200) or type(error).__name__
+            raise SimulatorError(f"the cluster of {address} lost a part of the run: {said}") from None
+        except BaseException:
+            executor.shutdown(wait=False)
+            raise
+        executor.shutdown()

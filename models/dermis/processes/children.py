@@ -1,0 +1,390 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Programs that a command starts: each in a session of its own, with a limit, and ended with all that it started.
+
+A watchdog beside the command ends them where the command cannot: after its own SIGKILL (see dermis.processes.watchdog).
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import itertools
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from dermis.errors import SimulatorError
+from dermis.processes import watchdog
+
+STARTED_S = 10.0
+"""How long the watchdog may take to end with this process: it has nothing to do then."""
+
+_WATCHDOG = (sys.executable, "-I", "-S", watchdog.__file__)
+
+_running: set[Child] = set()
+_stopped = threading.Event()
+_lock = threading.Lock()
+_numbers = itertools.count(1)
+_watchdog: subprocess.Popen[bytes] | None = None
+
+
+def guard() -> str:
+    """Mark what this process starts, and have it ended whatever becomes of this process; return the mark."""
+    global _watchdog
+    with _lock:
+        if _watchdog is None:
+            mark = f"{os.environ.get(watchdog.VARIABLE, '')}/{secrets.token_hex(6)}"
+            # In a session of its own, for Ctrl-C in a terminal is not for it; marked as this process itself is.
+            _watchdog = subprocess.Popen(
+                [*_WATCHDOG, mark],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+                env={watchdog.VARIABLE: os.environ.get(watchdog.VARIABLE, "")},
+            )
+            os.environ[watchdog.VARIABLE] = mark
+        return os.environ[watchdog.VARIABLE]
+
+
+@atexit.register
+def _leave() -> None:
+    """Let the watchdog go, and wait until it has: a command leaves nothing behind."""
+    if _watchdog is not None and _watchdog.stdin is not None:
+        _watchdog.stdin.close()
+        with contextlib.suppress(
+            subprocess.TimeoutExpired
+        ):  # stopped by somebody; it is not ours to wait for
+            _watchdog.wait(STARTED_S)
+
+
+def _forked() -> None:
+    """Forget the parent's watchdog in a forked copy, which would keep the pipe open and its children nameless."""
+    global _watchdog, _lock
+    _lock = threading.Lock()
+    _running.clear()
+    if _watchdog is not None and _watchdog.stdin is not None:
+        os.close(_watchdog.stdin.fileno())
+        _watchdog.returncode = 0  # not ours to wait for
+        _watchdog = None
+
+
+os.register_at_fork(after_in_child=_forked)
+
+
+class Child(subprocess.Popen[bytes]):
+    """A program in a session of its own that carries a mark of its own.
+
+    Parameters
+    ----------
+    command : what is run
+    environment : variables beside those of this process
+    options : as for subprocess.Popen
+    """
+
+    def __init__(
+        self, command: Sequence[str | Path], environment: Mapping[str, str] | None = None, **options: Any
+    ) -> None:
+        self.mark = f"{guard()}/{next(_numbers)}"
+        marked = {**os.environ, **(environment or {}), watchdog.VARIABLE: self.mark}
+        held = getattr(_held, "handles", ())
+        super().__init__(command, env=marked, start_new_session=True, pass_fds=held, **options)
+
+    def processes(self) -> set[watchdog.Process]:
+        """Live processes of its tree: what it started, in whatever session, also once itself is gone."""
+        found = watchdog.marked(self.mark)
+        # A process that was forked and has not yet become another program shows the environment it came from.
+        pids = tree(self.pid) if self.returncode is None else set()
+        return found | {process for pid in pids if (process := watchdog.identity(pid))}
+
+    def end(self) -> None:
+        """End it, if it still runs, and all that it started: sby's solvers have process groups of their own."""
+        watchdog.end(self.processes)
+        self.wait()
+
+
+_held = threading.local()
+
+
+@contextlib.contextmanager
+def holding(handle: int | None) -> Iterator[None]:
+    """Let what this thread starts meanwhile keep a file open: a lock on it lasts until the last of them is gone."""
+    before = getattr(_held, "handles", ())
+    _held.handles = before if handle is None else (*before, handle)
+    try:
+        yield
+    finally:
+        _held.handles = before
+
+
+def run_child(
+    command: Sequence[str | Path],
+    directory: Path,
+    log: Path,
+    limit_s: float,
+    environment: Mapping[str, str] | None = None,
+) -> int | None:
+    """Run a command in a session of its own and return its exit code, None if it was ended at its limit.
+
+    Parameters
+    ----------
+    command, directory : what is run, and where
+    log : file that its output is added to
+    limit_s : seconds until it is ended with all that it started
+    environment : variables beside those of this process
+
+    Raises
+    ------
+    SimulatorError
+        It cannot be started; or `threads` is ending: nothing new is started, and no answer of what was ended counts.
+    """
+    with log.open("ab") as out:
+        return _run(command, limit_s, environment, log, cwd=directory, stdout=out, stderr=subprocess.STDOUT)
+
+
+def _run(
+    command: Sequence[str | Path],
+    limit_s: float,
+    environment: Mapping[str, str] | None,
+    log: Path | None,
+    **options: Any,
+) -> int | None:
+    with _lock:
+        if _stopped.is_set():
+            raise SimulatorError("interrupted", log)
+    try:
+        child = Child(command, environment, stdin=subprocess.DEVNULL, **options)
+    except OSError as error:
+        said = error.strerror or str(error)
+        raise SimulatorError(f"{Path(command[0]).name} cannot be started: {said}", log) from None
+    with _lock:
+        _running.add(child)
+        late = _stopped.is_set()
+    code = None
+    try:
+        if not late:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # then the answer is None
+                code = child.wait(limit_s)
+    finally:
+        child.end()
+        with _lock:
+            _running.discard(child)
+    if _stopped.is_set():
+        raise SimulatorError("interrupted", log)
+    return code
+
+
+def run_logged(
+    command: Sequence[str | Path],
+    directory: Path,
+    log: Path,
+    limit_s: float,
+    what: str,
+    environment: Mapping[str, str] | None = None,
+) -> None:
+    """Run a command that must succeed, as `run_child` does.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, or ran longer than its limit.
+    """
+    code = run_child(command, directory, log, limit_s, environment)
+    if code is None:
+        raise SimulatorError(f"{what} took more than {limit_s:g} s", log)
+    if code != 0:
+        raise SimulatorError(f"{what} failed with {ended(code)}", log)
+
+
+def ended(code: int) -> str:
+    """How a program ended: its exit code, or the signal that ended it."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"signal {signal.Signals(-code).name}"
+    except ValueError:  # a real-time signal has no name
+        return f"signal {-code}"
+
+
+def output_of(
+    command: Sequence[str | Path],
+    limit_s: float,
+    directory: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> tuple[int | None, str]:
+    """Run a command; return its exit code, None if it was ended at its limit, and what it wrote.
+
+    Raises
+    ------
+    SimulatorError
+        It cannot be started, or what it writes has no place.
+    """
+    import tempfile
+
+    try:
+        # A file in place of a pipe: a grandchild that holds a pipe open would be waited for.
+        with tempfile.TemporaryFile() as out:
+            code = _run(
+                command, limit_s, environment, None, cwd=directory, stdout=out, stderr=subprocess.STDOUT
+            )
+            out.seek(0)
+            return code, out.read().decode(errors="replace")
+    except OSError as error:
+        raise SimulatorError(f"{Path(command[0]).name}: {error.strerror or error}") from None
+
+
+def tree(root: int) -> set[int]:
+    """A process, those of its session, and what they started, also in sessions of their own; no watchdogs."""
+    parents: dict[int, tuple[int, int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # gone meanwhile
+            fields = stat.read_text(errors="replace").rpartition(")")[2].split()
+            parents[int(stat.parent.name)] = int(fields[1]), int(fields[3])
+    found = {pid for pid, (_, session) in parents.items() if session == root}
+    while more := {pid for pid, (parent, _) in parents.items() if parent in found} - found:
+        found |= more
+    return {pid for pid in found if not _is_watchdog(pid)}
+
+
+def _is_watchdog(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().startswith("\0".join(_WATCHDOG).encode())
+    except OSError:  # gone meanwhile
+        return False
+
+
+def end_tree(child: subprocess.Popen[Any]) -> None:
+    """End any process that this one started, if it still runs, and all below it."""
+
+    def processes() -> set[watchdog.Process]:
+        return {found for pid in tree(child.pid) if (found := watchdog.identity(pid))}
+
+    if child.poll() is None:
+        watchdog.end(processes)
+        child.wait()
+
+
+class Patience:
+    """How long something has not moved, in time that this process itself was running.
+
+    A process that was stopped with Ctrl-Z, or a machine too busy to run it, has not looked: what it did not see counts
+    no more than `LOOK_S`.
+    """
+
+    LOOK_S = 5.0
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self._idle_s = 0.0
+        self._seen: Any = None
+        self._looked = time.monotonic()
+
+    def over(self, seen: Any, limit_s: float | None = None) -> bool:
+        """Look at something that changes while all is well; return whether it has not for longer than the limit."""
+        now = time.monotonic()
+        self._idle_s = 0.0 if seen != self._seen else self._idle_s + min(now - self._looked, self.LOOK_S)
+        self._seen, self._looked = seen, now
+        return self._idle_s > (self._limit_s if limit_s is None else limit_s)
+
+
+SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+"""What asks a command to end, and the exit code it then has: 128 and the number, as in a shell."""
+
+GRACE_S = 20.0
+"""How long a command may take to end once asked: to end its children, and to leave earlier results as they were."""
+
+TWICE_S = 1.0
+"""A further signal within this time is the same one, sent to the process and to its group; later, it is meant."""
+
+_asked_at: float | None = None
+
+
+class Terminated(SystemExit):
+    """SIGTERM or SIGHUP came; its code is that of `SIGNALS`."""
+
+
+def _leave_when_asked(number: int, _: FrameType | None) -> None:
+    global _asked_at
+    code, now = SIGNALS[signal.Signals(number)], time.monotonic()
+    if _asked_at is not None:
+        if now - _asked_at > TWICE_S:
+            os._exit(code)
+        return
+    _asked_at = now
+    timer = threading.Timer(GRACE_S, lambda: None if _asked_at is None else os._exit(code))
+    timer.daemon = True
+    timer.start()
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    raise Terminated(code)
+
+
+@contextlib.contextmanager
+def ending() -> Iterator[None]:
+    """Let what asks a command to end be an exception meanwhile, so that what runs is ended on the way out.
+
+    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be
+    lost, in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with that code all
+    the same, and the watchdog ends its children.
+    """
+    global _asked_at
+    inner = signal.getsignal(signal.SIGTERM) is _leave_when_asked
+    if inner or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    # Ignored is what nohup makes of SIGHUP, and a shell of SIGINT for what runs behind it; it stays so.
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in (number for number, was in before.items() if was is not signal.SIG_IGN):
+        signal.signal(number, _leave_when_asked)
+    try:
+        yield
+    finally:
+        for number, was in before.items():
+            signal.signal(number, was)
+        _asked_at = None
+
+
+@contextlib.contextmanager
+def held() -> Iterator[None]:
+    """Put off what asks this process to end until the block is done: it is short, and must not end in its middle."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # the exception is raised in the main thread
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, was in before.items():
+            signal.signal(number, was)
+    for number in came[:1]:
+        if before[signal.Signals(number)] is not signal.SIG_IGN:
+            signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """Threads for `run_child`: Ctrl-C, SIGTERM or an error ends what they run at once, and then them."""
+    pool = ThreadPoolExecutor(workers)
+    with ending():
+        try:
+            yield pool
+        except BaseException:
+            _stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            with _lock:
+                running = list(_running)
+            for child in running:
+                child.end()
+            raise
+        finally:
+            pool.shutdown()
+            _stopped.clear()

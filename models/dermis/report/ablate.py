@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each effect of a scene costs: all of them on, then one off at a time, in codes and in processor time."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dermis import engines, plan
+from dermis.errors import InputError
+from dermis.files import write_between
+from dermis.processes.cpu_time import cpu_seconds
+from dermis.records import Plan
+from dermis.report import figures, verdict
+from dermis.report.verdict import Row
+from dermis.scene import scene
+from dermis.scene.design import ROOT
+from dermis.scene.scene import Scene
+from dermis.scene.schema import Strict
+
+FRAMES = 64
+"""Frames looked at unless told otherwise; 1 with cosim, which takes seconds for one."""
+
+PAIRS = 3
+"""Runs with and without an effect behind a ratio of times; 1 with cosim."""
+
+EVERYTHING = "all_effects"
+
+DOCS = "docs/effects.md"
+BEGIN, END = "<!-- begin: ablate (written by dermis ablate --docs) -->", "<!-- end: ablate -->"
+PICTURE = "docs/figures/ablate.png"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one effect changes.
+
+    Attributes
+    ----------
+    name : str
+        The effect; EVERYTHING for all of them together.
+    code_max_lsb : int
+        Largest |code with - code without| of any taxel.
+    moved : float
+        Share of the taxels whose code moves, 0..1.
+    mean_shift_lsb : float
+        Mean of code with - code without over all taxels.
+    time_ratio : float
+        Processor time with over without, median of pairs of runs.
+    engine : str
+        The cheapest engine that can do the scene without it.
+    """
+
+    name: str
+    code_max_lsb: int
+    moved: float
+    mean_shift_lsb: float
+    time_ratio: float
+    engine: str
+
+
+def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
+    """The plan of a scene with exactly these effects, whatever `auto` or a wish for accuracy would make of them."""
+    effects = world.table.effects.model_copy(update={"auto": None})
+    run = world.table.run.model_copy(update={"accuracy_lsb": None, "time_s": None})
+    table = world.table.model_copy(update={"effects": effects, "run": run})
+    return plan.make(replace(world, table=table, effects=dict(on)), engine)
+
+
+def busiest(made: Plan, frames: int) -> Plan:
+    """At most so many frames of a plan, one after the other, around the one with the most conductance."""
+    if frames >= made.frames:
+        return made
+    first = min(max(0, made.fullest_frame() - frames // 2), made.frames - frames)
+    return made.part(first, first + frames)
+
+
+def measure(
+    world: Scene,
+    engine: str | None = None,
+    frames: int | None = None,
+    pairs: int | None = None,
+    said: Callable[[str], None] = lambda _: None,
+) -> tuple[Plan, list[Cost]]:
+    """Ablate a scene.
+
+    Parameters
+    ----------
+    world : Scene
+    engine : str, optional
+        Runs everything; default the cheapest that can do all effects at once, so that times compare.
+    frames : int, optional
+        At most so many, around the busiest; default FRAMES, 1 with cosim.
+    pairs : int, optional
+        Runs with and without an effect behind a ratio of times; default PAIRS, 1 with cosim.
+    said : callable
+        Told what is done next.
+
+    Returns
+    -------
+    Plan, list of Cost
+        The plan with everything on, and the costs: everything first, then the largest first.
+
+    Raises
+    ------
+    InputError
+        No effect is on, or the engine cannot do them all.
+    """
+    on = world.effects  # with `auto`: all that it may choose from
+    if not on:
+        raise InputError(world.path, "effects", "none on", "at least one effect, or auto")
+    full = with_effects(world, on, engine)
+    if engine is None:  # whatever the scene says
+        full = replace(full, engine=engines.cheapest(full) or full.engine)
+    engines.check(full)
+    slow = full.engine == "cosim"
+    full, pairs = busiest(full, frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
+    said(f"everything on, engine {full.engine}")
+    codes = engines.runner(full.engine)(full).codes.astype(int)
+    costs = []
+    for name in (EVERYTHING, *on):
+        said(f"{name} off, {len(costs) + 1} of {len(on) + 1}")
+        rest = {} if name == EVERYTHING else {other: p for other, p in on.items() if other != name}
+        made = with_effects(world, rest, full.engine)
+        costs.append(
+            _cost(name, full, codes, made.part(full.first_frame, full.first_frame + full.frames), pairs)
+        )
+    return full, costs[:1] + sorted(costs[1:], key=_size, reverse=True)
+
+
+def _cost(name: str, full: Plan, codes: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
+    run = engines.runner(full.engine)
+    shift = codes - run(without).codes
+    ratios = [cpu_seconds(lambda: run(full)) / cpu_seconds(lambda: run(without)) for _ in range(pairs)]
+    return Cost(
+        name,
+        int(np.abs(shift).max()),
+        float((shift != 0).mean()),
+        float(shift.mean()),
+        statistics.median(ratios),
+        engines.cheapest(without) or full.engine,
+    )
+
+
+def _size(cost: Cost) -> tuple[float, ...]:
+    return cost.code_max_lsb, cost.moved, abs(cost.mean_shift_lsb), cost.time_ratio
+
+
+def rows_of(costs: list[Cost], full: Plan) -> list[Row]:
+    """Four rows an effect."""
+    rows = []
+    for cost in costs:
+        what = "every effect" if cost.name == EVERYTHING else cost.name
+        note = f"{full.engine}, {full.frames} frames, everything on against {what} off"
+        for key, unit, more in (
+            ("code_max_lsb", "lsb", ""),
+            ("moved", "1", "; share of the taxels"),
+            ("mean_shift_lsb", "lsb", "; with minus without"),
+            ("time_ratio", "1", f"; processor time; without it engine {cost.engine} would do"),
+        ):
+            rows.append(verdict.report(f"ablate.{cost.name}.{key}", getattr(cost, key), unit, note + more))
+    return rows
+
+
+HEAD = ("off", "max change / LSB", "taxels that move", "mean shift / LSB", "time ratio", "then cheapest")
+
+
+def cells(cost: Cost) -> tuple[str, ...]:
+    """One line of the table."""
+    return (
+        cost.name,
+        str(cost.code_max_lsb),
+        f"{100 * cost.moved:.2f} %",
+        f"{cost.mean_shift_lsb:+.4f}",
+        f"{cost.time_ratio:.2f}",
+        cost.engine,
+    )
+
+
+def docs_table(costs: list[Cost], title: str) -> str:
+    """The costs as Markdown."""
+    lines = [f"{title}.", "", f"| {' | '.join(HEAD)} |", "|---|--:|--:|--:|--:|---|"]
+    for cost in costs:
+        name, *rest = cells(cost)
+        lines.append(f"| `{name}` | {' | '.join(rest)} |")
+    return "\n".join(lines)
+
+
+def print_costs(costs: list[Cost], title: str) -> None:
+    """Print one line an effect."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for heading in HEAD:
+        table.add_column(heading, justify="left" if heading in (HEAD[0], HEAD[-1]) else "right")
+    for cost in costs:
+        table.add_row(*cells(cost))
+    console.print(table)
+
+
+def figure(costs: list[Cost], title: str, path: Path) -> None:
+    """Draw the costs as bars: codes on the left, time on the right."""
+    order = costs[::-1]
+    names = [c.name for c in order]
+    canvas = Figure(figsize=(11, 1.6 + 0.32 * len(order)), layout="constrained")
+    codes, time = canvas.subplots(1, 2, sharey=True, width_ratios=[2, 1])
+    y = np.arange(len(order))
+    codes.barh(y + 0.2, [c.code_max_lsb for c in order], 0.4, color=figures.BLUE, label="largest |shift|")
+    codes.barh(
+        y - 0.2, [abs(c.mean_shift_lsb) for c in order], 0.4, color=figures.ORANGE, label="|mean shift|"
+    )
+    codes.set_xscale("symlog", linthresh=1.0)
+    largest = max(c.code_max_lsb for c in order)
+    codes.set_xlim(0, 3 * max(largest, 1))  # room for what is written behind the longest bar
+    codes.set_xticks([0, *(t for t in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if t <= max(largest, 1))])
+    codes.xaxis.set_major_formatter("{x:g}")
+    codes.xaxis.set_minor_locator(NullLocator())
+    codes.set_xlabel("shift of the code when the effect goes / LSB, and share of the taxels that move")
+    codes.set_yticks(y, names)
+    codes.legend(frameon=False, fontsize=8, loc="lower right")
+    for at, cost in zip(y, order, strict=True):
+        codes.annotate(
+            f" {100 * cost.moved:.3g} %",
+            (max(cost.code_max_lsb, 0.02), at + 0.2),
+            fontsize=7,
+            va="center",
+        )
+    time.barh(y, [c.time_ratio for c in order], 0.5, color=figures.GREEN)
+    time.axvline(1.0, color=figures.GREY, lw=0.8)
+    time.set_xlabel("processor time with / without")
+    canvas.suptitle(title, fontsize=10)
+    figures.save(canvas, path)
+
+
+@click.command("ablate")
+@click.argument("scene_name", metavar="SCENE")
+@click.option("--engine", help="Runs everything; default: the cheapest that can do all effects at once.")
+@click.option(
+    "--frames", type=click.IntRange(min=1), help=f"At most so many, the busiest; default {FRAMES}, cosim 1."
+)
+@click.option(
+    "--pairs", type=click.IntRange(min=1), help=f"Runs behind a ratio of times; default {PAIRS}, cosim 1."
+)
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and the figure beside it.")
+def ablate_command(
+    scene_name: str, engine: str | None, frames: int | None, pairs: int | None, docs: bool
+) -> int:
+    """What each effect of a scene costs: all on, then one off at a time.
+
+    The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
+    is on that it may choose from.
+    """
+    world = scene.load(scene.find(scene_name))
+    full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))
+    last = full.first_frame + full.frames - 1
+    which = f"frame {last}" if full.frames == 1 else f"frames {full.first_frame} to {last}"
+    title = f"{world.path.stem}: {len(costs) - 1} effects, engine {full.engine}, {which}"
+    rows = rows_of(costs, full)
+    picture = ROOT / "build" / "ablate.png"
+    figure(costs, title, picture)
+    verdict.write_rows("ablate", rows)
+    print_costs(costs, title)
+    click.echo(f"figure: {picture}")
+    if docs:
+        figure(costs, title, ROOT / PICTURE)
+        write_between(
+            ROOT / DOCS, BEGIN, END, docs_table(costs, f"`make ablate SCENE={scene_name}`: {title}")
+        )
+        click.echo(f"written: {DOCS}")
+    return verdict.exit_code(rows)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Judges the codes of a run against a neighbouring engine and against a straight line over force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines
+from dermis.engines import Result
+from dermis.errors import InputError
+from dermis.records import Plan
+from dermis.report import verdict
+from dermis.report.verdict import Row
+from dermis.scene.sensor import InverseSensor
+from dermis.scene.views import BEHAVIOURAL
+
+# 510 x of a force that was computed from a code is that code to a few ulp; no other force comes this close by accident.
+_EXACT = 1e-9
+
+
+def on_code(made: Plan) -> NDArray[np.bool_]:
+    """Where the code leaves nothing to rounding: x = c / gate_clocks, or full scale and above; [frames, rows, cols]."""
+    steps = made.timing.gate_clocks * made.duty_ideal()
+    with np.errstate(invalid="ignore"):
+        whole = np.abs(steps - np.round(steps)) <= _EXACT * np.maximum(steps, 1.0)
+    return whole | (steps >= made.timing.code_max)
+
+
+def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
+    """Straight line through code against force below saturation: slope a newton, offset, residuals; or None.
+
+    None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet that has aged.
+    """
+    if made.force_n is None or not isinstance(made.sensor, InverseSensor):
+        return None
+    if not np.allclose(made.sensor.force_n(made.resistance_ohm), made.force_n, rtol=_EXACT, atol=0):
+        return None
+    steps = made.timing.gate_clocks * made.duty_ideal()
+    below = np.isfinite(made.force_n) & (steps <= made.timing.code_max)
+    force, code = made.force_n[below], codes[below].astype(float)
+    if np.unique(force).size < 3:
+        return None
+    slope, offset = np.polyfit(force, code, 1)
+    return float(slope), float(offset), code - (slope * force + offset)
+
+
+def _reference(made: Plan) -> str | None:
+    """The engine to compare with: the closed formula, or the event engine where it has none; None for itself."""
+    # What such an engine refuses by value is told as a row that was skipped: not engines.cheapest.
+    return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
+
+
+def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
+    """Verdict rows of codes read in transistors: against ideal blocks, as read, and with each column calibrated."""
+    ideal = replace(made, views=BEHAVIOURAL)
+    reference = _reference(ideal)
+    if reference is None:
+        return [verdict.skip(f"frame.transistor_error_lsb.{name}", "no other engine takes its effects")]
+    exact = engines.run(replace(ideal, engine=reference)).codes.astype(float)
+    inside = (exact > 0) & (exact < made.timing.code_max) & (codes < made.timing.code_max)
+    error = np.abs(codes - exact)
+    note = f"{codes.size} codes against engine {reference}, as read: gain and offset of the channels"
+    rows = [verdict.report(f"frame.transistor_error_lsb.{name}", float(error.max()), "lsb", note)]
+    rest = []
+    for column in range(made.cols):
+        x, y = (some[:, :, column][inside[:, :, column]] for some in (exact, codes))
+        if np.unique(x).size >= 3:
+            gain, offset = np.polyfit(x, y, 1)
+            rest.append(np.abs(y - gain * x - offset).max())
+    key = f"frame.transistor_residual_lsb.{name}"
+    if rest:
+        note = f"{len(rest)} columns, gain and offset of each taken away; both codes are whole numbers"
+        rows.append(verdict.judge(key, float(max(rest)), note))
+    else:
+        rows.append(verdict.skip(key, "no column has three codes to fit a line to", "lsb"))
+    return rows
+
+
+def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
+    """Judge the codes of a run against a neighbouring engine, and a straight line.
+
+    Parameters
+    ----------
+    made, result : the plan and what an engine made of it
+    name : last part of the rows' names
+    expected : codes that a frame file holds, to be read back
+    """
+    codes = result.codes.astype(int)
+    if made.views.in_transistors(made.topology):
+        return _compare_transistors(made, codes, name)
+    rows = []
+    reference = _reference(made)
+    if reference is not None:
+        try:
+            error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
+        except InputError as refusal:  # fields that it honours, with values that it does not take
+            rows.append(verdict.skip(f"frame.code_error_lsb.{name}", str(refusal)))
+            kinds = {}
+        else:
+            kinds = {"frame.code_error_exact_lsb": on_code(made), "frame.code_error_lsb": ~on_code(made)}
+            if made.active_fields():
+                kinds = {"frame.code_error_lsb": np.ones(codes.shape, bool)}
+        for row, where in kinds.items():
+            if where.any():
+                note = f"{int(where.sum())} codes against engine {reference}"
+                rows.append(verdict.judge(f"{row}.{name}", int(error[where].max()), note))
+    if not made.active_fields() and (fit := fit_residual(made, codes)) is not None:
+        note = f"code = {fit[0]:.4f} / N x force {fit[1]:+.3f}"
+        rows.append(verdict.judge(f"frame.fit_residual_lsb.{name}", float(np.abs(fit[2]).max()), note))
+    if expected is not None:
+        worst = int(np.abs(codes - expected).max())
+        rows.append(
+            verdict.judge(f"frame.readback_error_lsb.{name}", worst, f"{made.frames} frames of the file")
+        )
+    return rows

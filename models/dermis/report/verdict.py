@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdict rows: a measured value against its limit in models/spec.toml, with four outcomes.
+
+PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a reason.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dermis.files import write_atomic
+from dermis.scene.design import ROOT, Limit, spec
+
+Row = dict[str, Any]
+AIM_MISSED = "aim missed"
+"""How the note of a row begins whose value misses a limit that does not gate; every other SKIP has no value."""
+COLOURS = {"PASS": "green", "FAIL": "bold red", "ERROR": "bold magenta", "SKIP": "yellow"}
+
+
+def limit(name: str) -> Limit:
+    """Return the limit of a name: its own, or that of the longest dotted prefix that has one.
+
+    Raises
+    ------
+    KeyError
+        models/spec.toml has no such limit; a value without a limit is `report`-ed, not judged.
+    """
+    parts = name.split(".")
+    for end in range(len(parts), 1, -1):
+        if found := spec().get(".".join(parts[:end])):
+            return found
+    raise KeyError(f"models/spec.toml has no limit for {name}")
+
+
+def _number(value: Any) -> int | float | None:
+    if value is None:
+        return None
+    number = float(value)
+    if not math.isfinite(number):
+        return None
+    # Whole numbers up to here are doubles without loss.
+    return (
+        int(number)
+        if float(number).is_integer() and abs(number) < 2**53 and not isinstance(value, float)
+        else number
+    )
+
+
+def _row(
+    name: str, value: Any, unit: str, low: float | None, high: float | None, status: str, note: str
+) -> Row:
+    return {
+        "name": name,
+        "value": value,
+        "unit": unit,
+        "min": low,
+        "max": high,
+        "status": status,
+        "note": note,
+    }
+
+
+def judge(name: str, value: Any, note: str = "") -> Row:
+    """Judge a value against its limit and return the verdict row.
+
+    A limit with ``gate = false`` is an aim: one that is missed gives SKIP, "aim missed" with value and aim in the note.
+    """
+    rule = limit(name)
+    row = within(name, value, rule.unit, rule.min, rule.max, note)
+    if row["status"] == "FAIL" and not rule.gate:
+        below = rule.min is not None and row["value"] < rule.min
+        aim = f"at least {rule.min:g}" if below else f"at most {rule.max:g}"
+        miss = f"{AIM_MISSED}: {row['value']:.4g}, wanted {aim}"
+        return row | {"status": "SKIP", "note": f"{miss}; {note}" if note else miss}
+    return row
+
+
+def aims_missed(rows: Sequence[Row]) -> list[Row]:
+    """The rows whose value misses a limit that does not gate."""
+    return [row for row in rows if row["status"] == "SKIP" and row["note"].startswith(AIM_MISSED)]
+
+
+def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
+    """Judge a value against limits that do not stand in models/spec.toml: PASS, FAIL, or ERROR if not measured."""
+    number = _number(value)
+    if number is None:
+        said = "not measured" if value is None else f"not a number: {value}"
+        return _row(name, None, unit, low, high, "ERROR", f"{said}; {note}" if note else said)
+    missed = (low is not None and number < low) or (high is not None and number > high)
+    return _row(name, number, unit, low, high, "FAIL" if missed else "PASS", note)
+
+
+def report(name: str, value: Any, unit: str, note: str = "") -> Row:
+    """Return the row of a value that has no limit: PASS when measured, else ERROR."""
+    number = _number(value)
+    if number is None and not note:
+        note = "not measured"
+    return _row(name, number, unit, None, None, "ERROR" if number is None else "PASS", note)
+
+
+def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
+    """Judge a value where there is a limit for it, report it where there is none."""
+    try:
+        limit(name)
+    except KeyError:
+        return report(name, value, unit, note)
+    return judge(name, value, note)
+
+
+def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
+    """The row of the median of several measurements; the spread is in the note, and every one under "runs"."""
+    spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
+    row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
+    return row | {"runs": [float(value) for value in values]}
+
+
+def skip(name: str, reason: str, unit: str = "") -> Row:
+    """Return the row of a check that did not run, with the reason."""
+    if not reason:
+        raise ValueError("a SKIP needs its reason")
+    try:
+        rule = limit(name)
+    except KeyError:
+        return _row(name, None, unit, None, None, "SKIP", reason)
+    return _row(name, None, rule.unit, rule.min, rule.max, "SKIP", reason)
+
+
+def error(name: str, reason: str, unit: str = "") -> Row:
+    """Return the row of a check that ran and did not measure, with the reason."""
+    return skip(name, reason, unit) | {"status": "ERROR"}
+
+
+def write_rows(target: str, rows: Sequence[Row]) -> None:
+    """Write build/<target>.json whole or not at all."""
+    write_atomic(ROOT / "build" / f"{target}.json", json.dumps(list(rows), indent=1, allow_nan=False) + "\n")
+
+
+def _said(value: Any) -> str:
+    return "" if value is None else f"{value:.6g}"
+
+
+def print_rows(rows: Sequence[Row], title: str = "") -> None:
+    """Print the rows as a table, and one line that counts the outcomes."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
+    for heading in ("name", "value", "min", "max", "unit", "status", "note"):
+        number = heading in ("value", "min", "max")
+        table.add_column(heading, justify="right" if number else "left", overflow="fold", no_wrap=number)
+    for row in rows:
+        colour = COLOURS[row["status"]]
+        cells = [row["name"], _said(row["value"]), _said(row["min"]), _said(row["max"]), row["unit"]]
+        # A note may hold brackets, which rich would read as markup.
+        table.add_row(*cells, f"[{colour}]{row['status']}[/]", row["note"].replace("[", r"\["))
+    console.print(table)
+    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
+    missed = len(aims_missed(rows))
+    console.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
+
+
+def exit_code(rows: Sequence[Row]) -> int:
+    """Return 0 when every row is PASS or SKIP, else 1; no rows at all is a miss, for nothing was measured."""
+    return 0 if rows and all(row["status"] in ("PASS", "SKIP") for row in rows) else 1

@@ -1,0 +1,606 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The design values of models/design.toml and the limits of models/spec.toml, loaded strictly.
+
+Stored values are pydantic fields; what follows from them (``timing.slot_clocks``, ``sensor.k_force_n_ohm``,
+``converter.packet_v`` ...) is read the same way but cannot be written in the file, so it cannot disagree.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+
+from dermis.errors import InputError
+from dermis.scene import schema
+
+ROOT = Path(__file__).resolve().parents[3]
+DESIGN_FILE = ROOT / "models" / "design.toml"
+SPEC_FILE = ROOT / "models" / "spec.toml"
+
+TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
+K_BOLTZMANN_J_PER_K = 1.380649e-23
+ELECTRON_C = 1.602176634e-19
+ABSOLUTE_ZERO_C = -273.15
+# Relative: what a value computed elsewhere in doubles may be off and still meet a cross-check.
+_ROUNDING = 1e-12
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Signed = Annotated[float, Field(allow_inf_nan=False)]
+RelativeError = Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)]
+
+
+def exact(value: float | int | str | Fraction) -> Fraction:
+    """Return the decimal a person wrote as a fraction, so that 2e-3 / 16 * 5e6 is 625 and not nearly so."""
+    if isinstance(value, (Fraction, int, str)):
+        return Fraction(value)
+    return Fraction(repr(float(value)))
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class Array(_Strict):
+    """The taxel array and what a deck needs to write it."""
+
+    rows: int = Field(ge=1, le=1024)
+    cols: int = Field(ge=1, le=1024)
+    r_lateral_ohm: Positive
+    r_trace_row_ohm: NonNegative
+    r_trace_column_ohm: NonNegative
+    c_row_f: NonNegative
+    c_column_f: NonNegative
+    c_taxel_f: NonNegative
+    r_floor_ohm: Positive
+
+
+class Sensor(_Strict):
+    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and how far a sheet departs from either."""
+
+    force_max_n: Positive
+    r_min_ohm: Positive
+    r_max_ohm: Positive
+    hysteresis: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    creep_per_decade: NonNegative
+    spread: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    tc_per_k: Signed
+    force_points_n: list[Positive] = Field(min_length=2)
+    r_points_ohm: list[Positive] = Field(min_length=2)
+    force_on_n: NonNegative
+    r_open_ohm: Positive
+    creep_start_s: Positive
+
+    @property
+    def k_force_n_ohm(self) -> float:
+        """K_f in N.ohm: full force at the lowest resistance."""
+        return float(exact(self.force_max_n) * exact(self.r_min_ohm))
+
+    @property
+    def force_min_n(self) -> float:
+        """Force in newton at r_max_ohm."""
+        return self.k_force_n_ohm / self.r_max_ohm
+
+
+class Interface(_Strict):
+    """What stands between a column and its converter."""
+
+    topology: Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"]
+    v_bias_v: Positive
+    k: int = Field(ge=1, le=100_000)
+    k_options: list[Annotated[int, Field(ge=1, le=100_000)]] = Field(min_length=4, max_length=4)
+
+
+class Converter(_Strict):
+    """The synchronized voltage-to-frequency converter."""
+
+    i0_a: Positive
+    c_int_f: Positive
+    f_clk_hz: Positive
+    t_edge_s: Positive
+    t_jitter_s: NonNegative
+
+    @property
+    def t_clk_s(self) -> float:
+        """Clock period in seconds."""
+        return float(1 / exact(self.f_clk_hz))
+
+    @property
+    def packet_c(self) -> float:
+        """Charge of one packet in coulomb, i0 T."""
+        return float(exact(self.i0_a) / exact(self.f_clk_hz))
+
+    @property
+    def packet_v(self) -> float:
+        """One packet as a voltage on c_int_f."""
+        return float(exact(self.i0_a) / exact(self.f_clk_hz) / exact(self.c_int_f))
+
+    @property
+    def f_max_hz(self) -> float:
+        """Highest pulse rate in hertz: two ones are never adjacent."""
+        return float(exact(self.f_clk_hz) / 2)
+
+
+class Timing(_Strict):
+    """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the rest."""
+
+    frame_s: Positive
+    gate_clocks: int = Field(ge=1, le=2**24)
+    code_bits: int = Field(ge=1, le=16)
+    break_clocks: int = Field(ge=1, le=2**16 - 3)
+    _slot_clocks: int = PrivateAttr(default=0)
+    _slot_s: float = PrivateAttr(default=0.0)
+    _t_clk_s: Fraction = PrivateAttr(default=Fraction(0))
+
+    @property
+    def slot_clocks(self) -> int:
+        """Clocks of one row slot, frame_s / rows * f_clk_hz."""
+        return self._slot_clocks
+
+    @property
+    def settle_clocks(self) -> int:
+        """Clocks of a slot before the gate opens."""
+        return self._slot_clocks - self.gate_clocks
+
+    @property
+    def slot_s(self) -> float:
+        """Length of a row slot in seconds."""
+        return self._slot_s
+
+    @property
+    def gate_s(self) -> float:
+        """Length of the gate in seconds."""
+        return float(self.gate_clocks * self._t_clk_s)
+
+    @property
+    def settle_s(self) -> float:
+        """Time from the row switch to the start of the gate in seconds."""
+        return float(self.settle_clocks * self._t_clk_s)
+
+    @property
+    def code_max(self) -> int:
+        """Full-scale code."""
+        return 2**self.code_bits - 1
+
+
+class Supply(_Strict):
+    """Supplies; ground is mid rail, the virtual ground of the columns."""
+
+    vdd_v: Positive
+    vss_v: float = Field(lt=0, allow_inf_nan=False)
+    v_logic_v: Positive
+
+
+class Ripple(_Strict):
+    """What a supply leaves on the bias of the driven row."""
+
+    relative: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    frequency_hz: Positive
+
+
+class Integrator(_Strict):
+    """Amplifier, capacitor switch and clamp of the integrator."""
+
+    gain_dc: Positive
+    gbw_hz: Positive
+    v_offset_v: Signed
+    v_out_max_v: Positive
+    v_out_min_v: float = Field(lt=0, allow_inf_nan=False)
+    r_in_ohm: Positive
+    r_preset_ohm: Positive
+
+    @property
+    def t_gbw_s(self) -> float:
+        """1 / (2 pi gbw_hz) in seconds."""
+        return 1 / (2 * math.pi * self.gbw_hz)
+
+
+class Comparator(_Strict):
+    """The comparator, decision level 0 V."""
+
+    gain_dc: Positive
+    v_offset_v: Signed
+    v_hysteresis_v: NonNegative
+    t_delay_s: NonNegative
+    v_noise_v: NonNegative
+    t_aperture_s: NonNegative
+
+
+class Conveyor(_Strict):
+    """Second-generation current conveyor."""
+
+    r_x_ohm: NonNegative
+    v_offset_v: Signed
+    f_pole_hz: Positive
+    r_z_ohm: Positive
+    i_out_max_a: Positive
+    gain_error: RelativeError
+
+    @property
+    def t_pole_s(self) -> float:
+        """1 / (2 pi f_pole_hz) in seconds."""
+        return 1 / (2 * math.pi * self.f_pole_hz)
+
+
+class Mirror(_Strict):
+    """The asymmetrical k:1 current mirror."""
+
+    ratio_error: RelativeError
+    r_out_ohm: Positive
+    f_pole_hz: Positive
+    q_lag_c: Positive
+    r_switch_ohm: NonNegative
+    v_overdrive_v: Positive
+
+    @property
+    def t_pole_s(self) -> float:
+        """1 / (2 pi f_pole_hz) in seconds."""
+        return 1 / (2 * math.pi * self.f_pole_hz)
+
+
+class RowDriver(_Strict):
+    """Switch resistance of a driven and of a grounded row."""
+
+    r_on_ohm: NonNegative
+    r_ground_ohm: NonNegative
+    i_leak_a: Signed
+
+
+class Charge(_Strict):
+    """The charge source."""
+
+    packet_error: RelativeError
+    tc_per_k: Signed
+    flicker: NonNegative
+
+
+class Ambient(_Strict):
+    """Surroundings."""
+
+    temperature_c: float = Field(gt=-273.15, allow_inf_nan=False)
+    delta_k: Signed
+    noise_factor: NonNegative
+
+    @property
+    def temperature_k(self) -> float:
+        """Absolute temperature in kelvin."""
+        return self.temperature_c - ABSOLUTE_ZERO_C
+
+
+class Design(_Strict):
+    """All of models/design.toml, plus what follows from it."""
+
+    array: Array
+    sensor: Sensor
+    interface: Interface
+    converter: Converter
+    timing: Timing
+    supply: Supply
+    ripple: Ripple
+    integrator: Integrator
+    comparator: Comparator
+    conveyor: Conveyor
+    mirror: Mirror
+    row_driver: RowDriver
+    charge: Charge
+    ambient: Ambient
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Design:
+        slot = exact(self.timing.frame_s) / self.array.rows
+        clocks = slot * exact(self.converter.f_clk_hz)
+        timing, sensor, interface = self.timing, self.sensor, self.interface
+        # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
+        if round(clocks) < 1 or abs(clocks - round(clocks)) > clocks * _ROUNDING:
+            said = f"a row slot frame_s / rows of whole clocks, not of {float(clocks)!r}"
+            _cross("timing.frame_s", timing.frame_s, said)
+        clocks = round(clocks)
+        timing._slot_clocks, timing._slot_s = clocks, float(slot)
+        timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
+        # The reader wants two clocks with the row on before the gate (docs/rtl.md); it would stretch a shorter slot.
+        if timing.settle_clocks < timing.break_clocks + 2:
+            most = clocks - timing.break_clocks - 2
+            _cross(
+                "timing.gate_clocks",
+                timing.gate_clocks,
+                f"at most {most} of the {clocks} clocks of a row slot",
+            )
+        if 2 * timing.code_max > timing.gate_clocks:
+            need = 2 * timing.code_max
+            _cross(
+                "timing.gate_clocks",
+                timing.gate_clocks,
+                f"at least {need} clocks for {timing.code_bits} bits",
+            )
+        forces, ohms = sensor.force_points_n, sensor.r_points_ohm
+        if sorted(set(forces)) != forces:
+            _cross("sensor.force_points_n", forces, "forces that rise")
+        if sorted(set(ohms), reverse=True) != ohms or len(ohms) != len(forces):
+            _cross("sensor.r_points_ohm", ohms, f"{len(forces)} resistances that fall, one a force point")
+        if sensor.r_open_ohm <= ohms[0]:
+            _cross("sensor.r_open_ohm", sensor.r_open_ohm, f"above the first of r_points_ohm = {ohms[0]!r}")
+        if sensor.r_max_ohm <= sensor.r_min_ohm:
+            _cross("sensor.r_max_ohm", sensor.r_max_ohm, f"above r_min_ohm = {sensor.r_min_ohm!r}")
+        if self.array.r_floor_ohm >= sensor.r_min_ohm:
+            _cross(
+                "array.r_floor_ohm", self.array.r_floor_ohm, f"below sensor.r_min_ohm = {sensor.r_min_ohm!r}"
+            )
+        if sorted(set(interface.k_options)) != interface.k_options:
+            _cross("interface.k_options", interface.k_options, "four different ratios, rising")
+        if interface.k not in interface.k_options:
+            _cross("interface.k", interface.k, f"one of k_options = {interface.k_options}")
+        if self.duty(sensor.r_min_ohm) > 0.5 * (1 + _ROUNDING):
+            low = self.resistance_full_scale_ohm
+            _cross("sensor.r_min_ohm", sensor.r_min_ohm, f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm")
+        if 2 * self.converter.t_edge_s >= self.converter.t_clk_s:
+            _cross(
+                "converter.t_edge_s",
+                self.converter.t_edge_s,
+                f"below half a clock of {self.converter.t_clk_s!r} s",
+            )
+        amplifier, supply = self.integrator, self.supply
+        if amplifier.v_out_max_v > supply.vdd_v:
+            _cross(
+                "integrator.v_out_max_v", amplifier.v_out_max_v, f"at most supply.vdd_v = {supply.vdd_v!r}"
+            )
+        if amplifier.v_out_min_v < supply.vss_v:
+            _cross(
+                "integrator.v_out_min_v", amplifier.v_out_min_v, f"at least supply.vss_v = {supply.vss_v!r}"
+            )
+        if self.converter.packet_v > self.swing_v * (1 + _ROUNDING):
+            _cross(
+                "converter.c_int_f", self.converter.c_int_f, f"a packet of at most {self.swing_v!r} V on it"
+            )
+        return self
+
+    @property
+    def swing_v(self) -> float:
+        """Largest packet in volt: the stored charge stays within one packet either side of the threshold."""
+        return min(self.integrator.v_out_max_v, -self.integrator.v_out_min_v)
+
+    @property
+    def resistance_full_scale_ohm(self) -> float:
+        """Resistance in ohm at which x = 1/2."""
+        return float(2 * self._r_unit())
+
+    @property
+    def i0_direct_a(self) -> float:
+        """Reference current of the direct interface in ampere: k times larger, for nothing divides there."""
+        return float(self.interface.k * exact(self.converter.i0_a))
+
+    @property
+    def c_direct_f(self) -> float:
+        """Integration capacitor of the direct interface in farad, k times larger."""
+        return float(self.interface.k * exact(self.converter.c_int_f))
+
+    def duty(self, resistance_ohm: float) -> float:
+        """Return x = V_b / (k i0 R); R = 0 gives inf, R = inf gives 0."""
+        if resistance_ohm == 0:
+            return math.inf
+        return float(self._r_unit() / exact(resistance_ohm)) if math.isfinite(resistance_ohm) else 0.0
+
+    def _r_unit(self) -> Fraction:
+        return exact(self.interface.v_bias_v) / (self.interface.k * exact(self.converter.i0_a))
+
+    @classmethod
+    def load(cls, path: str | Path | None = None) -> Design:
+        """Load and check a design file, as the function `load`."""
+        return load(path)
+
+    def replace(self, **sections: dict[str, Any]) -> Design:
+        """Return a checked copy with some values changed, e.g. ``replace(timing={"frame_s": 4e-3})``.
+
+        ``model_copy(update=...)`` would neither check nor derive anew.
+        """
+        data = self.model_dump()
+        for section, values in sections.items():
+            data.setdefault(section, {})
+            data[section] |= values
+        return _validated(data, "design")
+
+    def stored(self) -> dict[str, Any]:
+        """Return the stored values as ``{"section.key": value}`` in the order of the file."""
+        return {f"{s}.{k}": v for s, keys in self.model_dump().items() for k, v in keys.items()}
+
+    def derived(self) -> dict[str, float | int]:
+        """Return what follows from the stored values as ``{"section.key": value}``."""
+        names = {
+            "sensor": ("k_force_n_ohm", "force_min_n"),
+            "converter": ("t_clk_s", "packet_c", "packet_v", "f_max_hz"),
+            "timing": ("slot_clocks", "settle_clocks", "code_max", "slot_s", "gate_s", "settle_s"),
+            "integrator": ("t_gbw_s",),
+            "conveyor": ("t_pole_s",),
+            "mirror": ("t_pole_s",),
+        }
+        values = {f"{s}.{k}": getattr(getattr(self, s), k) for s, keys in names.items() for k in keys}
+        values["integrator.v_preset_v"] = self.v_preset_v
+        values["converter.i0_direct_a"] = self.i0_direct_a
+        values["converter.c_direct_f"] = self.c_direct_f
+        values["converter.swing_v"] = self.swing_v
+        return values
+
+    @property
+    def v_preset_v(self) -> float:
+        """Preset of the integrator in volt: half a packet, w = -1/2 (negative for the inverted topology)."""
+        return float(exact(self.converter.packet_v) / 2)
+
+
+class _Cross(ValueError):
+    def __init__(self, key: str, value: object, allowed: str) -> None:
+        super().__init__(allowed)
+        self.key, self.value, self.allowed = key, value, allowed
+
+
+def _cross(key: str, value: object, allowed: str) -> None:
+    raise _Cross(key, value, allowed)
+
+
+_SAY = {
+    "extra_forbidden": "unknown key",
+    "missing": "missing, must be given",
+    "finite_number": "a finite number",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+}
+
+
+def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> InputError:
+    """Turn the first complaint of pydantic into the one line a user gets."""
+    found = error.errors(include_url=False)
+    # An unknown key says most: it is usually the misspelt twin of the missing one.
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, _Cross):
+        return InputError(file, cause.key, repr(cause.value), cause.allowed)
+    path = [str(part) for part in first["loc"]]
+    value = "(absent)" if first["type"] == "missing" else repr(first["input"])
+    allowed = _SAY.get(first["type"]) or first["msg"].removeprefix("Input should be ").removeprefix(
+        "Value error, "
+    )
+    if first["type"] == "extra_forbidden":
+        level: Any = model
+        for part in path[:-1]:
+            field = getattr(level, "model_fields", {}).get(part)
+            level = field.annotation if field else None
+        known = ", ".join(getattr(level, "model_fields", {}))
+        if len(path) == 2 and path[1] in _DERIVED_KEYS:
+            allowed = "derived from other values, not to be written"
+        elif known:
+            allowed = f"unknown key; known here: {known}"
+    return InputError(file, ".".join(path), value, allowed)
+
+
+_DERIVED_KEYS = frozenset(
+    "k_force_n_ohm force_min_n t_clk_s packet_c packet_v f_max_hz slot_clocks settle_clocks code_max slot_s "
+    "gate_s settle_s t_gbw_s t_pole_s v_preset_v i0_direct_a c_direct_f swing_v".split()
+)
+
+
+def _validated(data: dict[str, Any], file: str) -> Design:
+    try:
+        return Design.model_validate(data)
+    except ValidationError as error:
+        raise _one_line(error, file, Design) from None
+
+
+def shown(path: Path) -> str:
+    """Return a path as a user reads it: from the project root where it is inside."""
+    try:
+        return str(Path(path).resolve().relative_to(ROOT))
+    except ValueError:
+        return str(path)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file strictly; a key given twice is an error of TOML itself.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is no TOML.
+    """
+    try:
+        return schema.read_toml(Path(path))
+    except InputError as error:
+        raise InputError(shown(path), error.key, error.value, error.allowed) from None
+
+
+def load(path: str | Path | None = None) -> Design:
+    """Load and check a design file (models/design.toml when none is named).
+
+    Raises
+    ------
+    InputError
+        One line with file, key, value and what is allowed.
+    """
+    return _load_default() if path is None else _load(Path(path))
+
+
+def _load(path: Path) -> Design:
+    return _validated(read_toml(path), shown(path))
+
+
+@functools.cache
+def _load_default() -> Design:
+    return _load(DESIGN_FILE)
+
+
+class Reason(NamedTuple):
+    """Why a stored value is what it is."""
+
+    key: str
+    mark: str
+    text: str
+
+
+def reasons(path: str | Path | None = None) -> dict[str, Reason]:
+    """Return the comment above each key of a design file, split into its mark (P, C or S) and its text."""
+    found: dict[str, Reason] = {}
+    section, comment = "", []
+    for line in Path(path or DESIGN_FILE).read_text(encoding="utf-8").splitlines():
+        if head := re.fullmatch(r"\[(\w+)\]", line.strip()):
+            section, comment = head[1], []
+        elif line.startswith("#"):
+            comment.append(line.lstrip("# ").strip())
+        elif item := re.match(r"(\w+)\s*=", line):
+            mark = re.match(r"\[([PCS])\] (.+)", " ".join(comment))
+            name = f"{section}.{item[1]}"
+            found[name] = Reason(name, mark[1] if mark else "", mark[2] if mark else "")
+            comment = []
+        elif not line.strip():
+            comment = []
+    return found
+
+
+class Limit(_Strict):
+    """One row of models/spec.toml."""
+
+    min: float | None = Field(default=None, allow_inf_nan=False)
+    max: float | None = Field(default=None, allow_inf_nan=False)
+    unit: str = Field(min_length=1)
+    gate: bool
+    conditions: str = Field(min_length=1)
+    command: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _has_a_limit(self) -> Limit:
+        if self.min is None and self.max is None:
+            _cross("min, max", "(absent)", "at least one of them")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            _cross("min", self.min, f"at most max = {self.max!r}")
+        return self
+
+
+def load_spec(path: str | Path) -> dict[str, Limit]:
+    """Load a file of limits, one table ``["block.quantity_unit"]`` each.
+
+    Raises
+    ------
+    InputError
+        One line with file, key, value and what is allowed.
+    """
+    path = Path(path)
+    limits: dict[str, Limit] = {}
+    for name, entry in read_toml(path).items():
+        if not re.fullmatch(r"[a-z0-9_]+(\.[a-z0-9_]+)+", name):
+            raise InputError(
+                shown(path), "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]'
+            )
+        try:
+            limits[name] = Limit.model_validate(entry)
+        except ValidationError as error:
+            line = _one_line(error, shown(path), Limit)
+            raise InputError(line.file, f"{name}.{line.key}", line.value, line.allowed) from None
+    return limits
+
+
+@functools.cache
+def spec() -> dict[str, Limit]:
+    """Return the limits of models/spec.toml by name."""
+    return load_spec(SPEC_FILE)

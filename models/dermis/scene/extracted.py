@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
+
+One file of models/extracted for each condition, one table in it for each channel, one line for each effect that the
+channel has. `[effects] extracted` of a scene is replaced by these lines while the scene is read, so every engine reads
+them as it reads what a scene says by hand, and none knows where they come from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dermis.effects import EFFECTS, EffectsTable
+from dermis.errors import InputError
+from dermis.files import write_atomic
+from dermis.scene.design import ROOT, TOPOLOGIES, Design
+from dermis.scene.schema import Strict, entry, read_toml, validate
+
+FOLDER = ROOT / "models" / "extracted"
+CIRCUIT = ROOT / "spice" / "sky130"
+AGAIN = "dermis extract"
+"""What writes the files anew."""
+
+Effects = Mapping[str, Mapping[str, float]]
+"""Effect -> parameter -> value, as in [effects] of a scene."""
+
+
+class _Source(Strict):
+    corner: str = entry(..., "Corner of the process", "one of those of sky130")
+    temperature_c: float = entry(..., "Temperature, in degrees Celsius", "a finite number")
+    models: str = entry(..., "Digest of the transistor models", "text")
+    circuit: dict[str, str] = entry(..., "Digest of every file of spice/sky130", "a table of text")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One value for a file: the effect and parameter it becomes, and where it comes from.
+
+    Attributes
+    ----------
+    effect, parameter : as in [effects] of a scene; the unit is the end of the parameter's name
+    value : in that unit
+    bench : what measured it, in words
+    """
+
+    effect: str
+    parameter: str
+    value: float
+    bench: str
+
+
+def path_of(corner: str, temperature_c: float) -> Path:
+    """The file of a condition."""
+    return FOLDER / f"{corner}_{temperature_c:g}C.toml"
+
+
+def channel(topology: str, k: int) -> str:
+    """Name of the table of a channel; the direct interface divides nothing, but its packet is as large as k says."""
+    return f"{topology}_k{k}"
+
+
+def circuit_digests(folder: Path = CIRCUIT) -> dict[str, str]:
+    """Digest of what every netlist says; comments, space and case say nothing."""
+
+    def said(path: Path) -> str:
+        lines = (line.strip().lower() for line in path.read_text(encoding="utf-8").splitlines())
+        return "\n".join(re.sub(r"\s+", " ", line) for line in lines if line and not line.startswith("*"))
+
+    files = sorted(f for f in folder.iterdir() if f.suffix in (".sp", ".inc"))
+    return {f.name: hashlib.sha256(said(f).encode()).hexdigest()[:12] for f in files}
+
+
+def models_digest(corner: str) -> str:
+    """Digest of the transistor models of a corner."""
+    from dermis.chip import sky130
+
+    return hashlib.sha256(sky130.models(corner).read_bytes()).hexdigest()[:12]
+
+
+def stale(path: Path, circuit: Path = CIRCUIT) -> str:
+    """Why the values of a file may no longer be those of the circuit; empty where they are."""
+    source = validate(_Source, read_toml(path).get("source", {}), path, "source")
+    have = circuit_digests(circuit)
+    changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
+    causes = [f"spice/sky130 has changed since ({', '.join(changed)})"] if changed else []
+    if models_digest(source.corner) != source.models:
+        causes.append("the transistor models have changed since")
+    return f"{path.name}: {' and '.join(causes)}; write it anew with: {AGAIN}" if causes else ""
+
+
+def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
+    """The text of a file: where it comes from, then for each channel each effect with what measured it."""
+    lines = [
+        "# SPDX-License-Identifier: Apache-2.0",
+        f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
+        f"# Written by {AGAIN}; docs/equivalence.md says how each value comes about and what holds it to the circuit.",
+        "",
+        "[source]",
+        f'corner = "{corner}"',
+        f"temperature_c = {float(temperature_c)!r}",
+        f'models = "{models_digest(corner)}"',
+        "",
+        "[source.circuit]",
+        *(f'"{name}" = "{digest}"' for name, digest in circuit_digests().items()),
+    ]
+    for name, found in channels.items():
+        lines += ["", f"[{name}]"]
+        for effect in dict.fromkeys(m.effect for m in found):
+            of = [m for m in found if m.effect == effect]
+            lines += [f"# {m.parameter}: {m.bench}" for m in of]
+            # Eight digits are far beyond what the benches resolve.
+            values = ", ".join(f"{m.parameter} = {float(format(m.value, '.8g'))!r}" for m in of)
+            lines.append(f"{effect} = {{ {values} }}")
+    return "\n".join(lines) + "\n"
+
+
+def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
+    """Write the file of a condition."""
+    path = path_of(corner, temperature_c)
+    write_atomic(path, text_of(corner, temperature_c, channels))
+    return path
+
+
+def channels_of(path: Path) -> dict[str, Any]:
+    """The tables of a file by channel, each an [effects] table.
+
+    Raises
+    ------
+    InputError
+        Something in it is no channel, no effect or no value of one.
+    """
+    data = {name: table for name, table in read_toml(path).items() if name != "source"}
+    known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
+    for name in data:
+        if name not in known:
+            raise InputError(path, name, "(a table)", f"one of {', '.join(sorted(known))}")
+    return {name: validate(EffectsTable, table, path, name) for name, table in data.items()}
+
+
+def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
+    """An [effects] table with what `extracted` stands for in its place.
+
+    An effect that is named beside it is refused: the measured value is the whole of it, and whether another one
+    should add to it, multiply it or take its place is for the scene to say, by writing the number it means.
+
+    Parameters
+    ----------
+    table : the [effects] table of a scene, `extracted` given
+    interface : its resolved [interface]
+    design : where the chip's own reference current and capacitor come from
+    file : the scene, for errors
+
+    Raises
+    ------
+    InputError
+        No such file or channel; the scene changes what was built; an effect is given twice.
+    """
+    wanted = table.extracted
+    key = "effects.extracted"
+    path = path_of(wanted.corner, wanted.temperature_c)
+    if not path.exists():
+        there = ", ".join(sorted(p.stem for p in FOLDER.glob("*.toml"))) or "none"
+        raise InputError(file, key, path.stem, f"a condition that was extracted: {there}")
+    for name, built in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
+        if getattr(interface, name) != built:
+            allowed = f"{built:g} beside effects.extracted: the circuit that was measured has it"
+            raise InputError(file, f"interface.{name}", getattr(interface, name), allowed)
+    channels = channels_of(path)
+    name = channel(interface.topology, interface.k)
+    if name not in channels:
+        raise InputError(file, key, name, f"a channel that was extracted there: {', '.join(channels)}")
+    found = {e: getattr(channels[name], e) for e in EFFECTS}
+    measured = {e: value for e, value in found.items() if value is not None}
+    for effect in measured:
+        given = getattr(table, effect)
+        if given is not None and given is not False:
+            raise InputError(
+                file, f"effects.{effect}", "given", f"false or nothing beside {key}, which has it"
+            )
+    left = {e: value for e, value in measured.items() if getattr(table, e) is not False}
+    return table.model_copy(update={"extracted": None, **left})

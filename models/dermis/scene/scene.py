@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: what the world is, read strictly from TOML, with every default filled in."""
+
+from __future__ import annotations
+
+import os
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from dermis.effects import EFFECTS, EffectsTable, Setting, check_together, resolve_effects
+from dermis.errors import InputError
+from dermis.scene import extracted
+from dermis.scene.design import ROOT, Design
+from dermis.scene.design import load as load_design
+from dermis.scene.schema import Strict, entry, quoted, read_toml, validate, write_toml
+from dermis.scene.sensor import SensorTable
+from dermis.scene.sensor import resolve as resolve_sensor
+from dermis.scene.stimulus import StimulusTable
+from dermis.scene.stimulus import resolve as resolve_stimulus
+from dermis.scene.views import View, ViewsTable
+from dermis.scene.views import resolve as resolve_views
+
+SCENES = ROOT / "models" / "scenes"
+"""The scenes that come along."""
+
+
+class ArrayTable(Strict):
+    """[array]: the size of the sheet."""
+
+    rows: int | None = entry(
+        None,
+        "Rows, read one after the other",
+        "a whole number 1..256",
+        default_from="array.rows",
+        ge=1,
+        le=256,
+    )
+    cols: int | None = entry(
+        None, "Columns, one converter each", "a whole number 1..256", default_from="array.cols", ge=1, le=256
+    )
+
+
+class InterfaceTable(Strict):
+    """[interface]: what stands between a column and its converter."""
+
+    topology: (
+        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
+    ) = entry(
+        None,
+        "direct: Fig. 3; conveyor_mirror: Fig. 5a; conveyor_mirror_inverted: Fig. 5b; "
+        "multi_output_conveyor: Fig. 6",
+        'one of "direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"',
+        default_from="interface.topology",
+    )
+    k: int | None = entry(
+        None,
+        "The column current is divided by k (direct: the packet is k times larger instead)",
+        "one of interface.k_options in models/design.toml",
+        default_from="interface.k",
+        ge=1,
+    )
+    v_bias_v: float | None = entry(
+        None,
+        "Bias of the driven row, in V",
+        "a finite number > 0, at most 10",
+        default_from="interface.v_bias_v",
+        gt=0,
+        le=10,
+    )
+    i0_a: float | None = entry(
+        None,
+        "Reference current of a packet, before k, in A",
+        "a finite number from 1e-9 to 1",
+        default_from="converter.i0_a",
+        ge=1e-9,
+        le=1,
+    )
+    c_int_f: float | None = entry(
+        None,
+        "Integration capacitor, before k, in F",
+        "a finite number from 1e-15 to 1e-6",
+        default_from="converter.c_int_f",
+        ge=1e-15,
+        le=1e-6,
+    )
+
+
+class RunTable(Strict):
+    """[run]: how to compute it."""
+
+    engine: Literal["closed", "event", "rtl", "cosim"] | None = entry(
+        None,
+        "closed: array solve and count formula; event: clock by clock; rtl: the real Verilog with real-number models; "
+        "cosim: the real Verilog with ngspice",
+        'one of "closed", "event", "rtl", "cosim"',
+        default_from="the cheapest that can do the scene",
+    )
+    accuracy_lsb: float | None = entry(
+        None,
+        "Chooses engine and effects: the fastest whose codes differ by so much on average from those with every effect "
+        "that is named (docs/accuracy.md)",
+        "a finite number > 0, without run.time_s, run.engine and effects.auto",
+        gt=0,
+    )
+    time_s: float | None = entry(
+        None,
+        "Chooses engine and effects: the most exact that are expected to run in so much processor time",
+        "a finite number > 0, without run.accuracy_lsb, run.engine and effects.auto",
+        gt=0,
+    )
+    seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
+    views: View | ViewsTable = entry(
+        "behavioural",
+        "View of the SPICE blocks in cosim: models, or transistors (docs/views.md)",
+        'a table, or one of "behavioural", "sky130"',
+    )
+
+
+class SceneTable(Strict):
+    """A whole scene."""
+
+    title: Annotated[str, Field(max_length=10_000)] = entry(
+        "", "For people; it goes into reports and into nothing else", "text of at most 10000 characters"
+    )
+    array: ArrayTable = entry(ArrayTable(), "Size of the sheet", "a table")
+    sensor: SensorTable = entry(SensorTable(), "Law between force and resistance", "a table")
+    stimulus: StimulusTable = entry(..., "What presses on the sheet", "a table with a kind")
+    interface: InterfaceTable = entry(InterfaceTable(), "What stands between column and converter", "a table")
+    effects: EffectsTable = entry(  # type: ignore[valid-type]
+        EffectsTable(), "What departs from the ideal; what is not named is off", "a table of effects"
+    )
+    run: RunTable = entry(RunTable(), "How to compute it", "a table")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene with every default filled in.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read; file names in it are relative to this.
+    table : SceneTable
+        The resolved tables. `table.effects` is as written, but for `extracted`, in whose place its effects stand;
+        `effects` holds what is on, every parameter given.
+    effects : dict
+        Effect name -> parameters.
+    design : Design
+        Where the defaults came from.
+    """
+
+    path: Path
+    table: SceneTable
+    effects: dict[str, Strict]
+    design: Design
+
+    @property
+    def title(self) -> str:
+        """For people only: it may hold anything, so it must never reach a deck or a shell."""
+        return self.table.title
+
+    def to_toml(self, directory: Path | None = None) -> str:
+        """The scene as TOML with every default written out; it loads to an identical plan.
+
+        Parameters
+        ----------
+        directory : Path, optional
+            Where the text will be saved: file names are rewritten relative to it. Without it they are
+            absolute.
+        """
+        data = self.table.model_dump()
+        data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
+        if (auto := self.table.effects.auto) is not None:
+            off = {name: False for name in EFFECTS if getattr(self.table.effects, name) is False}
+            data["effects"] = {"auto": auto.model_dump()} | data["effects"] | off
+        data["stimulus"] = {"kind": data["stimulus"].pop("kind")} | data["stimulus"]
+        if "file" in data["stimulus"]:
+            file = (self.path.parent / data["stimulus"]["file"]).resolve()
+            data["stimulus"]["file"] = (
+                str(file) if directory is None else os.path.relpath(file, directory.resolve())
+            )
+        return write_toml(data)
+
+
+def find(name: str) -> Path:
+    """Path of a scene given by path, or by the name of one that comes along.
+
+    Raises
+    ------
+    InputError
+        None of them has this name.
+    """
+    path = Path(name)
+    try:
+        there = path.exists()
+    except (OSError, ValueError):  # too long, or with a NUL: no file has such a name
+        there = False
+    if path.suffix == ".toml" or there or "/" in name:
+        return path
+    known = sorted(p.stem for p in SCENES.glob("*.toml"))
+    if name not in known:
+        raise InputError(
+            "command line", "SCENE", name, f"a path to a .toml file, or one of {', '.join(known)}"
+        )
+    return SCENES / f"{name}.toml"
+
+
+def load(path: str | Path, design: Design | None = None) -> Scene:
+    """Read a scene and fill in its defaults.
+
+    Raises
+    ------
+    InputError
+        Anything wrong in or with the file, as one line "FILE: KEY = VALUE: what is allowed".
+    """
+    path = Path(path)
+    return from_data(read_toml(path), path, design)
+
+
+def from_data(data: dict[str, Any], path: Path, design: Design | None = None) -> Scene:
+    """Make a scene from TOML data; `path` is named in errors, and file names are relative to it."""
+    return resolve(validate(SceneTable, data, path), path, design)
+
+
+def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
+    """The same scene with another [effects] table, and with this engine named (None: none)."""
+    run = world.table.run.model_copy(update={"engine": engine})
+    return resolve(world.table.model_copy(update={"effects": table, "run": run}), world.path, world.design)
+
+
+def with_views(world: Scene, views: str) -> Scene:
+    """The same scene with every SPICE block in this view, at the conditions it has by default."""
+    said = world.table.run.views
+    if not isinstance(said, str):
+        allowed = "none beside the table run.views of the scene, which says it for every block"
+        raise InputError("command line", "--views", views, allowed)
+    run = world.table.run.model_copy(update={"views": views})
+    return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
+
+
+def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
+    """Fill in every default that comes from the design, and check what no single key can."""
+    design = design or load_design()
+    _check_wish(table, path)
+    array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
+    sensor = resolve_sensor(table.sensor, design.sensor, path)
+    interface = _filled(
+        table.interface,
+        topology=design.interface.topology,
+        k=design.interface.k,
+        v_bias_v=design.interface.v_bias_v,
+        i0_a=design.converter.i0_a,
+        c_int_f=design.converter.c_int_f,
+    )
+    if interface.k not in design.interface.k_options:
+        options = ", ".join(str(k) for k in design.interface.k_options)
+        raise InputError(path, "interface.k", interface.k, f"one of {options}")
+    packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
+    if packet_v > design.swing_v:
+        lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
+        allowed = f"at least {lowest_f:.3g} F, so that a packet stays within {design.swing_v:g} V"
+        raise InputError(path, "interface.c_int_f", interface.c_int_f, allowed)
+    run = table.run.model_copy(update={"views": resolve_views(table.run.views, array.cols, path)})
+    t_frame_s = array.rows * (design.timing.slot_clocks / design.converter.f_clk_hz)
+    stimulus = resolve_stimulus(table.stimulus, array.rows, array.cols, t_frame_s)
+    named = table.effects
+    if named.extracted is not None:
+        named = extracted.expanded(named, interface, design, path)
+    resolved = table.model_copy(
+        update={
+            "array": array,
+            "sensor": sensor,
+            "interface": interface,
+            "stimulus": stimulus,
+            "run": run,
+            "effects": named,
+        }
+    )
+    on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
+    check_together(on, interface.topology, packet_v, path)
+    return Scene(path, resolved, on, design)
+
+
+def _check_wish(table: SceneTable, path: Path) -> None:
+    """An accuracy or a time chooses by itself what nothing else may say beside it."""
+    run = table.run
+    wishes = [name for name in ("accuracy_lsb", "time_s") if getattr(run, name) is not None]
+    if len(wishes) == 2:
+        raise InputError(
+            path, "run.time_s", run.time_s, "not beside run.accuracy_lsb: one chooses the setting"
+        )
+    if wishes and run.engine is not None:
+        raise InputError(
+            path, "run.engine", quoted(run.engine), f"none beside run.{wishes[0]}, which chooses it"
+        )
+    if wishes and table.effects.auto is not None:
+        allowed = f"none beside run.{wishes[0]}, which chooses the budget"
+        raise InputError(path, "effects.auto", "(a table)", allowed)
+
+
+def _no_rng(name: str) -> Any:
+    raise AssertionError(f"{name}: no random number is drawn while a scene is read")
+
+
+def _filled(table: Any, **defaults: Any) -> Any:
+    return table.model_copy(update={k: v for k, v in defaults.items() if getattr(table, k) is None})
+
+
+def schema_rows() -> Iterator[tuple[str, str, str, str]]:
+    """Every key a scene may have as (key, default, what is allowed, meaning), in the order of the schema."""
+    yield from _rows("", SceneTable)
+
+
+def schema_table() -> str:
+    """The keys of a scene as Markdown tables, one a section, as docs/scenes.md holds them."""
+    lines: list[str] = []
+    section = None
+    for key, default, allowed, meaning in schema_rows():
+        head, _, name = key.rpartition(".")
+        if head != section:
+            section = head
+            lines += ["", f"### `[{head}]`" if head else "### Top level", ""]
+            lines += ["| key | default | allowed | meaning |", "|---|---|---|---|"]
+        cells = (f"`{name}`", default, allowed, meaning)
+        lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
+    return "\n".join(lines).strip("\n") + "\n"
+
+
+def scenes_table(directory: Path = SCENES) -> str:
+    """The scenes that come along as a Markdown table; docs/scenes.md holds it."""
+    lines = ["| scene | what it is | stimulus | effects that are on |", "|---|---|---|---|"]
+    for path in sorted(directory.glob("*.toml")):
+        made = load(path)
+        stimulus = made.table.stimulus
+        kinds = [part.kind for part in getattr(stimulus, "parts", [])] or [stimulus.kind]
+        on = ", ".join(f"`{name}`" for name in made.effects)
+        lines.append(f"| `{path.stem}` | {made.title} | {', '.join(dict.fromkeys(kinds))} | {on} |")
+    return "\n".join(lines) + "\n"
+
+
+def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
+    inner: list[tuple[str, type[BaseModel]]] = []
+    # What a table says itself stands before what it has in common with others.
+    own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
+    for name in sorted(model.model_fields, key=own.index):
+        field = model.model_fields[name]
+        members = _members(field.annotation)
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        if members and not _other_than_tables(field.annotation):
+            tagged = len(members) > 1
+            for member in members:
+                tag = typing.get_args(member.model_fields["kind"].annotation)[0] if tagged else ""
+                inner.append((f"{prefix}{name}" + (f" kind = {tag}" if tagged else ""), member))
+            continue
+        if members:
+            inner.append((f"{prefix}{name}", members[0]))
+        yield prefix + name, _default(field, extra), str(extra.get("allowed", "")), field.description or ""
+    for name, member in inner:
+        yield from _rows(name + ".", member)
+
+
+def _other_than_tables(annotation: Any) -> bool:
+    """Whether a key may hold true or false, or a word, instead of a table."""
+    parts = typing.get_args(annotation)
+    return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
+
+
+def _default(field: Any, extra: dict[str, Any]) -> str:
+    if field.is_required():
+        return "must be given"
+    if extra.get("default_from"):
+        return str(extra["default_from"])
+    if field.default is None:
+        return "off" if bool in typing.get_args(field.annotation) else "left out"
+    return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
+
+
+def _members(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) in (typing.Union, Annotated):
+        return [m for a in typing.get_args(annotation) for m in _members(a)]
+    return []

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The taxel: what resistance a force makes, what force a resistance means, and how a sheet departs from that law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from dermis.errors import InputError
+from dermis.scene import design as designs
+from dermis.scene.schema import Strict, entry
+
+Floats = NDArray[np.float64]
+
+_ForcePoint = Annotated[float, Field(ge=1e-9, le=1e9)]
+_OhmPoint = Annotated[float, Field(ge=1e-6, le=1e15)]
+
+# Neighbouring points this close have no slope worth the name, and the logarithm of their ratio would vanish.
+_POINT_RATIO = 1.001
+
+# A force beyond is infinite: of a law so flat that nothing makes such a resistance. Sums over a sheet stay numbers.
+_FORCE_MAX_N = 1e300
+
+
+class SensorTable(Strict):
+    """[sensor]: the law between force and resistance."""
+
+    law: Literal["inverse", "power"] = entry(
+        "inverse",
+        'Force law; "inverse" is Force = K/R, the paper\'s; "power" is the measured curve of an FSR, a power law '
+        "between points, open below its turn-on",
+        'one of "inverse", "power"',
+    )
+    k_force_n_ohm: float | None = entry(
+        None,
+        "law inverse: K of Force = K/R, in N.ohm",
+        "a finite number > 0",
+        default_from="sensor.force_max_n * sensor.r_min_ohm",
+        gt=0,
+    )
+    force_points_n: Annotated[list[_ForcePoint], Field(min_length=2, max_length=1000)] | None = entry(
+        None,
+        "law power: forces in N, each at least 0.1 % above the one before",
+        "a list of at least 2 numbers from 1e-9 to 1e9, rising",
+        default_from="sensor.force_points_n",
+    )
+    r_points_ohm: Annotated[list[_OhmPoint], Field(min_length=2, max_length=1000)] | None = entry(
+        None,
+        "law power: the resistance at each of them, in ohm; the slopes at both ends go on",
+        "a list of at least 2 numbers from 1e-6 to 1e15, falling, one a force point",
+        default_from="sensor.r_points_ohm",
+    )
+    force_on_n: float | None = entry(
+        None,
+        "law power: a smaller force leaves the taxel open, in N",
+        "a finite number >= 0",
+        default_from="sensor.force_on_n",
+        ge=0,
+    )
+    r_open_ohm: Annotated[float, Field(gt=0, allow_inf_nan=True)] | None = entry(
+        None,
+        "law power: resistance of an open taxel, in ohm",
+        "a number above the first of r_points_ohm (inf is legal)",
+        default_from="sensor.r_open_ohm",
+    )
+
+
+_KEYS = {
+    "inverse": ("k_force_n_ohm",),
+    "power": ("force_points_n", "r_points_ohm", "force_on_n", "r_open_ohm"),
+}
+
+
+class Sensor(Protocol):
+    """A law. It has no memory: what a sheet remembers is `age`."""
+
+    def resistance_ohm(self, force_n: ArrayLike) -> Floats:
+        """Resistance in ohm of a force in newtons, any shape; F = inf gives 0."""
+
+    def force_n(self, resistance_ohm: ArrayLike) -> Floats:
+        """Force in newtons that a resistance in ohm means, any shape; R = 0 gives inf, R = inf gives 0."""
+
+
+@dataclass(frozen=True)
+class InverseSensor:
+    """Force = K/R.
+
+    Parameters
+    ----------
+    k_force_n_ohm : float
+        K in N.ohm.
+    """
+
+    k_force_n_ohm: float
+
+    def resistance_ohm(self, force_n: ArrayLike) -> Floats:
+        """R = K/F of a force in newtons, any shape; F = 0 gives inf and F = inf gives 0."""
+        # + 0.0 turns -0.0 into 0.0, whose inverse is +inf.
+        with np.errstate(divide="ignore", over="ignore"):
+            return np.divide(self.k_force_n_ohm, np.asarray(force_n, dtype=float) + 0.0)
+
+    def force_n(self, resistance_ohm: ArrayLike) -> Floats:
+        """F = K/R of a resistance in ohm, any shape; R = inf gives 0 and R = 0 gives inf."""
+        # + 0.0 turns -0.0 into 0.0, whose inverse is +inf.
+        with np.errstate(divide="ignore", over="ignore"):
+            return np.divide(self.k_force_n_ohm, np.asarray(resistance_ohm, dtype=float) + 0.0)
+
+
+@dataclass(frozen=True)
+class PowerSensor:
+    """R = R_i (F/F_i)^-n between each two measured points, the slopes at both ends continued; open below turn-on.
+
+    The two methods undo each other for every force that turns the taxel on. No force makes a resistance between
+    the curve at turn-on and r_open_ohm; such a one means the force of turn-on, so that decoding stays monotone.
+
+    Parameters
+    ----------
+    force_points_n, r_points_ohm : tuple of float
+        The points, forces rising and resistances falling.
+    force_on_n : float
+        Smaller forces leave the taxel open.
+    r_open_ohm : float
+        Resistance of an open taxel, and the highest there is; inf is legal.
+    """
+
+    force_points_n: tuple[float, ...]
+    r_points_ohm: tuple[float, ...]
+    force_on_n: float
+    r_open_ohm: float
+
+    def exponents(self) -> Floats:
+        """Exponent n of R ~ F^-n behind each point; the last goes on as the one before."""
+        force, ohm = np.array(self.force_points_n), np.array(self.r_points_ohm)
+        slopes = np.log(ohm[:-1] / ohm[1:]) / np.log(force[1:] / force[:-1])
+        return np.append(slopes, slopes[-1])
+
+    def resistance_ohm(self, force_n: ArrayLike) -> Floats:
+        """R in ohm of a force in newtons, any shape; r_open_ohm below turn-on, 0 for F = inf."""
+        force = np.asarray(force_n, dtype=float)
+        points = np.array(self.force_points_n)
+        at = np.maximum(np.searchsorted(points, force, side="right") - 1, 0)
+        with np.errstate(divide="ignore", over="ignore", under="ignore"):
+            ohm = np.array(self.r_points_ohm)[at] * np.abs(force / points[at]) ** -self.exponents()[at]
+        return np.where(force < self.force_on_n, self.r_open_ohm, np.minimum(ohm, self.r_open_ohm))
+
+    def force_n(self, resistance_ohm: ArrayLike) -> Floats:
+        """F in newtons that a resistance means, any shape; 0 from r_open_ohm on, above 1e300 inf, as for R = 0."""
+        ohm = np.asarray(resistance_ohm, dtype=float)
+        points = np.array(self.r_points_ohm)
+        at = np.maximum(np.searchsorted(-points, -ohm, side="right") - 1, 0)
+        with np.errstate(divide="ignore", over="ignore", under="ignore"):
+            force = np.array(self.force_points_n)[at] * np.abs(ohm / points[at]) ** (
+                -1.0 / self.exponents()[at]
+            )
+        force = np.where(force > _FORCE_MAX_N, np.inf, force)
+        return np.where(ohm >= self.r_open_ohm, 0.0, np.maximum(force, self.force_on_n))
+
+
+def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> SensorTable:
+    """Fill in the keys of the law from the design; keys of another law and points without a curve are refused."""
+    for law, keys in _KEYS.items():
+        for key in keys:
+            if law != table.law and (value := getattr(table, key)) is not None:
+                raise InputError(file, f"sensor.{key}", value, f'left out with law "{table.law}"')
+    missing = {key: getattr(defaults, key) for key in _KEYS[table.law] if getattr(table, key) is None}
+    table = table.model_copy(update=missing)
+    if table.law == "power":
+        force, ohm = np.array(table.force_points_n), np.array(table.r_points_ohm)
+        if (force[1:] < force[:-1] * _POINT_RATIO).any():
+            raise InputError(
+                file, "sensor.force_points_n", table.force_points_n, "forces that rise, by 0.1 % at least"
+            )
+        if ohm.size != force.size or (ohm[1:] * _POINT_RATIO > ohm[:-1]).any():
+            said = f"{force.size} resistances, one a force point, that fall by 0.1 % at least"
+            raise InputError(file, "sensor.r_points_ohm", table.r_points_ohm, said)
+        if not table.r_open_ohm > ohm[0]:
+            said = f"a number above the first of r_points_ohm, {ohm[0]:g} (inf is legal)"
+            raise InputError(file, "sensor.r_open_ohm", table.r_open_ohm, said)
+    return table
+
+
+def make_sensor(table: SensorTable) -> InverseSensor | PowerSensor:
+    """Make the sensor of a resolved [sensor] table."""
+    given: dict[str, Any] = {key: getattr(table, key) for key in _KEYS[table.law]}
+    if None in given.values():
+        raise ValueError("the [sensor] table is not resolved: a key has no value")
+    if table.law == "inverse":
+        return InverseSensor(**given)
+    return PowerSensor(**{k: tuple(v) if isinstance(v, list) else v for k, v in given.items()})
+
+
+@dataclass(frozen=True)
+class SensorState:
+    """How a sheet departs from its law; the default is a sheet that does not.
+
+    Attributes
+    ----------
+    hysteresis : float
+        On the way back the resistance lies below that on the way up by up to this part of it, 0..1.
+    creep_per_decade : float
+        Growth of the conductance with each factor of ten in time under load, relative.
+    temperature_error : float
+        Relative change of every conductance, above -1.
+    spread : float
+        Standard deviation of the conductance from taxel to taxel, relative.
+    """
+
+    hysteresis: float = 0.0
+    creep_per_decade: float = 0.0
+    temperature_error: float = 0.0
+    spread: float = 0.0
+
+
+def age(
+    sensor: Sensor,
+    resistance_ohm: Floats,
+    t_frame_s: float,
+    state: SensorState,
+    creep_start_s: float,
+    rng: Callable[[str], np.random.Generator],
+) -> Floats:
+    """Turn the resistances of a law into those of a sheet in some state.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The law; it says which taxels are under load.
+    resistance_ohm : ndarray
+        [frames, rows, cols] by the law, 0..inf, one frame each t_frame_s.
+    state : SensorState
+    creep_start_s : float
+        See `creep_decades`.
+    rng : callable
+        Name of an effect -> its generator; asked for only where the state has a spread.
+
+    Returns
+    -------
+    ndarray
+        The same object where the state is the default.
+    """
+    with np.errstate(over="ignore"):
+        if state.hysteresis:
+            resistance_ohm, by_law = play(resistance_ohm, state.hysteresis), resistance_ohm
+        else:
+            by_law = resistance_ohm
+        if state.creep_per_decade:
+            decades = creep_decades(sensor.force_n(by_law) > 0, t_frame_s, creep_start_s)
+            resistance_ohm = resistance_ohm / (1.0 + state.creep_per_decade * decades)
+        if state.temperature_error:
+            resistance_ohm = resistance_ohm / (1.0 + state.temperature_error)
+        if state.spread:
+            draw = rng("sensor_spread").standard_normal(resistance_ohm.shape[1:])
+            resistance_ohm = resistance_ohm / spread_factor(draw, state.spread)
+    return resistance_ohm
+
+
+def play(resistance_ohm: Floats, width: float) -> Floats:
+    """Hysteresis of resistances along axis 0: the play operator between the law R and (1 - width) R.
+
+    A rising force (falling R) follows the law, a falling one the law times 1 - width; in between the resistance
+    stays where it was. That is the play (backlash) operator of Preisach's theory on log R, so loops close, do not
+    depend on speed, and forget a small loop inside a larger one. The data sheet's +10 % is (R+ - R-)/R+ of a force
+    on the way up and back. It starts on the way up.
+    """
+    out = np.array(resistance_ohm, dtype=float)
+    for n in range(1, out.shape[0]):
+        out[n] = np.maximum(np.minimum(out[n - 1], resistance_ohm[n]), resistance_ohm[n] * (1.0 - width))
+    return out
+
+
+# Step of the trapezoid in log rate: its error is exp(-pi^2/h), 2e-11, because the integrand is analytic to +-i pi/2.
+_RATE_STEP = 0.4
+
+
+def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -> Floats:
+    """Decades of time that load has lasted, with memory along axis 0, [frames, ...].
+
+    A step of load at t = 0 gives log10(1 + t/start_s). What it gave is forgotten in the same way: released at t1,
+    log10(1 + t/start_s) - log10(1 + (t - t1)/start_s). That is Boltzmann's superposition with the kernel
+    1/(start_s + t), whatever the order of loads. The kernel is the integral of exp(-s (start_s + t)) over the
+    rates s, so one state a rate and taxel carries it from frame to frame: it costs the same for each frame, where
+    the sum over all loads before (the test's reference) costs more and more.
+
+    Parameters
+    ----------
+    loaded : ndarray of bool
+        Whether a taxel carries load from frame n to frame n + 1.
+    t_frame_s, start_s : float
+        Time from frame to frame, and the time at which the first decade starts.
+    """
+    frames = loaded.shape[0]
+    touched = loaded.any(axis=0)
+    lowest, highest = 1e-10 / (start_s + frames * t_frame_s), 45.0 / start_s
+    rate = np.exp(np.arange(np.log(lowest), np.log(highest), _RATE_STEP))[:, np.newaxis]
+    with np.errstate(under="ignore"):
+        weight = _RATE_STEP * np.exp(-rate * start_s) / np.log(10.0)
+        kept = np.exp(-rate * t_frame_s)
+        gained = -np.expm1(-rate * t_frame_s) * weight
+        state = np.zeros((rate.size, int(touched.sum())))
+        out = np.zeros(loaded.shape)
+        for n in range(1, frames):
+            state = kept * state + gained * loaded[n - 1][touched]
+            out[n][touched] = state.sum(axis=0)
+    return out
+
+
+def spread_factor(draw: Floats, relative: float) -> Floats:
+    """Log-normal factors with mean 1 and standard deviation `relative`, from standard normal draws."""
+    sigma = np.sqrt(np.log1p(relative * relative))
+    return np.exp(sigma * draw - sigma * sigma / 2)

@@ -1,0 +1,750 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What presses on the sheet: the [stimulus] tables of a scene and the frames they stand for."""
+
+from __future__ import annotations
+
+import array as arrays
+import io
+import math
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from dermis.errors import InputError, one_line, quoted
+from dermis.scene.schema import Strict, entry, read_bytes
+from dermis.scene.sensor import Sensor
+
+Floats = NDArray[np.float64]
+
+# 131 072 frames of 16x16: what one process holds twice over in 1 GB. Longer recordings come in pieces.
+VALUES_MAX = 1 << 25
+FILE_BYTES_MAX = 1 << 28
+
+# numpy.savez of a recording's every array has some tens.
+NPZ_MEMBERS_MAX = 4096
+
+CODE_MAX = 255
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What the sheet goes through.
+
+    Attributes
+    ----------
+    resistance_ohm, force_n : ndarray
+        By the sensor's law, and in newtons (or None), [frames, rows, cols]: one frame for each time the array is
+        read.
+    t_frame_s : float
+        From the start of one reading to the start of the next, the chip's frame time or longer.
+    """
+
+    resistance_ohm: Floats
+    force_n: Floats | None
+    t_frame_s: float
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a stimulus needs to know of the rest of the scene."""
+
+    scene: Path
+    rows: int
+    cols: int
+    sensor: Sensor
+    ohm_of_code: Callable[[Floats], Floats]
+    t_frame_s: float
+    where: str = "stimulus"
+
+    def wrong(self, key: str, value: Any, allowed: str) -> InputError:
+        """The error of one key of the stimulus, or of the whole table where the key is empty."""
+        return InputError(self.scene, f"{self.where}.{key}" if key else self.where, value, allowed)
+
+
+Force = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Forces = Force | Annotated[list[Force], Field(min_length=1)]
+Points = Annotated[list[Force], Field(min_length=2)]
+Ohm = Annotated[float, Field(ge=0, allow_inf_nan=True)]
+Code = Annotated[int, Field(ge=0, le=CODE_MAX)]
+Select = Literal["all", "first", "last"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
+Shape = Literal["flat", "triangular", "cylindrical", "spherical", "round"]
+Seconds = Annotated[float, Field(ge=1e-9, le=1e9)]
+_FORCE = "a finite number >= 0, or a list of them, one a frame"
+_TAPS = "a finite number >= 0, or a list of them, one a tap"
+_POINTS = "a list of at least 2 finite numbers >= 0"
+_SHAPES = 'one of "flat", "triangular", "cylindrical", "spherical", "round"'
+_PROFILES = (
+    "flat 1; triangular 1 - |t|; cylindrical sqrt(1 - t^2); these three on the rectangle width x length; "
+    "spherical sqrt(1 - t^2 - s^2) and round 1 on the ellipse in it; t and s run from -1 to 1 across width and length"
+)
+
+
+class _Timed(Strict):
+    """What a stimulus of ready frames says of time."""
+
+    t_frame_s: Seconds | None = entry(
+        None,
+        "Time from one of its frames to the next, in s",
+        "a finite number from 1e-9 to 1e9",
+        default_from="the frame time of the chip, rows * timing.slot_s",
+    )
+    resample: Literal["none", "hold", "linear"] = entry(
+        "none",
+        "What the chip, which reads on at its own frame time, sees between them: none: it reads once a frame of the "
+        "stimulus; hold: the newest frame; linear: conductance on a straight line from frame to frame",
+        'one of "none", "hold", "linear"',
+    )
+
+
+class _Body(Strict):
+    """A stiff body: where it stands and how it presses."""
+
+    shape: Shape = entry(..., "Pressure under the body: " + _PROFILES, _SHAPES)
+    force_n: Forces | None = entry(
+        None,
+        "Force in N on a taxel where the profile is 1; a list makes one frame each",
+        _FORCE + "; or total_force_n instead",
+    )
+    total_force_n: Forces | None = entry(
+        None,
+        "Force in N of the whole body, shared by the taxels it touches; a list makes one frame each",
+        _FORCE + "; or force_n instead",
+    )
+    width: float = entry(8.0, "Extent across the profile, in taxel pitches", "a finite number > 0", gt=0)
+    length: float = entry(
+        8.0, "Extent along the ridge or axis, in taxel pitches", "a finite number > 0", gt=0
+    )
+    center_row: float | None = entry(
+        None,
+        "Row of the centre; 0 is the centre of the first row, fractions lie between rows",
+        "a finite number",
+        default_from="(rows - 1) / 2",
+    )
+    center_col: float | None = entry(
+        None, "Column of the centre, as center_row", "a finite number", default_from="(cols - 1) / 2"
+    )
+    angle_deg: float = entry(
+        0.0,
+        "Turn of the width from the direction of rising columns towards rising rows, in degrees",
+        "a finite number from -360 to 360",
+        ge=-360,
+        le=360,
+    )
+    samples: int = entry(
+        1,
+        "1: a taxel feels the pressure at its centre; n: the mean over n x n points spread evenly over its pitch",
+        "a whole number 1..16",
+        ge=1,
+        le=16,
+    )
+
+
+class _Lasting(Strict):
+    """How long something that moves is watched; frames follow each other at the chip's frame time."""
+
+    frames: int | None = entry(
+        None, "Frames to read", "a whole number 1..2^25; or duration_s instead", ge=1, le=1 << 25
+    )
+    duration_s: Seconds | None = entry(
+        None,
+        "Or time to read for, in s, rounded up to whole frames",
+        "a finite number from 1e-9 to 1e9; or frames instead",
+    )
+
+
+class IndenterTable(_Body, _Timed):
+    """A stiff body pressed into the sheet; one frame for each force."""
+
+    kind: Literal["indenter"] = entry(..., "A body pressed into the sheet", '"indenter"')
+
+
+class SlipTable(_Body, _Lasting):
+    """A stiff body that slides over the sheet."""
+
+    kind: Literal["slip"] = entry(
+        ..., "A body that slides over the sheet, read at the chip's frame time", '"slip"'
+    )
+    speed_pitch_per_s: float = entry(
+        ...,
+        "Speed in taxel pitches a second (100 mm/s on a pitch of 5 mm is 20)",
+        "a finite number >= 0",
+        ge=0,
+    )
+    direction_deg: float = entry(
+        0.0,
+        "Where it goes: 0 towards rising columns, 90 towards rising rows, in degrees",
+        "a finite number from -360 to 360",
+        ge=-360,
+        le=360,
+    )
+    start_s: float = entry(0.0, "It rests at its centre until then, in s", "a finite number >= 0", ge=0)
+
+
+class TappingTable(_Body, _Lasting):
+    """A stiff body that comes down again and again."""
+
+    kind: Literal["tapping"] = entry(
+        ..., "A body that taps on the sheet, read at the chip's frame time", '"tapping"'
+    )
+    force_n: Forces | None = entry(
+        None,
+        "Highest force in N of a tap, on a taxel where the profile is 1; a list makes one tap each, over and over",
+        _TAPS + "; or total_force_n instead",
+    )
+    total_force_n: Forces | None = entry(
+        None,
+        "Highest force in N of a tap of the whole body, shared by the taxels it touches; a list as for force_n",
+        _TAPS + "; or force_n instead",
+    )
+    frequency_hz: float = entry(
+        ..., "Taps a second; the first begins at time 0", "a finite number > 0, at most 1e6", gt=0, le=1e6
+    )
+    duty: float = entry(0.5, "Share of the period in contact", "a finite number > 0, at most 1", gt=0, le=1)
+    profile: Literal["half_sine", "square"] = entry(
+        "half_sine", "Force over the time of contact", 'one of "half_sine", "square"'
+    )
+
+
+class RampTable(_Body, _Lasting):
+    """A body, or even pressure, whose force changes along straight lines."""
+
+    kind: Literal["ramp"] = entry(
+        ...,
+        "A force that runs along straight lines in time, read at the chip's frame time; with the effect motion it "
+        "runs inside every gate as well",
+        '"ramp"',
+    )
+    shape: Shape | None = entry(
+        None, "Left out: the same on every taxel; else pressure under a body, as for an indenter", _SHAPES
+    )
+    force_n: Points | None = entry(
+        None,
+        "Forces in N on a taxel where the profile is 1, at equal steps of time from the first frame to the last, with "
+        "straight lines between them",
+        _POINTS + "; or total_force_n instead",
+    )
+    total_force_n: Points | None = entry(
+        None,
+        "As force_n, of the whole body and shared by the taxels it touches",
+        _POINTS + "; or force_n instead",
+    )
+    frames: int | None = entry(
+        None,
+        "Frames to read, the first and the last force included; left out with duration_s: one a force",
+        "a whole number 2..2^25; or duration_s instead",
+        ge=2,
+        le=1 << 25,
+    )
+    duration_s: Seconds | None = entry(
+        None,
+        "Or time from the first force to the last, in s",
+        "a finite number from 1e-9 to 1e9; or frames instead",
+    )
+
+
+class UniformTable(_Timed):
+    """The same on every taxel; exactly one of force_n, code, r_ohm; a list makes one frame each."""
+
+    kind: Literal["uniform"] = entry(
+        ..., "The same on every taxel; give exactly one of force_n, code, r_ohm", '"uniform"'
+    )
+    force_n: Forces | None = entry(None, "Force in N", _FORCE)
+    code: Code | Annotated[list[Code], Field(min_length=1)] | None = entry(
+        None,
+        "The resistance whose ideal code this is: x = code / 510",
+        "a whole number 0..255, or a list of them, one a frame",
+    )
+    r_ohm: Ohm | Annotated[list[Ohm], Field(min_length=1)] | None = entry(
+        None,
+        "Resistance in ohm; 0 is a short, inf is open",
+        "a number >= 0 (inf is legal), or a list of them, one a frame",
+    )
+
+
+class FramesTable(_Timed):
+    """Frames from a file."""
+
+    kind: Literal["frames"] = entry(..., "Frames from a file", '"frames"')
+    file: str = entry(
+        ...,
+        "csv (one frame a line of rows x cols values, or one row a line, rows lines a frame), npy or npz "
+        "([rows, cols] or [frames, rows, cols]); relative to the scene",
+        "the name of a csv, npy or npz file",
+        min_length=1,
+    )
+    key: str | None = entry(
+        None, "Which array of an npz file; may be left out where there is one", "a name in the npz"
+    )
+    unit: Literal["codes", "newtons"] = entry(
+        ...,
+        "codes: 0..255, each stands for the resistance whose ideal code it is (x = code / 510), 255 too; "
+        "newtons: force on the taxel",
+        'one of "codes", "newtons"',
+    )
+    scale: float = entry(1.0, "Factor on every force, after the unit", "a finite number >= 0", ge=0)
+    select: Select = entry(
+        "all",
+        "Which frames, counted from 0, in the order given",
+        'one of "all", "first", "last", or a list of frame numbers >= 0',
+    )
+
+
+class ResistanceTable(_Timed):
+    """Resistances from a file."""
+
+    kind: Literal["resistance"] = entry(..., "Resistances from a file", '"resistance"')
+    file: str = entry(
+        ...,
+        "csv, npy or npz laid out as for frames, in ohm; 0 is a short, inf is open; relative to the scene",
+        "the name of a csv, npy or npz file",
+        min_length=1,
+    )
+    key: str | None = entry(
+        None, "Which array of an npz file; may be left out where there is one", "a name in the npz"
+    )
+    select: Select = entry(
+        "all",
+        "Which frames, counted from 0, in the order given",
+        'one of "all", "first", "last", or a list of frame numbers >= 0',
+    )
+
+
+Part = Annotated[IndenterTable | SlipTable | TappingTable | RampTable, Field(discriminator="kind")]
+
+
+class SeveralTable(Strict):
+    """Several bodies at once; their forces add."""
+
+    kind: Literal["several"] = entry(..., "Several bodies at once; their forces add", '"several"')
+    parts: Annotated[list[Part], Field(min_length=1, max_length=64)] = entry(
+        ...,
+        "The bodies; one that ends before the others holds its last frame",
+        "1 to 64 tables of kind indenter, slip, tapping or ramp, each a [[stimulus.parts]] of its own",
+    )
+
+
+StimulusTable = Annotated[
+    IndenterTable
+    | SlipTable
+    | TappingTable
+    | RampTable
+    | SeveralTable
+    | UniformTable
+    | FramesTable
+    | ResistanceTable,
+    Field(discriminator="kind"),
+]
+
+
+def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
+    """Fill in what a [stimulus] table takes from the rest of the scene: its place and its time."""
+    if isinstance(table, SeveralTable):
+        return table.model_copy(update={"parts": [resolve(p, rows, cols, t_frame_s) for p in table.parts]})
+    defaults = {"center_row": (rows - 1) / 2, "center_col": (cols - 1) / 2, "t_frame_s": t_frame_s}
+    fields = type(table).model_fields
+    missing = {k: v for k, v in defaults.items() if k in fields and getattr(table, k) is None}
+    return table.model_copy(update=missing)
+
+
+def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:
+    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at each place.
+
+    With u across and v along the body, counted in pitches from its centre, t = u / (width/2) and
+    s = v / (length/2): flat 1, triangular 1 - |t| (a straight ridge) and cylindrical sqrt(1 - t^2) (the half
+    ellipse of Hertz for a cylinder lying on a plane) where |t| <= 1 and |s| <= 1; spherical sqrt(1 - t^2 - s^2)
+    (the half ellipsoid of Hertz for a ball) and round 1 where t^2 + s^2 <= 1.
+    """
+    out = np.zeros((row.size, rows, cols))
+    step = max(1, (1 << 20) // (rows * cols))
+    inside = (np.arange(table.samples) + 0.5) / table.samples - 0.5
+    for n in range(0, row.size, step):
+        at = slice(n, n + step)
+        for down in inside:
+            for right in inside:
+                out[at] += _pressure(
+                    table,
+                    (np.arange(rows) + down)[:, np.newaxis] - row[at, np.newaxis, np.newaxis],
+                    (np.arange(cols) + right)[np.newaxis, :] - col[at, np.newaxis, np.newaxis],
+                )
+    return out / table.samples**2
+
+
+def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
+    angle = math.radians(table.angle_deg)
+    # A width of next to nothing over 2 is 0.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        t = (right * math.cos(angle) + down * math.sin(angle)) / (table.width / 2)
+        s = (down * math.cos(angle) - right * math.sin(angle)) / (table.length / 2)
+        # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
+        edge = 1 + 1e-9
+        if table.shape in ("spherical", "round"):
+            touched = t * t + s * s <= edge
+        else:
+            touched = (np.abs(t) <= edge) & (np.abs(s) <= edge)
+    t, s = np.where(touched, t, 0.0), np.where(touched, s, 0.0)
+    profile = {
+        "flat": np.ones_like,
+        "round": np.ones_like,
+        "triangular": lambda t: np.maximum(1 - np.abs(t), 0.0),
+        "cylindrical": lambda t: np.sqrt(np.maximum(1 - t * t, 0.0)),
+        "spherical": lambda t: np.sqrt(np.maximum(1 - t * t - s * s, 0.0)),
+    }[table.shape](t)
+    return np.where(touched, profile, 0.0)
+
+
+def make_frames(table: Any, about: Surroundings) -> Frames:
+    """Turn a resolved [stimulus] table into frames; InputError for what is wrong in file or keys."""
+    sensor = about.sensor
+    if isinstance(table, _Body):
+        return _body(table, about)
+    if isinstance(table, SeveralTable):
+        return _several(table, about)
+    if isinstance(table, UniformTable):
+        return _uniform(table, about)
+    values = read_frames(table, about)
+    if isinstance(table, ResistanceTable):
+        return _in_time(table, about, values, sensor.force_n(values))
+    if table.unit == "codes":
+        ohm = about.ohm_of_code(values)
+        if table.scale == 1:
+            return _in_time(table, about, ohm, sensor.force_n(ohm))
+        values = sensor.force_n(ohm)
+    with np.errstate(over="ignore"):
+        force = values * table.scale
+    if not np.isfinite(force).all():
+        raise about.wrong("scale", table.scale, "a factor that keeps every force finite")
+    return _in_time(table, about, sensor.resistance_ohm(force), force)
+
+
+def _one_of(table: Strict, keys: tuple[str, ...], about: Surroundings) -> str:
+    given = [k for k in keys if getattr(table, k) is not None]
+    if len(given) != 1:
+        raise about.wrong("", " and ".join(given) or "nothing", "exactly one of " + ", ".join(keys))
+    return given[0]
+
+
+def _uniform(table: UniformTable, about: Surroundings) -> Frames:
+    key = _one_of(table, ("force_n", "code", "r_ohm"), about)
+    steps = _frame_steps(getattr(table, key), key, about)
+    steps = np.tile(steps[:, np.newaxis, np.newaxis], (1, about.rows, about.cols))
+    if key == "force_n":
+        return _in_time(table, about, about.sensor.resistance_ohm(steps), steps)
+    ohm = about.ohm_of_code(steps) if key == "code" else steps
+    return _in_time(table, about, ohm, about.sensor.force_n(ohm))
+
+
+def _frame_steps(value: Any, key: str, about: Surroundings) -> Floats:
+    steps = np.atleast_1d(np.asarray(value, dtype=float))
+    if steps.size * about.rows * about.cols > VALUES_MAX:
+        raise about.wrong(key, f"{steps.size} frames", f"at most {VALUES_MAX} values in all")
+    return steps
+
+
+def _body(table: _Body, about: Surroundings) -> Frames:
+    if table.center_row is None or table.center_col is None:
+        raise ValueError("the [stimulus] table is not resolved: the centre has no value")
+    key = _one_of(table, ("force_n", "total_force_n"), about)
+    forces = _frame_steps(getattr(table, key), key, about)
+    row, col = np.array([table.center_row]), np.array([table.center_col])
+    if isinstance(table, SlipTable):
+        count = _count(table, about, forces.size if forces.size > 1 else None)
+        if forces.size not in (1, count):
+            said = f"one force, or one for each of the {count} frames"
+            raise about.wrong(key, f"{forces.size} forces", said)
+        time = np.arange(count) * about.t_frame_s
+        way = table.speed_pitch_per_s * np.maximum(time - table.start_s, 0.0)
+        turn = math.radians(table.direction_deg)
+        row, col = row + way * math.sin(turn), col + way * math.cos(turn)
+        forces = np.broadcast_to(forces, count)
+    elif isinstance(table, TappingTable):
+        time = np.arange(_count(table, about, None)) * about.t_frame_s
+        # A tap that begins on a frame begins there whatever way the product rounds.
+        tap = np.floor(time * table.frequency_hz + 1e-9)
+        with np.errstate(over="ignore"):
+            phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
+        # A tap that ends on a frame ends there whatever way the product rounds.
+        wave = np.sin(np.pi * np.minimum(phase, 1.0)) if table.profile == "half_sine" else phase < 1 - 1e-9
+        forces = forces[(tap % forces.size).astype(int)] * np.where(phase < 1, wave, 0.0)
+    elif isinstance(table, RampTable):
+        count = _count(table, about, forces.size)
+        last = (count - 1) * about.t_frame_s if table.duration_s is None else table.duration_s
+        share = np.minimum(np.arange(count) * about.t_frame_s / last, 1.0)
+        forces = np.interp(share * (forces.size - 1), np.arange(forces.size), forces)
+    if table.shape is None:
+        profile = np.ones((1, about.rows, about.cols))
+    else:
+        profile = body_profile(table, row, col, about.rows, about.cols)
+    if key == "total_force_n":
+        whole = profile.sum(axis=(1, 2), keepdims=True)
+        if isinstance(table, IndenterTable) and not whole.all() and forces.any():
+            raise about.wrong(key, table.total_force_n, "0 for a body that touches no taxel")
+        # Where a moving body has left the sheet nothing carries it.
+        profile = np.divide(profile, whole, out=np.zeros_like(profile), where=whole > 0)
+    force = forces[:, np.newaxis, np.newaxis] * profile
+    ohm = about.sensor.resistance_ohm(force)
+    return (
+        _in_time(table, about, ohm, force)
+        if isinstance(table, _Timed)
+        else Frames(ohm, force, about.t_frame_s)
+    )
+
+
+def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
+    """Frames of something that moves: from its keys, or as many as its list has forces."""
+    both_ends = isinstance(table, RampTable)
+    if listed is None or (table.frames is not None and table.duration_s is not None):
+        _one_of(table, ("frames", "duration_s"), about)
+    if table.duration_s is not None:
+        count = max(1, math.ceil(table.duration_s / about.t_frame_s - 1e-9)) + both_ends
+    else:
+        count = listed if table.frames is None else table.frames
+    if count * about.rows * about.cols > VALUES_MAX:
+        key = "frames" if table.duration_s is None else "duration_s"
+        said = f"at most {VALUES_MAX} values in all, {VALUES_MAX // (about.rows * about.cols)} frames"
+        raise about.wrong(key, getattr(table, key), said)
+    return count
+
+
+def _several(table: SeveralTable, about: Surroundings) -> Frames:
+    total: Frames | None = None
+    for n, part in enumerate(table.parts):
+        here = replace(about, where=f"{about.where}.parts.{n}")
+        made = make_frames(part, here)
+        if total is None:
+            total = made
+            continue
+        if made.t_frame_s != total.t_frame_s:
+            said = 'the same for all parts, or resample = "hold" or "linear"'
+            raise here.wrong("t_frame_s", getattr(part, "t_frame_s", made.t_frame_s), said)
+        count = max(made.force_n.shape[0], total.force_n.shape[0])
+        with np.errstate(over="ignore"):
+            force = _held(made.force_n, count) + _held(total.force_n, count)
+        if not np.isfinite(force).all():
+            raise here.wrong("", "its forces", "a sum that stays finite")
+        total = Frames(total.resistance_ohm, force, made.t_frame_s)
+    return Frames(about.sensor.resistance_ohm(total.force_n), total.force_n, total.t_frame_s)
+
+
+def _held(values: Floats, count: int) -> Floats:
+    return values[np.minimum(np.arange(count), values.shape[0] - 1)]
+
+
+def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
+    """What the chip reads of frames that follow each other at their own rate, see `_Timed.resample`."""
+    if table.t_frame_s is None:
+        raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
+    steps = about.t_frame_s / table.t_frame_s
+    # Frame times are decimals: equal up to rounding is equal. So is a frame on the border of two, below.
+    if abs(steps - 1) < 1e-9:
+        return Frames(ohm, force, about.t_frame_s)
+    frames = ohm.shape[0]
+    if table.resample == "none":
+        if steps > 1:
+            said = f'at least the frame time of the chip, {about.t_frame_s:g} s, or resample = "hold" or "linear"'
+            raise about.wrong("t_frame_s", table.t_frame_s, said)
+        return Frames(ohm, force, table.t_frame_s)
+    # hold: the last frame lasts as long as the others; linear: the last one is the end.
+    count = (
+        math.ceil(frames / steps - 1e-9)
+        if table.resample == "hold"
+        else math.floor((frames - 1) / steps + 1e-9) + 1
+    )
+    if count * about.rows * about.cols > VALUES_MAX:
+        said = f"a time that makes at most {VALUES_MAX} values, not {count} frames"
+        raise about.wrong("t_frame_s", table.t_frame_s, said)
+    place = np.arange(max(count, 1)) * steps
+    first = np.minimum(np.floor(place + 1e-9).astype(int), frames - 1)
+    if table.resample == "hold":
+        return Frames(ohm[first], force[first], about.t_frame_s)
+    share = (place - first)[:, np.newaxis, np.newaxis]
+    # The rounding of the place, as above.
+    share[share < 1e-9] = 0.0
+    before, behind = ohm[first], ohm[np.minimum(first + 1, frames - 1)]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        between = 1.0 / ((1.0 - share) / before + share / behind)
+    kept = (share == 0) | (before == behind)
+    ohm = np.where(kept, before, between)
+    return Frames(ohm, np.where(kept, force[first], about.sensor.force_n(ohm)), about.t_frame_s)
+
+
+def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Floats:
+    """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or above."""
+    path = about.scene.parent / table.file
+    shown = table.file
+    told_by = (about.scene, f"{about.where}.file", table.file)
+    suffix = Path(table.file).suffix.lower()
+    if table.key is not None and suffix != ".npz":
+        raise about.wrong("key", quoted(table.key), "left out, except for an npz file")
+    if suffix == ".csv":
+        values = _read_csv(read_bytes(path, FILE_BYTES_MAX, told_by), shown, about)
+    elif suffix in (".npy", ".npz"):
+        values = _read_numpy(read_bytes(path, FILE_BYTES_MAX, told_by), shown, suffix, table, about)
+    else:
+        raise about.wrong("file", quoted(table.file), "a file that ends in .csv, .npy or .npz")
+    _check_values(values, shown, table)
+    # -0.0 is 0, and 1 / -0.0 is not what a short conducts.
+    return values[_selected(table, values.shape[0], about)] + 0.0
+
+
+def _selected(table: FramesTable | ResistanceTable, frames: int, about: Surroundings) -> list[int] | slice:
+    if isinstance(table.select, str):
+        return {"all": slice(None), "first": slice(0, 1), "last": slice(frames - 1, frames)}[table.select]
+    for number in table.select:
+        if number >= frames:
+            raise about.wrong("select", number, f"frame numbers 0..{frames - 1}")
+    if len(table.select) * about.rows * about.cols > VALUES_MAX:
+        raise about.wrong("select", f"{len(table.select)} frames", f"at most {VALUES_MAX} values in all")
+    return list(table.select)
+
+
+def _check_values(values: Floats, shown: str, table: FramesTable | ResistanceTable) -> None:
+    codes = isinstance(table, FramesTable) and table.unit == "codes"
+    if isinstance(table, ResistanceTable):
+        good, allowed = values >= 0, "a resistance >= 0 in ohm (inf is legal)"
+    elif codes:
+        good = (values >= 0) & (values <= CODE_MAX) & (np.floor(values) == values)
+        allowed = f"a whole number 0..{CODE_MAX}"
+    else:
+        good, allowed = (values >= 0) & np.isfinite(values), "a finite force >= 0 in newtons"
+    if not good.all():
+        frame, row, col = (int(i) for i in np.argwhere(~good)[0])
+        raise InputError(
+            shown, f"frame {frame}, row {row}, column {col}", float(values[frame, row, col]), allowed
+        )
+
+
+def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
+    """Values of a csv file; beside the file and its values only one line at a time is held."""
+    rows, cols = about.rows, about.cols
+    layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
+    if not data.isascii():
+        at = next(i for i, byte in enumerate(data) if byte > 127)
+        raise InputError(shown, f"byte {at}", data[at], "numbers separated by commas")
+    values = arrays.array("d")
+    lines = width = 0
+    # Any of LF, CR LF and CR ends a line.
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), encoding="ascii"), start=1):
+        if number > VALUES_MAX:
+            raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
+        if line.isspace():
+            continue
+        # Counted before it is cut: a line may be the whole file.
+        found = line.count(",") + 1
+        width = width or found
+        if width not in (rows * cols, cols):
+            raise InputError(shown, f"line {number}", f"{found} values", layout)
+        if found != width:
+            raise InputError(
+                shown, f"line {number}", f"{found} values", f"{width} values, as the lines above"
+            )
+        if len(values) + width > VALUES_MAX:
+            raise InputError(
+                shown, f"line {number}", f"{len(values) + width} values", f"at most {VALUES_MAX} values"
+            )
+        cells = line.split(",")
+        try:
+            if "_" in line:  # float() takes 1_000
+                raise ValueError
+            values.extend([float(cell) for cell in cells])
+        except ValueError:
+            place, cell = next((i, c) for i, c in enumerate(cells, start=1) if not _is_number(c))
+            raise InputError(
+                shown, f"line {number}, value {place}", quoted(cell.strip()), "a number"
+            ) from None
+        lines += 1
+    if not lines:
+        raise InputError(shown, "lines", 0, f"at least one line of {layout}")
+    if width == cols != rows * cols and lines % rows:
+        raise InputError(shown, "lines", lines, f"whole frames of {rows} lines of {cols} values")
+    return np.frombuffer(values).reshape(-1, rows, cols)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _read_numpy(
+    data: bytes, shown: str, suffix: str, table: FramesTable | ResistanceTable, about: Surroundings
+) -> Floats:
+    try:
+        array = _npz_member(data, shown, table.key) if suffix == ".npz" else _npy(data, shown)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # zip, header and dtype parsers raise whatever they like on garbage
+        reason = one_line(str(error) or type(error).__name__, 200)
+        raise InputError(
+            shown, "file", Path(shown).name, f"a readable {suffix[1:]} file ({reason})"
+        ) from None
+    if array.dtype.kind not in "iuf":
+        raise InputError(shown, "dtype", str(array.dtype), "integers or floating point numbers")
+    shape = (about.rows, about.cols)
+    if array.ndim == 2:
+        array = array[np.newaxis]
+    if array.ndim != 3 or array.shape[1:] != shape or array.shape[0] < 1:
+        found = list(array.shape)
+        raise InputError(
+            shown, "shape", found, f"[{shape[0]}, {shape[1]}] or [frames, {shape[0]}, {shape[1]}]"
+        )
+    # What is too large for a double becomes inf, and a signalling NaN a quiet one; both are refused by their place.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return array.astype(float)
+
+
+def _npy(data: bytes, shown: str) -> NDArray[Any]:
+    # The header is believed only as far as the bytes behind it reach: a file of 80 bytes can claim a
+    # petabyte.
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(
+        version
+    )
+    if reader is None:
+        raise ValueError(f"npy version {version}")
+    shape, fortran, dtype = reader(stream)
+    if dtype.hasobject or dtype.kind not in "iuf":
+        raise InputError(shown, "dtype", str(dtype), "integers or floating point numbers")
+    values = math.prod(int(n) for n in shape)
+    if values > VALUES_MAX:
+        raise InputError(shown, "shape", list(shape), f"at most {VALUES_MAX} values")
+    if values * dtype.itemsize > len(data) - stream.tell():
+        raise InputError(shown, "shape", list(shape), "as many values as the file holds")
+    flat = np.frombuffer(data, dtype=dtype, count=values, offset=stream.tell())
+    return flat.reshape(shape, order="F" if fortran else "C")
+
+
+def _npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
+    # Each member takes some hundred bytes of memory for the 46 of its entry, before anybody can look at it.
+    if (entries := data.count(b"PK\x01\x02")) > NPZ_MEMBERS_MAX:
+        raise InputError(shown, "members", entries, f"at most {NPZ_MEMBERS_MAX} arrays")
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        names = [n.removesuffix(".npy") for n in archive.namelist()]
+        if key is None and len(names) == 1:
+            key = names[0]
+        if key is None or key not in names:
+            listed = ", ".join(one_line(n) for n in names[:10])
+            raise InputError(shown, "key", "nothing" if key is None else quoted(key), f"one of {listed}")
+        member = archive.getinfo(next(n for n in archive.namelist() if n.removesuffix(".npy") == key))
+        # As numpy writes them; an LZMA stream may ask for a dictionary of 4 GB before it has unpacked a byte.
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            method = zipfile.compressor_names.get(member.compress_type, member.compress_type)
+            raise InputError(shown, key, f"compressed by {method}", "stored or deflated, as numpy.savez does")
+        limit = VALUES_MAX * 8 + 4096
+        if member.file_size > limit:
+            raise InputError(shown, key, f"{member.file_size} bytes", f"at most {limit} bytes unpacked")
+        with archive.open(member) as stream:
+            # What the directory says of the size is a claim; what is read is bounded here, and no more room is taken.
+            unpacked = stream.read(member.file_size + 1)
+    if len(unpacked) != member.file_size:
+        said = f"the {member.file_size} bytes that its entry says"
+        raise InputError(shown, key, f"{len(unpacked)} bytes or more unpacked", said)
+    return _npy(unpacked, shown)

@@ -1,0 +1,618 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+
+It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md lists
+them), and says of an impossible wish which limit it misses and what the nearest possible wish is. All is
+computed in exact rationals of the decimals the user wrote: the paper's wish gives k = 80 and no 80.0000001.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, Literal
+
+import click
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dermis.converter import vfc
+from dermis.errors import InputError
+from dermis.report import verdict
+from dermis.scene import design as design_module
+from dermis.scene.design import K_BOLTZMANN_J_PER_K, Design, exact, spec
+
+HALF = Fraction(1, 2)
+FILE = "command line"
+RANGE_COLUMNS = ("R [ohm]", "F [N]", "x", "f [Hz]", "code", "code by eq. (3)", "dR [ohm]", "dF [N]")
+
+
+def _wish(meaning: str, **limits: Any) -> Any:
+    return Field(default=None, description=meaning, allow_inf_nan=False, **limits)
+
+
+def _whole(meaning: str, **limits: Any) -> Any:
+    return Field(default=None, description=meaning, **limits)
+
+
+class Wish(BaseModel):
+    """What is wanted; what is left out is taken from models/design.toml or follows from the rest."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    rows: int | None = _whole("rows of the array", ge=1, le=1024)
+    cols: int | None = _whole("columns of the array, one converter each", ge=1, le=1024)
+    frame_s: float | None = _wish("time of one frame in s", gt=1e-9, lt=1e6)
+    frame_rate_hz: float | None = _wish("frames a second, instead of frame_s", gt=1e-6, lt=1e9)
+    bits: int | None = _whole("bits of a code", ge=1, le=16)
+    settle_fraction: float | None = _wish("least part of a row slot kept for settling", ge=0, lt=1)
+    r_min_ohm: float | None = _wish("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
+    r_max_ohm: float | None = _wish("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
+    force_max_n: float | None = _wish("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
+    force_min_n: float | None = _wish("least force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
+    k_force_n_ohm: float | None = _wish("force times resistance in N.ohm", gt=1e-9, lt=1e15)
+    i_sensor_a: float | None = _wish("most current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
+    v_bias_v: float | None = _wish("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
+    c_int_f: float | None = _wish("integration capacitor in F", gt=1e-18, lt=1)
+    packet_v: float | None = _wish(
+        "swing: most that one packet may move the integrator, in V", gt=1e-9, lt=1e6
+    )
+    k: int | None = _whole("mirror ratio", ge=1, le=100_000)
+    i0_a: float | None = _wish("reference current in A", gt=1e-15, lt=10)
+    f_clk_hz: float | None = _wish("clock in Hz, when it is given and not sought", gt=1, lt=1e12)
+    gate_clocks: int | None = _whole("gate in clocks, when it is given and not sought", ge=1, le=2**24)
+    gain_dc: float | None = _wish("open-loop gain of the integrator", gt=1, lt=1e12)
+    topology: (
+        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
+    ) = Field(default=None, description="interface between column and converter")
+
+    def replace(self, changes: Mapping[str, Any]) -> Wish:
+        """Return a checked copy with some wishes changed; None takes a wish back."""
+        return make_wish(**(self.model_dump() | dict(changes)))
+
+
+def make_wish(**wishes: Any) -> Wish:
+    """Check wishes and return them.
+
+    Raises
+    ------
+    InputError
+        Unknown name, text for a number, NaN, out of range, or two wishes that say the same thing twice.
+    """
+    try:
+        wish = Wish.model_validate(wishes)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        allowed = first["msg"].removeprefix("Input should be ")
+        if first["type"] == "extra_forbidden":
+            allowed = "one of " + ", ".join(Wish.model_fields)
+        raise InputError(FILE, str(first["loc"][0]), first["input"], allowed) from None
+    for one, other in (
+        ("frame_s", "frame_rate_hz"),
+        ("v_bias_v", "i_sensor_a"),
+        ("r_max_ohm", "force_min_n"),
+    ):
+        if getattr(wish, one) is not None and getattr(wish, other) is not None:
+            raise InputError(FILE, other, getattr(wish, other), f"left out, for {one} says the same")
+    if None not in (wish.r_min_ohm, wish.force_max_n, wish.k_force_n_ohm):
+        said = exact(wish.r_min_ohm) * exact(wish.force_max_n)
+        if said != exact(wish.k_force_n_ohm):
+            raise InputError(
+                FILE, "k_force_n_ohm", wish.k_force_n_ohm, f"r_min_ohm force_max_n = {float(said)!r}"
+            )
+    return wish
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The design that follows from a wish, exact, and the verdict on it.
+
+    `rows` has one verdict row a limit; `nearest` names, for each limit missed, wishes that would meet it.
+    """
+
+    wish: Wish
+    base: Design
+    topology: str
+    array_rows: int
+    array_cols: int
+    bits: int
+    frame_s: Fraction
+    f_clk_hz: Fraction
+    slot_clocks: int
+    gate_clocks: int
+    r_min_ohm: Fraction
+    r_max_ohm: Fraction
+    k_force_n_ohm: Fraction
+    v_bias_v: Fraction
+    k: Fraction
+    i0_a: Fraction
+    c_int_f: Fraction
+    tau_leak_s: Fraction
+    rows: tuple[verdict.Row, ...] = ()
+    nearest: Mapping[str, Mapping[str, float | int | None]] = field(default_factory=dict)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is met."""
+        return verdict.exit_code(self.rows) == 0
+
+    @property
+    def code_max(self) -> int:
+        """Highest code."""
+        return 2**self.bits - 1
+
+    @property
+    def settle_clocks(self) -> int:
+        """Clocks of a slot before the gate; negative when the gate does not fit."""
+        return self.slot_clocks - self.gate_clocks
+
+    @property
+    def packet_v(self) -> Fraction:
+        """One packet on the integration capacitor in V (for the direct interface both are k times larger)."""
+        return self.i0_a / self.f_clk_hz / self.c_int_f
+
+    @property
+    def r_unit_ohm(self) -> Fraction:
+        """V_b / (k i0): the resistance with one packet a clock, x = 1."""
+        return self.v_bias_v / (self.k * self.i0_a)
+
+    def duty(self, resistance_ohm: Fraction) -> Fraction:
+        """Return x of a resistance."""
+        return self.r_unit_ohm / resistance_ohm
+
+    def code(self, resistance_ohm: Fraction) -> int:
+        """Return the code of a resistance by exact charge balance."""
+        return min(self.code_max, vfc.count_rational(self.duty(resistance_ohm), self.gate_clocks))
+
+    def values(self) -> dict[str, float | int | str]:
+        """Return the answer as a flat dict with units in the keys."""
+        return {
+            "topology": self.topology,
+            "rows": self.array_rows,
+            "cols": self.array_cols,
+            "bits": self.bits,
+            "frame_s": float(self.frame_s),
+            "frame_rate_hz": float(1 / self.frame_s),
+            "slot_s": float(self.slot_clocks / self.f_clk_hz),
+            "f_clk_hz": float(self.f_clk_hz),
+            "slot_clocks": self.slot_clocks,
+            "gate_clocks": self.gate_clocks,
+            "settle_clocks": self.settle_clocks,
+            "gate_s": float(self.gate_clocks / self.f_clk_hz),
+            "settle_s": float(self.settle_clocks / self.f_clk_hz),
+            "f_max_hz": float(self.f_clk_hz / 2),
+            "r_min_ohm": float(self.r_min_ohm),
+            "r_max_ohm": float(self.r_max_ohm),
+            "force_max_n": float(self.k_force_n_ohm / self.r_min_ohm),
+            "force_min_n": float(self.k_force_n_ohm / self.r_max_ohm),
+            "k_force_n_ohm": float(self.k_force_n_ohm),
+            "v_bias_v": float(self.v_bias_v),
+            "i_sensor_a": float(self.v_bias_v / self.r_min_ohm),
+            "k": int(self.k) if self.k.denominator == 1 else float(self.k),
+            "i0_a": float(self.i0_a),
+            "c_int_f": float(self.c_int_f),
+            "packet_c": float(self.i0_a / self.f_clk_hz),
+            "packet_v": float(self.packet_v),
+            "tau_leak_s": float(self.tau_leak_s),
+        }
+
+    def design(self) -> Design:
+        """Return models/design.toml with this answer put in, checked by the loader.
+
+        Raises
+        ------
+        InputError
+            The answer is not feasible.
+        """
+        if not self.feasible:
+            missed = [row["name"] for row in self.rows if row["status"] != "PASS"]
+            raise InputError(FILE, "wish", "impossible", f"a wish that meets {', '.join(missed)}")
+        return self.base.replace(
+            array={"rows": self.array_rows, "cols": self.array_cols},
+            sensor={
+                "force_max_n": float(self.k_force_n_ohm / self.r_min_ohm),
+                "r_min_ohm": float(self.r_min_ohm),
+                "r_max_ohm": float(self.r_max_ohm),
+            },
+            # int: a k within k_distance of an option is that option
+            interface={"topology": self.topology, "v_bias_v": float(self.v_bias_v), "k": round(self.k)},
+            converter={
+                "i0_a": float(self.i0_a),
+                "c_int_f": float(self.c_int_f),
+                "f_clk_hz": float(self.f_clk_hz),
+                # an edge is a fixed part of the clock unless the base's is short enough already
+                "t_edge_s": min(self.base.converter.t_edge_s, float(1 / self.f_clk_hz / 200)),
+            },
+            timing={"frame_s": float(self.frame_s), "gate_clocks": self.gate_clocks, "code_bits": self.bits},
+            integrator={"gain_dc": float(self.wish.gain_dc or self.base.integrator.gain_dc)},
+        )
+
+    def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
+        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three digits.
+
+        dR and dF are what one code stands for there; dF is the same everywhere.
+        """
+        ratio = float(self.r_max_ohm / self.r_min_ohm)
+        inner = [
+            _digits(float(self.r_min_ohm) * ratio ** (i / (points - 1)), 3, up=None)
+            for i in range(1, points - 1)
+        ]
+        d_force = self.k_force_n_ohm / (self.gate_clocks * self.r_unit_ohm)
+        table = []
+        for r in [self.r_min_ohm, *(exact(r) for r in inner), self.r_max_ohm]:
+            x = self.duty(r)
+            rate = self.f_clk_hz * min(x, HALF)
+            d_r = r * r / (self.gate_clocks * self.r_unit_ohm)
+            eq3 = min(self.code_max, int(vfc.count_restarting(float(x), self.gate_clocks)))
+            cells = (r, self.k_force_n_ohm / r, x, rate, self.code(r), eq3, d_r, d_force)
+            table.append(tuple(float(c) for c in cells))
+        return table
+
+
+def _digits(value: Fraction | float, digits: int, up: bool | None) -> float:
+    """Round to some significant digits: up, down, or (None) to the nearest."""
+    scale = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
+    scaled = exact(value) * scale
+    whole = round(scaled) if up is None else math.ceil(scaled) if up else math.floor(scaled)
+    return float(whole / scale)
+
+
+def _at_least(value: Fraction | float) -> float:
+    return _digits(value, 6, up=True)
+
+
+def _at_most(value: Fraction | float) -> float:
+    return _digits(value, 6, up=False)
+
+
+def solve(wish: Wish | None = None, base: Design | None = None) -> Answer:
+    """Size the chip for a wish.
+
+    Parameters
+    ----------
+    wish : Wish, optional
+        What is wanted; the empty wish gives the design of models/design.toml back.
+    base : Design, optional
+        Where unnamed wishes come from; models/design.toml when None.
+
+    Returns
+    -------
+    Answer
+        Always complete; `feasible` says whether it can be built and `rows` why not.
+
+    Raises
+    ------
+    InputError
+        Wishes contradict one another (r_max_ohm below r_min_ohm).
+    """
+    wish, base = wish or Wish(), base or design_module.load()
+
+    def take(name: str, default: float | int | Fraction) -> Fraction:
+        value = getattr(wish, name)
+        return exact(default if value is None else value)
+
+    topology = wish.topology or base.interface.topology
+    array_rows, array_cols = int(take("rows", base.array.rows)), int(take("cols", base.array.cols))
+    bits = int(take("bits", base.timing.code_bits))
+    code_max = 2**bits - 1
+    r_min, r_max, k_force = _sensor(wish, base)
+    v_bias = _bias(wish, base, r_min)
+
+    # Eqs (1), (9) with k: at r_min one packet every second clock, V_b / (k i0 r_min) = 1/2.
+    full_scale_a = v_bias / (HALF * r_min)
+    x_full = v_bias / (r_min * wish.k * exact(wish.i0_a)) if None not in (wish.k, wish.i0_a) else HALF
+
+    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock more.
+    gate = wish.gate_clocks or math.ceil(code_max / min(x_full, HALF))
+    frame_s = take("frame_s", 1 / exact(wish.frame_rate_hz) if wish.frame_rate_hz else base.timing.frame_s)
+    slot_s = frame_s / array_rows
+    settle = take("settle_fraction", Fraction(base.timing.settle_clocks, base.timing.slot_clocks))
+    needed = _slot_clocks(gate, settle, base)
+    if wish.f_clk_hz is None:
+        slot_clocks = needed
+        f_clk = slot_clocks / slot_s
+    else:
+        f_clk = exact(wish.f_clk_hz)
+        slot_clocks = math.floor(slot_s * f_clk)
+        if slot_clocks < 1:
+            raise InputError(
+                FILE, "f_clk_hz", wish.f_clk_hz, f"at least one clock in a slot of {float(slot_s):g} s"
+            )
+        # A slot is whole clocks; the frame gets that little shorter.
+        frame_s = array_rows * slot_clocks / f_clk
+
+    k, i0, c_int = _charge(wish, base, full_scale_a, f_clk)
+    gain_dc = take("gain_dc", base.integrator.gain_dc)
+    source_ohm = {
+        # Every taxel of a column hangs on the virtual ground when nothing stands between.
+        "direct": r_min / array_rows,
+        "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
+    }.get(topology, exact(base.mirror.r_out_ohm))
+    scale = k if topology == "direct" else 1
+    tau = gain_dc * source_ohm * c_int * scale
+
+    answer = Answer(
+        wish, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
+        r_min, r_max, k_force, v_bias, k, i0, c_int, tau,
+    )  # fmt: skip
+    return _judged(answer, slot_s, settle, needed, source_ohm, scale)
+
+
+def _sensor(wish: Wish, base: Design) -> tuple[Fraction, Fraction, Fraction]:
+    """Return r_min, r_max, K_f; K_f is the sensor's and stays when only one end of the range is named."""
+    k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
+    if wish.k_force_n_ohm is not None:
+        k_force = exact(wish.k_force_n_ohm)
+    elif None not in (wish.r_min_ohm, wish.force_max_n):
+        k_force = exact(wish.r_min_ohm) * exact(wish.force_max_n)
+    force_max = exact(base.sensor.force_max_n if wish.force_max_n is None else wish.force_max_n)
+    r_min = k_force / force_max if wish.r_min_ohm is None else exact(wish.r_min_ohm)
+    r_max = exact(base.sensor.r_max_ohm if wish.r_max_ohm is None else wish.r_max_ohm)
+    if wish.force_min_n is not None:
+        r_max = k_force / exact(wish.force_min_n)
+    if r_max <= r_min:
+        if wish.force_min_n is not None:
+            allowed = f"below the full force of {float(k_force / r_min):g} N"
+            raise InputError(FILE, "force_min_n", wish.force_min_n, allowed)
+        raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
+    return r_min, r_max, k_force
+
+
+def _bias(wish: Wish, base: Design, r_min: Fraction) -> Fraction:
+    """Return V_b: given, or from the current, or the design's as far as the sensor's current allows."""
+    if wish.v_bias_v is not None:
+        return exact(wish.v_bias_v)
+    if wish.i_sensor_a is not None:
+        return exact(wish.i_sensor_a) * r_min
+    return min(exact(base.interface.v_bias_v), exact(spec()["calculator.sensor_current_a"].max) * r_min)
+
+
+def _charge(
+    wish: Wish, base: Design, full_scale_a: Fraction, f_clk: Fraction
+) -> tuple[Fraction, Fraction, Fraction]:
+    """Return k, i0, C: k i0 is fixed by full scale, i0 T = C packet_v by the swing; the unnamed gives way.
+
+    Without k or i0 the smallest switchable k is taken that keeps the packet within the swing.
+    """
+    swing = exact(base.converter.packet_v if wish.packet_v is None else wish.packet_v)
+    wanted_c = exact(base.converter.c_int_f if wish.c_int_f is None else wish.c_int_f)
+    if wish.k is not None:
+        k = Fraction(wish.k)
+        i0 = full_scale_a / k if wish.i0_a is None else exact(wish.i0_a)
+    elif wish.i0_a is not None:
+        i0 = exact(wish.i0_a)
+        k = full_scale_a / i0
+        nearest = min(base.interface.k_options, key=lambda option: abs(k / option - 1))
+        # An i0 that was rounded when it was written down still means the whole ratio beside it.
+        k = Fraction(nearest) if abs(k / nearest - 1) <= exact(spec()["calculator.k_distance"].max) else k
+    else:
+        ideal = full_scale_a / (wanted_c * swing * f_clk)
+        k = Fraction(next((o for o in base.interface.k_options if o >= ideal), base.interface.k_options[-1]))
+        i0 = full_scale_a / k
+    c_int = wanted_c if wish.c_int_f is not None else i0 / f_clk / swing
+    return k, i0, c_int
+
+
+def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
+    """Clocks of a slot with this part for settling; at least those that the row scanner takes (docs/rtl.md)."""
+    return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
+
+
+def _judged(
+    answer: Answer,
+    slot_s: Fraction,
+    settle: Fraction,
+    needed: int,
+    source_ohm: Fraction,
+    scale: Fraction | int,
+) -> Answer:
+    """Add the verdict rows, and for each miss the nearest wish that would meet it.
+
+    `scale` is how much larger than c_int_f and i0 T capacitor and packet are: k for direct, else 1.
+    """
+    wish, base = answer.wish, answer.base
+    rows: list[verdict.Row] = []
+    nearest: dict[str, dict[str, float | int | None]] = {}
+
+    def limit(name: str) -> Fraction:
+        rule = spec()[f"calculator.{name}"]
+        return exact(rule.max if rule.max is not None else rule.min)
+
+    def row(
+        name: str, value: Fraction | float | int, note: str, wishes: dict[str, float | int | None] | None
+    ) -> None:
+        judged = verdict.judge(
+            f"calculator.{name}", int(value) if isinstance(value, int) else float(value), note
+        )
+        if judged["status"] == "FAIL" and wishes is not None:
+            if wish.frame_rate_hz is not None and "frame_s" in wishes:
+                rate = _at_most(1 / exact(wishes["frame_s"]))
+                wishes = {n: v for n, v in wishes.items() if n != "frame_s"} | {"frame_rate_hz": rate}
+            # Only what was wished can be taken back.
+            wishes = {n: v for n, v in wishes.items() if v is not None or getattr(wish, n) is not None}
+            nearest[judged["name"]] = wishes
+            said = ", ".join(f"{k} = {v:g}" if v is not None else f"no {k}" for k, v in wishes.items())
+            judged["note"] = f"{note}; nearest: {said}"
+        rows.append(judged)
+
+    r_min, k, i0, v_bias, f_clk = answer.r_min_ohm, answer.k, answer.i0_a, answer.v_bias_v, answer.f_clk_hz
+    x_full = answer.duty(r_min)
+    usable = min(x_full, HALF)
+
+    i_max = limit("sensor_current_a")
+    either = "v_bias_v" if wish.i_sensor_a is None else "i_sensor_a"
+    row(
+        "sensor_current_a", v_bias / r_min, f"{float(v_bias):g} V on {float(r_min):g} ohm",
+        {either: _at_most(i_max * r_min if either == "v_bias_v" else i_max)},
+    )  # fmt: skip
+    vdd = exact(base.supply.vdd_v) * limit("v_bias_supply")
+    row(
+        "v_bias_supply", v_bias / exact(base.supply.vdd_v), f"{float(v_bias):g} V of {float(vdd):g} V",
+        {either: _at_most(vdd if either == "v_bias_v" else vdd / r_min)},
+    )  # fmt: skip
+
+    options = base.interface.k_options
+    closest = min(options, key=lambda option: abs(k / option - 1))
+    full_scale_a = v_bias / (HALF * r_min)
+    row(
+        "k_distance", abs(k / closest - 1), f"k = {float(k):g}, switchable {', '.join(map(str, options))}",
+        {"k": closest} if wish.k is not None else {"k": closest, "i0_a": None},
+    )  # fmt: skip
+    row(
+        "duty_full_scale", x_full, f"x = V_b / (k i0 R) at {float(r_min):g} ohm",
+        {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None},
+    )  # fmt: skip
+
+    # Whatever the phase: pulses that come for sure, or, where those are enough, what rounding counts.
+    counted = math.floor(answer.gate_clocks * usable)
+    if counted >= answer.code_max:
+        counted = vfc.count_rational(usable, answer.gate_clocks)
+    holds = (counted + 1).bit_length() - 1
+    exact_gate = math.ceil(answer.code_max / usable)
+    row(
+        "full_scale_code_error_lsb", counted - answer.code_max,
+        f"{answer.gate_clocks} clocks count to {counted} at r_min ({holds} bits), wanted {answer.code_max}",
+        {"gate_clocks": exact_gate},
+    )  # fmt: skip
+    low = answer.code(answer.r_max_ohm)
+    # gate x + 1/2 must reach code 1
+    reach = answer.gate_clocks * answer.r_unit_ohm / (limit("code_at_r_max") - HALF)
+    end: dict[str, float | int | None] = (
+        {"force_min_n": _at_least(answer.k_force_n_ohm / reach)} if wish.force_min_n is not None
+        else {"r_max_ohm": _at_most(reach)}
+    )  # fmt: skip
+    row("code_at_r_max", low, f"code at {float(answer.r_max_ohm):g} ohm", end)
+
+    left = answer.slot_clocks - needed
+    other_ways = ""
+    if left < 0:
+        held = [
+            b
+            for b in range(1, 17)
+            if _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) <= answer.slot_clocks
+        ]
+        other_ways = f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
+        other_ways += f", or {held[-1]} bits" if held else ""
+    row(
+        "gate_margin_clocks", left,
+        f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks{other_ways}",
+        {"frame_s": _at_least(answer.array_rows * needed / f_clk)},
+    )  # fmt: skip
+    settle_min = limit("settle_s")
+    settle_s = answer.settle_clocks / f_clk
+    if wish.f_clk_hz is not None:
+        # Whole clocks, so that rounding a slot down cannot take the last one back.
+        clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
+        longer: dict[str, float | int | None] = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
+    elif settle >= Fraction(1, 20):
+        longer = {"frame_s": _at_least(answer.frame_s * settle_min / (slot_s * settle))}
+    elif settle_min <= slot_s / 2:
+        longer = {"settle_fraction": _at_least(settle_min / slot_s)}
+    else:
+        longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.array_rows)}
+    row("settle_s", settle_s, f"{answer.settle_clocks} clocks", longer)
+
+    delay = exact(base.comparator.t_delay_s)
+    slowest = limit("comparator_delay_clocks") / delay if delay else None
+    slower: dict[str, float | int | None] | None = None
+    if slowest is not None and wish.f_clk_hz is None:
+        slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
+    elif slowest is not None:
+        slower = {"f_clk_hz": _at_most(slowest)}
+    said = f", so f_clk up to {float(slowest):g} Hz" if slowest is not None else ""
+    row(
+        "comparator_delay_clocks",
+        delay * f_clk,
+        f"delay {float(delay):g} s at {float(f_clk):g} Hz{said}",
+        slower,
+    )
+
+    charge = i0 / f_clk
+    swing = exact(base.swing_v)
+    if wish.packet_v is not None:
+        swing = min(swing, exact(wish.packet_v))
+    smaller: dict[str, float | int | None] = {"packet_v": _at_most(swing)}
+    if wish.c_int_f is not None:
+        smaller = {"c_int_f": _at_least(charge / swing)}
+    note = f"packet {float(answer.packet_v):g} V, at most {float(swing):g} V"
+    row("packet_swing", answer.packet_v / swing, note, smaller)
+    c_min = limit("c_int_f")
+    larger: dict[str, float | int | None] = {"c_int_f": _at_least(c_min / scale)}
+    row("c_int_f", answer.c_int_f * scale, f"packet {float(charge * scale):g} C", larger)
+
+    # A plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
+    tau = float(answer.tau_leak_s)
+    plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
+    part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
+    tau_min = 1 / float(f_clk) / (2 * math.atanh(part)) if part < 1 else 0.0
+    more_gain = None
+    if tau_min:
+        more_gain = {"gain_dc": _at_least(tau_min / float(source_ohm * answer.c_int_f * scale))}
+    row("leak_plateau_lsb", plateau, f"R_leak C = {tau:.4g} s, at least {tau_min:.4g} s", more_gain)
+
+    kt = K_BOLTZMANN_J_PER_K * base.ambient.temperature_k
+    packet = float(charge * scale)
+    noise = math.sqrt(kt * float(answer.c_int_f * scale)) / packet
+    c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
+    quiet: dict[str, float | int | None] = {"c_int_f": _at_most(c_quiet), "packet_v": None}
+    if wish.k is None and wish.i0_a is None:
+        # Naming the capacitor alone would choose k, and with it the packet, anew.
+        quiet["k"] = round(k)
+    row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
+
+    return dataclasses.replace(answer, rows=tuple(rows), nearest=nearest)
+
+
+def print_answer(answer: Answer) -> None:
+    """Print the sizing, the verdict on it and the table over the range."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    sizing = Table(title="Design", box=box.SIMPLE_HEAD, title_justify="left")
+    sizing.add_column("value")
+    sizing.add_column("", justify="right")
+    for name, value in answer.values().items():
+        sizing.add_row(name, value if isinstance(value, str) else f"{value:.6g}")
+    console.print(sizing)
+    table = Table(title="Over the range", box=box.SIMPLE_HEAD, title_justify="left")
+    for heading in RANGE_COLUMNS:
+        table.add_column(heading.replace("[", r"\["), justify="right")
+    for cells in answer.range_table():
+        table.add_row(*(f"{cell:.6g}" for cell in cells))
+    console.print(table)
+    verdict.print_rows(answer.rows, "Can it be built?")
+
+
+@click.command("calc")
+def calc_command(**wishes: Any) -> None:
+    """Size the chip: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+
+    Without options it gives the design of models/design.toml. Exit 1: the wish is impossible, and each limit
+    missed names the nearest wish that would meet it. Exit 2: the wish is wrong.
+    """
+    answer = solve(make_wish(**wishes))
+    verdict.write_rows("calc", answer.rows)
+    print_answer(answer)
+    if not answer.feasible:
+        raise click.exceptions.Exit(1)
+
+
+def _add_options() -> None:
+    for name, about in reversed(Wish.model_fields.items()):
+        kind: Any = float
+        if "int" in str(about.annotation):
+            kind = int
+        if name == "topology":
+            kind = click.Choice(design_module.TOPOLOGIES)
+        option = click.option(
+            f"--{name.replace('_', '-')}", name, type=kind, default=None, help=about.description
+        )
+        option(calc_command)
+
+
+_add_options()

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decks of the transistor blocks through ngspice, each once: what was measured is kept by the content of its deck.
+
+A result stands in build/characterise/<hash>.json, and the hash is that of all that decides about it: the deck, the
+models of its corner, the blocks that it uses (and no others: a change of the mirror leaves the comparator's results
+valid), how it is solved, and the version of ngspice. One file a result, so that commands which run at the same time
+share them and a killed one loses what it was running, no more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from dermis.chip import ladder, spice_batch
+from dermis.errors import SimulatorError
+from dermis.files import write_atomic
+from dermis.scene.design import ROOT
+from scripts.characterise.benches import Condition, deck
+from scripts.liberty.liberty import ngspice_version
+
+KEPT = ROOT / "build" / "characterise" / "kept"
+FAILED = ROOT / "build" / "characterise" / "failed"
+"""Deck and log of what ngspice gave up."""
+
+START = ladder.Level(start=1)
+"""Newton's method by itself finds the operating point of none of these decks: it is not tried first."""
+
+MODELS = ROOT / "build" / "sky130"
+"""Where dermis.chip.sky130 puts the models of a corner, in files that are named after their content."""
+
+_INCLUDE = re.compile(r'^\s*\.include\s+"?([^"\n]+?)"?\s*$', re.IGNORECASE)
+_SUBCKT = re.compile(r"^\s*\.subckt\s+(\S+)", re.IGNORECASE)
+_ENDS = re.compile(r"^\s*\.ends\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a deck measured.
+
+    Attributes
+    ----------
+    values : by lower-case name of its `.meas`
+    rungs : what was given up on the way, in words (docs/ladder.md)
+    seconds : wall clock of ngspice
+    """
+
+    values: Mapping[str, float]
+    rungs: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+@lru_cache(256)
+def _text(path: Path, _: int) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _lines(text: str, folder: Path) -> Iterator[str]:
+    """A deck's lines without comments and with its includes in their places, but for a corner's models."""
+    for line in text.splitlines():
+        if found := _INCLUDE.match(line):
+            path = folder / found[1]
+            if path.parent == MODELS:
+                yield line
+            else:
+                yield from _lines(_text(path, path.stat().st_mtime_ns), path.parent)
+        elif (words := line.split()) and not words[0].startswith("*"):
+            yield " ".join(words)
+
+
+def resolved(text: str) -> str:
+    """A deck in one piece: no comments, and of the blocks only those that it reaches.
+
+    What is run and what is hashed are then one and the same, whatever happens to the files meanwhile.
+    """
+    own: list[str] = []
+    circuits: dict[str, list[str]] = {}
+    inside: list[str] | None = None
+    for line in _lines(text, Path()):
+        if found := _SUBCKT.match(line):
+            inside = circuits[found[1].lower()] = []
+        (own if inside is None else inside).append(line)
+        if _ENDS.match(line):
+            inside = None
+    reached: dict[str, list[str]] = {}
+    waiting = [own]
+    while waiting:
+        for word in {word for line in waiting.pop() for word in line.lower().split()}:
+            if word in circuits and word not in reached:
+                reached[word] = circuits[word]
+                waiting.append(circuits[word])
+    blocks = [line for name in sorted(reached) for line in reached[name]]
+    title, *rest = [line for line in own if line.lower() != ".end"]
+    return "\n".join([title, *blocks, *rest, ".end"]) + "\n"
+
+
+def key(text: str) -> str:
+    """The hash of all that decides about the results of a resolved deck."""
+    solved = (ngspice_version(), START, ladder.START, ladder.STEPS)
+    # A file of models is named after its content, and lies elsewhere on another machine.
+    return hashlib.sha256(f"{solved}\n{text.replace(str(MODELS), '')}".encode()).hexdigest()[:24]
+
+
+def kept(name: str) -> Measured | None:
+    """What is there for a hash, or None."""
+    try:
+        told = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
+        return Measured(dict(told["values"]), tuple(told["rungs"]), float(told["seconds"]))
+    except (OSError, ValueError, KeyError, TypeError):  # none, or not one of ours
+        return None
+
+
+def keep(name: str, what: str, measured: Measured) -> None:
+    """Write a result, whole or not at all; `what` says whose it is, for who looks into the file."""
+    told = {
+        "what": what,
+        "values": dict(measured.values),
+        "rungs": measured.rungs,
+        "seconds": measured.seconds,
+    }
+    write_atomic(KEPT / f"{name}.json", json.dumps(told, indent=1) + "\n")
+
+
+def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
+    """Run a resolved deck, whatever is kept.
+
+    Parameters
+    ----------
+    text : of `resolved`
+    limit_s : wall clock of one attempt of ngspice, seconds
+    failed : where deck and log stay if it is given up; default FAILED
+
+    Raises
+    ------
+    SimulatorError
+        ngspice gave it up on every rung, took too long or did not measure something.
+    """
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="characterise_") as folder:
+        path = Path(folder) / "characterise.sp"
+        path.write_text(text, encoding="utf-8")
+        try:
+            found = spice_batch.run(path, limit_s, START)
+        except SimulatorError as error:
+            place = (failed or FAILED) / hashlib.sha256(text.encode()).hexdigest()[:12]
+            shutil.copytree(folder, place, dirs_exist_ok=True)
+            raise SimulatorError(error.what, place / path.with_suffix(".log").name) from error
+    rungs = tuple(str(retry) for retry in found.retries)
+    return Measured(dict(found.values), rungs, time.monotonic() - start)
+
+
+def measured(
+    body: str, condition: Condition, limit_s: float = 150.0, options: str = "", blocks: Path | None = None
+) -> dict[str, float]:
+    """What the `.meas` of a bench's text find at a condition, from what is kept or from ngspice.
+
+    Parameters
+    ----------
+    body, condition, options, blocks : as in benches.deck
+    limit_s : wall clock of one attempt of ngspice, seconds
+
+    Raises
+    ------
+    SimulatorError
+        As `simulate`.
+    """
+    text = resolved(deck(body, condition, options, blocks))
+    name = key(text)
+    there = kept(name)
+    if there is None:
+        there = simulate(text, limit_s)
+        keep(name, f"{condition}", there)
+    return dict(there.values)

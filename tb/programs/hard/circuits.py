@@ -1,0 +1,944 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hard circuits: what ngspice gives up, rings at, starts wrongly from or must refuse, each with an exact answer.
+
+Engines: `lockstep` is ngspice as the analog half with row scanner and flip-flops in Python (tb/system ties such a
+chip to the Verilog), `batch` a deck through `ngspice -b`, both on the ladder (docs/ladder.md); `event` and
+`closed` are those of a scene.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import random
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines as engine_modules
+from dermis import plan, records
+from dermis.chip import ladder, netlist, spice_batch
+from dermis.chip.analog import Edge
+from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip.spice_text import array_subckt
+from dermis.converter import vfc
+from dermis.errors import InputError, SimulatorError
+from dermis.scene import scene
+from dermis.scene.design import TOPOLOGIES
+from dermis.scene.design import load as load_design
+from tb.programs.hard.case import Case, Measured
+
+Rows = NDArray[np.float64]
+# Tolerances of the decks without a pole (netlist.py): Newton's method ends a step beyond them.
+TIGHT = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9"
+
+
+# ---- how a circuit is run --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="dermis_hard_") as name:
+        yield Path(name)
+
+
+def lockstep(
+    lines: Sequence[str],
+    probes: Sequence[str],
+    times: Sequence[float],
+    edges: Mapping[float, Sequence[tuple[int, float]]] | None = None,
+    *,
+    levels: Sequence[float] = (),
+    abrupt: Sequence[bool] = (),
+    t_edge_s: float = 1e-9,
+    t_max_step_s: float = 1e-7,
+    use_ic: bool = False,
+) -> tuple[Rows, ladder.Climb]:
+    """Samples [times, probes] of a circuit whose sources are `v_d0 d0 0 external` ..., and its way up the ladder.
+
+    Parameters
+    ----------
+    lines : elements and options
+    times : seconds, ascending; the last one ends the transient
+    edges : what begins to move at one of the times, or at 0: (source, level in volt)
+    levels, abrupt : of the sources; see dermis.chip.ngspice.Deck
+    """
+    names = tuple(f"v_d{i}" for i in range(len(levels)))
+    told = edges or {}
+    deck = Deck(
+        ("a hard circuit", *lines, *(f"{name} {name[2:]} 0 external" for name in names)),
+        names,
+        tuple(levels),
+        tuple(abrupt) or (False,) * len(levels),
+        tuple(probes),
+    )
+
+    def attempt(level: ladder.Level) -> Rows:
+        half = NgspiceHalf(
+            deck,
+            t_edge_s=t_edge_s,
+            t_max_step_s=t_max_step_s,
+            t_stop_s=times[-1],
+            log=folder / "ngspice.log",
+            use_ic=use_ic,
+            level=level,
+        )
+        found = []
+        half.advance(0.0, [])
+        ahead: list[Edge] = [(0.0, *edge) for edge in told.get(0.0, ())]
+        for time in times:
+            found.append(half.advance(time, ahead).copy())
+            ahead = [(time, *edge) for edge in told.get(time, ())]
+        half.close()
+        return np.array(found)
+
+    with _folder() as folder:
+        way = ladder.Climb("hard circuit", report=lambda line: None)
+        return ladder.climb(attempt, way), way
+
+
+def batch(lines: Sequence[str], analysis: str, measures: Sequence[str]) -> spice_batch.Measured:
+    """What a deck measures in `ngspice -b`; `measures` are the words behind `.meas`."""
+    with _folder() as folder:
+        deck = folder / "circuit.sp"
+        body = ["a hard circuit", *lines, analysis, *(f".meas {text}" for text in measures)]
+        deck.write_text("\n".join([*body, ".end", ""]))
+        return spice_batch.run(deck, limit_s=8.0)
+
+
+def _said(way: ladder.Climb | Sequence[ladder.Retry]) -> str:
+    retries = way.retries if isinstance(way, ladder.Climb) else way
+    return "gave up " + ", ".join(retry.rung for retry in retries) if retries else ""
+
+
+def refused(run: Callable[[], object], *causes: str) -> Measured:
+    """0 where a run ends with an error of the project that says each of the causes, else 1."""
+    try:
+        run()
+    except (SimulatorError, InputError) as error:
+        lost = [cause for cause in causes if cause not in str(error)]
+        return Measured(
+            float(bool(lost)), f"does not say {lost}: {error}" if lost else f"exit {error.exit_code}"
+        )
+    return Measured(1.0, "no error")
+
+
+# ---- the converter of fourteen transistors ---------------------------------------------------------------------
+
+T_CLK_S = 1e-6
+SETTLE, GATE = 4, 200
+DUTY = Fraction(3, 8)
+
+
+def transistor_converter(size: int) -> list[str]:
+    """A converter of fourteen level-1 transistors: two amplifiers of seven, one integrates, one compares.
+
+    1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have Meyer's gate
+    capacitances and nothing else, and `vref` and `vbn` are ideal sources that drive only gates.
+    """
+    draw = random.Random(size)
+
+    def width(um: float) -> float:
+        return um * 1e-6 * draw.uniform(0.5, 2.0)
+
+    def amplifier(
+        k: str, inverting: str, other: str, out: str, pair: float, load: float, tail: float
+    ) -> list[str]:
+        second = draw.uniform(2.0, 8.0)
+        return [
+            f"m1{k} x{k} {inverting} t{k} vss n w={pair:.4g} l=1u",
+            f"m2{k} y{k} {other} t{k} vss n w={pair:.4g} l=1u",
+            f"m3{k} x{k} x{k} vdd vdd p w={load:.4g} l=1u",
+            f"m4{k} y{k} x{k} vdd vdd p w={load:.4g} l=1u",
+            f"m5{k} t{k} vbn vss vss n w={tail:.4g} l=2u",
+            f"m6{k} {out} y{k} vdd vdd p w={load * second:.4g} l=1u",
+            f"m7{k} {out} vbn vss vss n w={0.5 * tail * second:.4g} l=2u",
+        ]
+
+    return [
+        ".model n nmos level=1 vto=0.5 kp=170u lambda=0.05 gamma=0.4 phi=0.7 tox=7.6n",
+        ".model p pmos level=1 vto=-0.6 kp=60u lambda=0.08 gamma=0.4 phi=0.7 tox=7.6n",
+        "vdd vdd 0 1.65",
+        "vss vss 0 -1.65",
+        "vref vref 0 0",
+        "vbn vbn vss 0.8",
+        *amplifier("a", "sum", "vref", "int", width(40), width(20), width(20)),
+        *amplifier("c", "int", "vref", "comp", width(20), width(10), width(10)),
+        "cmiller ya int 0.5p",
+        f"iin 0 sum {float(DUTY)}u",
+        "gpacket sum 0 d0 0 1u",
+        "cint sum int 10p",
+        ".nodeset v(d1)=1",
+        "bpreset int sum i = v(d1) > 0.95 ? (v(d1) - 0.95)*(v(int,sum) - 0.05)*2e-2 : 0",
+        # ngspice's own tolerances, at which it is known to abort
+        ".options reltol=1e-3",
+    ]
+
+
+def count_pulses(lines: Sequence[str], level: ladder.Level) -> int:
+    """Packets of a converter in GATE clocks, with its two flip-flops in Python; it ends at the last clock."""
+    names = ("v_d0", "v_d1")
+    deck = Deck(
+        ("converter", *lines, "v_d0 d0 0 external", "v_d1 d1 0 external"),
+        names,
+        (0.0, 1.0),
+        (False, True),
+        ("comp",),
+    )
+    with _folder() as folder:
+        half = NgspiceHalf(
+            deck,
+            t_edge_s=1e-9,
+            t_max_step_s=T_CLK_S,
+            t_stop_s=(GATE + SETTLE) * T_CLK_S,
+            log=folder / "ngspice.log",
+            level=level,
+        )
+        half.advance(0.0, [])
+        edges: list[Edge] = []
+        first = second = pulses = 0
+        for clock in range(1, GATE + SETTLE + 1):
+            high = half.advance(clock * T_CLK_S, edges)[0] > 0.0
+            told = first
+            first = int(high and not first) if SETTLE <= clock < SETTLE + GATE else 0
+            pulses += first
+            edges = [(clock * T_CLK_S, 0, float(told))] if told != second else []
+            second = told
+            if clock == SETTLE - 1:
+                edges.append((clock * T_CLK_S, 1, 0.0))
+        half.close()
+    return pulses
+
+
+SIZES = range(14)
+ABORTING = (1, 2, 3, 5, 6, 7, 11, 12, 13)
+"""Sizes of SIZES of which plain ngspice gives up a step."""
+
+
+def transistors(begin: str, sizes: Sequence[int]) -> Measured:
+    """Largest miss of the count over sizes, from a rung of the steps on; each of ABORTING must leave `plain`."""
+    foot = [rung.name for rung in ladder.STEPS].index(begin)
+    worst, climbed, ends = 0.0, [], set()
+    for size in sizes:
+        way = ladder.Climb(f"size {size}", ladder.Level(0, foot), report=lambda line: None)
+        pulses = ladder.climb(functools.partial(count_pulses, transistor_converter(size)), way)
+        worst = max(worst, abs(pulses - float(DUTY * GATE)))
+        ends.add(way.level.name)
+        if way.level.steps > foot:
+            climbed.append(size)
+    if begin == "plain" and (lost := set(ABORTING) & set(sizes) - set(climbed)):
+        return Measured(float(GATE), f"not hard: plain ngspice did sizes {sorted(lost)}")
+    said = (
+        f"{len(climbed)} of {len(sizes)} sizes abort on {begin} {climbed}; ended on {', '.join(sorted(ends))}"
+    )
+    return Measured(worst, said)
+
+
+def transistors_plain() -> Measured:
+    """The abort itself: time, node and phase must be named."""
+    try:
+        count_pulses(transistor_converter(2), ladder.PLAIN)
+    except ladder.Abort as abort:
+        named = (
+            abort.phase == "steps" and abort.time_s > 0 and abort.node and "Timestep too small" in abort.said
+        )
+        return Measured(float(not named), str(abort).partition(" (log")[0])
+    return Measured(1.0, "no abort")
+
+
+# ---- circuits that need a rung -----------------------------------------------------------------------------------
+
+_DIODE = "bx b 0 i = 1e-14*(exp(v(b)/0.02) - 1)"
+_LOCKED = "bo o 0 v = (v(a) > 0.5 && v(a) < 29.5) ? (v(n) > 0.5 ? 0 : 1) : 0.2"
+NEEDS = {
+    "gmin_stepping": ("v1 a 0 1", "r1 a b 1k", "bx b 0 i = 1e-3*tanh(1e6*(v(b) - 0.5)) + 1e-12*exp(40*v(b))"),
+    "source_stepping": ("v1 a 0 30", "r1 a b 10", _DIODE, TIGHT),
+    "ramp": ("v1 a 0 30", "r1 a b 10", _DIODE, _LOCKED, "r2 o n 1k", "c2 n 0 1n", TIGHT),
+}
+"""By rung of the start, a circuit with one operating point, at node b, that no rung below finds: a saturating
+element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same beside a loop without a state at any
+fraction of the supply, where source stepping stops."""
+
+
+LEAP = (
+    "vleap high 0 1",
+    "rleap high leap 1meg",
+    "bleap leap 0 i = time > 60u ? 1e-6*tanh(200*(v(leap) - 0.5)) : 0",
+)
+"""A saturating law that begins at 60 us, at a node without charge: no step leads from 1 V to where it settles."""
+
+
+def leap_v() -> float:
+    """v(leap) behind the leap: 1 - v = tanh(200 (v - 1/2))."""
+    return float(mpmath.findroot(lambda v: 1 - v - mpmath.tanh(200 * (v - 0.5)), (0.5026, 0.5028)))
+
+
+def needed_operating_point(rung: str) -> mpmath.mpf:
+    """v(b) of a circuit of NEEDS, to thirty digits."""
+    with mpmath.workdps(30):
+        if rung == "gmin_stepping":
+            # with v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for the argument of tanh
+            def law(d: mpmath.mpf) -> mpmath.mpf:
+                rest = mpmath.mpf(0.5) - d - mpmath.exp(20 + 40 * d) / 10**9
+                return d - mpmath.atanh(rest) / 10**6
+
+            lean = mpmath.findroot(law, (1e-8, 2e-8))
+            return mpmath.mpf(0.5) + lean
+        law = lambda v: (30 - v) / 10 - mpmath.mpf("1e-14") * (mpmath.exp(v / mpmath.mpf("0.02")) - 1)  # noqa: E731
+        return mpmath.findroot(law, mpmath.mpf("0.66"))
+
+
+def start(rung: str, engine: str) -> Measured:
+    """Distance of an operating point from the exact one, by a way that must end on the rung."""
+    if engine == "batch":
+        found = batch(NEEDS[rung], ".tran 1n 10n", ["tran b find v(b) at=5n"])
+        value, retries = found.values["b"], found.retries
+        last = retries[-1].next if retries else None
+    else:
+        samples, way = lockstep(NEEDS[rung], ["b"], [1e-8], t_max_step_s=1e-9)
+        value, retries, last = float(samples[-1, 0]), tuple(way.retries), way.level.name
+    if last != rung:
+        return Measured(1.0, f"ended on {last}, not on {rung}")
+    return Measured(abs(value - float(needed_operating_point(rung))), _said(retries))
+
+
+# ---- what has no answer ------------------------------------------------------------------------------------------
+
+FLOATING = ("v1 a 0 1", "c1 a b 1p", "c2 b 0 3p", "r1 a 0 1k")
+LOOP = ("v1 a 0 1", "v2 a 0 2", "r1 a 0 1k")
+RELAY = ("v1 a 0 1", "r1 a 0 1k", "bx c 0 v = v(c) > 0.5 ? 0 : 1")
+LATE_RELAY = ("v1 a 0 1", "r1 a 0 1k", "bx c 0 v = time > 1.5e-6 ? (v(c) > 0.5 ? 0 : 1) : 0.2")
+NOT_A_NUMBER = ("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n", "bx c 0 v = time > 1.5e-6 ? 1e200*v(a)*1e200*v(a) : 0")
+
+
+def no_answer(lines: Sequence[str], engine: str, *causes: str) -> Measured:
+    """Whether a circuit without an answer ends with an error that names its cause."""
+    if engine == "batch":
+        return refused(lambda: batch(lines, ".tran 10n 3u 0 10n", ["tran a find v(a) at=1u"]), *causes)
+    probe = "c" if any(line.startswith("bx c") for line in lines) else "a"
+    return refused(lambda: lockstep(lines, [probe], [1e-6, 2e-6, 3e-6]), *causes)
+
+
+CLASHES = {"element": "R1 b 0 1k", "block": "x1 b 0 no_such_block", "source": "v_d7 b 0 external"}
+
+
+def clash(what: str) -> Measured:
+    """An element of a name that is taken but for its case, a block that is not there, a source that nobody drives."""
+    name = {"element": "already exists", "block": "no_such_block", "source": "v_d7"}[what]
+    return refused(lambda: lockstep(["v1 a 0 1", "r1 a b 1k", CLASHES[what]], ["b"], [1e-6]), name)
+
+
+def folded_case() -> Measured:
+    """Nodes of names that differ in case only are one node, here as in every SPICE."""
+    samples, _ = lockstep(("v1 IN 0 1", "r1 in Mid 1k", "r2 mID 0 3k"), ["MID"], [1e-6])
+    return Measured(abs(float(samples[0, 0]) - 0.75))
+
+
+def nan_in(what: str) -> Measured:
+    """A number that is none is refused before any deck is written."""
+    if what == "array":
+        return refused(lambda: array_subckt(1, 2, [[math.nan, 1e3]]), "nan", "[0, 0]")
+    data = {
+        "array": {"rows": 1, "cols": 1},
+        "stimulus": {"kind": "uniform", "code": [1]},
+        "interface": {"v_bias_v": math.nan},
+        "effects": {},
+    }
+    return refused(lambda: scene.from_data(data, Path("hard.toml")), "hard.toml", "v_bias_v", "nan")
+
+
+# ---- transients with an exact solution -------------------------------------------------------------------------------
+
+
+def gate_only(engine: str) -> Measured:
+    """The output of an inverter whose input is an ideal source at its gate, in its linear region."""
+    lines = (
+        ".model n nmos level=1 vto=0.5 kp=100u lambda=0",
+        "vdd vdd 0 2",
+        "vin g 0 1.5",
+        "rload vdd out 100k",
+        "m1 out g 0 0 n w=10u l=1u",
+        TIGHT,
+    )
+    # (2 - v) / 100k = 1 mA/V^2 ((1.5 - 0.5) v - v^2 / 2), bulk at source: 50 v^2 - 101 v + 2 = 0
+    exact = float((101 - mpmath.sqrt(101**2 - 400)) / 100)
+    if engine == "batch":
+        return Measured(abs(batch(lines, ".tran 1n 10n", ["tran v find v(out) at=5n"]).values["v"] - exact))
+    return Measured(abs(float(lockstep(lines, ["out"], [1e-8])[0][0, 0]) - exact))
+
+
+def divided_charge() -> Measured:
+    """A node between two capacitors, told where it starts, follows an edge by their ratio for ever."""
+    lines = ("c1 d0 b 1p", "c2 b 0 3p", ".ic v(b)=0.25", TIGHT)
+    times = [1e-6, 2e-6, 1e-5]
+    samples, way = lockstep(lines, ["b"], times, {1e-6: [(0, 2.0)]}, levels=[0.0], use_ic=True)
+    return Measured(float(np.max(np.abs(samples[:, 0] - [0.25, 0.75, 0.75]))), _said(way))
+
+
+def closing_switch(abrupt: bool) -> Measured:
+    """A capacitor charged through a closing switch, then drained by 1 uA: what rang would go on in it."""
+    lines = (
+        "bclose a b i = v(d0) > 0.95 ? (v(d0) - 0.95)*20*v(a,b)*1e3 : 0",
+        "v1 a 0 1",
+        "c1 b 0 5p",
+        "iload b 0 1u",
+        "rb b 0 1e15",
+        ".nodeset v(d0)=1",
+        TIGHT,
+    )
+    times = [k * 2e-7 for k in range(1, 16)]
+    samples, way = lockstep(
+        lines, ["b"], times, {times[4]: [(0, 0.0)]}, levels=[1.0], abrupt=[abrupt], t_max_step_s=1e-6
+    )
+    # It opens at the first of its edge; 1 mohm below 1 V until then.
+    exact = [1.0 - 1e-9 if k <= 4 else 1.0 - 1e-6 * (t - times[4]) / 5e-12 for k, t in enumerate(times)]
+    return Measured(float(np.max(np.abs(samples[:, 0] - exact))), _said(way))
+
+
+def inconsistent_start() -> Measured:
+    """Two capacitors of 1 V and 0 V behind 1 uohm, and one whose initial state contradicts its ideal source."""
+    lines = (
+        "c1 a 0 1p",
+        "c2 b 0 1p",
+        "rshort a b 1u",
+        "vforce f 0 0.3",
+        "c3 f 0 1p",
+        ".ic v(a)=1 v(b)=0 v(f)=0.9",
+        TIGHT,
+    )
+    samples, way = lockstep(lines, ["a", "b", "f"], [1e-9, 1e-7, 1e-6], use_ic=True)
+    return Measured(float(np.max(np.abs(samples[1:] - [0.5, 0.5, 0.3]))), _said(way))
+
+
+def supply_ramp() -> Measured:
+    """A latch of level-1 inverters, one of which has a resistor of 10 Mohm to the supply, comes up on its side."""
+    lines = (
+        ".model n nmos level=1 vto=0.5 kp=100u",
+        ".model p pmos level=1 vto=-0.5 kp=50u",
+        "mp1 q p d0 d0 p w=2u l=1u",
+        "mn1 q p 0 0 n w=1u l=1u",
+        "mp2 p q d0 d0 p w=2u l=1u",
+        "mn2 p q 0 0 n w=1u l=1u",
+        "rhint d0 q 10meg",
+        "cq q 0 10f",
+        "cp p 0 10f",
+        TIGHT,
+    )
+    samples, way = lockstep(
+        lines, ["q", "p"], [1e-7, 2e-4], {1e-7: [(0, 2.0)]}, levels=[0.0], t_edge_s=1e-4, t_max_step_s=1e-6
+    )
+    # Both cut off: q at the supply, p at ground, but for gmin's 1e-12 S at two junctions each
+    # against 10 Mohm or 30 kohm.
+    return Measured(float(np.max(np.abs(samples[-1] - [2.0, 0.0]))), _said(way))
+
+
+def switch_extremes() -> Measured:
+    """A switch from nothing to 1e12 ohm into 1 Mohm, ten times."""
+    lines = (
+        "v1 a 0 1",
+        "bswitch a b i = v(a,b)*(v(d0) > 0.5 ? 1e9 : 1e-12)",
+        "rload b 0 1meg",
+        TIGHT,
+    )
+    times = [k * 1e-6 for k in range(1, 21)]
+    edges = {t: [(0, float(k % 2))] for k, t in enumerate(times[:-1])}
+    samples, way = lockstep(lines, ["b"], times, edges, levels=[0.0], abrupt=[True])
+    on, off = float(1 / (1 + Fraction(1, 10**15))), float(Fraction(1, 10**6 + 1))
+    exact = [off, *(on if k % 2 else off for k in range(19))]
+    return Measured(float(np.max(np.abs(samples[:, 0] - exact))), _said(way))
+
+
+def stiff_pair() -> Measured:
+    """Time constants of 1e-15 s and 1 s side by side, a second long; the slow one is charged through the fast one."""
+    # abstol and vntol are 1e-9 of the microampere and the volt that flow and stand
+    lines = (
+        "r1 d0 a 1",
+        "c1 a 0 1f",
+        "r2 a b 1meg",
+        "c2 b 0 1u",
+        ".options reltol=1e-6 abstol=1e-15 vntol=1e-9",
+    )
+    times = [0.01, 0.1, 0.5, 1.01]
+    samples, way = lockstep(
+        lines, ["b", "a"], times, {0.01: [(0, 1.0)]}, levels=[0.0], t_edge_s=1e-9, t_max_step_s=1e-3
+    )
+    # a = 1 but for 1e-6 of what b lacks; b charges with 1 s, 1e-6 slower, from the middle of the edge on.
+    slow = mpmath.mpf(1) + mpmath.mpf("1e-6")
+    exact_b = [0.0] + [
+        float(1 - mpmath.exp(-(mpmath.mpf(repr(t)) - 0.01 - 0.5e-9) / slow)) for t in times[1:]
+    ]
+    return Measured(float(np.max(np.abs(samples[:, 0] - exact_b))), _said(way))
+
+
+def gyrator(options: str) -> Measured:
+    """Resonance of two capacitors and a gyrator, ten periods of 1 us: amplitude and phase of the trapezoidal rule."""
+    c = 1e-9
+    g = 2 * math.pi * 1e6 * c
+    lines = (
+        f"g1 0 a b 0 {g!r}",
+        f"g2 b 0 a 0 {g!r}",
+        f"c1 a 0 {c}",
+        f"c2 b 0 {c}",
+        ".ic v(a)=1 v(b)=0",
+        options,
+    )
+    times = [k * 1e-6 for k in range(1, 11)]
+    samples, way = lockstep(lines, ["a"], times, t_max_step_s=2e-9, use_ic=True)
+    return Measured(float(np.max(np.abs(samples[:, 0] - 1.0))), _said(way))
+
+
+def huge_and_tiny() -> Measured:
+    """1e30 V behind 1e30 ohm, and 1e-18 A into 1e18 ohm, beside a volt; relative errors."""
+    lines = (
+        "v1 a 0 1e30",
+        "r1 a b 1e30",
+        "r2 b 0 1",
+        "i1 0 c 1e-18",
+        "r3 c 0 1e18",
+        "v3 e 0 1",
+        "r4 e 0 1k",
+        TIGHT,
+    )
+    samples, way = lockstep(lines, ["b", "c", "e"], [1e-6])
+    return Measured(float(np.max(np.abs(samples[0] - 1.0))), _said(way))
+
+
+# ---- whole chips -----------------------------------------------------------------------------------------------------
+
+EXTREME_OHM = (0.0, 1e-3, 1.0, 249.0, 500.0, 510.0, 7.5e3, 123456.0, 1e6, 1e9, 1e12, 1e15)
+BENT_OHM = (500.0, 510.0, 7.5e3, 1e6)
+COLS = 4
+
+CORNERS: dict[str, dict[str, Any]] = {
+    "nominal": {},
+    "low": {"v_bias_v": 0.4, "k": 40},
+    "high": {"v_bias_v": 0.6, "k": 160},
+}
+
+
+def chip(
+    topology: str,
+    corner: str = "nominal",
+    effects: Mapping[str, Any] | None = None,
+    ohms: Sequence[float] = EXTREME_OHM,
+) -> records.Plan:
+    """Resistances in an array of four columns."""
+    interface = {"topology": topology, **(CORNERS[corner] if topology != "direct" else {})}
+    data = {
+        "array": {"rows": len(ohms) // COLS, "cols": COLS},
+        "stimulus": {"kind": "uniform", "code": [0]},
+        "interface": interface,
+        "effects": dict(effects or {}),
+    }
+    made = plan.make(scene.from_data(data, Path("hard.toml")), "cosim")
+    ohm = np.array(ohms).reshape(1, -1, COLS)
+    return replace(made, resistance_ohm=ohm, force_n=None)
+
+
+def exact_codes(made: records.Plan) -> NDArray[np.int64]:
+    """Charge balance of every resistance in exact rationals; a short is the floor of the design."""
+    floor = load_design().array.r_floor_ohm
+    interface = made.scene.table.interface
+    unit = Fraction(repr(interface.v_bias_v)) / (interface.k * Fraction(repr(interface.i0_a)))
+    gate = made.timing.gate_clocks
+    codes = [
+        min(vfc.count_rational(unit / Fraction(repr(max(r, floor))), gate), made.timing.code_max)
+        for r in EXTREME_OHM
+    ]
+    return np.array(codes).reshape(1, -1, COLS)
+
+
+def extremes(engine: str, topology: str, corner: str = "nominal") -> Measured:
+    """Largest distance of a code from charge balance."""
+    made, note = chip(topology, corner), ""
+    if engine == "lockstep":
+        codes, way = read_frame(made)
+        note = _said(way)
+    else:
+        codes = engine_modules.runner(engine)(made).codes.astype(np.int64)
+    return Measured(float(np.abs(codes - exact_codes(made)).max()), note)
+
+
+STEPS_S = {"step_100_ns": 1e-7, "step_1_us": 1e-6, "step_10_us": 1e-5}
+BENDS = {"comparator_delay": {"t_s": 8e-9}, "integrator_bandwidth": {"gbw_hz": 5e6}}
+# ten times what netlist.py gives a deck with poles
+CHANGES = {
+    **dict.fromkeys(STEPS_S, ""),
+    "gear": ".options method=gear maxord=2",
+    "reltol_ten_times": ".options reltol=1e-3",
+    "all_tolerances_ten_times": ".options reltol=1e-3 abstol=1e-11 vntol=1e-6 chgtol=1e-13",
+}
+
+
+def unmoved(change: str, bent: bool) -> Measured:
+    """Largest distance of a code from charge balance (of engine event, with poles), whatever the step or method."""
+    made = chip("conveyor_mirror", effects=BENDS, ohms=BENT_OHM) if bent else chip("conveyor_mirror")
+    codes, way = read_frame(made, CHANGES[change], STEPS_S.get(change, 1e-6))
+    exact = engine_modules.runner("event")(made).codes.astype(np.int64) if bent else exact_codes(made)
+    return Measured(float(np.abs(codes - exact).max()), _said(way))
+
+
+def read_frame(
+    made: records.Plan,
+    options: str = "",
+    t_max_step_s: float = 1e-6,
+    begin: ladder.Level = ladder.PLAIN,
+) -> tuple[NDArray[np.int64], ladder.Climb]:
+    """Codes [1, rows, cols] of the first frame: its deck, with a row scanner and two flip-flops a column in Python."""
+    timing, rows, cols = made.timing, made.rows, made.cols
+    deck = netlist.frame_deck(made, 0, [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols)
+    if options:
+        deck = replace(deck, lines=(*deck.lines, options))
+    t_clk = 1.0 / timing.f_clk_hz
+
+    def attempt(level: ladder.Level) -> NDArray[np.int64]:
+        half = NgspiceHalf(
+            deck,
+            t_edge_s=1e-9,
+            t_max_step_s=t_max_step_s,
+            t_stop_s=(rows * timing.slot_clocks - timing.break_clocks) * t_clk,
+            log=folder / "ngspice.log",
+            level=level,
+        )
+        counts = np.zeros((1, rows, cols), dtype=np.int64)
+        first = second = np.zeros(cols, dtype=bool)
+        edges: list[Edge] = []
+        half.advance(0.0, [])
+        # The deck starts where row 0 is driven.
+        for clock in range(timing.break_clocks + 1, rows * timing.slot_clocks + 1):
+            now = (clock - timing.break_clocks) * t_clk
+            high = half.advance(now, edges)[:cols] > 0.0
+            row, at = divmod(clock - 1, timing.slot_clocks)
+            told, first = first, (high & ~first) & (at >= timing.settle_clocks)
+            counts[0, row] += first
+            edges = [(now, rows + 1 + int(c), float(told[c])) for c in np.flatnonzero(told != second)]
+            second = told
+            if at + 1 == timing.settle_clocks:
+                edges.append((now, rows, 0.0))
+            if at + 1 == timing.slot_clocks:
+                edges += [(now, rows, 1.0), (now, row, 0.0)]
+                at, row = -1, row + 1
+            if at + 1 == timing.break_clocks and 0 < row < rows:
+                edges.append((now, row, 1.0))
+        half.close()
+        return np.minimum(counts, timing.code_max)
+
+    with _folder() as folder:
+        way = ladder.Climb("hard chip", begin, report=lambda line: None)
+        return ladder.climb(attempt, way), way
+
+
+# ---- the cases -------------------------------------------------------------------------------------------------------
+
+_FEMTO = "two roundings of a volt beside vntol 1e-9 V and reltol 1e-6, which Newton's last step leaves unused"
+_OP = "reltol 1e-6 of the volt that Newton's method may leave, twice"
+_NAMED = "an error that names its cause, exit 2 or 3; 0 it does, 1 it does not"
+_COUNT = "counts are whole numbers"
+
+
+def _both(function: Callable[..., Measured], *arguments: Any) -> dict[str, Callable[[], Measured]]:
+    return {engine: functools.partial(function, *arguments, engine) for engine in ("lockstep", "batch")}
+
+
+def _no_answer(
+    name: str, why: str, lines: Sequence[str], causes: Sequence[str], *, short: bool = True
+) -> Case:
+    runs = {e: functools.partial(no_answer, tuple(lines), e, *causes) for e in ("lockstep", "batch")}
+    said = " and ".join(f'"{cause}"' for cause in causes)
+    return Case(
+        name,
+        "circuit",
+        why,
+        f"an error that says {said}",
+        "Kirchhoff: no state fulfils all laws, or any does",
+        _NAMED,
+        0.0,
+        "1",
+        runs,
+        short=short,
+    )
+
+
+def cases() -> list[Case]:
+    """Every hard circuit."""
+    lock = "lockstep"
+    found = [
+        Case(
+            "transistor_converter",
+            "circuit",
+            "fourteen level-1 transistors with Meyer capacitances and sources that drive only gates: plain ngspice "
+            "aborts with `Timestep too small` (FACTS 6)",
+            f"{DUTY * GATE} packets in {GATE} clocks at x = {DUTY}, for {len(SIZES)} sizes of which "
+            f"{len(ABORTING)} need a rung above plain; the same where rung gear is taken at once",
+            "charge balance: N x is whole, so the count does not depend on where the cycle begins; no path takes "
+            "charge from the summing node but the packets",
+            _COUNT,
+            0.0,
+            "packets",
+            {
+                lock: functools.partial(transistors, "plain", SIZES),
+                "from_gear": functools.partial(transistors, "gear", ABORTING[::3]),
+            },
+        ),
+        Case(
+            "transistor_converter_plain",
+            "circuit",
+            "the same circuit on the foot of the ladder",
+            "an abort that names simulated time and node",
+            "ngspice's own words",
+            _NAMED,
+            0.0,
+            "1",
+            {lock: transistors_plain},
+            short=True,
+        ),
+        Case(
+            "gate_only_source",
+            "circuit",
+            "an ideal source drives nothing but a gate: its current is nothing but rounding",
+            "(101 - sqrt(9801)) / 100 V",
+            "the square law solved by hand",
+            _OP,
+            4e-6,
+            "V",
+            _both(gate_only),
+            short=True,
+        ),
+        _no_answer(
+            "floating_node",
+            "a node between two capacitors has no dc value; ngspice alone answers 0.25 V by a "
+            "hidden transient",
+            FLOATING,
+            ("singular matrix", " b"),
+        ),
+        Case(
+            "divided_charge",
+            "circuit",
+            "the same node, told where it starts: its charge must stay for ever",
+            "0.25, 0.75 and 0.75 V",
+            "charge: 1 / (1 + 3) of an edge of 2 V",
+            _FEMTO,
+            1e-8,
+            "V",
+            {lock: divided_charge},
+            short=True,
+        ),
+        _no_answer(
+            "loop_of_sources",
+            "two ideal sources in parallel contradict each other",
+            LOOP,
+            ("singular matrix", "branch"),
+        ),
+        _no_answer(
+            "relay_that_contradicts_itself", "no operating point exists at all", RELAY, ("c", "tried")
+        ),
+        _no_answer(
+            "relay_that_contradicts_itself_later",
+            "no state exists from 1.5 us on",
+            LATE_RELAY,
+            ("Timestep too small", "1.5", "tried", "gear"),
+        ),
+        _no_answer(
+            "number_beyond_range",
+            "a law that gives 1e400 from 1.5 us on: never a sample",
+            NOT_A_NUMBER,
+            ("1.5", "tried"),
+        ),
+        Case(
+            "name_clash",
+            "circuit",
+            "two elements of one name, a block that does not exist, a source nobody drives",
+            "three errors with the name",
+            "the deck",
+            _NAMED,
+            0.0,
+            "1",
+            {what: functools.partial(clash, what) for what in CLASHES},
+            short=True,
+        ),
+        Case(
+            "names_that_differ_in_case",
+            "circuit",
+            "SPICE folds case: IN and in are one node",
+            "0.75 V",
+            "a divider of 1 and 3 kohm",
+            _FEMTO,
+            1e-9,
+            "V",
+            {lock: folded_case},
+            short=True,
+        ),
+        Case(
+            "not_a_number_in",
+            "circuit",
+            "NaN as resistance or voltage must not reach a deck",
+            "exit 2 with file or place, key and value",
+            "the input",
+            _NAMED,
+            0.0,
+            "1",
+            {"array": functools.partial(nan_in, "array"), "scene": functools.partial(nan_in, "scene")},
+            short=True,
+        ),
+        Case(
+            "closing_switch",
+            "circuit",
+            "a current that charged a capacitor through a closing switch is state of the trapezoidal rule and rings "
+            "on for ever",
+            "1 V less 1 uA / 5 pF from the edge on",
+            "charge",
+            "1e-6 V, the limit of the bridge (spec.toml cosim.edge_error_v)",
+            1e-6,
+            "V",
+            {lock: functools.partial(closing_switch, True)},
+            short=True,
+        ),
+        Case(
+            "inconsistent_start",
+            "circuit",
+            "1 V and 0 V behind 1 uohm (1e-18 s), and a start against an ideal source",
+            "0.5, 0.5 and 0.3 V",
+            "charge conservation; Kirchhoff",
+            "1e6 S loses 2.2e-10 A of a volt to rounding: in 1 us 1.1e-4 V on 2 pF",
+            1.1e-4,
+            "V",
+            {lock: inconsistent_start},
+            short=True,
+        ),
+        Case(
+            "supply_ramp",
+            "circuit",
+            "a latch without a state at 0 V comes up with its supply in 100 us",
+            "2 V and 0 V: the side that a resistor prefers",
+            "both transistors of a side are off",
+            "gmin 1e-12 S against 10 Mohm: 2e-5 V",
+            2e-5,
+            "V",
+            {lock: supply_ramp},
+            short=True,
+        ),
+        Case(
+            "switch_from_0_to_1e12_ohm",
+            "circuit",
+            "21 decades at an edge",
+            "1 V / (1 + 1e-15), 1 V / (1 + 1e6)",
+            "a divider in rationals",
+            _OP,
+            2e-6,
+            "V",
+            {lock: switch_extremes},
+            short=True,
+        ),
+        Case(
+            "stiff_pair",
+            "circuit",
+            "1e-15 s beside 1 s",
+            "1 - exp(-t / s), at 0.1, 0.5 and 1.01 s",
+            "mpmath",
+            "trapezoids of 1 ms on a second: h^2 / 12 = 8e-8, and the 1e-6 V that stage one loads stage two with",
+            2e-6,
+            "V",
+            {lock: stiff_pair},
+            short=True,
+        ),
+        Case(
+            "resonance_without_inductor",
+            "circuit",
+            "undamped: any error of the integration stays",
+            "1 V after each of ten periods",
+            "the cosine",
+            "ngspice begins with backward Euler, which damps by (w h)^2 / 2 = 7.9e-5 in a step of 2 ns, the longest; "
+            "the trapezoids behind it turn the phase by (w h)^2 / 12 a radian: 8.3e-4 in ten periods, 3.4e-7 V",
+            8.5e-5,
+            "V",
+            {lock: functools.partial(gyrator, TIGHT)},
+        ),
+        Case(
+            "huge_and_tiny_sources",
+            "circuit",
+            "1e30 V and 1e30 ohm beside 1e-18 A and 1 V in one matrix",
+            "1 V at each of three nodes",
+            "Ohm",
+            "reltol 1e-6; gmin is no element of these",
+            2e-6,
+            "1",
+            {lock: huge_and_tiny},
+            short=True,
+        ),
+    ]
+    needs = {
+        "gmin_stepping": "a saturating law of 1 A/uV: Newton's method jumps from side to side",
+        "source_stepping": "an exponential of 20 mV from 0 to 30 V: only from a low supply can Newton follow it",
+        "ramp": "the same beside a loop that has no state while the supply is between its ends",
+    }
+    for rung, why in needs.items():
+        found.append(
+            Case(
+                f"needs_{rung}",
+                "circuit",
+                why,
+                mpmath.nstr(needed_operating_point(rung), 12) + f" V on rung {rung}",
+                "mpmath, thirty digits",
+                _OP,
+                2e-6,
+                "V",
+                _both(start, rung),
+                short=True,
+            )
+        )
+    for topology in TOPOLOGIES:
+        found.append(
+            Case(
+                f"extreme_resistances_{topology}",
+                "circuit",
+                "0 to 1e15 ohm in one array, beside each other",
+                "charge balance of each",
+                "exact rationals (vfc.count_rational)",
+                _COUNT,
+                0.0,
+                "lsb",
+                {e: functools.partial(extremes, e, topology) for e in ("closed", "event", "lockstep")},
+            )
+        )
+    for corner in ("low", "high"):
+        found.append(
+            Case(
+                f"extreme_resistances_{corner}_corner",
+                "circuit",
+                f"the same at {CORNERS[corner]}",
+                "charge balance of each",
+                "exact rationals (vfc.count_rational)",
+                _COUNT,
+                0.0,
+                "lsb",
+                {
+                    e: functools.partial(extremes, e, "conveyor_mirror", corner)
+                    for e in ("closed", "event", "lockstep")
+                },
+            )
+        )
+    for bent, what in ((False, "straight_lines"), (True, "poles")):
+        chosen = CHANGES if bent else STEPS_S
+        found.append(
+            Case(
+                f"step_and_method_{what}",
+                "circuit",
+                "the longest step from half a clock to fifty"
+                + (", Gear's formula, tolerances ten times as loose" if bent else ""),
+                "the same codes",
+                "engine event, clock by clock" if bent else "exact rationals (vfc.count_rational)",
+                _COUNT,
+                0.0,
+                "lsb",
+                {change: functools.partial(unmoved, change, bent) for change in chosen},
+            )
+        )
+    return found

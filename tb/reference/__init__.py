@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slow, obvious references that the fast code is tested against."""

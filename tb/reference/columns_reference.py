@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of the direct interface by their common equation: slow and obvious beside engine event's mean charges."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.linalg import expm
+
+from dermis.array.array import Network, column_currents
+from dermis.converter.coupling import seen_from_grounds
+from dermis.engines import event
+from dermis.records import Plan
+
+
+def codes(plan: Plan, frame: int = 0) -> np.ndarray:
+    """Codes [rows, cols] of a frame; no noise, and no range that bites."""
+    return np.array([_row(plan, frame, row) for row in range(plan.rows)])
+
+
+def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
+    """A matrix exponential a clock, or two where a comparator is late; what moves inside a gate stands for a clock."""
+    converter, timing, drive, cols = plan.converter, plan.timing, plan.drive, plan.cols
+    g = plan.conductance_s()
+    behind = plan.next_conductance_s() if drive.motion else g
+    of = event.cells_of(plan, np.zeros((1, plan.rows, cols)), g[frame : frame + 1])
+    cell = {f.name: np.array(getattr(of, f.name)[0, row], dtype=float) for f in dataclasses.fields(of)}
+    slow = bool(cell["lag"].any())
+    delay = float(cell["delay"][0])
+
+    def steps(g_now: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        seen = seen_from_grounds(plan.network(0), g_now[np.newaxis])[0]
+        own = seen[min(row, len(seen) - 1)] + np.diag(converter.g_in_s)
+        pulls = own / (converter.c_int_f * converter.f_clk_hz)[:, np.newaxis]
+        share = converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
+        one, none = np.eye(cols), np.zeros((cols, cols))
+        rate, drives = -pulls * share, one
+        if slow:
+            follows = one / cell["lag"]
+            rate = np.block([[-pulls, pulls - pulls * share], [follows, -follows]])
+            drives = np.vstack([one, none])
+        size = len(rate)
+        whole = np.zeros((size + cols, size + cols))
+        whole[:size] = np.hstack([rate, drives])
+        made = [expm(whole * t) for t in (1.0, 1.0 - delay)]
+        return [(e[:size, :size], e[:size, size:]) for e in made]
+
+    def duty(clock: float) -> tuple[np.ndarray, np.ndarray]:
+        seconds = (row * timing.slot_clocks + timing.settle_clocks + clock) / timing.f_clk_hz
+        share = min(seconds / drive.t_frame_s, 1.0) if drive.motion else 0.0
+        g_now = (1.0 - share) * g[frame] + share * behind[frame]
+        angle = 2.0 * np.pi * drive.f_ripple_hz * (frame * drive.t_frame_s + seconds) + drive.phase_ripple_rad
+        bias_v = plan.v_bias_v * (1.0 + drive.ripple * np.sin(angle))
+        return g_now, converter.duty(column_currents(Network(g_now, bias_v, **plan.surrounding))[row])
+
+    state = np.concatenate([cell["w0"]] * (2 if slow else 1))
+    last, before, count = (np.zeros(cols) for _ in range(3))
+    high = (cell["w0"] >= cell["rise"]).astype(float)
+    moves = bool(drive.motion or drive.ripple)
+    g_now, x = duty(0.5)
+    (keep, gain), early = steps(g_now)
+    for n in range(timing.gate_clocks):
+        if moves:
+            g_now, x = duty(n + 0.5)
+        if drive.motion and n % 10 == 0:
+            (keep, gain), early = steps(g_now)
+        charge = x - cell["packet"] * before
+        seen = (early[0] @ state + early[1] @ charge)[-cols:]
+        state = keep @ state + gain @ charge
+        high = np.where(seen >= cell["rise"], 1.0, np.where(seen < cell["fall"], 0.0, high))
+        before, last = last, high * (last == 0)
+        count += last
+    return np.minimum(count, timing.code_max)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines with capacitance in many digits: the slow reference of what has not settled in a slot."""
+
+from __future__ import annotations
+
+import itertools
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array.array import Network
+from dermis.records import Timing
+
+
+def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
+    """Extra charge of every clock of a slot, [rows, cols, clocks], from the matrix exponential in 80 digits.
+
+    Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node without
+    capacitance as 1e-28 F, which moves charges by the same small part.
+    """
+    rows, cols = network.rows, network.cols
+    n = rows + cols
+    out = np.zeros((rows, cols, timing.slot_clocks))
+    with mpmath.workdps(80):
+        exact = mpmath.mpf
+        c = mpmath.zeros(n, n)
+        for k in range(n):
+            c[k, k] += exact(network.c_row_f if k < rows else network.c_column_f) + exact("1e-28")
+        for r, k in itertools.product(range(rows), range(cols)):
+            stamp(c, r, rows + k, exact(network.c_taxel_f))
+        clock, now = exact(1) / exact(timing.f_clk_hz), None
+        for row in range(rows):
+            dark, lit = range(timing.break_clocks), range(timing.break_clocks, timing.slot_clocks)
+            for driven, ticks in ((None, dark), (row, lit)):
+                if not ticks or (driven is None and now is None):
+                    continue
+                rest, rate, ohm = settles(network, driven, c)
+                distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
+                per_clock = mpmath.expm(rate * clock, method="taylor")
+                for tick in ticks:
+                    later = per_clock * distance
+                    integral = mpmath.lu_solve(rate, later - distance)
+                    for k in range(cols):
+                        # Current through the input resistance of column k is (v - offset) / r.
+                        out[row, k, tick] = float(integral[rows + k] / ohm[rows + k])
+                    distance = later
+                now = rest + distance
+    return out
+
+
+def settles(
+    network: Network, driven: int | None, c: mpmath.matrix
+) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
+    """Settled voltages, the matrix of their rate of change and the resistance behind each node."""
+    rows, cols, exact = network.rows, network.cols, mpmath.mpf
+    n = rows + cols
+    g, push, behind = mpmath.zeros(n, n), mpmath.zeros(n, 1), []
+    for k in range(n):
+        if k >= rows:
+            ohm, volt = network.r_column_ohm[k - rows], network.v_column_offset_v[k - rows]
+            push[k] += exact(float(network.i_leak_a[k - rows]))
+        elif k == driven:
+            ohm, volt = network.r_row_driven_ohm, network.v_bias_v
+        else:
+            ohm, volt = network.r_row_grounded_ohm, 0.0
+        behind.append(exact(max(float(ohm), 1e-13)))
+        if ohm != np.inf:
+            g[k, k] += 1 / behind[k]
+            push[k] += exact(float(volt)) / behind[k]
+    for r, k in itertools.product(range(rows), range(cols)):
+        stamp(g, r, rows + k, exact(float(network.g_taxel_s[r, k])))
+    for k in range(cols - 1):
+        stamp(g, rows + k, rows + k + 1, exact(rows * network.g_lateral_row_s))
+    for r in range(rows):
+        g[r, r] += exact("1e-40")  # a floating row on which nothing hangs must rest somewhere
+    return mpmath.lu_solve(g, push), -mpmath.inverse(c) * g, behind
+
+
+def stamp(matrix: mpmath.matrix, a: int, b: int, value: mpmath.mpf) -> None:
+    matrix[a, a] += value
+    matrix[b, b] += value
+    matrix[a, b] -= value
+    matrix[b, a] -= value

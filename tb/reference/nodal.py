@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The slow, obvious reference of the array solve: the full nodal matrix, slot by slot, exact or in many digits.
+
+Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields: every element is
+stamped between two named nodes, and Gauss's elimination runs over Python's fractions
+(`column_currents(..., digits=0)`) or mpmath's numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array.array import Network
+
+Node = tuple[Any, ...]
+Element = tuple[Node, Node, Any]
+
+# A taxel of 0 ohm is the limit of small equal resistances. 1e-80 ohm is nearer to it, beside anything above 1e-23 ohm,
+# than any double can tell (1e-57), and so many digits more are carried.
+SHORT_S = 10**80
+_SHORT_DIGITS = 200
+
+
+def column_currents(
+    network: Network, digits: int = 60, slots: Sequence[int] | None = None
+) -> NDArray[np.float64]:
+    """Column currents of some slots, [slots, cols] in ampere (all of them: [rows, cols]).
+
+    Parameters
+    ----------
+    network : Network
+    digits : int
+        Decimal digits; 0 for exact fractions, which grow with the number of nodes: a dozen are quick.
+    slots : sequence of int, optional
+        The driven rows.
+    """
+    places = range(network.rows) if slots is None else slots
+    out = np.empty((len(places), network.cols))
+    more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() else 0
+    with mpmath.workdps(digits + more if digits else 15):
+        for i, row in enumerate(places):
+            out[i] = [
+                float(current)
+                for current in slot_currents(network, row, Fraction if digits == 0 else mpmath.mpf)
+            ]
+    return out
+
+
+def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tuple[list[Element], dict, dict]:
+    """Every element as (node, node, conductance), the voltages of nodes that are held, the injected currents."""
+    rows, cols, zero = network.rows, network.cols, exact(0)
+
+    # Nodes by name. Behind its driver a row line is ("row", r), in front of its input a column ("column", c).
+    def on_row(r: int, c: int) -> Node:
+        return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
+
+    def on_column(r: int, c: int) -> Node:
+        return ("on_column", r, c) if network.r_trace_column_ohm else ("column", c)
+
+    found: list[Element] = []
+    known: dict[Node, Any] = {}
+    injected = {("column", c): exact(float(network.i_leak_a[c])) for c in range(cols)}
+
+    def feed(node: Node, resistance_ohm: float, voltage: Any) -> None:
+        if resistance_ohm == 0:
+            known[node] = voltage
+        elif resistance_ohm != np.inf:
+            known["source", node] = voltage
+            found.append((node, ("source", node), 1 / exact(float(resistance_ohm))))
+
+    for r in range(rows):
+        if r == driven:
+            feed(("row", r), network.r_row_driven_ohm, exact(float(network.v_bias_v)))
+        else:
+            feed(("row", r), network.r_row_grounded_ohm, zero)
+        if network.r_trace_row_ohm:
+            line = [("row", r), *(on_row(r, c) for c in range(cols))]
+            segment = 1 / exact(float(network.r_trace_row_ohm))
+            found += [(line[c], line[c + 1], segment) for c in range(cols)]
+    for c in range(cols):
+        feed(("column", c), network.r_column_ohm[c], exact(float(network.v_column_offset_v[c])))
+        if network.r_trace_column_ohm:
+            line = [*(on_column(r, c) for r in range(rows)), ("column", c)]
+            segment = 1 / exact(float(network.r_trace_column_ohm))
+            found += [(line[r], line[r + 1], segment) for r in range(rows)]
+    beside, along = exact(float(network.g_lateral_row_s)), exact(float(network.g_lateral_column_s))
+    for r in range(rows):
+        for c in range(cols):
+            g = float(network.g_taxel_s[r, c])
+            if g > 0:
+                found.append((on_row(r, c), on_column(r, c), exact(SHORT_S if g == np.inf else g)))
+            if c + 1 < cols and beside:
+                found.append((on_column(r, c), on_column(r, c + 1), beside))
+            if r + 1 < rows and along and network.r_trace_column_ohm:
+                found.append((on_column(r, c), on_column(r + 1, c), along))
+    return found, known, injected
+
+
+def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = mpmath.mpf) -> list[Any]:
+    """Column currents while one row is driven, as numbers of the kind that `exact` makes."""
+    found, known, injected = elements(network, driven, exact)
+    voltage = dict(known)
+    # Nodes that hang on nothing are at no voltage and carry nothing: only what is tied to a source counts.
+    near: dict[Node, list[Node]] = {}
+    for a, b, _ in found:
+        near.setdefault(a, []).append(b)
+        near.setdefault(b, []).append(a)
+    tied, rim = set(known), list(known)
+    while rim:
+        for other in near.get(rim.pop(), []):
+            if other not in tied:
+                tied.add(other)
+                rim.append(other)
+    free = [n for n in near if n in tied and n not in known]
+    place = {n: i for i, n in enumerate(free)}
+    matrix = [[exact(0)] * len(free) for _ in free]
+    right = [injected.get(node, exact(0)) for node in free]
+    for a, b, g in found:
+        for here, there in ((a, b), (b, a)):
+            if here in place:
+                matrix[place[here]][place[here]] += g
+                if there in place:
+                    matrix[place[here]][place[there]] -= g
+                else:
+                    right[place[here]] += g * known[there]
+    voltage |= dict(zip(free, gauss(matrix, right), strict=True))
+
+    currents = []
+    for c in range(network.cols):
+        node: Node = ("column", c)
+        if network.r_column_ohm[c] == 0:  # all that flows in from the array
+            total = injected[node]
+            for a, b, g in found:
+                if node in (a, b):
+                    other = b if a == node else a
+                    total += g * (voltage[other] - voltage[node])
+        else:
+            held = exact(float(network.v_column_offset_v[c]))
+            total = (voltage[node] - held) / exact(float(network.r_column_ohm[c]))
+        currents.append(total)
+    return currents
+
+
+def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
+    """Solve matrix x = right by elimination without pivoting, which a positive definite matrix does not need."""
+    n = len(right)
+    matrix, right = [list(row) for row in matrix], list(right)
+    for k in range(n):
+        for i in range(k + 1, n):
+            if matrix[i][k]:
+                factor = matrix[i][k] / matrix[k][k]
+                for j in range(k, n):
+                    if matrix[k][j]:
+                        matrix[i][j] -= factor * matrix[k][j]
+                right[i] -= factor * right[k]
+    x = [right[0]] * n if n else []
+    for k in reversed(range(n)):
+        total = right[k]
+        for j in range(k + 1, n):
+            if matrix[k][j]:
+                total -= matrix[k][j] * x[j]
+        x[k] = total / matrix[k][k]
+    return x
