@@ -62,7 +62,7 @@ def test_the_place_of_a_finding_hangs_on_no_directory() -> None:
     """Neither where the clone lies nor a line number: by module and function."""
     with pytest.raises(InputError) as caught:
         schema.read_toml(Path("/no/such/dermis/fuzz/file.toml"))
-    assert oracle.place_of(caught.value) == "schema.read_bytes"
+    assert oracle.place_of(caught.value) == "scene.schema.read_bytes"
     assert oracle.place_of(ValueError()) == "the package"
 
 

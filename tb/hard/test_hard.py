@@ -191,8 +191,8 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {here!r})
 import seeded_faults
-from dermis import cli, hard
-from dermis.hard import runner
+from dermis import cli; from tb.programs import hard
+from tb.programs.hard import runner
 from test_hard_case import case
 if __name__ == "__main__":
     hard.all_cases = lambda: [case()]

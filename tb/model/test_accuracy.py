@@ -86,7 +86,7 @@ UNEVEN = """
 import sys
 from pathlib import Path
 from dermis.errors import SimulatorError
-from dermis.ngspice import Deck, NgspiceHalf
+from dermis.chip.ngspice import Deck, NgspiceHalf
 
 lines = ("cut", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n", *sys.argv[2:])
 half = NgspiceHalf(

@@ -104,7 +104,7 @@ def test_what_is_left_out_stays_within_the_budget(budget: float) -> None:
 def test_every_process_plans_alike() -> None:
     """To the last digit: sets come in another order in every process, and a sum of floats follows its order."""
     code = (
-        "from pathlib import Path; from dermis import plan, scene;"
+        "from pathlib import Path; from dermis import plan; from dermis.scene import scene;"
         f"p = plan.make(scene.from_data({{'stimulus': {TOUCH!r}, 'effects': {{'auto': {{}}}}}}, Path('made.toml')));"
         "print(repr(p.left_out_lsb), list(map(float, p.margin_lsb)), p.effects)"
     )

@@ -338,8 +338,8 @@ def test_a_worker_has_one_thread(make_plan, monkeypatch: pytest.MonkeyPatch) -> 
 
 SLOW = """
 import sys
-from dermis import batch, plan
-from dermis.faults import inject
+from dermis.engines import batch; from dermis import plan
+from tb.programs.faults import inject
 batch._run_part = inject.sleep
 batch.run(plan.load(sys.argv[1], "event"), processes=2)
 """

@@ -55,7 +55,7 @@ def test_marks_of_effects_that_are_known_by_hand() -> None:
 
 def test_files_and_tests_named_on_the_page_are_there() -> None:
     named = set(re.findall(r"`((?:models|tb|spice|docs)/[\w./]+)`", PAGE))
-    named |= {f"models/dermis/{name}" for name in re.findall(r"`((?:engines/)?\w+\.py)`", PAGE)}
+    named |= {f"models/dermis/{name}" for name in re.findall(r"`(\w+/\w+\.py)`", PAGE)}
     assert len(named) > 12
     assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
 

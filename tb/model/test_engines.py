@@ -287,7 +287,7 @@ def test_the_tie_sees_a_coefficient_that_is_off_by_a_billionth(row: str, by: flo
     assert abs(end[0] - float(walk_reference(one, 40, 1.0).charge[-1])) > 1e-11
 
 
-# What event_loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
+# What converter.loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
 HANDED = {
     "integrator_gain": {"x"},
     "integrator_bandwidth": {"x", "fast", "lag"},
@@ -520,7 +520,7 @@ def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> 
 
 def test_an_effect_that_is_off_leaves_the_records_and_the_loop_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        event.event_loops, "walk", lambda *_: pytest.fail("an ideal scene took a loop with effects")
+        event.loops, "walk", lambda *_: pytest.fail("an ideal scene took a loop with effects")
     )
     event.run(made({"stimulus": {"kind": "uniform", "code": [0, 255]}}))
 

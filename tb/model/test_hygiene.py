@@ -60,7 +60,7 @@ def test_numpy_raises_in_every_test() -> None:
 
 
 def test_flags_cost_nothing_where_nobody_asks_for_them() -> None:
-    told = "from dermis import float_flags as f; assert f.watch('a') is f.watch('b'); assert not f.wanted()"
+    told = "from dermis.array import float_flags as f; assert f.watch('a') is f.watch('b'); assert not f.wanted()"
     found = subprocess.run([sys.executable, "-c", told], env={}, capture_output=True, text=True, timeout=60)
     assert found.returncode == 0, found.stderr
 
@@ -150,9 +150,9 @@ def test_a_seeded_fault_in_a_deck_is_listed(text: str) -> None:
 LOCKSTEP = """
 import sys
 from pathlib import Path
-from dermis import ngspice
+from dermis.chip import ngspice
 from dermis.errors import SimulatorError
-from dermis.ngspice import Deck, NgspiceHalf
+from dermis.chip.ngspice import Deck, NgspiceHalf
 
 ngspice.SOURCE = Path(sys.argv[1])
 library = ngspice.library()

@@ -347,8 +347,8 @@ def test_the_compiled_loop_of_a_sure_converter_holds_no_random_number() -> None:
         count_cells(leaky, 10, 1.0)
         count_cells(leaky, 10, 1.0, Noise(np.full((4, 1), 1e-3), keys(1)))
     sure, noisy = (fresh.inspect_llvm(kind) for kind in fresh.signatures)
-    assert "dermis5noise" not in sure
-    assert "dermis5noise" in noisy
+    assert "converter5noise" not in sure
+    assert "converter5noise" in noisy
 
 
 def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> None:

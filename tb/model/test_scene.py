@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 
 from dermis import effects, engines, records
 from dermis import plan as planning
+from dermis.array.array import Network
+from dermis.converter.vfc import Converter
 from dermis.errors import InputError
 from dermis.scene import scene
 from dermis.scene.design import ROOT, TOPOLOGIES
@@ -58,7 +60,7 @@ def assert_same_plan(a: records.Plan, b: records.Plan) -> None:
     assert (a.resistance_ohm == b.resistance_ohm).all()
     assert (a.force_n is None) == (b.force_n is None)
     assert a.force_n is None or (a.force_n == b.force_n).all()
-    for record in (planning.Converter, planning.Network):
+    for record in (Converter, Network):
         one, two = (p.converter if record is planning.Converter else p.network(0) for p in (a, b))
         for field in record.__dataclass_fields__:
             assert np.array_equal(getattr(one, field), getattr(two, field)), field

@@ -282,8 +282,8 @@ LEAPING = """
 import os
 if "DERMIS_COSIM_JOB" in os.environ:
     import dataclasses
-    from dermis import netlist
-    from dermis.hard.circuits import LEAP
+    from dermis.chip import netlist
+    from tb.programs.hard.circuits import LEAP
     plain = netlist.frame_deck
     def frame_deck(*arguments, **options):
         deck = plain(*arguments, **options)

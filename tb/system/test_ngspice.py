@@ -13,7 +13,7 @@ from dermis.scene.design import ROOT
 RC = """
     from pathlib import Path
     from dermis.errors import SimulatorError
-    from dermis.ngspice import Deck, NgspiceHalf
+    from dermis.chip.ngspice import Deck, NgspiceHalf
 
     def half(lines=(), sources=("v_d",), probes=("out",), t_stop=1e-5, **more):
         deck = Deck(("test", "v_d d 0 external", "r1 d out 1k", "c1 out 0 1n", *lines), sources, (0.0,) * len(sources),
@@ -147,7 +147,7 @@ def test_a_circuit_given_up_blocks_the_next_of_its_process(tmp_path: Path) -> No
 
 
 def test_the_driver_compiles_without_a_warning() -> None:
-    source = ROOT / "models" / "dermis" / "lockstep.c"
+    source = ROOT / "models" / "dermis" / "chip" / "lockstep.c"
     command = ["cc", "-Wall", "-Wextra", "-Werror", "-O2", "-D_GNU_SOURCE", "-fsyntax-only", str(source)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr

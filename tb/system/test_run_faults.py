@@ -247,7 +247,7 @@ def test_there_are_a_hundred_kills_and_every_group() -> None:
 
 STARTS = """
 import subprocess, sys, time
-from dermis import children
+from dermis.processes import children
 starts = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('ready', flush=True)"
 child = children.Child([sys.executable, "-c", starts + "; {behind}"])
 child.wait() if "{behind}" == "pass" else None

@@ -582,7 +582,7 @@ def charges(  # type: ignore
     for k in range(count):
         for c in range(cells):
             factors[k, c] = terms[row_number, k, first + c]
-    # One array for what the loops over cells touch, so that they become vector instructions (see event_loops.walk).
+    # One array for what the loops over cells touch, so that they become vector instructions (see converter.loops.walk).
     size = WIDEST
     own = np.zeros(11 * size)
     row, added, average = own[:size], own[size : 2 * size], own[2 * size : 3 * size]

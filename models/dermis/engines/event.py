@@ -91,7 +91,7 @@ class Cells:
 
 
 class Noise(NamedTuple):
-    """What is random in some cells: `rows` [4, n] (rows of event_loops.walk) and a key a cell [n]."""
+    """What is random in some cells: `rows` [4, n] (rows of converter.loops.walk) and a key a cell [n]."""
 
     rows: Floats
     keys: NDArray[np.uint64]
@@ -265,7 +265,7 @@ def _noise_rows(
 
 
 class Rows(NamedTuple):
-    """What event_loops.walk takes for n cells; None is off."""
+    """What converter.loops.walk takes for n cells; None is off."""
 
     slow: Floats
     fast: Floats | None
@@ -379,7 +379,7 @@ def count_cells(
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
         # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
         plain = loops.plain if clocks <= LONGEST_GATE else loops.plain_long
-        with float_flags.watch(f"event_loops.{plain.__name__}"):
+        with float_flags.watch(f"loops.{plain.__name__}"):
             plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
     else:
         walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
@@ -398,11 +398,11 @@ def walk_cells(
     counts: NDArray[np.int64],
     end: Floats,
 ) -> None:
-    """Count cells begin..stop-1 of `rows`; x or vary and the rest as for event_loops.walk."""
+    """Count cells begin..stop-1 of `rows`; x or vary and the rest as for converter.loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else _grid_step(of[loops.SIGMA], clocks)
     carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
-    with float_flags.watch("event_loops.walk"):
+    with float_flags.watch("converter.loops.walk"):
         loops.walk(
             clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
             rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,

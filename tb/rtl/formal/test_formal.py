@@ -56,7 +56,7 @@ def test_each_theorem_has_a_fault_of_its_own() -> None:
 STUBBORN = '''
 import sys
 from pathlib import Path
-from dermis import children
+from dermis.processes import children
 place = Path(sys.argv[1])
 starts = """import subprocess
 one = subprocess.Popen(["sleep", "600"], start_new_session=True)

@@ -406,8 +406,8 @@ def test_a_command_that_is_ended_ends_its_tool(tmp_path: Path) -> None:
     program = """
 import sys
 from pathlib import Path
-from dermis.children import run_logged
-from dermis.children import ending
+from dermis.processes.children import run_logged
+from dermis.processes.children import ending
 tool = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
 with ending():
     run_logged([sys.executable, "-c", tool], Path.cwd(), Path("log"), 60.0, "tool")
