@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-# The only entry point: bare `make` prints what there is. Every target does its own set-up first.
+# The only entry point: bare `make` prints the targets. Every target does its own set-up first.
 
 # Optional values, each passed on only when given:
 #   FRAMES=path                        for sim: also read this frame file (csv or npy)
 #   SCENE=name-or-path ENGINE=e OUT=d  for run; the first two for plan and ablate
 #   TECH=sky130|osu035 SIZES=1         for synth; the first for gl as well
-#   ARGS="..."                         anything more for the command behind a target
-#   TESTS=paths JOBS=n LONG=1          for test: what to run, on how many cores, and the long ones too
+#   ARGS="..."                         further options of the command of a target
+#   TESTS=paths JOBS=n LONG=1          for test: paths, number of cores, long tests as well
 TESTS ?= tb
 JOBS  ?= 2
 
@@ -16,7 +16,7 @@ dermis := .venv/bin/dermis
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 unexport PYTHONPATH PYTHONHOME
 
-# The recipes are commands to run, not files to make; two at once would only fight for the cores.
+# Recipes run commands and make no files; two at once would compete for the cores.
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
@@ -34,27 +34,27 @@ run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
 
-plan: setup ## what the plan of a scene keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
+plan: setup ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) plan '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 
-ablate: setup ## what each effect of a scene costs, one off at a time: SCENE=name-or-path [ENGINE=e]
+ablate: setup ## cost of each effect of a scene, one off at a time: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'ablate: SCENE is missing: make ablate SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) ablate '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 
-auto-check: setup ## 1000 random scenes as auto plans them, against everything on
+auto-check: setup ## auto against everything-on: 1000 random scenes and every stored one
 	@$(dermis) auto-check $(ARGS)
 
-accuracy: setup ## what accuracy costs in simulation time: error against time, drawn [ARGS=--docs]
+accuracy: setup ## accuracy against simulation time: curves and figures [ARGS=--docs]
 	@$(dermis) accuracy $(ARGS)
 
-accuracy-chip: setup ## what resolution costs in conversion time on the chip: curves, csv and figures [ARGS=--docs]
+accuracy-chip: setup ## resolution against conversion time on the chip: curves, csv, figures [ARGS=--docs]
 	@$(dermis) accuracy-chip $(ARGS)
 
-hard: setup ## hard cases through every engine that can express them [ARGS="--only word --docs"]
+hard: setup ## hard cases with exact answers, in every engine that takes them [ARGS="--only word"]
 	@$(dermis) hard $(ARGS)
 
-campaign: setup ## random scenes against the laws of the physics, resumable [ARGS="--engines rtl --scenes 2000 --docs"]
+campaign: setup ## random scenes against physical laws and between engines, resumable [ARGS="--scenes 2000"]
 	@$(dermis) campaign $(ARGS)
 
 sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot [VIEW=sky130: transistors]
@@ -66,16 +66,16 @@ characterise: setup ## the SKY130 blocks over corners and mismatch against their
 extract: setup ## parameters of the channels in transistors, into models/extracted [ARGS=--check]
 	@$(dermis) extract $(ARGS)
 
-equivalence: setup ## channels in transistors against what was extracted from them [ARGS="--only tt_27C --faults --docs"]
+equivalence: setup ## channels in transistors against their extracted models [ARGS="--only tt_27C --faults"]
 	@$(dermis) equivalence $(ARGS)
 
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
 
-test: setup ## all tests [TESTS=paths] [JOBS=2] [LONG=1: the long ones too] [ARGS="-k word"]
+test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well] [ARGS="-k word"]
 	@.venv/bin/pytest -n $(JOBS) $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
-faults: setup ## commands killed, interrupted, out of disk, with broken files and tools [ARGS="--only kill --subject cosim"]
+faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]
 	@$(dermis) faults $(ARGS)
 
 lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
@@ -88,13 +88,13 @@ lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings ar
 formal: setup ## proofs of the digital core, each with a seeded fault that it catches
 	@$(dermis) formal $(ARGS)
 
-fuzz: setup ## hostile input, guided by coverage [ARGS="--only scene --inputs 25000 --seed 0 --docs"]
+fuzz: setup ## hostile input for every parser [ARGS="--only scene --inputs 25000"]
 	@$(dermis) fuzz $(ARGS)
 
-mutate: setup ## single changes to the Verilog, and whether tests or proofs see them
+mutate: setup ## mutation test of the Verilog: share of mutants that tests and proofs kill
 	@$(dermis) mutate $(ARGS)
 
-coverage: setup ## lines and signal bits of the Verilog that the tests reach, by module
+coverage: setup ## coverage of the Verilog by its tests: lines and signal bits, by module
 	@$(dermis) coverage $(ARGS)
 
 synth: setup ## gates, area, timing, equivalence [TECH=sky130|osu035] [SIZES=1: a table of array sizes]
@@ -103,13 +103,13 @@ synth: setup ## gates, area, timing, equivalence [TECH=sky130|osu035] [SIZES=1: 
 gl: setup ## the tests of the top on the netlist that synth makes [TECH=sky130|osu035]
 	@$(dermis) gl $(if $(TECH),--tech '$(TECH)') $(ARGS)
 
-liberty: setup ## timing of the SKY130 cells in use, measured in ngspice
+liberty: setup ## Liberty timing of the SKY130 cells in use, measured in ngspice
 	@$(dermis) liberty $(ARGS)
 
-calc: setup ## the design equations: from range, array, frame time and bits to f_clk, i0, k, C
+calc: setup ## design calculator: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)
 
-generate: setup ## rewrite what is generated from models/design.toml
+generate: setup ## write every file that follows from models/design.toml
 	@$(dermis) generate $(ARGS)
 
 gen-check: setup ## fail if a generated file differs from models/design.toml
@@ -118,7 +118,7 @@ gen-check: setup ## fail if a generated file differs from models/design.toml
 waves: ## open the newest wave view of build/ in GTKWave [OUT=dir]
 	@scripts/waves.sh $(or $(OUT),build)
 
-setup: ## all that the targets need: Debian packages, .venv (done by each of them)
+setup: ## install Debian packages and .venv (every target calls it)
 	@scripts/setup.sh
 
 clean: ## remove build/ (.venv stays)
