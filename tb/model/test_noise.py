@@ -293,12 +293,12 @@ def test_noise_of_a_count_is_as_large_as_first_principles_say() -> None:
     assert sigma({"clock_jitter": {"t_s": 1e-9}}, 250, 0.11) == pytest.approx(expected, rel=0.1)
     # As above.
     assert sigma({"shot_noise": True}, 250, 0.004) == pytest.approx(math.sqrt(2 * shot * packets), rel=0.1)
-    # FACTS gives two digits.
+    # 1 ns of jitter is 0.11 count: two digits.
     assert expected == pytest.approx(0.11, rel=0.02)
     ktc = math.sqrt(1.380649e-23 * 300.15 / 5e-12)  # of a packet of 1 V
     # As above.
     assert sigma({"ktc_noise": True}, 250, ktc) == pytest.approx(ktc, rel=0.1)
-    # FACTS gives one digit.
+    # One digit is known.
     assert ktc == pytest.approx(3e-5, rel=0.05)
     # As above.
     assert sigma({"flicker_noise": {"relative": 1e-4}}, 250, 0.025) == pytest.approx(250 * 1e-4, rel=0.1)

@@ -66,11 +66,11 @@ def column(values: object) -> Floats:
 # --- the laws
 
 
-def test_the_measured_curve_goes_through_its_points_with_the_exponents_of_facts() -> None:
+def test_the_measured_curve_goes_through_its_points_with_the_published_exponents() -> None:
     law = power()
     assert law.resistance_ohm([0.2, 1.0, 10.0, 100.0]).tolist() == [30e3, 6e3, 1e3, 250.0]
     assert law.force_n([30e3, 6e3, 1e3, 250.0]).tolist() == [0.2, 1.0, 10.0, 100.0]
-    # FACTS gives two decimals: half a unit of the last.
+    # The exponents have two decimals: half a unit of the last.
     assert law.exponents() == pytest.approx([1.0, 0.78, 0.60, 0.60], abs=0.005)
 
 
@@ -134,7 +134,7 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     # A force that stands exactly on an edge of its code, up to rounding.
     assert (decoded.force_low_n.ravel() <= np.array(forces) * (1 + 1e-12)).all()
     assert (decoded.force_high_n.ravel() >= np.array(forces) * (1 - 1e-12)).all()
-    # the loss of sensitivity at 10 N: FACTS.md 3 says 40 %, an exponent of 0.6 where K/R has 1
+    # The loss of sensitivity at 10 N is 40 %: an exponent of 0.6 where K/R has 1.
     codes = decode(plan, np.arange(256).reshape(-1, 1, 1))
     at = int(np.searchsorted(codes.force_n.ravel(), 10.0))
     f, x = codes.force_n.ravel(), codes.x.ravel()

@@ -116,7 +116,7 @@ def test_count_stays_within_one_of_the_mean_and_windows_within_one_of_each_other
     x: Fraction, start: Fraction
 ) -> None:
     bits = list(bits_exact(x, 400, start))
-    # The theorem itself (FACTS 1.2).
+    # The theorem itself: |count - N x| < 1, and windows of equal length differ by at most 1.
     assert abs(sum(bits) - 400 * x) < 1
     window = [sum(bits[i : i + 97]) for i in range(0, 300)]
     assert max(window) - min(window) <= 1

@@ -234,7 +234,7 @@ def test_charge_source_gives_one_packet_a_pulse_of_either_sign(measure: Measure,
 
 
 def test_vfc_with_a_flip_flop_counts_charge_and_not_cycles(measure: Measure, design: Design) -> None:
-    """FACTS 1.1 gives 252 in 512 clocks at 510 ohm: true for a start at w = +1/2, outside the converter's own range."""
+    """Count 251 in 512 clocks at 510 ohm; 252 needs a start at w = +1/2, outside the converter's own range."""
     x = design.interface.v_bias_v / (design.interface.k * design.converter.i0_a * 510)
     for v_preset, w0 in ((0.5, -0.5), (0.0, 0.0), (-0.5, 0.5)):
         got = measure("vfc__tran", dut={"v_preset_v": v_preset})

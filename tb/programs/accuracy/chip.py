@@ -211,7 +211,7 @@ def measured(
 
 
 def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
-    """Quantisation, white noise and slow noise of the reference by their formulas (FACTS 9), added as powers.
+    """Quantisation, white noise and slow noise of the reference by their formulas, added as powers.
 
     In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet twice over,
     the comparator at the last decision, the reference r m.

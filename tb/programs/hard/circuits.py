@@ -675,7 +675,7 @@ def cases() -> list[Case]:
             "transistor_converter",
             "circuit",
             "fourteen level-1 transistors with Meyer capacitances and sources that drive only gates: plain ngspice "
-            "aborts with `Timestep too small` (FACTS 6)",
+            "aborts with `Timestep too small`",
             f"{DUTY * GATE} packets in {GATE} clocks at x = {DUTY}, for {len(SIZES)} sizes of which "
             f"{len(ABORTING)} need a rung above plain; the same where rung gear is taken at once",
             "charge balance: N x is whole, so the count does not depend on where the cycle begins; no path takes "

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// WRONG on purpose: dermis_gated_counter that wraps at full scale. 512 clocks at 500 ohm read 0 (FACTS 1.3).
+// WRONG on purpose: dermis_gated_counter that wraps at full scale. 512 clocks at 500 ohm read 0.
 `include "dermis_design.vh"
 `default_nettype none
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// WRONG on purpose: dermis_sync_ff with Q-bar from both flops. The rate is capped at f/3 (FACTS 1.5).
+// WRONG on purpose: dermis_sync_ff with Q-bar from both flops. The rate is capped at f/3.
 `default_nettype none
 
 module dermis_sync_ff (

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// WRONG on purpose: dermis_sync_ff with Q-bar from the second flop. Pulses are two clocks wide and half as many (FACTS 1.5).
+// WRONG on purpose: dermis_sync_ff with Q-bar from the second flop. Pulses are two clocks wide and half as many.
 `default_nettype none
 
 module dermis_sync_ff (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The traps of FACTS 1.3 to 1.6: the right design beside the wrong one, each with the number it must read."""
+"""Run wrong designs next to the right one; each must read its own number (docs/rtl.md, traps)."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def changed(tmp_path: Path, module: str, old: str, new: str) -> Path:
     return wrong
 
 
-# The counter of a code of 7 bits has 8: that of FACTS, which has no bit to spare for a pedestal.
+# The counter of a code of 7 bits has 8, with no bit to spare for a pedestal.
 EIGHT = {"CODE_BITS": 7}
 
 
@@ -66,7 +66,7 @@ def first_counts(result: Any) -> list[int]:
     return result["slots"][0]["counts"]
 
 
-# (a) FACTS 1.3
+# (a) a counter that wraps at full scale
 
 
 @pytest.mark.parametrize(("gate", "wrapped"), [(512, 0), (516, 2)])
@@ -78,7 +78,7 @@ def test_wrapping_counter_reads_500_ohm_as_almost_nothing(simulator: str, gate: 
     assert first_counts(wrong) == [wrapped, code(x[0][1], gate, 8)]
 
 
-# (b) FACTS 1.3
+# (b) a gate of 511 clocks depends on the phase
 
 PHASES: list[Duty] = [(-n, 16) for n in range(16, 0, -1)]  # stored charge at t0, over a whole packet
 
@@ -98,7 +98,7 @@ def test_511_clocks_into_a_wrapping_counter_read_255_or_0_by_phase(simulator: st
     assert first_counts(wrong) == [255] * 8 + [0] * 8
 
 
-# (c) FACTS 1.5
+# (c) two flops on the same clock edge
 
 
 def rising_edges_with_wrong_gating(x: Duty, gate_clocks: int, first_gates: bool) -> int:
@@ -133,7 +133,7 @@ def test_q_bar_of_both_flops_caps_the_rate_at_a_third(simulator: str) -> None:
     assert first_counts(wrong) == [170, 170, 100, 10]
 
 
-# (d) FACTS 1.4
+# (d) charge left over from an overloaded row
 
 
 def counts_without_preset(x_rows: list[Duty], gate_clocks: int, settle_clocks: int) -> list[int]:
@@ -172,7 +172,7 @@ def test_charge_of_a_312_ohm_taxel_is_counted_in_the_next_row_without_preset(
 def test_charge_of_a_312_ohm_taxel_fakes_100_counts_with_a_gate_of_512_clocks(
     simulator: str, tmp_path: Path
 ) -> None:
-    """The gate FACTS 1.4 seems to have been computed for: its 102 needs 512 clocks and a start above the preset."""
+    """Read 100 with a gate of 512 clocks; a start above the preset would give up to 102."""
     overload, two = duty_of_resistance((312, 1)), (2, 510)
     timing = {"gate": 512, "settle": 113}
     x = [[overload], [two], [two]]
@@ -183,7 +183,7 @@ def test_charge_of_a_312_ohm_taxel_fakes_100_counts_with_a_gate_of_512_clocks(
     assert counts_without_preset([overload, two], 512, 113) == [256, 100]
 
 
-# (e) FACTS 1.6
+# (e) no second buffer for the serial output
 
 
 def test_128_bits_read_at_one_a_clock_are_torn_without_the_second_buffer(simulator: str) -> None:
