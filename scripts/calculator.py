@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
 
-It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md lists
-them), and says of an impossible wish which limit it misses and what the nearest possible wish is. All is
-computed in exact rationals of the decimals the user wrote: the paper's wish gives k = 80 and no 80.0000001.
+It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md). For
+targets that cannot be met it names each missed limit and the nearest targets that meet it. Arithmetic is
+exact, on the decimals as written: the paper's targets give k = 80 and not 80.0000001.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from pathlib import Path
 from typing import Any, Literal
 
 import click
+import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich import box
 from rich.console import Console
@@ -23,6 +25,7 @@ from rich.table import Table
 
 from dermis.converter import vfc
 from dermis.errors import InputError
+from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene.design import K_BOLTZMANN_J_PER_K, Design, exact, spec
@@ -32,7 +35,7 @@ FILE = "command line"
 RANGE_COLUMNS = ("R [ohm]", "F [N]", "x", "f [Hz]", "code", "code by eq. (3)", "dR [ohm]", "dF [N]")
 
 
-def _wish(meaning: str, **limits: Any) -> Any:
+def _value(meaning: str, **limits: Any) -> Any:
     return Field(default=None, description=meaning, allow_inf_nan=False, **limits)
 
 
@@ -40,82 +43,84 @@ def _whole(meaning: str, **limits: Any) -> Any:
     return Field(default=None, description=meaning, **limits)
 
 
-class Wish(BaseModel):
-    """What is wanted; what is left out is taken from models/design.toml or follows from the rest."""
+class Targets(BaseModel):
+    """Design targets; an omitted one comes from models/design.toml or follows from the others."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
     rows: int | None = _whole("rows of the array", ge=1, le=1024)
     cols: int | None = _whole("columns of the array, one converter each", ge=1, le=1024)
-    frame_s: float | None = _wish("time of one frame in s", gt=1e-9, lt=1e6)
-    frame_rate_hz: float | None = _wish("frames a second, instead of frame_s", gt=1e-6, lt=1e9)
+    frame_s: float | None = _value("time of one frame in s", gt=1e-9, lt=1e6)
+    frame_rate_hz: float | None = _value("frames a second, instead of frame_s", gt=1e-6, lt=1e9)
     bits: int | None = _whole("bits of a code", ge=1, le=16)
-    settle_fraction: float | None = _wish("least part of a row slot kept for settling", ge=0, lt=1)
-    r_min_ohm: float | None = _wish("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
-    r_max_ohm: float | None = _wish("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
-    force_max_n: float | None = _wish("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
-    force_min_n: float | None = _wish("least force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
-    k_force_n_ohm: float | None = _wish("force times resistance in N.ohm", gt=1e-9, lt=1e15)
-    i_sensor_a: float | None = _wish("most current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
-    v_bias_v: float | None = _wish("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
-    c_int_f: float | None = _wish("integration capacitor in F", gt=1e-18, lt=1)
-    packet_v: float | None = _wish(
+    settle_fraction: float | None = _value("least part of a row slot kept for settling", ge=0, lt=1)
+    r_min_ohm: float | None = _value("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
+    r_max_ohm: float | None = _value("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
+    force_max_n: float | None = _value("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
+    force_min_n: float | None = _value("least force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
+    k_force_n_ohm: float | None = _value("force times resistance in N.ohm", gt=1e-9, lt=1e15)
+    i_sensor_a: float | None = _value("most current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
+    v_bias_v: float | None = _value("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
+    c_int_f: float | None = _value("integration capacitor in F", gt=1e-18, lt=1)
+    packet_v: float | None = _value(
         "swing: most that one packet may move the integrator, in V", gt=1e-9, lt=1e6
     )
     k: int | None = _whole("mirror ratio", ge=1, le=100_000)
-    i0_a: float | None = _wish("reference current in A", gt=1e-15, lt=10)
-    f_clk_hz: float | None = _wish("clock in Hz, when it is given and not sought", gt=1, lt=1e12)
+    i0_a: float | None = _value("reference current in A", gt=1e-15, lt=10)
+    f_clk_hz: float | None = _value("clock in Hz, when it is given and not sought", gt=1, lt=1e12)
     gate_clocks: int | None = _whole("gate in clocks, when it is given and not sought", ge=1, le=2**24)
-    gain_dc: float | None = _wish("open-loop gain of the integrator", gt=1, lt=1e12)
+    gain_dc: float | None = _value("open-loop gain of the integrator", gt=1, lt=1e12)
     topology: (
         Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
     ) = Field(default=None, description="interface between column and converter")
 
-    def replace(self, changes: Mapping[str, Any]) -> Wish:
-        """Return a checked copy with some wishes changed; None takes a wish back."""
-        return make_wish(**(self.model_dump() | dict(changes)))
+    def replace(self, changes: Mapping[str, Any]) -> Targets:
+        """Return a checked copy with some targets changed; None removes a target."""
+        return make_targets(**(self.model_dump() | dict(changes)))
 
 
-def make_wish(**wishes: Any) -> Wish:
-    """Check wishes and return them.
+def make_targets(**targets: Any) -> Targets:
+    """Check targets and return them.
 
     Raises
     ------
     InputError
-        Unknown name, text for a number, NaN, out of range, or two wishes that say the same thing twice.
+        Unknown name, text for a number, NaN, out of range, or two targets for the same quantity.
     """
     try:
-        wish = Wish.model_validate(wishes)
+        targets = Targets.model_validate(targets)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         allowed = first["msg"].removeprefix("Input should be ")
         if first["type"] == "extra_forbidden":
-            allowed = "one of " + ", ".join(Wish.model_fields)
+            allowed = "one of " + ", ".join(Targets.model_fields)
         raise InputError(FILE, str(first["loc"][0]), first["input"], allowed) from None
     for one, other in (
         ("frame_s", "frame_rate_hz"),
         ("v_bias_v", "i_sensor_a"),
         ("r_max_ohm", "force_min_n"),
     ):
-        if getattr(wish, one) is not None and getattr(wish, other) is not None:
-            raise InputError(FILE, other, getattr(wish, other), f"left out, for {one} says the same")
-    if None not in (wish.r_min_ohm, wish.force_max_n, wish.k_force_n_ohm):
-        said = exact(wish.r_min_ohm) * exact(wish.force_max_n)
-        if said != exact(wish.k_force_n_ohm):
+        if getattr(targets, one) is not None and getattr(targets, other) is not None:
             raise InputError(
-                FILE, "k_force_n_ohm", wish.k_force_n_ohm, f"r_min_ohm force_max_n = {float(said)!r}"
+                FILE, other, getattr(targets, other), f"no value, because {one} sets the same quantity"
             )
-    return wish
+    if None not in (targets.r_min_ohm, targets.force_max_n, targets.k_force_n_ohm):
+        said = exact(targets.r_min_ohm) * exact(targets.force_max_n)
+        if said != exact(targets.k_force_n_ohm):
+            raise InputError(
+                FILE, "k_force_n_ohm", targets.k_force_n_ohm, f"r_min_ohm force_max_n = {float(said)!r}"
+            )
+    return targets
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The design that follows from a wish, exact, and the verdict on it.
+    """The design that follows from the targets, exact, with its verdict.
 
-    `rows` has one verdict row a limit; `nearest` names, for each limit missed, wishes that would meet it.
+    `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet it.
     """
 
-    wish: Wish
+    targets: Targets
     base: Design
     topology: str
     array_rows: int
@@ -138,7 +143,7 @@ class Answer:
 
     @property
     def feasible(self) -> bool:
-        """Whether every limit is met."""
+        """Return True if every limit is met."""
         return verdict.exit_code(self.rows) == 0
 
     @property
@@ -153,12 +158,12 @@ class Answer:
 
     @property
     def packet_v(self) -> Fraction:
-        """One packet on the integration capacitor in V (for the direct interface both are k times larger)."""
+        """Packet voltage on the integration capacitor; with the direct interface both are k times larger."""
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     @property
     def r_unit_ohm(self) -> Fraction:
-        """V_b / (k i0): the resistance with one packet a clock, x = 1."""
+        """Resistance V_b / (k i0) with one packet per clock, x = 1."""
         return self.v_bias_v / (self.k * self.i0_a)
 
     def duty(self, resistance_ohm: Fraction) -> Fraction:
@@ -202,16 +207,16 @@ class Answer:
         }
 
     def design(self) -> Design:
-        """Return models/design.toml with this answer put in, checked by the loader.
+        """Return models/design.toml with this answer in it, checked by the loader.
 
         Raises
         ------
         InputError
-            The answer is not feasible.
+            A limit is missed.
         """
-        if not self.feasible:
-            missed = [row["name"] for row in self.rows if row["status"] != "PASS"]
-            raise InputError(FILE, "wish", "impossible", f"a wish that meets {', '.join(missed)}")
+        missed = [f"{row['name']} ({row['note']})" for row in self.rows if row["status"] != "PASS"]
+        if missed:
+            raise InputError(FILE, "targets", "impossible", f"targets that meet {'; '.join(missed)}")
         return self.base.replace(
             array={"rows": self.array_rows, "cols": self.array_cols},
             sensor={
@@ -219,17 +224,17 @@ class Answer:
                 "r_min_ohm": float(self.r_min_ohm),
                 "r_max_ohm": float(self.r_max_ohm),
             },
-            # int: a k within k_distance of an option is that option
+            # A k within k_distance of an option is that option.
             interface={"topology": self.topology, "v_bias_v": float(self.v_bias_v), "k": round(self.k)},
             converter={
                 "i0_a": float(self.i0_a),
                 "c_int_f": float(self.c_int_f),
                 "f_clk_hz": float(self.f_clk_hz),
-                # an edge is a fixed part of the clock unless the base's is short enough already
+                # An edge is 1/200 of the clock, or that of the base where it is shorter.
                 "t_edge_s": min(self.base.converter.t_edge_s, float(1 / self.f_clk_hz / 200)),
             },
             timing={"frame_s": float(self.frame_s), "gate_clocks": self.gate_clocks, "code_bits": self.bits},
-            integrator={"gain_dc": float(self.wish.gain_dc or self.base.integrator.gain_dc)},
+            integrator={"gain_dc": float(self.targets.gain_dc or self.base.integrator.gain_dc)},
         )
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
@@ -270,66 +275,70 @@ def _at_most(value: Fraction | float) -> float:
     return _digits(value, 6, up=False)
 
 
-def solve(wish: Wish | None = None, base: Design | None = None) -> Answer:
-    """Size the chip for a wish.
+def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
+    """Size the chip for the targets.
 
     Parameters
     ----------
-    wish : Wish, optional
-        What is wanted; the empty wish gives the design of models/design.toml back.
+    targets : Targets, optional
+        No targets give the design of models/design.toml.
     base : Design, optional
-        Where unnamed wishes come from; models/design.toml when None.
+        Values of the omitted targets; models/design.toml by default.
 
     Returns
     -------
     Answer
-        Always complete; `feasible` says whether it can be built and `rows` why not.
+        Always complete; `feasible` is False and `rows` has the reason where it cannot be built.
 
     Raises
     ------
     InputError
-        Wishes contradict one another (r_max_ohm below r_min_ohm).
+        Targets contradict one another (r_max_ohm below r_min_ohm).
     """
-    wish, base = wish or Wish(), base or design_module.load()
+    targets, base = targets or Targets(), base or design_module.load()
 
     def take(name: str, default: float | int | Fraction) -> Fraction:
-        value = getattr(wish, name)
+        value = getattr(targets, name)
         return exact(default if value is None else value)
 
-    topology = wish.topology or base.interface.topology
+    topology = targets.topology or base.interface.topology
     array_rows, array_cols = int(take("rows", base.array.rows)), int(take("cols", base.array.cols))
     bits = int(take("bits", base.timing.code_bits))
     code_max = 2**bits - 1
-    r_min, r_max, k_force = _sensor(wish, base)
-    v_bias = _bias(wish, base, r_min)
+    r_min, r_max, k_force = _sensor(targets, base)
+    v_bias = _bias(targets, base, r_min)
 
     # Eqs (1), (9) with k: at r_min one packet every second clock, V_b / (k i0 r_min) = 1/2.
     full_scale_a = v_bias / (HALF * r_min)
-    x_full = v_bias / (r_min * wish.k * exact(wish.i0_a)) if None not in (wish.k, wish.i0_a) else HALF
+    x_full = (
+        v_bias / (r_min * targets.k * exact(targets.i0_a)) if None not in (targets.k, targets.i0_a) else HALF
+    )
 
     # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock more.
-    gate = wish.gate_clocks or math.ceil(code_max / min(x_full, HALF))
-    frame_s = take("frame_s", 1 / exact(wish.frame_rate_hz) if wish.frame_rate_hz else base.timing.frame_s)
+    gate = targets.gate_clocks or math.ceil(code_max / min(x_full, HALF))
+    frame_s = take(
+        "frame_s", 1 / exact(targets.frame_rate_hz) if targets.frame_rate_hz else base.timing.frame_s
+    )
     slot_s = frame_s / array_rows
     settle = take("settle_fraction", Fraction(base.timing.settle_clocks, base.timing.slot_clocks))
     needed = _slot_clocks(gate, settle, base)
-    if wish.f_clk_hz is None:
+    if targets.f_clk_hz is None:
         slot_clocks = needed
         f_clk = slot_clocks / slot_s
     else:
-        f_clk = exact(wish.f_clk_hz)
+        f_clk = exact(targets.f_clk_hz)
         slot_clocks = math.floor(slot_s * f_clk)
         if slot_clocks < 1:
             raise InputError(
-                FILE, "f_clk_hz", wish.f_clk_hz, f"at least one clock in a slot of {float(slot_s):g} s"
+                FILE, "f_clk_hz", targets.f_clk_hz, f"at least one clock in a slot of {float(slot_s):g} s"
             )
         # A slot is whole clocks; the frame gets that little shorter.
         frame_s = array_rows * slot_clocks / f_clk
 
-    k, i0, c_int = _charge(wish, base, full_scale_a, f_clk)
+    k, i0, c_int = _charge(targets, base, full_scale_a, f_clk)
     gain_dc = take("gain_dc", base.integrator.gain_dc)
     source_ohm = {
-        # Every taxel of a column hangs on the virtual ground when nothing stands between.
+        # Without a conveyor every taxel of a column loads the virtual ground.
         "direct": r_min / array_rows,
         "multi_output_conveyor": exact(base.conveyor.r_z_ohm),
     }.get(topology, exact(base.mirror.r_out_ohm))
@@ -337,69 +346,69 @@ def solve(wish: Wish | None = None, base: Design | None = None) -> Answer:
     tau = gain_dc * source_ohm * c_int * scale
 
     answer = Answer(
-        wish, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
+        targets, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
         r_min, r_max, k_force, v_bias, k, i0, c_int, tau,
     )  # fmt: skip
     return _judged(answer, slot_s, settle, needed, source_ohm, scale)
 
 
-def _sensor(wish: Wish, base: Design) -> tuple[Fraction, Fraction, Fraction]:
+def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
     """Return r_min, r_max, K_f; K_f is the sensor's and stays when only one end of the range is named."""
     k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
-    if wish.k_force_n_ohm is not None:
-        k_force = exact(wish.k_force_n_ohm)
-    elif None not in (wish.r_min_ohm, wish.force_max_n):
-        k_force = exact(wish.r_min_ohm) * exact(wish.force_max_n)
-    force_max = exact(base.sensor.force_max_n if wish.force_max_n is None else wish.force_max_n)
-    r_min = k_force / force_max if wish.r_min_ohm is None else exact(wish.r_min_ohm)
-    r_max = exact(base.sensor.r_max_ohm if wish.r_max_ohm is None else wish.r_max_ohm)
-    if wish.force_min_n is not None:
-        r_max = k_force / exact(wish.force_min_n)
+    if targets.k_force_n_ohm is not None:
+        k_force = exact(targets.k_force_n_ohm)
+    elif None not in (targets.r_min_ohm, targets.force_max_n):
+        k_force = exact(targets.r_min_ohm) * exact(targets.force_max_n)
+    force_max = exact(base.sensor.force_max_n if targets.force_max_n is None else targets.force_max_n)
+    r_min = k_force / force_max if targets.r_min_ohm is None else exact(targets.r_min_ohm)
+    r_max = exact(base.sensor.r_max_ohm if targets.r_max_ohm is None else targets.r_max_ohm)
+    if targets.force_min_n is not None:
+        r_max = k_force / exact(targets.force_min_n)
     if r_max <= r_min:
-        if wish.force_min_n is not None:
+        if targets.force_min_n is not None:
             allowed = f"below the full force of {float(k_force / r_min):g} N"
-            raise InputError(FILE, "force_min_n", wish.force_min_n, allowed)
+            raise InputError(FILE, "force_min_n", targets.force_min_n, allowed)
         raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
     return r_min, r_max, k_force
 
 
-def _bias(wish: Wish, base: Design, r_min: Fraction) -> Fraction:
+def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
     """Return V_b: given, or from the current, or the design's as far as the sensor's current allows."""
-    if wish.v_bias_v is not None:
-        return exact(wish.v_bias_v)
-    if wish.i_sensor_a is not None:
-        return exact(wish.i_sensor_a) * r_min
+    if targets.v_bias_v is not None:
+        return exact(targets.v_bias_v)
+    if targets.i_sensor_a is not None:
+        return exact(targets.i_sensor_a) * r_min
     return min(exact(base.interface.v_bias_v), exact(spec()["calculator.sensor_current_a"].max) * r_min)
 
 
 def _charge(
-    wish: Wish, base: Design, full_scale_a: Fraction, f_clk: Fraction
+    targets: Targets, base: Design, full_scale_a: Fraction, f_clk: Fraction
 ) -> tuple[Fraction, Fraction, Fraction]:
-    """Return k, i0, C: k i0 is fixed by full scale, i0 T = C packet_v by the swing; the unnamed gives way.
+    """Return k, i0, C: full scale fixes k i0, the swing fixes i0 T = C packet_v; omitted targets adapt.
 
     Without k or i0 the smallest switchable k is taken that keeps the packet within the swing.
     """
-    swing = exact(base.converter.packet_v if wish.packet_v is None else wish.packet_v)
-    wanted_c = exact(base.converter.c_int_f if wish.c_int_f is None else wish.c_int_f)
-    if wish.k is not None:
-        k = Fraction(wish.k)
-        i0 = full_scale_a / k if wish.i0_a is None else exact(wish.i0_a)
-    elif wish.i0_a is not None:
-        i0 = exact(wish.i0_a)
+    swing = exact(base.converter.packet_v if targets.packet_v is None else targets.packet_v)
+    wanted_c = exact(base.converter.c_int_f if targets.c_int_f is None else targets.c_int_f)
+    if targets.k is not None:
+        k = Fraction(targets.k)
+        i0 = full_scale_a / k if targets.i0_a is None else exact(targets.i0_a)
+    elif targets.i0_a is not None:
+        i0 = exact(targets.i0_a)
         k = full_scale_a / i0
         nearest = min(base.interface.k_options, key=lambda option: abs(k / option - 1))
-        # An i0 that was rounded when it was written down still means the whole ratio beside it.
+        # A rounded i0 still means the nearest whole ratio.
         k = Fraction(nearest) if abs(k / nearest - 1) <= exact(spec()["calculator.k_distance"].max) else k
     else:
         ideal = full_scale_a / (wanted_c * swing * f_clk)
         k = Fraction(next((o for o in base.interface.k_options if o >= ideal), base.interface.k_options[-1]))
         i0 = full_scale_a / k
-    c_int = wanted_c if wish.c_int_f is not None else i0 / f_clk / swing
+    c_int = wanted_c if targets.c_int_f is not None else i0 / f_clk / swing
     return k, i0, c_int
 
 
 def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
-    """Clocks of a slot with this part for settling; at least those that the row scanner takes (docs/rtl.md)."""
+    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum (docs/rtl.md)."""
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
@@ -411,11 +420,11 @@ def _judged(
     source_ohm: Fraction,
     scale: Fraction | int,
 ) -> Answer:
-    """Add the verdict rows, and for each miss the nearest wish that would meet it.
+    """Add the verdict rows, and for each miss the nearest targets that meet it.
 
-    `scale` is how much larger than c_int_f and i0 T capacitor and packet are: k for direct, else 1.
+    `scale` multiplies c_int_f and i0 T: k for the direct interface, else 1.
     """
-    wish, base = answer.wish, answer.base
+    targets, base = answer.targets, answer.base
     rows: list[verdict.Row] = []
     nearest: dict[str, dict[str, float | int | None]] = {}
 
@@ -424,19 +433,19 @@ def _judged(
         return exact(rule.max if rule.max is not None else rule.min)
 
     def row(
-        name: str, value: Fraction | float | int, note: str, wishes: dict[str, float | int | None] | None
+        name: str, value: Fraction | float | int, note: str, changes: dict[str, float | int | None] | None
     ) -> None:
         judged = verdict.judge(
             f"calculator.{name}", int(value) if isinstance(value, int) else float(value), note
         )
-        if judged["status"] == "FAIL" and wishes is not None:
-            if wish.frame_rate_hz is not None and "frame_s" in wishes:
-                rate = _at_most(1 / exact(wishes["frame_s"]))
-                wishes = {n: v for n, v in wishes.items() if n != "frame_s"} | {"frame_rate_hz": rate}
-            # Only what was wished can be taken back.
-            wishes = {n: v for n, v in wishes.items() if v is not None or getattr(wish, n) is not None}
-            nearest[judged["name"]] = wishes
-            said = ", ".join(f"{k} = {v:g}" if v is not None else f"no {k}" for k, v in wishes.items())
+        if judged["status"] == "FAIL" and changes is not None:
+            if targets.frame_rate_hz is not None and "frame_s" in changes:
+                rate = _at_most(1 / exact(changes["frame_s"]))
+                changes = {n: v for n, v in changes.items() if n != "frame_s"} | {"frame_rate_hz": rate}
+            # Only a target that was given can be removed.
+            changes = {n: v for n, v in changes.items() if v is not None or getattr(targets, n) is not None}
+            nearest[judged["name"]] = changes
+            said = ", ".join(f"{k} = {v:g}" if v is not None else f"no {k}" for k, v in changes.items())
             judged["note"] = f"{note}; nearest: {said}"
         rows.append(judged)
 
@@ -445,7 +454,7 @@ def _judged(
     usable = min(x_full, HALF)
 
     i_max = limit("sensor_current_a")
-    either = "v_bias_v" if wish.i_sensor_a is None else "i_sensor_a"
+    either = "v_bias_v" if targets.i_sensor_a is None else "i_sensor_a"
     row(
         "sensor_current_a", v_bias / r_min, f"{float(v_bias):g} V on {float(r_min):g} ohm",
         {either: _at_most(i_max * r_min if either == "v_bias_v" else i_max)},
@@ -461,14 +470,14 @@ def _judged(
     full_scale_a = v_bias / (HALF * r_min)
     row(
         "k_distance", abs(k / closest - 1), f"k = {float(k):g}, switchable {', '.join(map(str, options))}",
-        {"k": closest} if wish.k is not None else {"k": closest, "i0_a": None},
+        {"k": closest} if targets.k is not None else {"k": closest, "i0_a": None},
     )  # fmt: skip
     row(
         "duty_full_scale", x_full, f"x = V_b / (k i0 R) at {float(r_min):g} ohm",
         {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None},
     )  # fmt: skip
 
-    # Whatever the phase: pulses that come for sure, or, where those are enough, what rounding counts.
+    # Pulses counted at any phase; where those suffice, pulses counted from the half-packet preset.
     counted = math.floor(answer.gate_clocks * usable)
     if counted >= answer.code_max:
         counted = vfc.count_rational(usable, answer.gate_clocks)
@@ -483,7 +492,7 @@ def _judged(
     # gate x + 1/2 must reach code 1
     reach = answer.gate_clocks * answer.r_unit_ohm / (limit("code_at_r_max") - HALF)
     end: dict[str, float | int | None] = (
-        {"force_min_n": _at_least(answer.k_force_n_ohm / reach)} if wish.force_min_n is not None
+        {"force_min_n": _at_least(answer.k_force_n_ohm / reach)} if targets.force_min_n is not None
         else {"r_max_ohm": _at_most(reach)}
     )  # fmt: skip
     row("code_at_r_max", low, f"code at {float(answer.r_max_ohm):g} ohm", end)
@@ -505,8 +514,8 @@ def _judged(
     )  # fmt: skip
     settle_min = limit("settle_s")
     settle_s = answer.settle_clocks / f_clk
-    if wish.f_clk_hz is not None:
-        # Whole clocks, so that rounding a slot down cannot take the last one back.
+    if targets.f_clk_hz is not None:
+        # Whole clocks, so that rounding a slot down cannot remove the last one.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
         longer: dict[str, float | int | None] = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
     elif settle >= Fraction(1, 20):
@@ -520,7 +529,7 @@ def _judged(
     delay = exact(base.comparator.t_delay_s)
     slowest = limit("comparator_delay_clocks") / delay if delay else None
     slower: dict[str, float | int | None] | None = None
-    if slowest is not None and wish.f_clk_hz is None:
+    if slowest is not None and targets.f_clk_hz is None:
         slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
     elif slowest is not None:
         slower = {"f_clk_hz": _at_most(slowest)}
@@ -534,10 +543,10 @@ def _judged(
 
     charge = i0 / f_clk
     swing = exact(base.swing_v)
-    if wish.packet_v is not None:
-        swing = min(swing, exact(wish.packet_v))
+    if targets.packet_v is not None:
+        swing = min(swing, exact(targets.packet_v))
     smaller: dict[str, float | int | None] = {"packet_v": _at_most(swing)}
-    if wish.c_int_f is not None:
+    if targets.c_int_f is not None:
         smaller = {"c_int_f": _at_least(charge / swing)}
     note = f"packet {float(answer.packet_v):g} V, at most {float(swing):g} V"
     row("packet_swing", answer.packet_v / swing, note, smaller)
@@ -545,7 +554,7 @@ def _judged(
     larger: dict[str, float | int | None] = {"c_int_f": _at_least(c_min / scale)}
     row("c_int_f", answer.c_int_f * scale, f"packet {float(charge * scale):g} C", larger)
 
-    # A plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
+    # The plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
     tau = float(answer.tau_leak_s)
     plateau = answer.gate_clocks * math.tanh(1 / float(f_clk) / (2 * tau))
     part = float(limit("leak_plateau_lsb")) / answer.gate_clocks
@@ -560,8 +569,8 @@ def _judged(
     noise = math.sqrt(kt * float(answer.c_int_f * scale)) / packet
     c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
     quiet: dict[str, float | int | None] = {"c_int_f": _at_most(c_quiet), "packet_v": None}
-    if wish.k is None and wish.i0_a is None:
-        # Naming the capacitor alone would choose k, and with it the packet, anew.
+    if targets.k is None and targets.i0_a is None:
+        # With the capacitor alone given, k and so the packet would change.
         quiet["k"] = round(k)
     row("kt_c_lsb", noise, f"{noise * packet:.3g} C on a packet of {packet:.3g} C", quiet)
 
@@ -585,25 +594,53 @@ def print_answer(answer: Answer) -> None:
     for cells in answer.range_table():
         table.add_row(*(f"{cell:.6g}" for cell in cells))
     console.print(table)
-    verdict.print_rows(answer.rows, "Can it be built?")
+    verdict.print_rows(answer.rows, "Feasibility")
+
+
+def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list[str]:
+    """Write the answer into a design file, keeping comments and reasons; return the changed keys.
+
+    Raises
+    ------
+    InputError
+        A limit is missed, or the result is no valid design; the file is unchanged.
+    """
+    new, old = answer.design().stored(), answer.base.stored()
+    document = tomlkit.parse(path.read_text(encoding="utf-8"))
+    changed = [key for key, value in new.items() if value != old[key]]
+    for key in changed:
+        section, name = key.split(".")
+        table: Any = document[section]
+        said = table.item(name).trivia.comment
+        item = tomlkit.item(new[key])
+        item.comment(said or f"dermis calc; the reason above is that of {old[key]!r}")
+        table[name] = item
+    if changed:
+        write_atomic(path, tomlkit.dumps(document))
+    return changed
 
 
 @click.command("calc")
-def calc_command(**wishes: Any) -> None:
+@click.option("--write", is_flag=True, help="Write the answer into models/design.toml.")
+def calc_command(write: bool, **values: Any) -> None:
     """Size the chip: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
 
-    Without options it gives the design of models/design.toml. Exit 1: the wish is impossible, and each limit
-    missed names the nearest wish that would meet it. Exit 2: the wish is wrong.
+    Without options it prints the design of models/design.toml. Exit 1: a limit is missed; the verdict names the
+    nearest targets that meet it. Exit 2: a target is invalid, or --write was given and a limit is missed.
     """
-    answer = solve(make_wish(**wishes))
+    answer = solve(make_targets(**values))
     verdict.write_rows("calc", answer.rows)
+    if write:
+        changed = write_design(answer)
+        click.echo(f"written: {', '.join(changed)}; next: make generate" if changed else "no change")
+        return
     print_answer(answer)
     if not answer.feasible:
         raise click.exceptions.Exit(1)
 
 
 def _add_options() -> None:
-    for name, about in reversed(Wish.model_fields.items()):
+    for name, about in reversed(Targets.model_fields.items()):
         kind: Any = float
         if "int" in str(about.annotation):
             kind = int

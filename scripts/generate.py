@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what follows from models/design.toml and rtl/dermis_registers.rdl: Verilog, SPICE, Python, C, tables in docs.
+"""Files that follow from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
 
-``check`` compares the files of the tree with what would be written now and shows each difference.
+``check`` compares the files of the tree with what would be written and shows each difference.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -109,8 +110,8 @@ def limits_table(_design: Design, root: Path) -> str:
 
 
 def range_table(design: Design, _root: Path) -> str:
-    """Return the calculator's answer to the default wish, R against code, for docs/numbers.md."""
-    answer = calculator.solve(calculator.Wish(), design)
+    """Return R against code over the range of the design, for docs/numbers.md."""
+    answer = calculator.solve(calculator.Targets(), design)
     lines = [
         "| " + " | ".join(calculator.RANGE_COLUMNS) + " |",
         "|---:" * len(calculator.RANGE_COLUMNS) + "|",
@@ -119,7 +120,7 @@ def range_table(design: Design, _root: Path) -> str:
     return "\n".join(lines)
 
 
-# One wish of each kind: the paper's, a larger array, another sensor, more bits, and three that cannot be met.
+# Targets of each kind: the paper's, a larger array, another sensor, more bits, and three that cannot be met.
 EXAMPLES: tuple[dict[str, Any], ...] = (
     {},
     {"rows": 32, "cols": 32, "frame_rate_hz": 200.0},
@@ -134,7 +135,7 @@ EXAMPLES: tuple[dict[str, Any], ...] = (
 def examples_table(design: Design, _root: Path) -> str:
     """Return the calculator's answers to `EXAMPLES` for docs/numbers.md."""
     head = (
-        "wish",
+        "targets",
         "f_clk [Hz]",
         "slot = settle + gate",
         "V_b [V]",
@@ -144,10 +145,10 @@ def examples_table(design: Design, _root: Path) -> str:
         "can it be built",
     )
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for wishes in EXAMPLES:
-        answer = calculator.solve(calculator.make_wish(**wishes), design)
+    for targets in EXAMPLES:
+        answer = calculator.solve(calculator.make_targets(**targets), design)
         v = answer.values()
-        options = " ".join(f"--{name.replace('_', '-')} {_cell(value)}" for name, value in wishes.items())
+        options = " ".join(f"--{name.replace('_', '-')} {_cell(value)}" for name, value in targets.items())
         cells = [f"`dermis calc {options}`".replace(" `", "`"), f"{v['f_clk_hz']:.6g}"]
         cells += [f"{v['slot_clocks']} = {v['settle_clocks']} + {v['gate_clocks']}"]
         cells += [f"{v[name]:.6g}" for name in ("v_bias_v", "k", "i0_a", "c_int_f")]
@@ -189,8 +190,26 @@ def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
     return text
 
 
+# Hand-written files with one value of the design in them: {path: pattern whose first group is the clock period in ns}.
+PERIODS = {
+    "rtl/synth/dermis.sdc": r"set clk_period ([\d.e+-]+)",
+    "rtl/harden/config.json": r'"CLOCK_PERIOD": ([\d.e+-]+)',
+}
+
+
+def _with_period(path: str, text: str, design: Design) -> str:
+    period_ns = float(10**9 / exact(design.converter.f_clk_hz))
+    found = list(re.finditer(PERIODS[path], text))
+    if len(found) != 1:
+        raise InputError(path, "clock period", f"{len(found)} places", "one that matches " + PERIODS[path])
+    return text[: found[0].start(1)] + repr(period_ns) + text[found[0].end(1) :]
+
+
 def generate_all(root: Path = ROOT) -> dict[str, str]:
-    """Return every generated file as ``{path from the root: text}``; in docs only the tables change."""
+    """Return every generated file as ``{path from the root: text}``.
+
+    Only the tables of a page and the clock period of a constraint file are generated; the rest of these is kept.
+    """
     design = design_module.load(root / "models" / "design.toml")
     files = {
         "rtl/dermis_design.vh": verilog_header(design),
@@ -198,11 +217,13 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         "spice/array/array.sp": array_file(design),
         **register_files.files(design, root),
     }
-    for path in TABLES:
+    for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:
-            raise InputError(path, "file", "(absent)", "a file with the marks of its generated tables")
-        files[path] = _with_tables(path, text, design, root)
+            raise InputError(path, "file", "missing", "a file with its generated parts")
+        files[path] = (
+            _with_period(path, text, design) if path in PERIODS else _with_tables(path, text, design, root)
+        )
     return files
 
 
@@ -219,7 +240,7 @@ def _read(path: Path) -> str | None:
 
 
 def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
-    """Return ``{path: its first differing lines}`` of the files that are not as they would be written."""
+    """Return ``{path: first differing lines}`` of the files that are out of date."""
     found: dict[str, str] = {}
     for path, text in generate_all(root).items():
         have = _read(root / path)
@@ -234,7 +255,7 @@ def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
 
 
 def check(root: Path = ROOT) -> list[verdict.Row]:
-    """Return one verdict row a generated file: 0 as it would be written, 1 (and the difference) if not."""
+    """Return one verdict row per generated file: 0 if up to date, else 1 with the difference."""
     drifted = drift(root)
     rows = []
     for path in generate_all(root):
@@ -245,11 +266,9 @@ def check(root: Path = ROOT) -> list[verdict.Row]:
 
 
 @click.command("generate")
-@click.option(
-    "--check", "only_check", is_flag=True, help="Write nothing; fail on each file that has drifted."
-)
+@click.option("--check", "only_check", is_flag=True, help="Write nothing; fail if a file is out of date.")
 def generate_command(only_check: bool) -> None:
-    """Write the Verilog header, the SPICE parameters, the array netlist and the tables in docs."""
+    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and tables in docs."""
     if only_check:
         rows = check()
         verdict.write_rows("gen-check", rows)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calculator: the paper's wish gives the paper's design, feasible wishes hold, others say why not."""
+"""The calculator: the paper's targets gives the paper's design, feasible targets hold, others say why not."""
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,10 @@ from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design as dd
 from scripts import calculator
-from scripts.calculator import make_wish, solve
+from scripts.calculator import make_targets, solve
 
 # What the paper states; nothing of the answer is in it.
-PAPER_WISH = {
+PAPER_TARGETS = {
     "rows": 16,
     "cols": 16,
     "frame_s": 2e-3,
@@ -38,9 +39,9 @@ PAPER_WISH = {
 }
 
 
-@pytest.mark.parametrize("wishes", [{}, PAPER_WISH])
-def test_the_papers_wish_gives_exactly_the_papers_design(wishes: dict[str, Any]) -> None:
-    answer = solve(make_wish(**wishes))
+@pytest.mark.parametrize("targets", [{}, PAPER_TARGETS])
+def test_the_papers_targets_give_exactly_the_papers_design(targets: dict[str, Any]) -> None:
+    answer = solve(make_targets(**targets))
     assert answer.feasible
     assert answer.f_clk_hz == 5_000_000
     assert (answer.slot_clocks, answer.gate_clocks, answer.settle_clocks) == (625, 510, 115)
@@ -81,13 +82,13 @@ def test_resolution_follows_the_square_of_resistance_and_is_constant_in_force() 
 
 
 def test_the_code_column_is_the_walk_through_the_gate() -> None:
-    answer = solve(make_wish(rows=32, bits=7))
+    answer = solve(make_targets(rows=32, bits=7))
     for row in answer.range_table(8):
         x = answer.duty(dd.exact(row[0]))
         assert row[4] == min(127, vfc.count_exact(x, answer.gate_clocks))
 
 
-wishes = st.fixed_dictionaries(
+targets = st.fixed_dictionaries(
     {
         "rows": st.integers(1, 128),
         "cols": st.integers(1, 128),
@@ -103,27 +104,27 @@ wishes = st.fixed_dictionaries(
 )
 
 
-def random_wish(wishes: dict[str, Any]) -> calculator.Wish:
-    """Return the wish with a range that its bits resolve."""
-    return make_wish(**wishes, r_max_ohm=wishes["r_min_ohm"] * 2 ** wishes["bits"] * 0.9)
+def random_targets(targets: dict[str, Any]) -> calculator.Targets:
+    """Return the targets with a range that its bits resolve."""
+    return make_targets(**targets, r_max_ohm=targets["r_min_ohm"] * 2 ** targets["bits"] * 0.9)
 
 
 @settings(deadline=None, max_examples=200, derandomize=True)
-@given(wishes)
-def test_a_feasible_wish_becomes_a_design_that_meets_it(wishes: dict[str, Any]) -> None:
-    answer = solve(random_wish(wishes))
+@given(targets)
+def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any]) -> None:
+    answer = solve(random_targets(targets))
     assume(answer.feasible)
     # The loader accepts it and derives the same clocks.
     design = answer.design()
     assert design.timing.slot_clocks == answer.slot_clocks
     assert design.timing.settle_clocks == answer.settle_clocks >= design.timing.break_clocks + 2
     # Clocks are whole: a millionth of one is the rounding of the product.
-    assert answer.settle_clocks >= wishes["settle_fraction"] * answer.slot_clocks - 1e-6
-    assert design.timing.frame_s == wishes["frame_s"]
-    # The wish went through a decimal of 12 digits.
-    assert design.converter.packet_v <= min(wishes["packet_v"] or 1.5, design.swing_v) * (1 + 1e-12)
+    assert answer.settle_clocks >= targets["settle_fraction"] * answer.slot_clocks - 1e-6
+    assert design.timing.frame_s == targets["frame_s"]
+    # The targets went through a decimal of 12 digits.
+    assert design.converter.packet_v <= min(targets["packet_v"] or 1.5, design.swing_v) * (1 + 1e-12)
     # The converter of that design, walked through clock by clock, has the bits and the range.
-    code_max = 2 ** wishes["bits"] - 1
+    code_max = 2 ** targets["bits"] - 1
     gate = design.timing.gate_clocks
     at_full = dd.exact(design.interface.v_bias_v) / (design.interface.k * dd.exact(design.converter.i0_a))
     x = at_full / dd.exact(design.sensor.r_min_ohm)
@@ -136,10 +137,12 @@ def test_a_feasible_wish_becomes_a_design_that_meets_it(wishes: dict[str, Any]) 
     assert design.interface.v_bias_v / design.sensor.r_min_ohm <= 1e-3 * (1 + 1e-12)
 
 
-def test_most_random_wishes_are_feasible() -> None:
-    # Guards the property above: it says nothing about wishes that are assumed away.
+def test_most_random_targets_are_feasible() -> None:
+    # Guards the property above: it says nothing about targets that are assumed away.
     found = [
-        solve(make_wish(rows=rows, bits=bits, frame_s=t, r_min_ohm=r, r_max_ohm=r * 2**bits * 0.9)).feasible
+        solve(
+            make_targets(rows=rows, bits=bits, frame_s=t, r_min_ohm=r, r_max_ohm=r * 2**bits * 0.9)
+        ).feasible
         for rows in (4, 16, 64)
         for bits in (6, 8, 10)
         for t in (2e-3, 1e-2, 0.1)
@@ -149,7 +152,7 @@ def test_most_random_wishes_are_feasible() -> None:
 
 
 IMPOSSIBLE = [
-    # limit, wish, a piece of what is said
+    # limit, targets, a piece of what is said
     ("sensor_current_a", {"v_bias_v": 0.6}, "0.6 V on 500 ohm"),
     ("sensor_current_a", {"i_sensor_a": 2e-3}, "1 V on 500 ohm"),
     ("v_bias_supply", {"v_bias_v": 2.0, "r_min_ohm": 5000.0}, "2 V of 1.65 V"),
@@ -196,12 +199,12 @@ IMPOSSIBLE = [
 ]
 
 
-@pytest.mark.parametrize(("name", "wishes", "said"), IMPOSSIBLE)
-def test_an_impossible_wish_names_the_limit_and_the_nearest_wish_meets_it(
-    name: str, wishes: dict[str, Any], said: str
+@pytest.mark.parametrize(("name", "targets", "said"), IMPOSSIBLE)
+def test_impossible_targets_name_the_limit_and_the_nearest_ones_meet_it(
+    name: str, targets: dict[str, Any], said: str
 ) -> None:
-    wish = make_wish(**wishes)
-    answer = solve(wish)
+    targets = make_targets(**targets)
+    answer = solve(targets)
     rows = {row["name"].removeprefix("calculator."): row for row in answer.rows}
     assert not answer.feasible
     assert rows[name]["status"] == "FAIL"
@@ -211,12 +214,12 @@ def test_an_impossible_wish_names_the_limit_and_the_nearest_wish_meets_it(
     nearest = answer.nearest[f"calculator.{name}"]
     assert nearest
     assert all(key in rows[name]["note"] for key in nearest)
-    again = solve(wish.replace(nearest))
+    again = solve(targets.replace(nearest))
     row = next(row for row in again.rows if row["name"] == f"calculator.{name}")
     assert row["status"] == "PASS", row["note"]
 
 
-def test_every_limit_of_the_calculator_is_triggered_by_some_wish() -> None:
+def test_every_limit_of_the_calculator_is_missed_by_some_targets() -> None:
     limits = {name.removeprefix("calculator.") for name in dd.spec() if name.startswith("calculator.")}
     assert {name for name, _, _ in IMPOSSIBLE} == limits
     assert {row["name"].removeprefix("calculator.") for row in solve().rows} == limits
@@ -224,18 +227,18 @@ def test_every_limit_of_the_calculator_is_triggered_by_some_wish() -> None:
 
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(
-    wishes,
+    targets,
     st.sampled_from([{}, {"f_clk_hz": 5e6}, {"gate_clocks": 510}, {"gain_dc": 100.0}, {"v_bias_v": 0.5}]),
 )
-def test_the_nearest_wish_meets_each_missed_limit(wishes: dict[str, Any], more: dict[str, Any]) -> None:
+def test_the_nearest_targets_meet_each_missed_limit(targets: dict[str, Any], more: dict[str, Any]) -> None:
     try:
-        wish = random_wish(wishes).replace(more)
-        answer = solve(wish)
+        targets = random_targets(targets).replace(more)
+        answer = solve(targets)
     except InputError:
         assume(False)
     assert {r["name"] for r in answer.rows if r["status"] == "FAIL"} == set(answer.nearest)
     for name, nearest in answer.nearest.items():
-        row = next(row for row in solve(wish.replace(nearest)).rows if row["name"] == name)
+        row = next(row for row in solve(targets.replace(nearest)).rows if row["name"] == name)
         assert row["status"] == "PASS", (name, nearest, row["note"])
 
 
@@ -247,7 +250,7 @@ def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
 
     assert 510 * max(width(2, 50.9e-6), width(3, 50.9e-6)) > 1
     assert 510 * max(width(2, 51.1e-6), width(3, 51.1e-6)) < 1
-    answer = solve(make_wish(topology="direct"))
+    answer = solve(make_targets(topology="direct"))
     row = next(row for row in answer.rows if row["name"] == "calculator.leak_plateau_lsb")
     # 1 - lam loses five digits where lam is 1 - 1e-5; ten are left.
     assert row["value"] == pytest.approx(510 * width(2, float(answer.tau_leak_s)), rel=1e-9)
@@ -262,7 +265,7 @@ def test_kt_c_is_the_noise_of_5_pf_at_300_k() -> None:
 
 def test_the_direct_interface_has_k_times_the_charge_and_less_noise_on_it() -> None:
     def noise(topology: str) -> float:
-        rows = solve(make_wish(topology=topology)).rows
+        rows = solve(make_targets(topology=topology)).rows
         return next(row["value"] for row in rows if row["name"] == "calculator.kt_c_lsb")
 
     assert noise("direct") == pytest.approx(noise("conveyor_mirror") / math.sqrt(80))
@@ -270,8 +273,8 @@ def test_the_direct_interface_has_k_times_the_charge_and_less_noise_on_it() -> N
 
 def test_edges_get_shorter_with_the_clock_and_never_longer() -> None:
     # 20 MHz: a 200th of 50 ns; 500 kHz: the 1 ns of design.toml stays.
-    fast = solve(make_wish(frame_s=5e-4)).design().converter
-    slow = solve(make_wish(frame_s=2e-2)).design().converter
+    fast = solve(make_targets(frame_s=5e-4)).design().converter
+    slow = solve(make_targets(frame_s=2e-2)).design().converter
     assert (fast.f_clk_hz, fast.t_edge_s) == (2e7, 0.25e-9)
     assert (slow.f_clk_hz, slow.t_edge_s) == (5e5, 1e-9)
 
@@ -285,16 +288,16 @@ def test_edges_get_shorter_with_the_clock_and_never_longer() -> None:
         (["--settle-fraction", "1"], "settle_fraction = 1.0"),
         (["--bits", "0"], "bits = 0"),
         (["--bits", "17"], "bits = 17"),
-        (["--frame-s", "1e-3", "--frame-rate-hz", "1000"], "frame_rate_hz = 1000.0: left out"),
-        (["--v-bias-v", "0.5", "--i-sensor-a", "1e-3"], "i_sensor_a = 0.001: left out"),
-        (["--r-max-ohm", "1e4", "--force-min-n", "1"], "force_min_n = 1.0: left out"),
+        (["--frame-s", "1e-3", "--frame-rate-hz", "1000"], "frame_rate_hz = 1000.0: no value"),
+        (["--v-bias-v", "0.5", "--i-sensor-a", "1e-3"], "i_sensor_a = 0.001: no value"),
+        (["--r-max-ohm", "1e4", "--force-min-n", "1"], "force_min_n = 1.0: no value"),
         (["--r-min-ohm", "500", "--force-max-n", "15", "--k-force-n-ohm", "7000"], "k_force_n_ohm = 7000.0"),
         (["--r-min-ohm", "500", "--r-max-ohm", "400"], "r_max_ohm = 400.0: above the 500 ohm"),
         (["--force-min-n", "20"], "force_min_n = 20.0: below the full force"),
         (["--f-clk-hz", "100", "--frame-s", "1e-3"], "f_clk_hz = 100.0: at least one clock"),
     ],
 )
-def test_a_wrong_wish_is_refused_in_one_line(arguments: list[str], said: str) -> None:
+def test_wrong_targets_are_refused_in_one_line(arguments: list[str], said: str) -> None:
     run = CliRunner().invoke(calculator.calc_command, arguments)
     assert isinstance(run.exception, InputError)
     assert run.exception.exit_code == 2
@@ -307,11 +310,11 @@ def test_what_the_command_line_cannot_read_exits_2(arguments: list[str]) -> None
     assert CliRunner().invoke(calculator.calc_command, arguments).exit_code == 2
 
 
-def test_an_unknown_wish_in_python_is_refused() -> None:
+def test_an_unknown_target_in_python_is_refused() -> None:
     with pytest.raises(InputError, match="frame_ms"):
-        make_wish(frame_ms=2)
+        make_targets(frame_ms=2)
     with pytest.raises(InputError, match="frame_s"):
-        make_wish(frame_s="2e-3")
+        make_targets(frame_s="2e-3")
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--k", "50"], 1)])
@@ -327,8 +330,39 @@ def test_the_command_prints_the_design_and_exits_by_the_verdict(
     assert [row["status"] for row in rows].count("FAIL") == code
 
 
+def test_write_changes_values_and_keeps_every_comment(tmp_path: Path) -> None:
+    path = tmp_path / "design.toml"
+    shutil.copy(dd.DESIGN_FILE, path)
+    targets = {"rows": 32, "cols": 32, "bits": 10, "f_clk_hz": 1e7, "frame_s": 8e-3, "settle_fraction": 0.18}
+    answer = solve(make_targets(**targets))
+    changed = calculator.write_design(answer, path)
+    assert dd.load(path) == answer.design()
+    assert {"array.rows", "timing.code_bits", "converter.f_clk_hz", "timing.frame_s"} <= set(changed)
+    assert dd.reasons(path) == dd.reasons()
+    before, after = dd.DESIGN_FILE.read_text().splitlines(), path.read_text().splitlines()
+    assert len(before) == len(after)
+    assert len(changed) == sum(a != b for a, b in zip(before, after, strict=True))
+    # A second write keeps the note of the first, which names the value that the reason belongs to.
+    again = solve(make_targets(rows=64, frame_s=16e-3), dd.load(path))
+    calculator.write_design(again, path)
+    assert "rows = 64 # dermis calc; the reason above is that of 16\n" in path.read_text()
+    assert calculator.write_design(solve(base=dd.load(path)), path) == []
+
+
+def test_write_refuses_what_misses_a_limit_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    before = dd.DESIGN_FILE.read_bytes()
+    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    run = CliRunner().invoke(calculator.calc_command, ["--write", "--bits", "9", "--f-clk-hz", "4e6"])
+    assert isinstance(run.exception, InputError)
+    assert "gate_margin_clocks" in str(run.exception)
+    assert "\n" not in str(run.exception)
+    assert dd.DESIGN_FILE.read_bytes() == before
+
+
 def test_the_sensor_keeps_its_k_force_when_one_end_is_named() -> None:
-    assert solve(make_wish(r_min_ohm=1000.0)).values()["force_max_n"] == 7.5
-    assert solve(make_wish(force_max_n=7.5)).r_min_ohm == 1000
-    assert solve(make_wish(r_min_ohm=1000.0, force_max_n=15.0)).k_force_n_ohm == 15_000
-    assert solve(make_wish(force_min_n=0.25)).r_max_ohm == 30_000
+    assert solve(make_targets(r_min_ohm=1000.0)).values()["force_max_n"] == 7.5
+    assert solve(make_targets(force_max_n=7.5)).r_min_ohm == 1000
+    assert solve(make_targets(r_min_ohm=1000.0, force_max_n=15.0)).k_force_n_ohm == 15_000
+    assert solve(make_targets(force_min_n=0.25)).r_max_ohm == 30_000

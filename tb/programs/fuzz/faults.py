@@ -170,14 +170,14 @@ def _derived_nan() -> None:
 def _traceback_on_option() -> None:
     from scripts import calculator
 
-    whole = calculator.make_wish
+    whole = calculator.make_targets
 
-    def brittle(**wishes: Any) -> Any:
-        if wishes.get("rows") is not None:
+    def brittle(**targets: Any) -> Any:
+        if targets.get("rows") is not None:
             raise KeyError("rows")
-        return whole(**wishes)
+        return whole(**targets)
 
-    calculator.make_wish = brittle
+    calculator.make_targets = brittle
 
 
 def _stem_as_path() -> None:
