@@ -25,9 +25,9 @@ from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts.lint import header_values
-from scripts.synth.synth import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
-from scripts.synth.synth_cells import OSU035, TECHNOLOGIES, Technology
-from scripts.synth.synth_map import TOP, Netlist, Size, map_once
+from scripts.synth.cells import OSU035, TECHNOLOGIES, Technology
+from scripts.synth.command import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
+from scripts.synth.map import TOP, Netlist, Size, map_once
 
 BENCHES = ROOT / "tb" / "rtl"
 PIN_BENCH = "bench_gate_level"

@@ -12,7 +12,7 @@ from dermis.scene.design import ROOT
 from scripts.characterise import figures
 from scripts.characterise.results import Series
 from scripts.characterise.run_all import Runs
-from scripts.liberty.liberty import ngspice_version
+from scripts.liberty.command import ngspice_version
 
 DOCS = ROOT / "docs" / "characterise.md"
 FIGURES = ROOT / "docs" / "figures"

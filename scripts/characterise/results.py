@@ -17,7 +17,7 @@ from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Limit, spec
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
-from scripts.liberty.liberty import ngspice_version
+from scripts.liberty.command import ngspice_version
 
 VALUES = ROOT / "build" / "characterise" / "values.json"
 """All quantities at every condition of the last whole run, SI units, named as in benches.BENCHES:

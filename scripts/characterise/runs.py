@@ -25,7 +25,7 @@ from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.scene.design import ROOT
 from scripts.characterise.benches import Condition, deck
-from scripts.liberty.liberty import ngspice_version
+from scripts.liberty.command import ngspice_version
 
 KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"

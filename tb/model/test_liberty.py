@@ -10,20 +10,21 @@ import pytest
 from click.testing import CliRunner
 
 from dermis.errors import InputError, SimulatorError
-from scripts.liberty import liberty, liberty_cells, liberty_spice, liberty_text, liberty_verify
-from scripts.liberty.liberty_cells import PREFIX
+from scripts.liberty import cells, measure, syntax, verify
+from scripts.liberty import command as liberty
+from scripts.liberty.cells import PREFIX
 
-CORNERS = tuple(liberty_spice.CORNERS)
+CORNERS = tuple(measure.CORNERS)
 LIMIT_S = 60
 
 
 def path_of(corner):
-    return liberty.DIRECTORY / liberty.file_name(liberty_spice.CORNERS[corner])
+    return liberty.DIRECTORY / liberty.file_name(measure.CORNERS[corner])
 
 
 @pytest.fixture(scope="module")
 def libraries():
-    return {corner: liberty_text.parse(path_of(corner).read_text()) for corner in CORNERS}
+    return {corner: syntax.parse(path_of(corner).read_text()) for corner in CORNERS}
 
 
 def delays(library):
@@ -39,9 +40,9 @@ def delays(library):
 
 def test_the_files_hold_every_cell_with_the_area_of_its_lef(libraries):
     for library in libraries.values():
-        assert {cell.name for cell in library.of("cell")} == {PREFIX + name for name in liberty_cells.NAMES}
-        for name in liberty_cells.NAMES:
-            width, height = liberty_cells.lef_size(name)
+        assert {cell.name for cell in library.of("cell")} == {PREFIX + name for name in cells.NAMES}
+        for name in cells.NAMES:
+            width, height = cells.lef_size(name)
             assert float(library.one("cell", PREFIX + name).attributes["area"]) == pytest.approx(
                 width * height
             )
@@ -49,7 +50,7 @@ def test_the_files_hold_every_cell_with_the_area_of_its_lef(libraries):
 
 def test_units_thresholds_and_conditions_are_stated(libraries):
     for corner, library in libraries.items():
-        said, at = library.attributes, liberty_spice.CORNERS[corner]
+        said, at = library.attributes, measure.CORNERS[corner]
         assert said["time_unit"] == '"1ns"'
         assert said["capacitive_load_unit"] == "(1,pf)"
         assert said["slew_lower_threshold_pct_rise"] == "20"
@@ -93,39 +94,39 @@ def test_slow_is_slower_than_typical_and_typical_than_fast(libraries):
 def test_a_later_library_is_known_by_its_key(libraries):
     for corner in CORNERS:
         assert liberty.written_key(path_of(corner).read_text()) == liberty.library_key(
-            liberty_spice.CORNERS[corner]
+            measure.CORNERS[corner]
         )
 
 
 def test_the_key_follows_the_transistor_models_and_the_settings(monkeypatch):
-    at = liberty_spice.CORNERS["tt"]
+    at = measure.CORNERS["tt"]
     before = liberty.library_key(at)
-    monkeypatch.setattr(liberty_spice, "PUSH_OUT", 1.2)
+    monkeypatch.setattr(measure, "PUSH_OUT", 1.2)
     assert liberty.library_key(at) != before
     monkeypatch.undo()
-    monkeypatch.setattr(liberty_spice, "models_digest", lambda process: "other")
+    monkeypatch.setattr(measure, "models_digest", lambda process: "other")
     assert liberty.library_key(at) != before
 
 
 def test_ngspice_says_today_what_the_file_says(libraries, tmp_path):
-    at = liberty_spice.CORNERS["tt"]
-    assert liberty_verify.sample_error(libraries["tt"], at, "nand2_1", tmp_path) < 0.04
+    at = measure.CORNERS["tt"]
+    assert verify.sample_error(libraries["tt"], at, "nand2_1", tmp_path) < 0.04
 
 
 def test_a_table_scaled_by_two_is_caught(libraries, tmp_path):
-    at = liberty_spice.CORNERS["tt"]
+    at = measure.CORNERS["tt"]
     text = path_of("tt").read_text()
-    library = liberty_text.parse(text)
-    table = liberty_verify.timing(library, "nand2_1", "Y", "A").one("cell_rise")
+    library = syntax.parse(text)
+    table = verify.timing(library, "nand2_1", "Y", "A").one("cell_rise")
     doubled = " ".join(str(2 * value) for value in table.numbers("values"))
     table.attributes["values"] = f"({doubled})"
-    assert liberty_verify.sample_error(library, at, "nand2_1", tmp_path) > 0.3
+    assert verify.sample_error(library, at, "nand2_1", tmp_path) > 0.3
 
 
 @pytest.mark.skipif(shutil.which("sta") is None, reason="OpenSTA (Debian package opensta) is not installed")
 def test_opensta_finds_the_delay_of_a_chain_that_ngspice_finds(tmp_path):
-    at = liberty_spice.CORNERS["tt"]
-    for spice, sta in liberty_verify.chain_delays(path_of("tt"), at, "inverters", tmp_path).values():
+    at = measure.CORNERS["tt"]
+    for spice, sta in verify.chain_delays(path_of("tt"), at, "inverters", tmp_path).values():
         # The limit of liberty.path_error in models/spec.toml: STA multiplies worst slews, ngspice has the
         # real ones.
         assert sta == pytest.approx(spice, rel=0.1)
@@ -134,7 +135,7 @@ def test_opensta_finds_the_delay_of_a_chain_that_ngspice_finds(tmp_path):
     twice = re.sub(r"(cell_(?:rise|fall) .*?values )(\(.*?\))", _doubled, cell, flags=re.DOTALL)
     wrong = tmp_path / "wrong.lib"
     wrong.write_text(head + twice + rest)
-    for spice, sta in liberty_verify.chain_delays(wrong, at, "inverters", tmp_path).values():
+    for spice, sta in verify.chain_delays(wrong, at, "inverters", tmp_path).values():
         assert sta > 1.5 * spice
 
 
@@ -144,7 +145,7 @@ def _doubled(found):
 
 def test_flops_have_every_constraint_and_setup_comes_before_hold(libraries):
     for library in libraries.values():
-        for base, how in liberty_cells.SEQUENTIAL.items():
+        for base, how in cells.SEQUENTIAL.items():
             pins = library.one("cell", f"{PREFIX}{base}_1")
             kinds = {t.attributes["timing_type"].split("_")[0]: t for t in pins.one("pin", "D").of("timing")}
             assert set(kinds) == {"setup", "hold"}
@@ -174,7 +175,7 @@ FOUNDRY = [
 
 @pytest.mark.parametrize(("name", "pin", "related", "kind", "slew", "load", "foundry"), FOUNDRY)
 def test_the_foundry_measured_much_the_same(libraries, name, pin, related, kind, slew, load, foundry):
-    group = liberty_verify.timing(libraries["tt"], name, pin, related).one(kind)
+    group = verify.timing(libraries["tt"], name, pin, related).one(kind)
     by_load = [np.interp(load, group.numbers("index_2"), row) for row in group.table()]
     # The foundry's extracted netlist has wires that ours has not: 1 to 13 % at these points.
     assert np.interp(slew, group.numbers("index_1"), by_load) == pytest.approx(foundry, rel=0.15)
@@ -182,10 +183,10 @@ def test_the_foundry_measured_much_the_same(libraries, name, pin, related, kind,
 
 def test_functions_are_those_of_the_cells_verilog(tmp_path):
     lines, sources = [], {}
-    for name in liberty_cells.NAMES:
-        cell = liberty_cells.cell(name)
+    for name in cells.NAMES:
+        cell = cells.cell(name)
         if cell.sequential is None and cell.inputs:
-            sources[liberty_cells.view(name, "functional.v")] = None
+            sources[cells.view(name, "functional.v")] = None
             ports = ", ".join([f".{p}(v[{k}])" for k, p in enumerate(cell.inputs)])
             for output in cell.functions:
                 lines.append(f"  wire {name}_{output};")
@@ -220,22 +221,22 @@ def test_functions_are_those_of_the_cells_verilog(tmp_path):
     for k, row in enumerate(rows):
         for name_output, bit in zip(names, row, strict=True):
             name, output = re.fullmatch(r"(.*)_([A-Z]\w*)", name_output).groups()
-            cell = liberty_cells.cell(name)
+            cell = cells.cell(name)
             values = {pin: bool(k >> i & 1) for i, pin in enumerate(cell.inputs)}
-            assert liberty_cells.evaluate(cell.functions[output], values) == (bit == "1"), (name, values)
+            assert cells.evaluate(cell.functions[output], values) == (bit == "1"), (name, values)
 
 
 def test_drains_on_an_output_are_near_what_the_lef_says():
     for name in ("inv_1", "inv_4", "buf_2", "nand2_1", "nor2_1", "dfrtp_1"):
-        (output,) = liberty_cells.cell(name).functions
-        text = liberty_cells.view(name, "lef").read_text()
+        (output,) = cells.cell(name).functions
+        text = cells.view(name, "lef").read_text()
         area = float(re.search(rf"PIN {output}\n\s*ANTENNADIFFAREA\s+([\d.]+)", text)[1])
         # LEF areas are of drawn rectangles, the model's of width times a rule.
-        assert liberty_spice.output_diffusion(name, output) == pytest.approx(area, rel=0.05)
+        assert measure.output_diffusion(name, output) == pytest.approx(area, rel=0.05)
 
 
 def test_a_measurement_that_fails_is_an_error_and_not_a_number(tmp_path):
-    bench = liberty_spice.Bench(liberty_cells.cell("inv_1"), liberty_spice.CORNERS["tt"], tmp_path)
+    bench = measure.Bench(cells.cell("inv_1"), measure.CORNERS["tt"], tmp_path)
     body = ["va a 0 0", bench.instance(0, {"A": "a", "Y": "y"}), ".meas tran never when v(y)=0.9 rise=1"]
     deck = bench.deck(body, ["v(y)"], 1.0, 0.1)
     assert bench.run(deck, ["never"]) == {"never": None}
@@ -263,13 +264,13 @@ def test_a_pdk_comes_first_and_a_wrong_one_is_refused(monkeypatch, tmp_path):
 
 def test_broken_liberty_is_refused():
     with pytest.raises(InputError):
-        liberty_text.parse("library (x) { cell (y) { area : 1; ")
+        syntax.parse("library (x) { cell (y) { area : 1; ")
 
 
 def test_what_is_rendered_is_read_back():
-    group = liberty_text.Group("library", '"x"', {"time_unit": '"1ns"', "technology": "(cmos)"})
-    group.groups.append(liberty_text.Group("cell", '"y"', {"area": "1.5"}))
-    again = liberty_text.parse(liberty_text.render(group, ["a comment"]))
+    group = syntax.Group("library", '"x"', {"time_unit": '"1ns"', "technology": "(cmos)"})
+    group.groups.append(syntax.Group("cell", '"y"', {"area": "1.5"}))
+    again = syntax.parse(syntax.render(group, ["a comment"]))
     assert again.name == "x"
     assert again.attributes["technology"] == "(cmos)"
     assert again.one("cell", "y").attributes == {"area": "1.5"}
@@ -277,7 +278,7 @@ def test_what_is_rendered_is_read_back():
 
 def test_a_stale_file_is_a_failed_check(monkeypatch):
     monkeypatch.setattr(liberty, "METHOD", -1)
-    monkeypatch.setattr(liberty_verify, "SAMPLES", ())
+    monkeypatch.setattr(verify, "SAMPLES", ())
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setattr(liberty.verdict, "write_rows", lambda target, rows: None)
     done = CliRunner().invoke(liberty.liberty_command, ["--check", "--corner", "tt"])

@@ -22,7 +22,7 @@ from dermis.processes import children, watchdog
 from dermis.report import output
 from dermis.scene.design import ROOT
 from scripts.checkpoint import Kept
-from scripts.synth import synth_cells
+from scripts.synth import cells as synth_cells
 from tb.programs.faults import bench as benches
 from tb.programs.faults import command, trials
 from tb.programs.faults.bench import Bench, Ended, Run

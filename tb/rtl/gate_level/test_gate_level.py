@@ -13,9 +13,9 @@ import pytest
 from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from scripts import gate_level
-from scripts.synth import synth_cells
-from scripts.synth.synth_cells import TECHNOLOGIES
-from scripts.synth.synth_map import Netlist, Size, map_design
+from scripts.synth import cells as synth_cells
+from scripts.synth.cells import TECHNOLOGIES
+from scripts.synth.map import Netlist, Size, map_design
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]

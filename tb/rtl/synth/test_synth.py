@@ -19,10 +19,13 @@ import pytest
 from dermis.chip.sources import rtl_sources
 from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
-from scripts.synth import synth, synth_cells, synth_map, synth_timing
-from scripts.synth.synth_cells import TECHNOLOGIES, areas, cells, mapping_liberty
-from scripts.synth.synth_equivalence import Proof, prove
-from scripts.synth.synth_map import RAM, Netlist, Size, map_design, map_once
+from scripts.synth import cells as synth_cells
+from scripts.synth import command as synth
+from scripts.synth import map as synth_map
+from scripts.synth import timing as synth_timing
+from scripts.synth.cells import TECHNOLOGIES, areas, cells, mapping_liberty
+from scripts.synth.equivalence import Proof, prove
+from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
@@ -429,7 +432,7 @@ with ending():
 def test_a_library_that_is_not_there_is_an_input_error(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("scripts.synth.synth_cells.OSU035", tmp_path)
+    monkeypatch.setattr("scripts.synth.cells.OSU035", tmp_path)
     with pytest.raises(InputError, match="qflow-tech-osu035"):
         OSU035.liberty("typical")
     with pytest.raises(InputError, match="corner"):

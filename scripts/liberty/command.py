@@ -28,8 +28,8 @@ from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene.design import ROOT
-from scripts.liberty import liberty_cells, liberty_spice, liberty_text, liberty_verify
-from scripts.liberty.liberty_spice import CORNERS, Bench, Corner
+from scripts.liberty import cells, measure, syntax, verify
+from scripts.liberty.measure import CORNERS, Bench, Corner
 
 DIRECTORY = ROOT / "rtl" / "synth" / "liberty"
 CACHE = ROOT / "build" / "liberty"
@@ -41,7 +41,7 @@ _KEY = re.compile(r"^ \* key: (\w+)$", re.MULTILINE)
 
 def file_name(corner: Corner) -> str:
     """Name of a corner's file, the same as in a PDK."""
-    return f"{liberty_cells.PREFIX}{corner.name}.lib"
+    return f"{cells.PREFIX}{corner.name}.lib"
 
 
 def liberty_file(corner: str) -> Path:
@@ -79,21 +79,21 @@ def _settings() -> dict[str, Any]:
         "SLEWS_NS LOADS_PF CLOCK_SLEWS_NS CONSTRAINT_SLEWS_NS CONSTRAINT_LOAD_PF PUSH_OUT BISECTIONS BRACKET_NS "
         "MOST_SIDES SHARED_DIFFUSION_UM END_DIFFUSION_UM LONGEST_ROW WIRE_GATE_FF WIRE_END_FF WIRE_WIDTH_FF"
     )
-    return {"method": METHOD} | {name.lower(): getattr(liberty_spice, name) for name in names.split()}
+    return {"method": METHOD} | {name.lower(): getattr(measure, name) for name in names.split()}
 
 
 def cell_key(corner: Corner, name: str) -> str:
     """Hash of all that a cell's tables follow from: models, netlist, corner and settings."""
-    cell = liberty_cells.cell(name)
-    circuit = liberty_spice.subcircuit(name) if cell.inputs else ()
+    cell = cells.cell(name)
+    circuit = measure.subcircuit(name) if cell.inputs else ()
     what = [sorted(cell.functions.items()), repr(cell.sequential), repr(corner)]
-    return _digest(liberty_spice.models_digest(corner.process), circuit, what, _settings())
+    return _digest(measure.models_digest(corner.process), circuit, what, _settings())
 
 
 def library_key(corner: Corner) -> str:
     """Hash of all that a library follows from."""
-    sizes = {name: liberty_cells.lef_size(name) for name in liberty_cells.NAMES}
-    return _digest({name: cell_key(corner, name) for name in liberty_cells.NAMES}, sizes)
+    sizes = {name: cells.lef_size(name) for name in cells.NAMES}
+    return _digest({name: cell_key(corner, name) for name in cells.NAMES}, sizes)
 
 
 @cache
@@ -128,11 +128,9 @@ def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
     # Of its own: two commands may be at the same cell.
     work = CACHE / "work"
     work.mkdir(parents=True, exist_ok=True)
-    bench = Bench(
-        liberty_cells.cell(name), corner, Path(tempfile.mkdtemp(dir=work, prefix=f"{corner.name}_{name}_"))
-    )
+    bench = Bench(cells.cell(name), corner, Path(tempfile.mkdtemp(dir=work, prefix=f"{corner.name}_{name}_")))
     # One form whether it comes from the file or not.
-    data = json.loads(json.dumps(liberty_spice.characterise(bench)))
+    data = json.loads(json.dumps(measure.characterise(bench)))
     write_atomic(kept, json.dumps(data))
     shutil.rmtree(bench.directory, ignore_errors=True)
     if say:
@@ -148,13 +146,13 @@ def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
     corner : Corner
     data : for each cell without the prefix, what `cell_data` returns.
     """
-    sizes = (len(liberty_spice.SLEWS_NS), len(liberty_spice.LOADS_PF), len(liberty_spice.CONSTRAINT_SLEWS_NS))
-    made = liberty_text.library_group(
-        liberty_cells.PREFIX + corner.name, corner.process, corner.temperature_c, corner.voltage_v, sizes
+    sizes = (len(measure.SLEWS_NS), len(measure.LOADS_PF), len(measure.CONSTRAINT_SLEWS_NS))
+    made = syntax.library_group(
+        cells.PREFIX + corner.name, corner.process, corner.temperature_c, corner.voltage_v, sizes
     )
     for name in sorted(data):
-        width, height = liberty_cells.lef_size(name)
-        made.groups.append(liberty_text.cell_group(liberty_cells.cell(name), width * height, data[name]))
+        width, height = cells.lef_size(name)
+        made.groups.append(syntax.cell_group(cells.cell(name), width * height, data[name]))
     pick = "largest" if corner.slowest else "smallest"
     comment = [
         "SPDX-License-Identifier: Apache-2.0",
@@ -164,14 +162,14 @@ def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
         f"Where other inputs change a delay: the {pick}. Wires inside cells are estimated, outside there are none.",
         f"key: {library_key(corner)}",
     ]
-    return liberty_text.render(made, comment)
+    return syntax.render(made, comment)
 
 
 def make(corners: Sequence[str], jobs: int) -> list[Path]:
     """Characterise what is not in the cache yet and write the libraries."""
-    work = [(corner, name) for corner in corners for name in liberty_cells.NAMES]
+    work = [(corner, name) for corner in corners for name in cells.NAMES]
     # The long ones first, so that no worker is left alone with one at the end.
-    work.sort(key=lambda item: liberty_cells.cell(item[1]).sequential is None)
+    work.sort(key=lambda item: cells.cell(item[1]).sequential is None)
     data: dict[str, dict[str, dict[str, Any]]] = {corner: {} for corner in corners}
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
         parts = {pool.submit(cell_data, CORNERS[c], n, True): (c, n) for c, n in work}
@@ -203,21 +201,21 @@ def check(corner: str) -> list[verdict.Row]:
     if not path.is_file():
         return [verdict.error(f"liberty.stale_files.{corner}", f"{path.name} is missing", "files")]
     text = path.read_text()
-    parsed = liberty_text.parse(text, path.name)
+    parsed = syntax.parse(text, path.name)
     stale = written_key(text) != library_key(at)
     rows = [
         verdict.judge(f"liberty.stale_files.{corner}", int(stale), "run `dermis liberty`" if stale else "")
     ]
     directory = CACHE / "check" / at.name
-    for name in liberty_verify.SAMPLES:
-        value = liberty_verify.sample_error(parsed, at, name, directory)
+    for name in verify.SAMPLES:
+        value = verify.sample_error(parsed, at, name, directory)
         rows.append(verdict.judge(f"liberty.sample_error.{corner}_{name}", value))
     if shutil.which("sta") is None:
         return [
             *rows,
             verdict.skip(f"liberty.path_error.{corner}", "OpenSTA (Debian package opensta) is not installed"),
         ]
-    for label, value, note in liberty_verify.path_errors(path, at, directory):
+    for label, value, note in verify.path_errors(path, at, directory):
         rows.append(verdict.judge(f"liberty.{label}", value, note))
     return rows
 

@@ -21,7 +21,7 @@ from dermis.chip import sky130
 from dermis.errors import InputError, SimulatorError
 from dermis.files import text_of
 from dermis.processes.children import run_logged
-from scripts.liberty.liberty_cells import SUPPLIES, WANTED, Cell, lef_size, sensitised, view, wheel
+from scripts.liberty.cells import SUPPLIES, WANTED, Cell, lef_size, sensitised, view, wheel
 
 Table = list[list[float]]
 

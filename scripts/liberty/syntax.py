@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dermis.errors import InputError
-from scripts.liberty.liberty_cells import Cell, Sequential
+from scripts.liberty.cells import Cell, Sequential
 
 Table = list[list[float]]
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
-from scripts.synth.synth_cells import SYNTH, Technology
-from scripts.synth.synth_map import TOP, tool
+from scripts.synth.cells import SYNTH, Technology
+from scripts.synth.map import TOP, tool
 
 SDC = SYNTH / "dermis.sdc"
 STA_LIMIT_S = 300.0

@@ -21,8 +21,8 @@ from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.errors import InputError, SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
-from scripts.synth import synth_cells
-from scripts.synth.synth_cells import Cell, Technology, areas, cells, mapping_liberty
+from scripts.synth import cells as synth_cells
+from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
 
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"

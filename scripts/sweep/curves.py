@@ -7,18 +7,15 @@ import contextlib
 import csv
 import io
 import math
-import os
 import re
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import tomli_w
 from matplotlib.figure import Figure
@@ -32,9 +29,9 @@ from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.records import Plan
-from dermis.report import comparison, figures, output, progress, verdict
+from dermis.report import comparison, figures, progress, verdict
 from dermis.report.verdict import Row
-from dermis.scene.design import ROOT, TOPOLOGIES, Design, exact
+from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
 
 Floats = NDArray[np.float64]
@@ -765,72 +762,3 @@ def run(
     rows.append(judge_laws(curves))
     rows += plain_ngspice(out / "plain_ngspice")
     return curves, rows, failed
-
-
-@click.command("sweep")
-@click.option(
-    "--points",
-    type=click.IntRange(8, POINTS_MAX),
-    help="Resistances; default 256, in transistors 8.",
-)
-@click.option(
-    "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface; repeatable."
-)
-@click.option(
-    "--view",
-    type=click.Choice(["behavioural", "sky130"]),
-    default="behavioural",
-    help="Of the SPICE blocks: models, or transistors.",
-)
-@click.option(
-    "--out", "directory", type=click.Path(), help="Where results go; default build/sweep, build/sweep_sky130."
-)
-@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
-@click.option(
-    "--physical/--no-physical", default=True, help="Also read through the blocks' physical defaults."
-)
-def sweep_command(
-    points: int | None,
-    topology: tuple[str, ...],
-    view: str,
-    directory: str | None,
-    plot: bool,
-    physical: bool,
-) -> int:
-    """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
-
-    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json, in transistors into
-    build/sweep_sky130.json.
-    """
-    name = "sweep" if view == "behavioural" else f"sweep_{view}"
-    out = output.prepare(OUT.with_name(name) if directory is None else directory)
-    chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
-    if view == "behavioural":
-        points = points or 256
-        curves, rows, failed = run(chosen, points, out, physical=physical)
-        figures = {"sweep_frequency.png": frequency_figure, "sweep_code.png": code_figure}
-    else:
-        from scripts import sweep_transistors
-
-        if not physical:
-            allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
-            raise InputError("command line", "--no-physical", f"--view {view}", allowed)
-        points = points or sweep_transistors.POINTS
-        curves, rows, failed = sweep_transistors.run(chosen, points, out)
-        figures = {sweep_transistors.FIGURE: sweep_transistors.figure}
-    files: dict[str, Callable[[Path], None]] = {
-        "sweep.csv": lambda path: write_atomic(path, table(curves)),
-        **({file: partial(draw, curves) for file, draw in figures.items()} if plot else {}),
-    }
-    for file in {"sweep.csv", *FILES, *figures}:
-        # Nothing of an earlier sweep stays beside the new one.
-        if curves and file in files:
-            files[file](out / file)
-        else:
-            (out / file).unlink(missing_ok=True)
-    verdict.write_rows(name, rows)
-    verdict.print_rows(
-        rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
-    )
-    click.echo(f"table, figures and scenes are in {os.path.relpath(out)}")
-    return SimulatorError.exit_code if failed else verdict.exit_code(rows)

@@ -21,8 +21,8 @@ from typing import Any
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
-from scripts.synth.synth_cells import Technology
-from scripts.synth.synth_map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys, tool
+from scripts.synth.cells import Technology
+from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys, tool
 
 PROOF_LIMIT_S = 900.0
 _TO_GATES = ["techmap", "opt_clean", "dffunmap", "aigmap", "opt_clean"]

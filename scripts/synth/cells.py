@@ -71,14 +71,14 @@ class Technology:
                     path, "Liberty", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
                 )
             return path
-        from scripts.liberty.liberty import liberty_file
+        from scripts.liberty.command import liberty_file
 
         return Path(liberty_file(corner))
 
     def derates(self, corner: str) -> tuple[float, float]:
         """Factors on early and late delays of a corner; 1 for a foundry's own Liberty."""
         if self.name == "sky130":
-            from scripts.liberty.liberty import DIRECTORY
+            from scripts.liberty.command import DIRECTORY
 
             if self.liberty(corner).parent != DIRECTORY:
                 return 1.0, 1.0

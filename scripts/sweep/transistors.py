@@ -24,10 +24,10 @@ from dermis.records import Plan
 from dermis.report import figures, progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import load as load_design
-from scripts import sweep
 from scripts.characterise import runs
 from scripts.checkpoint import Kept
-from scripts.sweep import Curve, Reading
+from scripts.sweep import curves as sweep
+from scripts.sweep.curves import Curve, Reading
 
 POINTS = 8
 """A packet costs some 20 ms, so a point at 500 ohm takes as long as all others together."""

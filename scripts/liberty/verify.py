@@ -10,10 +10,10 @@ from pathlib import Path
 
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
-from scripts.liberty import liberty_cells, liberty_spice
-from scripts.liberty.liberty_cells import PREFIX
-from scripts.liberty.liberty_spice import Bench, Corner, Limit, Points
-from scripts.liberty.liberty_text import Group, Table
+from scripts.liberty import cells, measure
+from scripts.liberty.cells import PREFIX
+from scripts.liberty.measure import Bench, Corner, Limit, Points
+from scripts.liberty.syntax import Group, Table
 
 SAMPLES = ("nand2_1", "dfxtp_1")
 # A table may cross zero; an error is relative to the value or to this, whichever is larger. A constraint comes from a
@@ -55,20 +55,20 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
 
     A flop also has one setup time measured again.
     """
-    bench = Bench(liberty_cells.cell(name), corner, directory)
-    how, every = bench.cell.sequential, liberty_spice.points_of(bench.cell)
+    bench = Bench(cells.cell(name), corner, directory)
+    how, every = bench.cell.sequential, measure.points_of(bench.cell)
     rows, columns = (1, 2), (1, 3)
     points = Points(tuple(every.slews[i] for i in rows), tuple(every.loads[j] for j in columns))
     if how is None:
         ((output, function),) = bench.cell.functions.items()
         pin = bench.cell.inputs[0]
-        side, same = next(liberty_cells.sensitised(function, bench.cell.inputs, pin))
-        tables = liberty_spice.through(bench, pin, output, side, same, points)
+        side, same = next(cells.sensitised(function, bench.cell.inputs, pin))
+        tables = measure.through(bench, pin, output, side, same, points)
         return _largest(tables, timing(library, name, output, pin), rows, columns)
-    tables = liberty_spice.clocked(bench, points)
+    tables = measure.clocked(bench, points)
     worst = _largest(tables, timing(library, name, "Q", how.control), rows, columns)
-    fast = liberty_spice.CONSTRAINT_SLEWS_NS[:1]
-    setup = {"rise_constraint": liberty_spice.constraint(bench, Limit("setup", True), fast)}
+    fast = measure.CONSTRAINT_SLEWS_NS[:1]
+    setup = {"rise_constraint": measure.constraint(bench, Limit("setup", True), fast)}
     return max(worst, _largest(setup, timing(library, name, "D", how.control, "setup"), [0], [0]))
 
 
@@ -107,7 +107,7 @@ LOAD_PF = 0.01
 
 
 def _output(name: str) -> str:
-    return next(iter(liberty_cells.cell(name).functions))
+    return next(iter(cells.cell(name).functions))
 
 
 def _constant(value: bool) -> str:
@@ -162,7 +162,7 @@ def _chain(bench: Bench, steps: Sequence[Step], first: str, last: str) -> tuple[
     lines, seen = [], {bench.cell.name}
     calls = []
     for k, step in enumerate(steps):
-        ports, inside = liberty_spice.subcircuit(step.name)
+        ports, inside = measure.subcircuit(step.name)
         if step.name not in seen:
             seen.add(step.name)
             lines += [f".subckt {PREFIX}{step.name} {' '.join(ports)}", *inside, ".ends"]
@@ -171,7 +171,7 @@ def _chain(bench: Bench, steps: Sequence[Step], first: str, last: str) -> tuple[
             _output(step.name): last if k == len(steps) - 1 else f"n{k + 1}",
         }
         nets |= {pin: "vdd" if value else "0" for pin, value in step.side.items()}
-        joined = " ".join(liberty_cells.SUPPLIES.get(p) or nets[p] for p in ports)
+        joined = " ".join(cells.SUPPLIES.get(p) or nets[p] for p in ports)
         calls.append(f"xstep{k} {joined} {PREFIX}{step.name}")
     return lines, calls
 
@@ -179,8 +179,8 @@ def _chain(bench: Bench, steps: Sequence[Step], first: str, last: str) -> tuple[
 def _inverts(steps: Sequence[Step]) -> bool:
     odd = False
     for step in steps:
-        function = liberty_cells.cell(step.name).functions[_output(step.name)]
-        odd ^= liberty_cells.evaluate(function, {**step.side, step.pin: False})
+        function = cells.cell(step.name).functions[_output(step.name)]
+        odd ^= cells.evaluate(function, {**step.side, step.pin: False})
     return odd
 
 
@@ -202,7 +202,7 @@ def chain_delays(
     said = _sta(library, directory, netlist, commands).split("Startpoint:")[1:]
     told = [_found(r"([\d.]+)\s+data arrival time", part, directory) for part in said]
 
-    bench = Bench(liberty_cells.cell(steps[0].name), corner, directory)
+    bench = Bench(cells.cell(steps[0].name), corner, directory)
     lines, calls = _chain(bench, steps, "a", "y")
     start, wide = 1.0, 10.0 if corner.process == "ss" else 5.0
     same = not _inverts(steps)
@@ -236,7 +236,7 @@ def shortest_period(library: Path, corner: Corner, directory: Path) -> tuple[flo
     commands += ["report_checks -rise_through u_from/Q -to u_to/D -digits 4"]
     told = period - _found(r"([\d.]+)\s+slack", _sta(library, directory, netlist, commands), directory)
 
-    bench = Bench(liberty_cells.cell(FLOP), corner, directory)
+    bench = Bench(cells.cell(FLOP), corner, directory)
     lines, calls = _chain(bench, steps, "launched", "caught")
     caught = not _inverts(steps)  # what the second flop must take when the first rises
     first = 12.0

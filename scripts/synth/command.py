@@ -21,10 +21,10 @@ from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
-from scripts.synth.synth_cells import TECHNOLOGIES, Technology
-from scripts.synth.synth_equivalence import prove
-from scripts.synth.synth_map import RAM, Netlist, Size, map_design, map_once
-from scripts.synth.synth_timing import CLOCKS, SDC, Path_, analyse, crossings, highest, unargued
+from scripts.synth.cells import TECHNOLOGIES, Technology
+from scripts.synth.equivalence import prove
+from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
+from scripts.synth.timing import CLOCKS, SDC, Path_, analyse, crossings, highest, unargued
 
 DOCS = "docs/synthesis.md"
 BLOCKS = "blocks"
