@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From codes back to duty, resistance and force, with the step each code stands for."""
+"""Decode codes into duty, resistance and force, with the step of each code."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis.array.array import column_currents_by_source
+from dermis.converter.vfc import W_PRESET
+from dermis.decode import crosstalk
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]
@@ -16,21 +17,21 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """What codes mean to an ideal read-out; every array is shaped as the codes, [..., rows, cols].
+    """Codes as an ideal read-out understands them; every array is shaped as the codes, [..., rows, cols].
 
     Attributes
     ----------
     x : ndarray
         Duty c / N, the middle of what reads as this code.
     resistance_ohm, force_n : ndarray
-        At x; code 0 decodes to inf and 0. Of a law so flat that no force makes the resistance the
-        force is inf.
+        At x; code 0 decodes to inf and 0. The force is inf where the law is so flat that no force makes
+        the resistance.
     force_low_n, force_high_n : ndarray
-        What reads as this code ideally: x from (c - 1/2) / N, included, to (c + 1/2) / N, excluded. The
-        highest code has no upper end (inf).
+        Ends of the forces that read as this code ideally: x from (c - 1/2) / N, included, to (c + 1/2) / N,
+        excluded. The highest code has no upper end (inf).
     d_force_n, d_resistance_ohm : ndarray
-        Force from one end of the code to the other (from 0 to the first threshold for code 0; inf where the upper end
-        is), and the slope R / c of the resistance per code, R^2 / (N V_b / (k i0)) (inf at code 0).
+        Force between the two ends (inf where the upper end is), and the slope R / c of the resistance per code,
+        R^2 / (N V_b / (k i0)) (inf at code 0).
     zero, saturated : ndarray of bool
         No pulse at all; full scale or anything above it.
     """
@@ -49,7 +50,7 @@ class Decoded:
 def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     """Decode codes [..., rows, cols] as the ideal read-out of a plan would have made them.
 
-    `corrected` puts back what the plan's network takes: see `taxels_alone`.
+    `corrected` takes out what the plan's converters and network do: see `currents_of_counts` and `taxels_alone`.
 
     Raises
     ------
@@ -67,7 +68,10 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     # Half a code more or less goes through the network as the code itself.
     scale = np.ones_like(x)
     if corrected:
-        alone = taxels_alone(plan, x)
+        seen = x
+        if plan.converter.active_fields():
+            seen = currents_of_counts(plan, steps) / (plan.converter.k * plan.converter.i0_a)
+        alone = taxels_alone(plan, seen)
         scale, x = np.divide(alone, x, out=scale, where=x > 0), alone
     resistance = plan.ohm_of_duty(x)
     low = plan.force_of_duty(scale * np.maximum(steps - 0.5, 0.0) / gate)
@@ -89,37 +93,39 @@ def decode(plan: Plan, codes: ArrayLike, corrected: bool = False) -> Decoded:
     )
 
 
-SWEEPS = 8
-"""How often `taxels_alone` goes through the array: with a tenth of a current lost, each leaves a tenth of the error."""
+def currents_of_counts(plan: Plan, counts: ArrayLike) -> Floats:
+    """Column currents in ampere that a plan's converters read as counts [..., rows, cols], which may be fractions.
+
+    Undoes offset, gain, packet, preset, decision level and compression; a count c stands for the middle of its code.
+    """
+    c, gate = plan.converter, plan.timing.gate_clocks
+    packet = 1.0 + c.packet_error
+    start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / c.packet_v()
+    x = (start + (np.asarray(counts, dtype=float) - 0.5) * packet) / gate
+    current = c.k * (x * c.i0_a - c.i_offset_a) / c.gain
+    # Beyond the range of the mirror no current makes this duty.
+    return current / np.maximum(1.0 - np.abs(current) * c.inv_i_range_a, 1e-9)
 
 
-def taxels_alone(plan: Plan, x: Floats, sweeps: int = SWEEPS) -> Floats:
-    """Duties of the taxels as if nothing stood between them and ideal drivers and inputs, of measured duties x.
-
-    All codes of a row are of one instant, so what a driver's resistance takes from them is known:
-    G = I / (V_b - R_on sum I). With real columns and traces the rows meet, and each sweep corrects every conductance by
-    what the modelled current misses. The network is that of the plan, as a calibration would have found it; offsets
-    and leaks are taken off first.
+def taxels_alone(plan: Plan, x: Floats) -> Floats:
+    """Duties that taxels of the duties x would have between ideal drivers and inputs.
 
     Parameters
     ----------
     plan : Plan
+        Its network, offsets and leaks are taken out; see `crosstalk.solve`.
     x : ndarray
         [..., rows, cols] packets a clock.
-    sweeps : int
-        Corrections; each costs a solve of the array.
+
+    Returns
+    -------
+    ndarray
+        As x; inf for a short.
     """
     network = plan.network(0)
     if not network.active_fields():
         return x
-    shape = x.shape
-    x = np.asarray(x, dtype=float).reshape(-1, *shape[-2:])
-    to_siemens = plan.converter.k * plan.converter.i0_a / plan.v_bias_v
-    g = x * to_siemens
-    for _ in range(sweeps):
-        follows, rest = column_currents_by_source(network, g)
-        missing = plan.v_bias_v * to_siemens * x - follows - (0.0 if rest is None else rest)
-        # Siemens an ampere: those of the taxel as it is seen, or without loss where its neighbours make its current.
-        each = np.divide(g, follows, out=np.zeros_like(g), where=follows > 0)
-        g = np.maximum(g + missing * np.maximum(each, 1.0 / plan.v_bias_v), 0.0)
-    return (g / to_siemens).reshape(shape)
+    unit_a = plan.converter.k * plan.converter.i0_a
+    currents = (np.asarray(x, dtype=float) * unit_a).reshape(-1, *x.shape[-2:])
+    found = crosstalk.solve(network, currents).conductance_s
+    return (found * (plan.v_bias_v / unit_a)).reshape(x.shape)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The array solved backwards: exact against the forward solve, against Newton's method, and within its bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dermis.array.array import Network, column_currents
+from dermis.decode import crosstalk
+from tb.reference import nodal
+
+SHAPES = [(1, 1), (1, 5), (6, 1), (4, 4), (7, 12), (16, 16)]
+
+
+def network(rows: int, cols: int, **fields: object) -> Network:
+    given = {
+        "r_row_driven_ohm": 25.0,
+        "r_row_grounded_ohm": 25.0,
+        "r_column_ohm": 5.0,
+        "g_lateral_row_s": 1e-3,
+    }
+    return Network(np.zeros((rows, cols)), 0.5, **(given | fields))
+
+
+def random_sheet(rng: np.random.Generator, frames: int, rows: int, cols: int) -> np.ndarray:
+    """100 kohm to 500 ohm, a tenth of the taxels open."""
+    g = 10 ** rng.uniform(-5, np.log10(2e-3), (frames, rows, cols))
+    return np.where(rng.random(g.shape) < 0.1, 0.0, g)
+
+
+def worst_relative(found: np.ndarray, g: np.ndarray) -> float:
+    return float((np.abs(found - g) / np.maximum(g, 1e-6 * g.max(initial=1e-9))).max())
+
+
+SOURCES = {"v_column_offset_v": 1e-3, "i_leak_a": 1e-6}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"r_column_ohm": 0.0},
+        {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 0.0},
+        {"r_row_grounded_ohm": np.inf},
+        {"r_column_ohm": 50.0, "r_row_grounded_ohm": 3.0},
+        SOURCES,
+    ],
+)
+def test_conductances_come_back_from_exact_currents(shape: tuple[int, int], fields: dict) -> None:
+    rng = np.random.default_rng(1)
+    g = random_sheet(rng, 3, *shape)
+    net = network(*shape, **fields)
+    solved = crosstalk.solve(net, column_currents(net, g))
+    assert solved.converged.all()
+    assert worst_relative(solved.conductance_s, g) <= 1e-8
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_traces_are_taken_out_too(shape: tuple[int, int]) -> None:
+    g = random_sheet(np.random.default_rng(2), 2, *shape)
+    net = network(*shape, r_trace_row_ohm=0.2, r_trace_column_ohm=0.2, g_lateral_column_s=1e-3, **SOURCES)
+    solved = crosstalk.solve(net, column_currents(net, g))
+    assert solved.converged.all()
+    # The stop test is relative to the largest current of a frame, 200 times that of the smallest taxel here.
+    assert worst_relative(solved.conductance_s[g > 0], g[g > 0]) <= 1e-8
+    assert np.abs(solved.conductance_s - g).max() <= 1e-11 * g.max()
+
+
+def test_the_error_stays_within_the_proven_bound() -> None:
+    rng = np.random.default_rng(3)
+    for r_column in (0.0, 0.5, 5.0, 25.0):
+        net = network(8, 8, r_column_ohm=r_column, **(SOURCES if r_column else {}))
+        g = random_sheet(rng, 20, 8, 8)
+        solved = crosstalk.solve(net, column_currents(net, g))
+        error = np.abs(solved.conductance_s - g).sum(axis=(1, 2))
+        assert np.isfinite(solved.error_s).all()
+        assert (error <= solved.error_s).all()
+        assert (solved.error_s <= 1e-11 * g.sum(axis=(1, 2))).all()
+
+
+def test_the_bound_covers_a_solution_that_is_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The proof speaks of the solution, not of the sweeps: three steps from it the bound must still hold."""
+    g = random_sheet(np.random.default_rng(4), 1, 8, 8)
+    net = network(8, 8)
+    current = column_currents(net, g)[0]
+    work, through, found = np.empty((3, 8, 9)), np.empty(8), current / net.v_bias_v
+    crosstalk.solve_frame.py_func(current, *crosstalk.arguments(net), np.empty((8, 8)), work, through)
+    u, taken = work[0, :, :8].copy(), work[1, :, :8].copy()
+    v_bias, driven, ground = crosstalk.arguments(net)[:3]
+    for _ in range(4):
+        total, again = found.sum(axis=1), np.empty((8, 8))
+        _, moved, _ = crosstalk.sweep(found, again, total, u, taken, v_bias, driven, ground, through)
+        factor = crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, 0.0)
+        if factor < 1:
+            radius = moved / (1 - factor)
+            if np.isfinite(
+                crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, radius)
+            ):
+                assert np.abs(found - g[0]).sum() <= radius
+                assert np.abs(found - g[0]).sum() > 1e-12
+        found = again
+
+
+def test_a_fully_pressed_array_converges_where_the_proof_ends() -> None:
+    """All 256 at 500 ohm behind 100 ohm inputs: three times as much as the column's own taxels leave."""
+    g = np.full((1, 16, 16), 1 / 500)
+    net = network(16, 16, r_row_driven_ohm=1.0, r_row_grounded_ohm=1.0, r_column_ohm=100.0)
+    solved = crosstalk.solve(net, column_currents(net, g))
+    assert solved.converged.all()
+    assert np.isinf(solved.error_s).all()
+    assert worst_relative(solved.conductance_s, g) <= 1e-10
+
+
+def test_newtons_method_finds_the_same() -> None:
+    g = random_sheet(np.random.default_rng(5), 1, 5, 4)
+    net = network(5, 4, r_column_ohm=20.0, r_trace_row_ohm=0.5, r_trace_column_ohm=0.5, **SOURCES)
+    current = column_currents(net, g)
+    slow = crosstalk.solve_by_newton(net, current[0])
+    assert np.abs(crosstalk.solve(net, current).conductance_s[0] - slow).max() <= 1e-9 * slow.max()
+
+
+def test_currents_of_the_nodal_reference_come_back() -> None:
+    """The oracle in 60 digits shares nothing with the solver."""
+    g = random_sheet(np.random.default_rng(6), 1, 3, 4)
+    net = Network(
+        g[0], 0.5, 25.0, 10.0, np.array([1.0, 2.0, 5.0, 0.0]), 1e-3, g_lateral_row_s=1e-3, i_leak_a=1e-6
+    )
+    solved = crosstalk.solve(net, nodal.column_currents(net)[np.newaxis])
+    assert worst_relative(solved.conductance_s, g) <= 1e-10
+
+
+def test_shorts_and_open_taxels_have_defined_answers() -> None:
+    g = np.full((1, 4, 4), 1e-3)
+    g[0, 1, 2], g[0, 3, 0] = np.inf, 0.0
+    net = network(4, 4, r_column_ohm=1.0)
+    solved = crosstalk.solve(net, column_currents(net, g))
+    assert np.isinf(solved.conductance_s[0, 1, 2])
+    assert solved.conductance_s[0, 3, 0] == pytest.approx(0, abs=1e-13)
+    others = np.isfinite(solved.conductance_s) & (g > 0)
+    assert others.sum() == 14
+    assert np.abs(solved.conductance_s[others] - 1e-3).max() < 1e-8
+
+
+def test_currents_that_no_driver_delivers_are_a_short_and_noise_below_zero_is_open() -> None:
+    net = network(2, 2)
+    found = crosstalk.solve(net, np.array([[[0.03, 1e-4], [-1e-6, 1e-4]]])).conductance_s[0]
+    assert np.isinf(found[0, 0])
+    assert found[1, 0] == 0
+
+
+def test_wrong_shapes_and_numbers_are_refused() -> None:
+    net = network(2, 2)
+    with pytest.raises(ValueError, match=r"\[frames, 2, 2\]"):
+        crosstalk.solve(net, np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="finite"):
+        crosstalk.solve(net, np.full((1, 2, 2), np.nan))
