@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dermis.chip import spice_batch
 from dermis.files import write_between
 from dermis.report.machine import machine_line
 from dermis.report.verdict import Row
@@ -12,7 +13,6 @@ from dermis.scene.design import ROOT
 from scripts.characterise import figures
 from scripts.characterise.results import Series
 from scripts.characterise.run_all import Runs
-from scripts.liberty.command import ngspice_version
 
 DOCS = ROOT / "docs" / "characterise.md"
 FIGURES = ROOT / "docs" / "figures"
@@ -25,7 +25,7 @@ def table(found: Sequence[Series], rows: Sequence[Row], runs: Runs) -> str:
     climbed = sum(bool(o.measured and o.measured.rungs) for o in runs.outcomes.values())
     failed = sum(bool(o.fault) for o in runs.outcomes.values())
     lines = [
-        f"{len(runs.outcomes)} runs of ngspice {ngspice_version()}, {seconds / 60:.0f} minutes of wall clock in "
+        f"{len(runs.outcomes)} runs of ngspice {spice_batch.version()}, {seconds / 60:.0f} minutes of wall clock in "
         f"ngspice, with other work beside them ({machine_line()}); "
         f"{climbed} needed a further rung of the ladder, {failed} ended as ERROR. "
         "A row again: `dermis characterise --only sky130.ROW` and what stands under *worst*.",

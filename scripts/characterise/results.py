@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dermis.chip import sky130
+from dermis.chip import sky130, spice_batch
 from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
@@ -17,7 +17,6 @@ from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Limit, spec
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
-from scripts.liberty.command import ngspice_version
 
 VALUES = ROOT / "build" / "characterise" / "values.json"
 """All quantities at every condition of the last whole run, SI units, named as in benches.BENCHES:
@@ -210,7 +209,7 @@ def write_values(outcomes: Mapping[Job, Outcome]) -> None:
         place = values.setdefault(c.at, {}) if c.sample is None else drawn.setdefault(str(c.sample), {})
         place.update(outcome.values)
     models = {corner: sky130.models(corner).name for corner in sorted({at.split(",")[0] for at in values})}
-    told = {"ngspice": ngspice_version(), "models": models, "values": values, "samples": drawn}
+    told = {"ngspice": spice_batch.version(), "models": models, "values": values, "samples": drawn}
     write_atomic(VALUES, json.dumps(told, indent=1) + "\n")
 
 

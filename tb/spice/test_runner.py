@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from ngspice_batch import SECTIONS, SPICE, Bench, run
 
+from dermis.chip import spice_batch
 from dermis.errors import SimulatorError
 
 BENCHES = sorted(p.stem for p in (SPICE / "bench").glob("*.sp"))
@@ -58,6 +59,19 @@ def test_what_a_control_section_prints_by_name_is_returned_and_missed_where_it_f
     assert run(deck(tmp_path, peak))["v_peak"] == pytest.approx(0.9502, abs=1e-3)
     with pytest.raises(SimulatorError, match="did not measure v_peak"):
         run(deck(tmp_path, peak.replace("v(b))", "no_such)")))
+
+
+def test_a_partial_run_leaves_out_what_failed_and_nothing_else(tmp_path: Path) -> None:
+    never = ".meas tran t_never when v(b)=5 rise=1"
+    text = RC.format(stop="3u", late="2u").replace(".control", f"{never}\n.control")
+    with pytest.raises(SimulatorError, match="did not measure t_never"):
+        run(deck(tmp_path, text))
+    values = spice_batch.run(tmp_path / "seeded.sp", partial=True).values
+    assert set(values) == {"v_half", "v_late"}
+    # A measurement that ngspice does not mention at all is an error all the same.
+    silent = text.replace("run\nquit", "quit")
+    with pytest.raises(SimulatorError, match="did not measure v_half"):
+        spice_batch.run(deck(tmp_path, silent), partial=True)
 
 
 def test_a_deck_that_does_not_parse_is_an_error(tmp_path: Path) -> None:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batch decks through ngspice: run with a limit, on the ladder, and every `.meas` either a finite number or an error.
+"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every `.meas`.
 
-ngspice's exit code says nothing: it is 0 when a `.meas` fails and when a transient is given up half way, whose
-measurements then look as good as any.
+The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops half way
+and its measurements look plausible.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import shutil
@@ -16,7 +17,7 @@ from pathlib import Path
 
 from dermis.chip import ladder
 from dermis.errors import InputError, SimulatorError
-from dermis.processes.children import run_child
+from dermis.processes.children import output_of, run_child
 
 _MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
 _PRINT = re.compile(r"^print\s+(\w+)\s*$", re.MULTILINE | re.IGNORECASE)
@@ -31,9 +32,10 @@ _ERROR = re.compile(
     r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined|out of interval).*$",
     re.MULTILINE | re.IGNORECASE,
 )
+_FAILED = re.compile(r"(?:\bmeas\w*\s+tran\s+(\w+)\s.*|^\s*(\w+)\s*=\s*)failed", re.MULTILINE | re.IGNORECASE)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
-# ngspice asks OpenMP for two threads for its transistors, whatever OMP_NUM_THREADS says: where another process wants a
-# core as well they wait for each other by spinning, and a deck takes ten times as long.
+# ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they spin
+# while they wait for each other, and a deck takes ten times as long.
 _ENVIRONMENT = {"NGSPICE_MEAS_PRECISION": "15", "OMP_THREAD_LIMIT": "1"}
 _SECTION = re.compile(r"^\s*\.(?:control|end)\b", re.MULTILINE | re.IGNORECASE)
 _GUESSED = re.compile(r"^\t(\d+)\t(\S+)\tvoltage", re.MULTILINE)
@@ -41,51 +43,75 @@ _GUESSED = re.compile(r"^\t(\d+)\t(\S+)\tvoltage", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Measured:
-    """What a deck measured.
+    """Results of a deck.
 
     Attributes
     ----------
-    values : by name of its `.meas`, in lower case
-    retries : attempts that ngspice gave up before (docs/ladder.md); they went to stderr as well
+    values : by name of the `.meas`, in lower case
+    retries : failed attempts before (docs/ladder.md), also reported on stderr
     """
 
     values: Mapping[str, float]
     retries: tuple[ladder.Retry, ...]
 
 
-def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -> Measured:
-    """Run a deck and return what each of its `.meas` found, and each `print name` of its control section.
+def find() -> str:
+    """Return the path of ngspice.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    tool = shutil.which("ngspice")
+    if tool is None:
+        raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
+    return tool
+
+
+@functools.cache
+def version() -> str:
+    """Return the version of ngspice, "unknown" if it prints none."""
+    said = output_of([find(), "--version"], 20.0)[1]
+    found = re.search(r"ngspice-([\w.]+)", said)
+    return found[1] if found else "unknown"
+
+
+def run(
+    deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN, *, partial: bool = False
+) -> Measured:
+    """Run a deck and return each `.meas`, and each `print name` of its control section.
 
     Parameters
     ----------
     deck : Path
-        Its folder receives what is run, ``<name>.run.sp``, and the log, ``<name>.log``.
+        Its folder receives the deck as run, ``<name>.run.sp``, and the log, ``<name>.log``.
     limit_s : float
         Wall-clock limit of every attempt.
     level : ladder.Level
-        Where on the ladder it begins: higher where the lower rungs are known to fail.
+        First rung of the ladder: higher where the lower rungs are known to fail.
+    partial : bool
+        A measurement that ngspice reports as failed is left out and is no error.
 
     Raises
     ------
     InputError
         No ngspice on the path.
     SimulatorError
-        ngspice stopped on every rung, took too long, or did not measure something.
+        ngspice stopped on every rung, took too long, or a measurement is missing.
     """
-    tool = shutil.which("ngspice")
-    if tool is None:
-        raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
+    tool = find()
     way = ladder.Climb(deck.stem, level)
-    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), way)
+    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level, partial), way)
     return Measured(values, tuple(way.retries))
 
 
-def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict[str, float]:
+def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level, partial: bool) -> dict[str, float]:
     log = deck.with_suffix(".log")
     text = deck.read_text()
     wanted = [name.lower() for _, name in _MEAS.findall(text)]
     printed = [name.lower() for name in _PRINT.findall(text)]
-    # ngspice prints 7 digits of what it finds, whatever it is asked; of a formula it prints as many as asked.
+    # ngspice prints 7 digits of a measurement; of a formula it prints NGSPICE_MEAS_PRECISION digits.
     text = _MEAS.sub(r"\g<0>\n.meas \1 full_\2 param='\2'", text)
     start, extra = ladder.START[level.start], list(level.option_lines)
     if start.guess:
@@ -105,6 +131,9 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
     values = {name.lower(): float(value) for name, value in _RESULT.findall(said)}
     missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
     missing += [n for n in printed if not math.isfinite(values.get(n, math.nan))]
+    if partial:
+        failed = {(a or b).lower() for a, b in _FAILED.findall(said)}
+        missing, wanted = [n for n in missing if n not in failed], [n for n in wanted if n not in failed]
     if missing:
         error = _ERROR.search(said)
         why = f": {error[0].strip()}" if error else ""
@@ -115,7 +144,7 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
 
 
 def _ngspice(tool: str, deck: Path, text: str, limit_s: float) -> tuple[str, int]:
-    """Run a text in the folder of a deck; return what ngspice said, and its exit code."""
+    """Run a text in the folder of a deck; return the output of ngspice and its exit code."""
     log, work = deck.with_suffix(".log"), deck.with_suffix(".run.sp")
     work.write_text(text)
     log.unlink(missing_ok=True)
@@ -129,7 +158,7 @@ def _ngspice(tool: str, deck: Path, text: str, limit_s: float) -> tuple[str, int
 
 
 def _with(text: str, lines: list[str], commands: list[str]) -> str:
-    """Put lines behind a deck's own, and commands before its own."""
+    """Put lines after those of a deck, and commands before those of its control section."""
     found = _SECTION.search(text)
     at = found.start() if found else len(text)
     block = "\n".join([*lines, ".control", *commands, ".endc", ""])
@@ -137,7 +166,7 @@ def _with(text: str, lines: list[str], commands: list[str]) -> str:
 
 
 def _guess(tool: str, deck: Path, text: str, extra: list[str], limit_s: float) -> list[str]:
-    """Nodesets from the end of a hidden transient, that Newton's method has to confirm."""
+    """Return nodesets from the end of a hidden transient, which Newton's method has to confirm."""
     raw = deck.with_suffix(".guess")
     raw.unlink(missing_ok=True)
     ramp = next(rung for rung in ladder.START if rung.guess)
@@ -154,7 +183,7 @@ def _guess(tool: str, deck: Path, text: str, extra: list[str], limit_s: float) -
 
 
 def _trouble(text: str, complaint: str) -> str:
-    """Return ngspice's complaint with the time and the node it names, which may stand on other lines."""
+    """Return the complaint of ngspice with the time and node that it names, maybe on other lines."""
     parts = [complaint.strip()]
     for pattern in (r"time\s*=\s*[\d.e+-]+", r"trouble with [^\n;]+", r"singular matrix:[^\n]+"):
         found = re.search(pattern, text, re.IGNORECASE)
