@@ -11,7 +11,7 @@ import functools
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,6 @@ from dermis.array import settling
 from dermis.array.settling import BRISK_CLOCKS
 from dermis.converter import injection
 from dermis.converter.vfc import W_PRESET, Y_MIN
-
-if TYPE_CHECKING:
-    from dermis.records import Plan
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +119,7 @@ class Extent:
         Counts [C] at most that capacitances push into converters, by the effect that has them do it.
     """
 
-    def __init__(self, plan: Plan, sigma: float) -> None:
+    def __init__(self, plan: Any, sigma: float) -> None:
         self.plan, self.sigma = plan, sigma
         self.n = plan.timing.gate_clocks
         self.settle = plan.timing.settle_clocks - plan.timing.break_clocks  # with the row driven
@@ -287,7 +284,7 @@ class Extent:
         return tail
 
 
-def _envelopes(plan: Plan) -> tuple[Floats, Floats, Floats | None]:
+def _envelopes(plan: Any) -> tuple[Floats, Floats, Floats | None]:
     r = plan.resistance_ohm
     starts = np.unique(np.linspace(0, plan.frames, min(plan.frames, BLOCKS_MAX) + 1).astype(int)[:-1])
     low, high = np.minimum.reduceat(r, starts, axis=0), np.maximum.reduceat(r, starts, axis=0)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import errno
 import functools
 import importlib
@@ -116,7 +115,7 @@ def run(
     world = scenes.load(path)
     made = plan.make(scenes.with_views(world, views) if views else world, engine)
     engines.check(made)
-    if made.scene.table.effects.auto is not None or made.accuracy is not None:
+    if made.scene.table.effects.auto is not None:
         plan_table.print_plan(made)
     target: str | Path = ROOT / "build" / "run" / path.stem if out is None else out
     options: dict[str, Any] = {}
@@ -146,10 +145,6 @@ def run(
     with output.place(target) as where:
         start = time.perf_counter()
         result = simulate(made)
-        if made.accuracy is not None:
-            from dermis import accuracy_choice as choice
-
-            made, result = choice.settled(made, result, simulate)
         result.info["seconds"] = time.perf_counter() - start
         first = made.part(0, min(made.frames, max(1, JUDGED // (made.rows * made.cols))))
         rows = comparison.compare(first, engines.Result(result.codes[: first.frames]), path.stem)
@@ -157,9 +152,6 @@ def run(
             rows = [{**row, "note": f"{row['note']}; the first {first.frames} frames"} for row in rows]
         full = int((result.codes >= made.timing.code_max).sum())
         rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
-        if made.accuracy is not None:
-            rows += choice.reached(made, result, result.info["cpu_seconds"], path.stem)
-            result.info["accuracy"] = dataclasses.asdict(made.accuracy)
 
         def draw(directory: Path) -> None:
             fit = comparison.fit_residual(made, result.codes)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from dermis.scene.scene import Scene
 from dermis.scene.sensor import SensorState, age, make_sensor
 from dermis.scene.stimulus import Surroundings, make_frames
 from dermis.scene.views import Views
-
-if TYPE_CHECKING:
-    pass
 
 
 def load(scene_path: str | Path, engine: str | None = None, design: Design | None = None) -> Plan:
@@ -49,19 +46,11 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers.
 
     Where neither `engine` nor the scene names one it is the cheapest that can do what is kept. With `auto` the plan
-    leaves out what fits its budget of the effects that the scene names; so does run.accuracy_lsb or run.time_s.
+    leaves out what fits its budget of the effects that the scene names.
     """
     from dermis import auto as chooser
     from dermis import engines
 
-    if auto is None and (world.table.run.accuracy_lsb is not None or world.table.run.time_s is not None):
-        from dermis import accuracy_choice as choice
-
-        if engine is not None:
-            allowed = "none beside run.accuracy_lsb or run.time_s, which choose it"
-            raise InputError("command line", "engine", engine, allowed)
-        made, chosen = choice.choose(world)
-        return replace(made, accuracy=chosen)
     auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine
     everything = whole(world, engine)

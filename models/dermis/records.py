@@ -22,6 +22,7 @@ from dermis.converter.vfc import Converter
 from dermis.scene.scene import Scene
 from dermis.scene.sensor import Sensor
 from dermis.scene.views import Views
+from dermis.timing import Timing as Timing
 
 Floats = NDArray[np.float64]
 
@@ -37,36 +38,6 @@ class EffectState(NamedTuple):
     reason: str
     bound_lsb: float | None = None
     cost_ns: float | None = None
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Clocks of one row slot: preset for settle_clocks, then count for gate_clocks.
-
-    Through the first break_clocks of the settle clocks no row is driven. A frame begins settled where row 0 is
-    driven, break_clocks into its first slot.
-    """
-
-    f_clk_hz: float
-    slot_clocks: int
-    settle_clocks: int
-    gate_clocks: int
-    code_max: int
-    rows: int
-    # A one decided at clock n pulls its packet out between clocks n + delay and n + delay + 1: the second
-    # flip-flop.
-    charge_delay_clocks: float = 1.0
-    break_clocks: int = 0
-
-    @property
-    def slot_s(self) -> float:
-        """Length of a row slot in seconds."""
-        return self.slot_clocks / self.f_clk_hz
-
-    @property
-    def frame_s(self) -> float:
-        """Length of a frame in seconds."""
-        return self.rows * self.slot_s
 
 
 @cache
@@ -103,21 +74,6 @@ class Drive:
     def active_fields(self) -> frozenset[str]:
         """Names of the fields that make something change inside a frame."""
         return frozenset(n for n in ("ripple", "motion") if getattr(self, n))
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """What was asked for, and the setting: its budget, and error and processor time as the curve has them.
-
-    `missed` has the budgets that were run before and did not do, each with the error in LSB that it reached.
-    """
-
-    wanted_lsb: float | None
-    allowed_s: float | None
-    budget_lsb: float
-    expected_lsb: float
-    expected_s: float
-    missed: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +135,6 @@ class Plan:
     margin_lsb: Floats | float = 0.0
     unsure_lsb: Floats | float = 0.0
     left_out_lsb: float = 0.0
-    accuracy: Chosen | None = None
     moved_lsb: Floats | float = 0.0
 
     @property
@@ -276,9 +231,7 @@ class Plan:
 
     def resolved_toml(self, directory: Path | None = None) -> str:
         """The scene with every default, and with the engine of this plan; see Scene.to_toml."""
-        # An accuracy or a time will choose it again.
-        update = {} if self.accuracy else {"engine": self.engine}
-        run = self.scene.table.run.model_copy(update=update)
+        run = self.scene.table.run.model_copy(update={"engine": self.engine})
         table = self.scene.table.model_copy(update={"run": run})
         return Scene(self.scene.path, table, self.scene.effects, self.scene.design).to_toml(directory)
 

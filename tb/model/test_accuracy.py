@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
-import tomllib
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,17 +15,13 @@ from click.testing import CliRunner
 from mpmath import mpf
 from scipy.integrate import solve_ivp
 
-from dermis import accuracy_choice as choice
-from dermis import auto, engines, plan
-from dermis.bounds import Bound
+from dermis import engines, plan
 from dermis.chip.ngspice import NgspiceHalf
 from dermis.converter.vfc import count_exact
-from dermis.effects import EFFECTS, AutoTable
+from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
-from dermis.report import ablate
 from dermis.scene import scene
-from dermis.scene.scene import Scene
 from tb.programs.accuracy import chip, command, converter, exact, frames, probe, transistors
 from tb.programs.accuracy.point import Point, from_csv, pareto, to_csv
 from tb.programs.bench import bench_vfc
@@ -335,11 +329,6 @@ def test_between_two_methods_no_setting_is_made_up() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--table --only frames", "--table = with --only"),
-        ("--table --quick", "--table = with --quick"),
-        ("--table --docs", "--table = with --docs"),
-        ("--table --redraw", "--table = with --redraw"),
-        ("--table --repeat 3", "--table = with --repeat"),
         ("--redraw --only order --quick", "--redraw = with --quick and --only"),
         ("--docs --only order", "--docs = with --quick or --only"),
         ("--docs --quick", "--docs = with --quick or --only"),
@@ -350,9 +339,8 @@ def test_between_two_methods_no_setting_is_made_up() -> None:
 def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
     words: str, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """--table wrote its tracked file and --docs a quick run's figures, or nothing, and both ended with 0."""
+    """--docs would write a quick run's figures, or nothing, and both ended with 0."""
     for place, name in (
-        (choice, "write"),
         (command, "draw"),
         (command, "order_rows"),
         (converter, "measure"),
@@ -366,12 +354,9 @@ def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
     assert said in str(refused.exception)
 
 
-@pytest.mark.parametrize(
-    ("words", "done"), [("--table", "curve"), ("--redraw", "drawn"), ("--redraw --docs", "drawn and copied")]
-)
+@pytest.mark.parametrize(("words", "done"), [("--redraw", "drawn"), ("--redraw --docs", "drawn and copied")])
 def test_what_an_option_is_for_goes_through(words: str, done: str, monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[str] = []
-    monkeypatch.setattr(choice, "write", lambda _: steps.append("curve"))
     monkeypatch.setattr(command, "draw", lambda *_: steps.append("drawn"))
     monkeypatch.setattr(command, "_copy_figures", lambda docs: steps.extend(["copied"] if docs else []))
     went = CliRunner().invoke(command.accuracy_command, words.split(), standalone_mode=False)
@@ -381,226 +366,9 @@ def test_what_an_option_is_for_goes_through(words: str, done: str, monkeypatch: 
 
 # ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------
 
-UNSEEN = ("light_touch", "quarter_code_fingertip", "press_and_release", "slanted_edge", "triangular_indenter")
-"""Scenes that neither the curve nor its check on held-out scenes has seen."""
 
-
-def wishing(name: str, tmp_path: Path, **run: float | str) -> Scene:
-    """A scene with every effect that auto considers, and this [run]."""
-    path = scene.find(name)
-    data = tomllib.loads(path.read_text())
-    everything = auto.with_auto(scene.load(path)).effects
-    data["effects"] = {effect: parameters.model_dump() for effect, parameters in everything.items()}
-    data["run"] = run
-    return scene.from_data(data, path)
-
-
-@pytest.mark.parametrize(
-    ("name", "wanted"),
-    [(name, 0.01) for name in choice.HELD_OUT_SCENES]
-    + [(name, 0.1) for name in (*choice.HELD_OUT_SCENES, *UNSEEN)],
-)
-def test_scenes_that_the_curve_has_not_seen_reach_what_is_asked(
-    name: str, wanted: float, tmp_path: Path
-) -> None:
-    assert name not in choice.CURVE_SCENES
-    made = plan.make(wishing(name, tmp_path, accuracy_lsb=wanted))
-    rows = choice.reached(made, engines.run(made), 0.0, name)
-    assert rows[0]["status"] == "PASS", rows[0]
-    assert rows[0]["max"] == wanted
-    if wanted == 0.1:
-        assert len(made.on) < len(made.scene.effects), "nothing was left out, so nothing was shown"
-
-
-def test_a_curve_that_promises_too_much_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of an LSB from a budget of a hundred: the run says that it has not reached it."""
-    monkeypatch.setitem(choice.table(), "budget_over_error", 1000.0)
-    made = plan.make(
-        replace_effects(wishing("cylindrical_indenter", tmp_path, accuracy_lsb=0.1), "mirror_lag")
-    )
-    rows = choice.reached(made, engines.run(made), 0.0, "x")
-    assert rows[0]["status"] == "FAIL", rows[0]
-
-
-def test_a_run_that_misses_goes_on_with_the_next_finer_setting(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(choice.table(), "budget_over_error", 1000.0)
-    made = plan.make(
-        replace_effects(wishing("cylindrical_indenter", tmp_path, accuracy_lsb=0.1), "mirror_lag")
-    )
-    first = engines.run(made)
-    done, result = choice.settled(made, first, engines.run)
-    row = choice.reached(done, result, 0.0, "x")[0]
-    assert row["status"] == "PASS", row
-    assert done.accuracy is not None
-    assert done.accuracy.missed[0] == (made.accuracy.budget_lsb, choice.reached_lsb(made, first))
-    assert "before, a budget of 100 LSB reached" in row["note"]
-    assert set(made.on) < set(done.on)
-    # One that reaches what is asked is left alone.
-    assert choice.settled(done, result, pytest.fail) == (done, result)
-
-
-def test_where_bounds_are_wrong_the_last_setting_leaves_nothing_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A bound of nothing keeps an effect out at any budget; it is not asked in the end."""
-    small = replace(EFFECTS["supply_ripple"], bound=lambda parameters, extent: Bound(0.0))
-    monkeypatch.setitem(EFFECTS, "supply_ripple", small)
-    data = {
-        "array": {"rows": 2, "cols": 2},
-        "stimulus": {"kind": "uniform", "r_ohm": 330.0},
-        "run": {"accuracy_lsb": 0.1},
-        "effects": {
-            "supply_ripple": {"relative": 1.0, "frequency_hz": 1e4},
-            "comparator_noise": {"v_v": 0.01},
-        },
-    }
-    made = plan.make(scene.from_data(data, tmp_path / "rippling.toml"))
-    first = engines.run(made)
-    assert "supply_ripple" not in made.on
-    assert choice.reached_lsb(made, first) > 1.0
-    done, result = choice.settled(made, first, engines.run)
-    assert set(done.on) == set(done.scene.effects)
-    row = choice.reached(done, result, 0.0, "x")[0]
-    assert row["status"] == "PASS", row
-    assert row["value"] == 0.0
-    everything = plan.make(scene.from_data({**data, "run": {"engine": "event"}}, tmp_path / "all.toml"))
-    assert (np.asarray(done.margin_lsb) == everything.margin_lsb).all()
-    assert "before, a budget of" in row["note"]
-
-
-def test_a_held_out_scene_that_misses_makes_the_promise_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[float] = []
-
-    def promised(loose: float, tell: object) -> list[dict[str, float]]:
-        asked.append(loose)
-        return [{"asked_lsb": 0.1, "reached_lsb": 0.2 if len(asked) < 3 else 0.05}]
-
-    monkeypatch.setattr(choice, "promised", promised)
-    monkeypatch.setattr(choice, "CURVE_SCENES", ("flat_indenter",))
-    made = choice.measure(lambda words: None)
-    assert asked == pytest.approx([asked[0], asked[0] / 1.5, asked[0] / 1.5**2])
-    assert [len(entry["misses"]) for entry in made["held_out"]["tried"]] == [1, 1, 0]
-    assert made["budget_over_error"] == pytest.approx(asked[-1], abs=1e-3), "written with three digits"
-
-
-def replace_effects(world: Scene, without: str) -> Scene:
-    """The scene without one of its effects; a slow mirror keeps auto from leaving much out."""
-    table = world.table.effects.model_copy(update={without: None})
-    return scene.resolve(world.table.model_copy(update={"effects": table}), world.path, world.design)
-
-
-def test_a_shorter_time_costs_accuracy_and_none_at_all_is_refused(tmp_path: Path) -> None:
-    whole = plan.make(wishing("slipping_cylinder", tmp_path, time_s=10.0))
-    # A budget of nothing leaves out what moves nothing: no charge comes near the range here.
-    assert set(whole.scene.effects) - set(whole.on) == {"integrator_range"}
-    assert whole.left_out_lsb == 0
-    assert whole.accuracy is not None
-    short = plan.make(wishing("slipping_cylinder", tmp_path, time_s=0.3 * whole.accuracy.expected_s))
-    assert short.accuracy is not None
-    assert len(short.on) < len(whole.on)
-    assert short.accuracy.expected_s <= 0.3 * whole.accuracy.expected_s
-    with pytest.raises(InputError, match=r"run.time_s = 1e-09: at least"):
-        plan.make(wishing("slipping_cylinder", tmp_path, time_s=1e-9))
-
-
-@pytest.mark.parametrize(
-    ("run", "said"),
-    [
-        ({"accuracy_lsb": 0.1, "time_s": 2.0}, "run.time_s"),
-        ({"accuracy_lsb": 0.1, "engine": "event"}, "run.engine"),
-        ({"time_s": 1.0, "engine": "closed"}, "run.engine"),
-        ({"accuracy_lsb": 0.0}, "run.accuracy_lsb"),
-        ({"accuracy_lsb": float("inf")}, "run.accuracy_lsb"),
-        ({"time_s": -1.0}, "run.time_s"),
-    ],
-)
-def test_what_contradicts_itself_is_refused(run: dict[str, float | str], said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=said):
-        wishing("single_touch", tmp_path, **run)
-
-
-def test_neither_a_budget_nor_an_engine_stands_beside_an_accuracy(tmp_path: Path) -> None:
-    world = wishing("single_touch", tmp_path, accuracy_lsb=0.1)
-    with pytest.raises(InputError, match=r"engine = event"):
-        plan.make(world, "event")
-    table = world.table.effects.model_copy(update={"auto": AutoTable()})
-    with pytest.raises(InputError, match=r"effects\.auto"):
-        scene.resolve(world.table.model_copy(update={"effects": table}), world.path)
-
-
-def test_the_resolved_scene_is_the_same_plan(tmp_path: Path) -> None:
-    made = plan.make(wishing("single_touch", tmp_path, accuracy_lsb=0.1))
-    path = tmp_path / "resolved.toml"
-    path.write_text(made.resolved_toml(tmp_path))
-    again = plan.load(path)
-    assert again.on == made.on
-    assert again.engine == made.engine
-    assert again.accuracy == made.accuracy
-
-
-def test_a_run_states_what_it_reached(tmp_path: Path) -> None:
-    path = tmp_path / "wish.toml"
-    path.write_text(
-        'title = "wish"\n[array]\nrows = 4\ncols = 4\n[stimulus]\nkind = "uniform"\ncode = [90]\n'
-        "[effects]\nrow_driver = true\ncharge_packet = true\nintegrator_bandwidth = true\n"
-        "[run]\naccuracy_lsb = 0.2\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-m", "dermis", "run", str(path), "--out", str(tmp_path / "out")],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    said = json.loads((tmp_path / "out" / "summary.json").read_text())
-    names = {row["name"]: row for row in said["verdicts"]}
-    assert names["run.reached_lsb.wish"]["max"] == 0.2
-    assert names["run.reached_s.wish"]["value"] > 0
-    assert said["info"]["accuracy"]["wanted_lsb"] == 0.2
-    assert said["certified"]["budget_lsb"] == said["info"]["accuracy"]["budget_lsb"] > 0
-    assert said["certified"]["left_out_lsb"] <= said["certified"]["budget_lsb"]
-
-
-def test_a_recording_is_judged_to_its_end(tmp_path: Path) -> None:
-    """64 open frames, then 64 at a decision that the error of the ratio moves: the first ones said 0."""
-    path = tmp_path / "late.toml"
-    ohm = [float("inf")] * 64 + [250.0 * 510 / 200.48] * 64
-    path.write_text(
-        f'[stimulus]\nkind = "uniform"\nr_ohm = {ohm}\n[run]\naccuracy_lsb = 0.1\n'
-        "[effects]\nmirror_ratio = { ratio_error = 2e-4, spread = 0.0 }\n"
-    )
-    made = plan.make(scene.load(path))
-    result = engines.run(made)
-    assert choice.reached_lsb(made, result) > 0.9
-    better, again = choice.settled(made, result, engines.run)
-    assert choice.reached_lsb(better, again) == 0
-    assert (again.codes == engines.run(plan.whole(made.scene, "event")).codes).all()
-
-
-def test_pieces_that_are_judged_are_spread_and_hold_the_fullest_frame() -> None:
-    ohm = [1e5] * 700 + [400.0] + [1e5] * 299
-    data = {
-        "stimulus": {"kind": "uniform", "r_ohm": ohm},
-        "run": {"accuracy_lsb": 1.0},
-        "effects": {"trace": True},
-    }
-    made = plan.make(scene.from_data(data, Path("made.toml")))
-    parts = choice._judged(made)
-    assert any(part.start <= 700 < part.stop for part in parts)
-    assert parts[0].start == 0
-    assert parts[-1].stop == made.frames
-    assert sum(part.stop - part.start for part in parts) <= choice._JUDGED // 256
-
-
-def test_effects_that_a_wish_does_not_name_are_said_not_to_be_named(tmp_path: Path) -> None:
-    made = plan.make(wishing("single_touch", tmp_path, accuracy_lsb=0.1))
-    reasons = {e.name: e.reason for e in made.effects if e.bound_lsb is None}
-    assert {n: r for n, r in reasons.items() if r != "not named" and "topology" not in r} == {}
-
-
-def test_an_ablation_of_a_wish_is_of_all_that_the_scene_names(tmp_path: Path) -> None:
-    world = wishing("single_touch", tmp_path, accuracy_lsb=0.1)
-    assert set(ablate.with_effects(world, world.effects).on) == set(world.effects)
+@pytest.mark.parametrize("key", ["accuracy_lsb", "time_s"])
+def test_a_scene_that_asks_for_an_accuracy_is_told_of_auto(key: str, tmp_path: Path) -> None:
+    data = {"stimulus": {"kind": "uniform", "r_ohm": 1e3}, "run": {key: 0.1}}
+    with pytest.raises(InputError, match=rf"run\.{key} = 0\.1: .*effects\] auto"):
+        scene.from_data(data, tmp_path / "asks.toml")

@@ -33,7 +33,7 @@ def made(effects: dict[str, Any], engine: str | None = None, **more: Any) -> rec
 
 
 def certified(plan: records.Plan) -> engines.Result:
-    return engines.certify(plan, engines.run(plan))
+    return certificate.certify(plan, engines.run(plan))
 
 
 def on(plan: records.Plan) -> set[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dermis import auto, effects, engines, records
 from dermis import plan as planning
-from dermis.engines import event
+from dermis.engines import certificate, event
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.report.progress import slots
@@ -201,10 +201,10 @@ def compare(data: dict[str, Any], path: Path, warm: set[Any] | None = None) -> O
     world = scene.from_data(data, path)
     if warm is not None and _loops(chosen := planning.make(world)) not in warm:
         warm.add(_loops(chosen))
-        engines.certify(chosen, engines.run(chosen))
+        certificate.certify(chosen, engines.run(chosen))
     start = time.process_time()
     chosen = planning.make(world)
-    result = engines.certify(chosen, engines.run(chosen))
+    result = certificate.certify(chosen, engines.run(chosen))
     seconds = time.process_time() - start
 
     table = world.table.effects.model_copy(update={"auto": None} | world.effects)

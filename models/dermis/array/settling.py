@@ -4,16 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dermis.array import float_flags
 from dermis.array.array import Network, in_range
-
-if TYPE_CHECKING:
-    from dermis.records import Timing
+from dermis.timing import Timing
 
 Floats = NDArray[np.float64]
 

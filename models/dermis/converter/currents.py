@@ -13,7 +13,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -23,6 +22,7 @@ from dermis.array import float_flags, settling, solve_error
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import ripple
 from dermis.converter.coupling import Coupling, Way, couples, coupling
+from dermis.converter.course import Course as Course
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError
 from dermis.records import Drive, Plan
@@ -60,22 +60,6 @@ def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
     follows, rest = column_currents_by_source(network, g)
     return follows, np.zeros_like(follows) if rest is None else rest
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
-
-    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the gate beyond
-    the mean of its ends, None where everything goes straight.
-    """
-
-    follows_begin: Floats
-    follows_end: Floats
-    rest_begin: Floats
-    rest_end: Floats
-    follows_bend: Floats | None = None
-    rest_bend: Floats | None = None
 
 
 def course(plan: Plan, part: slice, dark: bool = False) -> Course:

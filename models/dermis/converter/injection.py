@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from dermis.array import settling
 from dermis.converter.vfc import W_PRESET, Y_MIN
 
-if TYPE_CHECKING:
-    from dermis.records import Plan
-
 Floats = NDArray[np.float64]
 
 
-def counts(plan: Plan) -> dict[str, Floats]:
+def counts(plan: Any) -> dict[str, Floats]:
     """Counts [cols] at most that capacitances move codes by beyond what lines settle, by the field that does it.
 
     `ripple`: a bias that ripples pushes C dV through the taxel of the driven row.
@@ -64,7 +61,7 @@ def counts(plan: Plan) -> dict[str, Floats]:
     return found
 
 
-def _follows_jumps(plan: Plan) -> NDArray[np.bool_]:
+def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
     """Whether slow mirrors feel what a taxel's capacitance brings when its row is driven, [cols], in every frame."""
     network = plan.network(0)
     if network.r_trace_row_ohm or network.r_trace_column_ohm:

@@ -4,17 +4,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis.converter.course import Course
 from dermis.converter.vfc import X_INFINITE
 from dermis.errors import InputError
 from dermis.records import Plan
-
-if TYPE_CHECKING:
-    from dermis.converter.currents import Course
 
 Floats = NDArray[np.float64]
 

@@ -172,12 +172,3 @@ def _lsb(plan: Plan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     lsb = c.k * c.i0_a / gain / timing.gate_clocks
     start = (np.abs(c.v_comp_offset_v) + np.abs(c.preset_error_v)) / c.packet_v()
     return lsb, lsb * (2.0 * (timing.code_max + 1) + start) + c.k * np.abs(c.i_offset_a) / gain
-
-
-def certify(plan: Plan, result: Result) -> Result:
-    """Fill in the lower and upper codes of a run: where something is random or left out, that is further runs."""
-    if result.low is None or result.high is None:
-        from dermis.engines.certificate import certified
-
-        result.low, result.high = certified(plan, result)
-    return result

@@ -25,7 +25,7 @@ import numpy as np
 
 from dermis import engines
 from dermis.array import solve_error
-from dermis.engines import Result
+from dermis.engines import Result, certificate
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.processes import children, pool
 from dermis.records import Plan
@@ -112,7 +112,7 @@ def run(
         )
     if processes <= 1 or plan.frames == 1:
         result = engines.run(plan, progress, **options)
-        return engines.certify(plan, result) if certified else result
+        return certificate.certify(plan, result) if certified else result
     with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
         return _run_parts(plan, executor, processes, progress, certified, options)
 
@@ -202,7 +202,7 @@ def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]
     """Run one part in a worker."""
     same_version(version)
     result = engines.run(part, **options)
-    return engines.certify(part, result) if certified else result
+    return certificate.certify(part, result) if certified else result
 
 
 def same_version(version: str) -> None:

@@ -71,10 +71,9 @@ class Cost:
 
 
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
-    """The plan of a scene with exactly these effects, whatever `auto` or a wish for accuracy would make of them."""
+    """The plan of a scene with exactly these effects, whatever `auto` would make of them."""
     effects = world.table.effects.model_copy(update={"auto": None})
-    run = world.table.run.model_copy(update={"accuracy_lsb": None, "time_s": None})
-    table = world.table.model_copy(update={"effects": effects, "run": run})
+    table = world.table.model_copy(update={"effects": effects})
     return plan.make(replace(world, table=table, effects=dict(on)), engine)
 
 

@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines
 from dermis.decode.force import decode
 from dermis.effects import AutoTable
-from dermis.engines import Result
+from dermis.engines import Result, certificate
 from dermis.errors import InputError, SimulatorError
 from dermis.files import locked
 from dermis.processes import children
@@ -233,7 +232,7 @@ def _certified(plan: Plan, result: Result) -> dict[str, Any]:
     auto = plan.scene.table.effects.auto or AutoTable()
     budget_lsb = auto.budget_lsb if plan.scene.table.effects.auto else 0.0
     return {
-        "budget_lsb": budget_lsb if plan.accuracy is None else plan.accuracy.budget_lsb,
+        "budget_lsb": budget_lsb,
         "sigma": auto.sigma,
         "left_out_lsb": plan.left_out_lsb,
         "margin_lsb": _json(float(np.max(plan.margin_lsb))),
@@ -272,7 +271,7 @@ def write(
     InputError
         They cannot be written; those of an earlier run stay.
     """
-    engines.certify(plan, result)
+    certificate.certify(plan, result)
     files: dict[str, bytes] = {
         "codes.npy": _npy(result.codes),
         "codes_low.npy": _npy(result.low),

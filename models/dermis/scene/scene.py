@@ -18,7 +18,7 @@ from dermis.errors import InputError
 from dermis.scene import extracted
 from dermis.scene.design import ROOT, Design
 from dermis.scene.design import load as load_design
-from dermis.scene.schema import Strict, entry, quoted, read_toml, validate, write_toml
+from dermis.scene.schema import Strict, entry, read_toml, validate, write_toml
 from dermis.scene.sensor import SensorTable
 from dermis.scene.sensor import resolve as resolve_sensor
 from dermis.scene.stimulus import StimulusTable
@@ -100,19 +100,6 @@ class RunTable(Strict):
         "cosim: the real Verilog with ngspice",
         'one of "closed", "event", "rtl", "cosim"',
         default_from="the cheapest that can do the scene",
-    )
-    accuracy_lsb: float | None = entry(
-        None,
-        "Chooses engine and effects: the fastest whose codes differ by so much on average from those with every effect "
-        "that is named (docs/accuracy.md)",
-        "a finite number > 0, without run.time_s, run.engine and effects.auto",
-        gt=0,
-    )
-    time_s: float | None = entry(
-        None,
-        "Chooses engine and effects: the most exact that are expected to run in so much processor time",
-        "a finite number > 0, without run.accuracy_lsb, run.engine and effects.auto",
-        gt=0,
     )
     seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
     views: View | ViewsTable = entry(
@@ -247,7 +234,6 @@ def with_views(world: Scene, views: str) -> Scene:
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in every default that comes from the design, and check what no single key can."""
     design = design or load_design()
-    _check_wish(table, path)
     array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
     sensor = resolve_sensor(table.sensor, design.sensor, path)
     interface = _filled(
@@ -285,23 +271,6 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     on = resolve_effects(named, Setting.of(resolved, design, _no_rng), path)
     check_together(on, interface.topology, packet_v, path)
     return Scene(path, resolved, on, design)
-
-
-def _check_wish(table: SceneTable, path: Path) -> None:
-    """An accuracy or a time chooses by itself what nothing else may say beside it."""
-    run = table.run
-    wishes = [name for name in ("accuracy_lsb", "time_s") if getattr(run, name) is not None]
-    if len(wishes) == 2:
-        raise InputError(
-            path, "run.time_s", run.time_s, "not beside run.accuracy_lsb: one chooses the setting"
-        )
-    if wishes and run.engine is not None:
-        raise InputError(
-            path, "run.engine", quoted(run.engine), f"none beside run.{wishes[0]}, which chooses it"
-        )
-    if wishes and table.effects.auto is not None:
-        allowed = f"none beside run.{wishes[0]}, which chooses the budget"
-        raise InputError(path, "effects.auto", "(a table)", allowed)
 
 
 def _no_rng(name: str) -> Any:

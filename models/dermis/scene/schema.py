@@ -24,6 +24,9 @@ SCENE_BYTES_MAX = 1 << 20
 
 # No quantity of this field lies outside, and products and ratios of a few numbers inside stay doubles.
 SIZE_MIN, SIZE_MAX = 1e-30, 1e30
+_GONE = dict.fromkeys(
+    ("run.accuracy_lsb", "run.time_s"), "removed; use [effects] auto = {}, or auto = { budget_lsb = ... }"
+)
 _SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
 
 
@@ -210,6 +213,8 @@ def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str
     key = ".".join(names) or "scene"
     if error["type"] == "extra_forbidden":
         owner = _models_of(schema)
+        if key in _GONE:
+            return InputError(file, key, quoted(here), _GONE[key])
         keys = sorted({k for m in owner for k in m.model_fields})
         return InputError(file, key, quoted(here), "unknown key; known here: " + (", ".join(keys) or "none"))
     if error["type"] == "union_tag_not_found":

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import click
 
-from dermis import accuracy_choice as choice
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
 from dermis.report import verdict
@@ -226,22 +225,18 @@ def _copy_figures(docs: bool) -> None:
 
 
 def _refuse_contradictions(
-    quick: bool, repeat: int | None, docs: bool, curve: bool, redraw: bool, only: str | None
+    quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None
 ) -> None:
     """Refuse what would be ignored, or would put a part of the measurement in the place of the whole.
 
     Raises
     ------
     InputError
-        --table or --redraw with what they do not read, --docs of a part, --quick with what it leaves out.
+        --redraw with what it does not read, --docs of a part, --quick with what it leaves out.
     """
     measured = {"--quick": quick, "--repeat": repeat is not None, "--only": only is not None}
-    for flag, asked, others in (
-        ("--table", curve, measured | {"--docs": docs, "--redraw": redraw}),
-        ("--redraw", redraw, measured),
-    ):
-        if asked and (ignored := [name for name, given in others.items() if given]):
-            raise InputError("command line", flag, f"with {' and '.join(ignored)}", "it by itself")
+    if redraw and (ignored := [name for name, given in measured.items() if given]):
+        raise InputError("command line", "--redraw", f"with {' and '.join(ignored)}", "it by itself")
     if docs and (quick or only):
         raise InputError("command line", "--docs", "with --quick or --only", "a whole run")
     if quick and repeat is not None:
@@ -256,24 +251,17 @@ def _refuse_contradictions(
 @click.option("--quick", is_flag=True, help="Fewer settings, once each, and none of --only sky130.")
 @click.option("--repeat", type=click.IntRange(1, 99), help="Runs of each setting; default 3, with --quick 1.")
 @click.option("--docs", is_flag=True, help="Also write docs/accuracy.md and docs/figures/accuracy_*.png.")
-@click.option("--table", "curve", is_flag=True, help="Only measure and write models/accuracy.json.")
 @click.option(
     "--redraw", is_flag=True, help="Only draw the figures again, from the csv files of the last run."
 )
 @click.option("--only", type=click.Choice(["order", "converter", "frames", "sky130"]), help="One part.")
-def accuracy_command(
-    quick: bool, repeat: int | None, docs: bool, curve: bool, redraw: bool, only: str | None
-) -> int:
+def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None) -> int:
     """What accuracy costs in simulation time: error against time, drawn, in build/accuracy."""
 
     def tell(words: str) -> None:
         click.echo(words, err=True)
 
-    _refuse_contradictions(quick, repeat, docs, curve, redraw, only)
-    if curve:
-        choice.write(tell)
-        click.echo("written: models/accuracy.json")
-        return 0
+    _refuse_contradictions(quick, repeat, docs, redraw, only)
     if redraw:
         files = [OUT / f"{file}.csv" for file in _FIGURES.values()]
         draw([point for file in files if file.exists() for point in from_csv(file.read_text())], OUT)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dermis import engines, plan
 from dermis.effects import AutoTable
-from dermis.engines import Result, cosim
+from dermis.engines import Result, certificate, cosim
 from dermis.errors import SimulatorError
 from dermis.processes import cpu_time
 from dermis.records import Plan
@@ -165,7 +165,7 @@ def certified(made: Plan) -> Outcome:
     """The run with codes between which those of the chip lie: what it says of its own error."""
 
     def run() -> Result:
-        return engines.certify(made, engines.run(made))
+        return certificate.certify(made, engines.run(made))
 
     result = run()
     seconds = cpu_time.cpu_seconds(run) / made.frames

@@ -22,7 +22,7 @@ from dermis import auto, engines
 from dermis import plan as planning
 from dermis.array.array import column_currents, column_currents_by_source, column_currents_with_bounds
 from dermis.converter import coupling, currents, vfc
-from dermis.engines import Result, closed, event
+from dermis.engines import Result, certificate, closed, event
 from dermis.records import Plan
 from tb.programs.campaign.world import World
 
@@ -92,7 +92,7 @@ class Subject:
         """Engine event; where everything goes through cosim, what auto chose."""
         plan = self.chosen if self.plan.engine == "cosim" else self.plan
         engines.check(plan)
-        return engines.certify(plan, engines.run(plan))
+        return certificate.certify(plan, engines.run(plan))
 
     @property
     def x(self) -> Floats:
@@ -266,7 +266,7 @@ def parts(s: Subject) -> Iterator[str]:
     found = []
     for first, stop in ((0, cut), (cut, s.plan.frames)):
         part = s.plan.part(first, stop)
-        found.append(engines.certify(part, engines.run(part)))
+        found.append(certificate.certify(part, engines.run(part)))
     for name in ("codes", "low", "high"):
         together = np.concatenate([getattr(r, name) for r in found])
         differ = together != getattr(s.result, name)
@@ -481,7 +481,7 @@ def budget(s: Subject) -> Iterator[str]:
     if engines.refuses(s.chosen, s.chosen.engine):
         return
     yield COMPARED
-    yield from _within_budget(s, s.result.codes, engines.certify(s.chosen, engines.run(s.chosen)), 0)
+    yield from _within_budget(s, s.result.codes, certificate.certify(s.chosen, engines.run(s.chosen)), 0)
 
 
 def _within_budget(s: Subject, codes: NDArray[Any], found: Result, apart_anyway: int) -> Iterator[str]:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines, plan
+from dermis import plan
 from dermis.chip import hdl
 from dermis.converter import vfc
 from dermis.engines import closed, cosim, event, rtl
+from dermis.engines.certificate import certify
 from dermis.records import Plan
 from dermis.scene import scene
 from tb.programs.hard.case import Measured
@@ -203,7 +204,7 @@ def certificate(world: World, margin: float) -> Measured:
     unit_ohm = made.v_bias_v / float(made.converter.k[0] * made.converter.i0_a[0])
     made = dataclasses.replace(made, resistance_ohm=resistances(x, unit_ohm), force_n=None, margin_lsb=margin)
     begin = time.perf_counter()
-    result = engines.certify(made, event.run(made))
+    result = certify(made, event.run(made))
     seconds = time.perf_counter() - begin
     assert result.low is not None
     assert result.high is not None
