@@ -53,8 +53,16 @@ CASES = (
 FIGURES = {
     "cylindrical_frame.png": "cylindrical_indenter/frame.png",
     "triangular_transient.png": "triangular_indenter/transient.png",
+    "indenters.png": "indenters.png",
 }
-"""Figures of the README, and the results they are copies of."""
+"""Figures of the documentation, and the files of a run that they are copies of."""
+
+INDENTERS = {
+    "flat": "flat_indenter",
+    "triangular": "triangular_indenter",
+    "cylindrical": "cylindrical_indenter",
+}
+"""Cases of the paper's Fig. 10."""
 
 
 def frame_file_case(
@@ -140,6 +148,16 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
     return rows
 
 
+def draw_indenters() -> None:
+    """Draw the paper's Fig. 10 from the middle row of three cases of this run, flat, triangular, cylindrical."""
+    lines = {}
+    for name, case in INDENTERS.items():
+        made = plan.load(SCENES / f"{case}.toml", "cosim")
+        assert made.force_n is not None
+        lines[name] = np.load(OUT / case / "codes.npy")[0, made.rows // 2], made.force_n[0, made.rows // 2]
+    figures.indenter_figure(lines, OUT / "indenters.png")
+
+
 def run(cases: list[Case]) -> tuple[list[Row], bool]:
     """Run cases side by side; return the rows in their order and whether a simulator failed."""
     plans = [plan.load(case.scene, "cosim") for case in cases]
@@ -217,6 +235,8 @@ def sim_command(
                 raise InputError("command line", "--only", name, f"one of {', '.join(known)}")
         cases = [case for case in cases if case.name in only]
     verdicts, failed = run(cases)
+    if not failed and set(INDENTERS.values()) <= {case.name for case in cases}:
+        draw_indenters()
     verdict.write_rows("sim", verdicts)
     verdict.print_rows(
         verdicts, "Full-array regression: Verilog and ngspice in lock-step against the exact count"

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a run: force map, code map, code against force with its fit, and the transient of several taxels."""
+"""Figures of a run: force and code maps, code against force with its fit, transients, indenters."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,14 @@ from dermis.files import atomic
 from dermis.records import Plan
 from dermis.report import waves
 
-# Okabe and Ito: told apart by the colour-blind as well.
+# Okabe and Ito: distinct for colour-blind readers as well.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "black", "#56B4E9", "#8B6F00", GREY)
 DPI = 130
+
+POINTS_MAX = 5000
+"""Most points drawn one by one. Above it they are counted in bins, which takes 0.1 s for a million."""
+_BINS = 200
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -28,18 +34,71 @@ def save(figure: Figure, path: Path) -> None:
         figure.savefig(file, dpi=DPI, format="png")
 
 
-def _map(figure: Figure, axes: Any, values: NDArray[Any], label: str, title: str, **limits: float) -> None:
-    image = axes.imshow(values, cmap="viridis", interpolation="nearest", **limits)
-    axes.set_title(title, fontsize=10)
-    axes.set_xlabel("column")
-    axes.set_ylabel("row")
-    figure.colorbar(image, ax=axes, label=label, shrink=0.85)
+def end_labels(axes: Any, curves: Sequence[tuple[float, float, str, str]], gap: float = 0.045) -> None:
+    """Write the name of each curve at its right end, moved apart where ends are close.
+
+    Parameters
+    ----------
+    axes : the axes, with scales and limits already set
+    curves : x and y of the end, name and colour of each curve
+    gap : least distance of two names, as a part of the axes' height
+    """
+    to_axes = axes.transData + axes.transAxes.inverted()
+    ends = sorted((float(to_axes.transform((x, y))[1]), x, name, colour) for x, y, name, colour in curves)
+    heights: list[float] = []
+    for height, *_ in ends:
+        heights.append(max(height, heights[-1] + gap) if heights else height)
+    over = max(0.0, heights[-1] - 0.98) if heights else 0.0
+    for (_, _, name, colour), height in zip(ends, heights, strict=True):
+        place = {"transform": axes.transAxes, "va": "center", "fontsize": 8, "clip_on": False}
+        axes.text(1.012, height - over, name, color=colour, **place)
+
+
+def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:
+    """Draw points, or their number in each cell of a grid where there are more than `POINTS_MAX`."""
+    if x.size <= POINTS_MAX:
+        axes.plot(x, y, ".", color=BLUE, ms=4, label=label)
+        return
+    edges = [np.linspace(v.min(), max(v.max(), v.min() + 1e-9), _BINS + 1) for v in (x, y)]
+    # Equal bins: the place follows from the value, where numpy's histogram2d would search for it.
+    place = [
+        np.clip(((v - e[0]) * (_BINS / (e[-1] - e[0]))).astype(int), 0, _BINS - 1)
+        for v, e in zip((x, y), edges, strict=True)
+    ]
+    number = np.bincount(place[1] * _BINS + place[0], minlength=_BINS**2).reshape(_BINS, _BINS)
+    shown = np.ma.masked_equal(number, 0)
+    image = axes.pcolormesh(*edges, shown, cmap="Blues", norm="log", vmin=0.3, rasterized=True)
+    axes.figure.colorbar(image, ax=axes, label=f"{label} in each cell")
+
+
+def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]:
+    """Return places of maps and curves, and the size of the figure, for the shape of an array."""
+    if rows > 1.5 * cols:
+        return [["press", "codes", "curve"], ["press", "codes", "rest"]], (12, 6.2)
+    if cols > 1.5 * rows:
+        return [["press", "curve"], ["codes", "rest"]], (12, 5.4)
+    return [["press", "codes"], ["curve", "rest"]], (11, 7.6)
+
+
+def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
+    """Return codes on the colour scale, and the force or resistance that an ideal chip reads as each."""
+    codes = [round(code_max * part / 4) for part in range(5)]
+    duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
+    if made.force_n is not None:
+        return codes, [
+            f"{code}  ({n:.3g} N)" for code, n in zip(codes, made.force_of_duty(duty)[:, 0], strict=True)
+        ]
+    ohm = made.ohm_of_duty(duty)[:, 0]
+    return codes, [
+        f"{code}  ({r:.3g} ohm)" if np.isfinite(r) else f"{code}  (open)"
+        for code, r in zip(codes, ohm, strict=True)
+    ]
 
 
 def frame_figure(
     made: Plan, codes: NDArray[Any], fit: tuple[float, float, NDArray[np.float64]] | None, path: Path
-) -> None:
-    """Draw one run: force and codes of the strongest frame, code against force of all, and the fit's residual.
+) -> Figure:
+    """Draw one run: stimulus and codes of the strongest frame on one scale, code against force, residual.
 
     Parameters
     ----------
@@ -48,57 +107,82 @@ def frame_figure(
     fit : slope (codes a newton), offset and residuals of the taxels below saturation, or None
     path : where the PNG goes
     """
-    figure = Figure(figsize=(11, 6.2), layout="constrained")
-    grid = figure.subplots(2, 2, height_ratios=[1.25, 1])
+    places, size = _layout(made.rows, made.cols)
+    with_force = made.force_n is not None
+    if not with_force:
+        places, size = [["press", "codes"]], (11, 4.4) if size[1] > 7 else size
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplot_mosaic(
+        places, height_ratios=[1.3, 1] if places[0] == ["press", "codes"] and with_force else None
+    )
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     code_max = made.timing.code_max
+    steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
+    pressed = "force" if with_force else "conductance"
+    for name, values, title in (
+        ("press", np.minimum(steps, code_max), f"Stimulus: {pressed} on the taxel{which}"),
+        ("codes", codes[frame], f"Code that the chip reports{which}"),
+    ):
+        image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=code_max)
+        axes[name].set_title(title, fontsize=10)
+        axes[name].set_xlabel("column")
+        axes[name].set_ylabel("row")
+        axes[name].locator_params(integer=True)
+    ticks, words = _scale(made, code_max)
+    bar = figure.colorbar(
+        image, ax=[axes["press"], axes["codes"]], ticks=ticks, label=f"code (ideal {pressed})"
+    )
+    bar.ax.set_yticklabels(words, fontsize=8)
+    if with_force:
+        _curves(made, codes, fit, axes["curve"], axes["rest"])
+    save(figure, path)
+    return figure
+
+
+def _curves(
+    made: Plan,
+    codes: NDArray[Any],
+    fit: tuple[float, float, NDArray[np.float64]] | None,
+    curve: Any,
+    rest: Any,
+) -> None:
+    """Draw code against force of every taxel with the fitted line, and what the line leaves."""
+    assert made.force_n is not None
+    code_max = made.timing.code_max
     full_n = 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max())
-    if made.force_n is None:
-        values, label = made.resistance_ohm[frame], "resistance / ohm"
-        values = np.where(np.isfinite(values), values, np.nan)
-    else:
-        values, label = np.minimum(made.force_n[frame], full_n), "force / N"
-    _map(figure, grid[0, 0], values, label, f"What presses{which}")
-    _map(figure, grid[0, 1], codes[frame], "code", f"What the chip reports{which}", vmin=0, vmax=code_max)
-    curve, rest = grid[1]
-    if made.force_n is None:
-        curve.set_visible(False)
-        rest.set_visible(False)
-        save(figure, path)
-        return
     force = made.force_n.ravel()
-    shown = force <= full_n  # a short is as good as an infinite force
-    curve.plot(force[shown], codes.ravel()[shown], ".", color=BLUE, ms=4, label=f"{int(shown.sum())} codes")
+    shown = np.isfinite(force) & (force <= full_n)  # a short is as good as an infinite force
+    if shown.any():
+        cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} codes")
     if fit is not None:
         line = np.array([0.0, (code_max - fit[1]) / fit[0]])
         curve.plot(
-            line, fit[0] * line + fit[1], "-", color=ORANGE, lw=1, label=f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
+            line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
         )
-    curve.set_xlabel("force on the taxel / N")
-    curve.set_ylabel("code")
     curve.set_ylim(-8, code_max + 13)
-    curve.legend(frameon=False, fontsize=8)
-    curve.grid(alpha=0.3)
+    curve.set_ylabel("code")
+    curve.set_title("Code against force", fontsize=10)
+    if curve.get_legend_handles_labels()[0]:
+        curve.legend(frameon=False, fontsize=8, loc="lower right")
     rest.set_title("Residual of the fit, below saturation", fontsize=10)
-    rest.set_xlabel("force on the taxel / N")
     rest.set_ylabel("code - fit / LSB")
-    rest.grid(alpha=0.3)
-    if fit is not None:
-        steps = made.timing.gate_clocks * made.duty_ideal()
-        below = np.isfinite(made.force_n) & (steps <= code_max)
-        rest.plot(made.force_n[below], fit[2], ".", color=BLUE, ms=4)
-        for limit in (-0.5, 0.5):
-            rest.axhline(limit, color=GREY, lw=0.8, ls="--")
-        most = 1.1 * max(1.0, float(np.abs(fit[2]).max()))
-        rest.set_ylim(-most, most)
-    else:
+    for axes in (curve, rest):
+        axes.set_xlabel("force on the taxel / N")
+        axes.grid(alpha=0.3)
+    if fit is None:
         rest.text(0.5, 0.5, "no line to fit", ha="center", transform=rest.transAxes)
-    save(figure, path)
+        return
+    below = np.isfinite(made.force_n) & (made.timing.gate_clocks * made.duty_ideal() <= code_max)
+    cloud(rest, made.force_n[below], fit[2], f"{int(below.sum())} codes")
+    for limit in (-0.5, 0.5):
+        rest.axhline(limit, color=GREY, lw=0.8, ls="--")
+    most = 1.1 * max(1.0, float(np.abs(fit[2]).max()))
+    rest.set_ylim(-most, most)
 
 
 def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -> None:
-    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row, from the preset's release.
+    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row after the preset.
 
     Parameters
     ----------
@@ -114,34 +198,59 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     duty = np.minimum(made.duty_ideal()[0], 1.0)
     row = int(np.argmax(duty.sum(axis=1)))
     columns = _spread(duty[row])
-    start = row * made.timing.slot_clocks + made.timing.settle_clocks
+    preset = waves.trace(record, "preset")
+    start = [n + 1 for n in range(1, len(preset)) if preset[n - 1] and not preset[n]][row]
     first, last = (start - 3) * t_clk, (start + clocks) * t_clk
-    figure = Figure(figsize=(11, 1.2 + 1.25 * len(columns)), layout="constrained")
-    rows = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
+    figure = Figure(figsize=(11, 1.2 + 1.45 * len(columns)), layout="constrained")
+    rows = figure.subplots(len(columns), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     shown = (time_s >= first - t_clk) & (time_s <= last + t_clk)
+    low, high = float(v_int[columns][:, shown].min()), float(v_int[columns][:, shown].max())
+    span = np.arange(start - 3, start + clocks + 1)
+    # The switch has a band of its own below all voltages.
+    top, bottom = low - 0.12 * (high - low), low - 0.32 * (high - low)
     for axes, column in zip(rows, columns, strict=True):
-        axes.plot((time_s[shown] - start * t_clk) * 1e6, v_int[column][shown], color=BLUE, lw=1)
+        axes.plot((time_s[shown] - start * t_clk) * 1e6, v_int[column][shown], color=BLUE, lw=1.2)
         axes.axhline(0.0, color=GREY, lw=0.6)
-        axes.set_ylabel("v_int / V", color=BLUE)
-        pulses = axes.twinx()
-        span = np.arange(start - 3, start + clocks + 1)
-        bits = [charge[clock - 1] >> column & 1 for clock in span]
-        pulses.step((span + delay - start) * t_clk * 1e6, bits, where="post", color=RED, lw=1)
-        pulses.set_ylim(-0.1, 4.0)
-        pulses.set_yticks([])
+        bits = np.array([charge[clock - 1] >> column & 1 for clock in span])
+        at = (span + delay - start) * t_clk * 1e6
+        axes.fill_between(at, bottom, np.where(bits, top, bottom), step="post", color=ORANGE, lw=0)
         force = "" if made.force_n is None else f"{made.force_n[0, row, column]:.2f} N, "
-        axes.set_title(
-            f"row {row}, column {column}: {force}x = {duty[row, column]:.3f}, code {result.codes[0, row, column]}",
-            fontsize=9,
-            loc="left",
-        )
+        words = f"row {row}, column {column}: {force}x = {duty[row, column]:.3f}, code {result.codes[0, row, column]}"
+        axes.set_title(words, fontsize=9, loc="left")
         axes.set_xlim(-3 * t_clk * 1e6, clocks * t_clk * 1e6)
-    rows[-1].set_xlabel("time since the preset's release / us (blue: integrator, red: charge switch)")
+        axes.set_ylabel("v_int / V")
+    rows[0].set_title("line: integrator; bar: charge switch on", fontsize=9, loc="right")
+    rows[-1].set_xlabel("time after the release of the preset / us")
+    save(figure, path)
+
+
+def indenter_figure(runs: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], path: Path) -> None:
+    """Draw the paper's Fig. 10: codes of a line of taxels (a) above the force profiles (b) of indenters.
+
+    Parameters
+    ----------
+    runs : by name of an indenter, codes and forces in newtons of the taxels of the line
+    path : where the PNG goes
+    """
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    output, profile = figure.subplots(2, 1, sharex=True)
+    for (name, (codes, force_n)), colour, marker in zip(runs.items(), COLOURS, "os^Dv", strict=False):
+        taxels = np.arange(len(codes))
+        output.plot(taxels, codes, marker=marker, color=colour, label=name, lw=1.2, mfc="none")
+        profile.step(taxels, force_n, where="mid", color=colour, lw=1.4)
+    output.legend(frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    output.set_ylabel("(a)  code of the chip")
+    profile.set_ylabel("(b)  force on the taxel / N")
+    profile.set_xlabel("taxel of the line")
+    profile.locator_params(axis="x", integer=True)
+    for axes in (output, profile):
+        axes.grid(alpha=0.3)
+        axes.set_ylim(bottom=0)
     save(figure, path)
 
 
 def _spread(duty: NDArray[np.float64], most: int = 4) -> list[int]:
-    """Columns whose duties are spread over those of the row, the strongest first."""
+    """Return columns whose duties are spread over those of the row, the strongest first."""
     order = np.argsort(-duty, kind="stable")
     order = [int(c) for c in order if duty[c] > 0.01] or [int(order[0])]
     # Duties closer than this are one line in the figure.

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures: one scale for both maps, portrait arrays, and bins in place of millions of points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from dermis import plan
+from dermis.engines import closed
+from dermis.records import Plan
+from dermis.report import comparison, figures
+from dermis.scene import scene
+
+
+def made(tmp_path: Path, newtons: np.ndarray) -> Plan:
+    np.save(tmp_path / "frames.npy", newtons)
+    data = {
+        "array": {"rows": newtons.shape[1], "cols": newtons.shape[2]},
+        "stimulus": {"kind": "frames", "file": "frames.npy", "unit": "newtons"},
+    }
+    return plan.make(scene.from_data(data, tmp_path / "frames.toml"), "closed")
+
+
+def drawn(tmp_path: Path, which: Plan) -> tuple[Figure, dict[str, Any]]:
+    codes = closed.run(which).codes
+    path = tmp_path / "frame.png"
+    figure = figures.frame_figure(which, codes, comparison.fit_residual(which, codes), path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    return figure, {axes.get_label(): axes for axes in figure.axes}
+
+
+def points(figure: Figure) -> int:
+    return sum(len(line.get_xdata()) for axes in figure.axes for line in axes.lines)
+
+
+def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: Path) -> None:
+    forces = np.random.default_rng(1).uniform(0, 14.9, (figures.POINTS_MAX // 256, 16, 16))
+    figure, axes = drawn(tmp_path, made(tmp_path, forces))
+    assert points(figure) > 2 * forces.size, "each code twice, and the lines"
+    many = np.concatenate([forces] * 3)
+    figure, axes = drawn(tmp_path, made(tmp_path, many))
+    assert points(figure) < 100, "lines only"
+    for name in ("curve", "rest"):
+        (cells,) = [c for c in axes[name].collections if isinstance(c, QuadMesh)]
+        assert cells.get_array().sum() == many.size, "no code is lost"
+
+
+def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) -> None:
+    force = np.array([[[0.0, 7.5, 15.0, 40.0]] * 4])
+    figure, axes = drawn(tmp_path, made(tmp_path, force))
+    press, codes = (axes[name].images[0] for name in ("press", "codes"))
+    assert press.get_clim() == codes.get_clim() == (0, 255)
+    # 7.5 N are 127.5 counts; a code is a whole number.
+    assert np.abs(press.get_array() - codes.get_array()).max() <= 0.5
+    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
+    assert {"0  (0 N)", "255  (15 N)"} <= set(words)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(60, 21), (4, 16), (16, 16), (1, 16), (16, 1)])
+def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path) -> None:
+    figure, axes = drawn(tmp_path, made(tmp_path, np.full((1, rows, cols), 5.0)))
+    width, height = figure.get_size_inches()
+    box = axes["codes"].get_position()
+    taxel = box.width * width / cols
+    # Square taxels, and a map that takes a sixth of the figure in one direction at least.
+    assert taxel == pytest.approx(box.height * height / rows, rel=0.02)
+    assert max(box.width, box.height) > 0.16
+
+
+def test_a_sheet_of_resistances_alone_has_a_scale_in_ohm(tmp_path: Path) -> None:
+    figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 5.0)), force_n=None))
+    words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
+    assert {"0  (open)", "255  (500 ohm)"} <= set(words)
+    assert "curve" not in axes
+
+
+def test_names_at_the_ends_of_curves_do_not_overlap() -> None:
+    axes = Figure(figsize=(6, 4)).add_subplot()
+    axes.set_ylim(0, 1)
+    figures.end_labels(axes, [(1.0, y, f"{y}", "k") for y in (0.5, 0.501, 0.502, 0.99, 0.995)])
+    heights = sorted(text.get_position()[1] for text in axes.texts)
+    assert np.diff(heights).min() >= 0.045 - 1e-9
+    assert heights[-1] <= 1.0
+
+
+def test_the_indenter_figure_has_output_over_profiles(tmp_path: Path) -> None:
+    force = np.linspace(0, 15, 16)
+    lines = {name: (np.round(17 * force), force) for name in ("flat", "triangular", "cylindrical")}
+    figures.indenter_figure(lines, tmp_path / "indenters.png")
+    assert (tmp_path / "indenters.png").stat().st_size > 10_000
