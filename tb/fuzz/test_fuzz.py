@@ -16,9 +16,10 @@ from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import scene, schema, stimulus
-from tb.programs.fuzz import command, grammar, oracle, register_model, target, worker
+from tb.programs.fuzz import command, grammar, oracle, target, worker
 from tb.programs.fuzz.faults import FAULTS
 from tb.programs.fuzz.target import NAMES
+from tb.reference import chip
 
 QUICK = ("title_in_deck", "room_for_the_limit", "short_answer")
 """Faults that some of the first inputs meet; `make test LONG=1` and `make fuzz` take all."""
@@ -275,13 +276,11 @@ def test_a_command_of_numbers_that_do_not_fit_is_refused(call: object, name: str
 
 def test_the_reference_model_follows_the_document() -> None:
     """The examples of docs/spi.md: SETTLE = 115 is written, GATE reads 510, an unknown command is E0 and counts."""
-    write = bytes((register_model.LOW,)) + b"".join(bytes((0, b)) for b in (*spi.write_command(4, 115), 0, 0))
-    read = bytes((register_model.HIGH, register_model.LOW)) + b"".join(
-        bytes((0, b)) for b in (3, 5, 0, 0, 0, 0, 0)
-    )
-    wrong = bytes((register_model.HIGH, register_model.LOW, 0, 0x77, 0, 0))
+    write = bytes((chip.LOW,)) + b"".join(bytes((0, b)) for b in (*spi.write_command(4, 115), 0, 0))
+    read = bytes((chip.HIGH, chip.LOW)) + b"".join(bytes((0, b)) for b in (3, 5, 0, 0, 0, 0, 0))
+    wrong = bytes((chip.HIGH, chip.LOW, 0, 0x77, 0, 0))
     crc = spi.crc8((3, 5, 1, 0xFE))
-    said = register_model.answer(write + read + wrong)
+    said = chip.answer(write + read + wrong)
     assert said == bytes((*[0] * 6, 0x5A, *[0] * 3, 0xA5, 1, 0xFE, crc, 0, 0xE0, 0, 1, 0, 0))
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cocotb.triggers import Timer
-from rtl_reference import AnalogColumns, Duty
+
+from tb.reference.chip import AnalogColumns, Duty
 
 HALF_NS = 100  # half a clock of 5 MHz
 

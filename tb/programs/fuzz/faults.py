@@ -15,7 +15,7 @@ import numpy as np
 from dermis import errors, plan
 from dermis.chip import netlist, spi_protocol
 from dermis.scene import design, schema, stimulus
-from tb.programs.fuzz import register_model
+from tb.reference import chip
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,11 @@ def _short_answer() -> None:
 
 
 def _write_without_crc() -> None:
-    register_model.crc8 = lambda data: 0
+    chip.crc8 = lambda data: 0
 
 
 def _one_pedestal_short() -> None:
-    register_model.COLS = 15
+    chip.COLS = 15
 
 
 def _derived_nan() -> None:

@@ -12,10 +12,11 @@ from dermis.chip import hdl, register_map
 from dermis.chip import spi_protocol as spi
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.scene.design import ROOT
-from tb.programs.fuzz import oracle, register_model
+from tb.programs.fuzz import oracle
 from tb.programs.fuzz.oracle import Finding
-from tb.programs.fuzz.register_model import BITS, BYTE, HIGH, LOW, RESET
 from tb.programs.fuzz.target import Target
+from tb.reference import chip
+from tb.reference.chip import BITS, BYTE, HIGH, LOW, RESET
 
 HERE = Path(__file__).parent
 STREAM_MAX = 400
@@ -137,7 +138,7 @@ def run(data: bytes, place: Path) -> str:
 
     def one() -> None:
         stream = data[:STREAM_MAX]
-        got, wanted = chip_answer(stream), register_model.answer(stream)
+        got, wanted = chip_answer(stream), chip.answer(stream)
         if got != wanted:
             at = next((n for n, (a, b) in enumerate(zip(got, wanted, strict=False)) if a != b), len(got))
             text = (

@@ -32,7 +32,7 @@ GUIDES: dict[str, tuple[str, ...]] = {
     ),
     "spi": ("dermis.chip.spi_protocol",),
     "registers": (
-        "tb.programs.fuzz.register_model",
+        "tb.reference.chip",
         "dermis.chip.spi_protocol",
     ),
     "design": (

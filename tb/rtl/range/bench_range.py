@@ -8,12 +8,12 @@ from typing import Any
 import cocotb
 from cocotb.triggers import RisingEdge, Timer
 from rtl_bench import report, scenario
-from rtl_reference import AnalogColumns, code
 from spi_client import Client
 from top_bench import Chip
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
+from tb.reference.chip import AnalogColumns, code
 
 GATE = 510
 PICK = 0b11

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_reference import SHORT, Duty, code_closed, count, duty_of_resistance, ones
 from rtl_run import simulate
 
 from dermis.chip.hdl import PACK_MARGIN_CLOCKS
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.chip.spi_protocol import slot_bytes
 from scripts.lint import header_values
+from tb.reference.chip import SHORT, Duty, code_closed, count, duty_of_resistance, ones
 
 pytestmark = pytest.mark.timeout(120)
 

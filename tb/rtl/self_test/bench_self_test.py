@@ -10,7 +10,8 @@ from typing import Any
 import cocotb
 from cocotb.triggers import Timer
 from rtl_bench import HALF_NS, fall, report, rise, scenario
-from rtl_reference import AnalogColumns
+
+from tb.reference.chip import AnalogColumns
 
 MASKS = ("inject_fault_o", "dark_fault_o", "full_fault_o", "row_fault_o")
 

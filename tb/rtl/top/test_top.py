@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_reference import SHORT, Duty
 from rtl_run import simulate
 
 from dermis.scene.design import ROOT
+from tb.reference.chip import SHORT, Duty
 
 pytestmark = pytest.mark.timeout(170)
 

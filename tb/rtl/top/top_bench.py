@@ -10,10 +10,10 @@ import cocotb
 import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import First, RisingEdge, Timer, ValueChange
-from rtl_reference import AnalogColumns, Duty, code, ones
 
 from dermis.chip import register_map as rm
 from dermis.chip.spi_protocol import SLOT_DARK, Frame
+from tb.reference.chip import AnalogColumns, Duty, code, ones
 
 CLOCK_PS = 200_000
 """5 MHz."""

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_reference import Duty, code, duty_of_resistance
 from rtl_run import ROOT, simulate
 
 from scripts.lint import header_values
 from tb.programs.hard.converter_inputs import scanner_that_presets_once
+from tb.reference.chip import Duty, code, duty_of_resistance
 
 pytestmark = pytest.mark.timeout(120)
 
