@@ -577,36 +577,36 @@ def draw_law(axes: Any, curve: Curve, low: float, high: float) -> None:
 
 
 def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw the paper's Fig. 7: frequency against resistance, with both laws, and the foot of the range larger."""
+    """Draw frequency against resistance and, the paper's Fig. 8, against force, with both laws."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
-    whole, foot = figure.subplots(1, 2)
+    whole, forces = figure.subplots(1, 2)
     ohm = curves[0].resistance_ohm
     low, high = float(ohm[0]), float(ohm[-1])
-    near = min(2.6 * low, high)
-    for axes, top, unit, per in ((whole, high, 1e3, "kHz"), (foot, near, 1e6, "MHz")):
-        line, balance, eq3 = _laws(curves[0], low, top)
-        axes.plot(line, balance / unit, **BALANCE)
-        axes.plot(line, eq3 / unit, **EQ3)
-        scale = np.log if axes is whole else np.asarray
-        shown = np.flatnonzero(ohm <= top)
-        for curve, share in zip(curves, _shares(ohm[shown], len(curves), 40, scale), strict=True):
-            at = shown[share]
-            f = curve.f_clk_hz / curve.ideal.period_clocks[at]
-            _mark(axes, curve, ohm[at], f / unit, label=LABELS[curve.topology])
-        axes.set_xlabel("resistance of the taxel R / ohm")
-        axes.set_ylabel(f"pulse frequency f / {per}")
+    k_force = load_design().sensor.k_force_n_ohm
+    line, balance, eq3 = _laws(curves[0], low, high)
+    for axes, at_line, at_ohm, unit, scale in (
+        (whole, line, ohm, 1e3, np.log),
+        (forces, k_force / line, k_force / ohm, 1e6, np.asarray),
+    ):
+        axes.plot(at_line, balance / unit, **BALANCE)
+        axes.plot(at_line, eq3 / unit, **EQ3)
+        for curve, share in zip(curves, _shares(at_ohm, len(curves), 40, scale), strict=True):
+            f = curve.f_clk_hz / curve.ideal.period_clocks[share]
+            _mark(axes, curve, at_ohm[share], f / unit, label=LABELS[curve.topology])
         axes.grid(alpha=0.3, which="both")
     _log_scales(whole, low, high)
-    whole.set_title("f against R, the whole range", fontsize=10)
+    whole.set_xlabel("resistance of the taxel R / ohm")
+    whole.set_ylabel("pulse frequency f / kHz")
+    whole.set_title("Frequency against resistance", fontsize=10)
     whole.legend(frameon=False, fontsize=8.5, loc="lower left")
-    foot.set_xlim(low - 0.04 * low, near)
-    foot.set_ylim(0, 0.54 * curves[0].f_clk_hz / 1e6)
-    foot.set_title(f"The foot of the range, from {low:g} ohm", fontsize=10)
+    forces.set_xlabel("force on the taxel F = K_f / R / N")
+    forces.set_ylabel("pulse frequency f / MHz")
+    forces.set_title("Frequency against force", fontsize=10)
     figures.save(figure, path)
 
 
 def code_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw the paper's Fig. 8: code against force, the foot of the range larger, and what is left over."""
+    """Draw the paper's Fig. 9: code against force, the range near full scale enlarged, and residuals."""
     figure = Figure(figsize=(10, 7.6), layout="constrained")
     (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
     first, ohm = curves[0], curves[0].resistance_ohm
