@@ -23,7 +23,7 @@ def _mutated(root: Path = lint.ROOT) -> list[Path]:
 # Before any test imports them by name.
 lint.rtl_sources = _mutated
 hdl.rtl_sources = _mutated
-hdl.ROOT = WORK
+hdl.BUILD = WORK / "build"
 
 
 def pytest_collection_finish() -> None:

@@ -12,7 +12,9 @@ import tomllib
 
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
-print("\n".join(project["dependencies"] + project["optional-dependencies"]["dev"]))
+extras = project["optional-dependencies"]
+names = project["dependencies"] + [name for extra in extras if extra != "bare" for name in extras[extra]]
+print("\n".join(name for name in names if not name.startswith("dermis[")))
 PYTHON
 "$scratch/venv/bin/python" -m pip install --quiet --only-binary :all: -r "$scratch/wanted.txt"
 {

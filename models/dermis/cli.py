@@ -21,8 +21,8 @@ import click
 
 from dermis import __version__, records
 from dermis.errors import DermisError, InputError, SimulatorError, one_line
+from dermis.places import BUILD, ROOT
 from dermis.processes import children
-from dermis.scene.design import ROOT
 
 # Commands of the package that are loaded only when they are called, so that each command starts quickly.
 LATER = {
@@ -117,7 +117,7 @@ def run(
     engines.check(made)
     if made.scene.table.effects.auto is not None:
         plan_table.print_plan(made)
-    target: str | Path = ROOT / "build" / "run" / path.stem if out is None else out
+    target: str | Path = BUILD / "run" / path.stem if out is None else out
     options: dict[str, Any] = {}
     if simulator is not None:
         if made.engine not in ("rtl", "cosim"):
@@ -250,7 +250,7 @@ def _say(line: str) -> None:
 
 def _without_room(error: DermisError) -> str:
     """A full disk, which is often why a simulator failed and never what it says."""
-    places = {ROOT / "build", Path(tempfile.gettempdir())}
+    places = {BUILD, Path(tempfile.gettempdir())}
     if isinstance(error, SimulatorError):
         for place in places:
             with contextlib.suppress(OSError):  # not there: then it is not full either
@@ -265,7 +265,7 @@ FULL_BYTES = 1 << 16
 
 def _traceback() -> str:
     """Keep the traceback of what is being handled for whoever has to find the cause; say where it is."""
-    log = ROOT / "build" / "internal_error.log"
+    log = BUILD / "internal_error.log"
     try:
         log.parent.mkdir(exist_ok=True)
         log.write_text(traceback.format_exc())

@@ -282,7 +282,7 @@ def test_every_kind_of_file_that_decides_about_codes_makes_a_version(tmp_path: P
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
 
     def version() -> str:
-        return batch.fingerprint.__wrapped__(tmp_path)
+        return batch.fingerprint.__wrapped__(tmp_path / "models" / "dermis", tmp_path)
 
     first = version()
     assert first == batch.fingerprint.__wrapped__()

@@ -171,7 +171,7 @@ def test_the_command_keeps_compares_and_blesses(tmp_path: Path, monkeypatch: pyt
     section = bench.Section(("cosim.edge_error_v.step_1u",), make, 5)
     monkeypatch.setattr(bench, "SECTIONS", (section,))
     monkeypatch.setattr(bench, "ROOT", tmp_path)
-    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
     monkeypatch.setattr(bench_history, "ROOT", tmp_path)
     monkeypatch.setattr(bench_history, "HISTORY", tmp_path / "history")
     monkeypatch.setattr(bench_history, "BLESSED", tmp_path / "blessed.json")

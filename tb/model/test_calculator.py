@@ -321,7 +321,7 @@ def test_an_unknown_target_in_python_is_refused() -> None:
 def test_the_command_prints_the_design_and_exits_by_the_verdict(
     arguments: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
     run = CliRunner().invoke(calculator.calc_command, arguments)
     assert run.exit_code == code
     for word in ("f_clk_hz", "gate_clocks", "i0_a", "v_bias_v", "c_int_f", "code by eq. (3)", "kt_c_lsb"):

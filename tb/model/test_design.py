@@ -294,7 +294,7 @@ def test_a_skip_without_a_reason_is_refused() -> None:
 
 
 def test_rows_are_written_as_strict_json_and_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
     rows = [verdict.judge("frame.code_error_lsb", math.nan), verdict.judge("frame.code_error_lsb", 1)]
     verdict.write_rows("t", rows)
     text = (tmp_path / "build" / "t.json").read_text()

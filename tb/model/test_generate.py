@@ -135,7 +135,7 @@ def test_the_command_fails_on_drift_and_writes_only_without_check(
 ) -> None:
     for function in ("write", "check", "drift"):
         monkeypatch.setattr(generate, function, _rooted(getattr(generate, function), tree))
-    monkeypatch.setattr(verdict, "ROOT", tree)
+    monkeypatch.setattr(verdict, "BUILD", tree / "build")
     path = tree / "rtl/dermis_design.vh"
     good = path.read_text()
     path.write_text(good.replace("510", "512"))

@@ -29,7 +29,7 @@ def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(runs, "KEPT", tmp_path / "kept")
     monkeypatch.setattr(runs, "FAILED", tmp_path / "failed")
     monkeypatch.setattr(results, "VALUES", tmp_path / "values.json")
-    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
     return tmp_path
 
 

@@ -184,7 +184,7 @@ def test_a_hidden_transient_is_no_answer() -> None:
 def sampled(lines: tuple[str, ...], driver: Path | None = None) -> None:
     """Samples of node c at 0.5, 1, 1.5 and 2 us, plainly."""
     if driver:
-        ngspice.SOURCE, ngspice.ROOT, ngspice._lib = driver, driver.parent, None
+        ngspice.SOURCE, ngspice.BUILD, ngspice._lib = driver, driver.parent / "build", None
     half = NgspiceHalf(
         Deck(("sample", *lines), (), (), (), ("c",)),
         t_edge_s=1e-9,

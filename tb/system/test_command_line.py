@@ -214,7 +214,7 @@ def test_a_defect_is_one_line_even_where_its_log_cannot_be_written(
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     monkeypatch.setattr("dermis.cli.cli", broken)
     for root, said in ((tmp_path, "(log: "), (tmp_path / "missing", "ValueError: no such thing\n")):
-        monkeypatch.setattr("dermis.cli.ROOT", root)
+        monkeypatch.setattr("dermis.cli.BUILD", root / "build")
         with pytest.raises(SystemExit) as raised:
             main()
         assert raised.value.code == 3

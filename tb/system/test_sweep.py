@@ -313,7 +313,7 @@ def test_the_csv_is_complete(swept: Swept) -> None:
 def invoke(monkeypatch: pytest.MonkeyPatch, root: Path, result: tuple[Any, ...], *options: str) -> Any:
     """Run the command in this process with a sweep that is already there, its verdicts going to `root`."""
     monkeypatch.setattr(sweep, "run", lambda *a, **k: result)
-    monkeypatch.setattr(verdict, "ROOT", root)
+    monkeypatch.setattr(verdict, "BUILD", root / "build")
     arguments = ["--out", str(root / "out"), *options]
     return CliRunner().invoke(command.sweep_command, arguments, standalone_mode=False, catch_exceptions=False)
 

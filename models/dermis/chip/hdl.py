@@ -19,8 +19,8 @@ from dermis.chip import spi_protocol
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
 from dermis.errors import InputError, SimulatorError
 from dermis.files import locked
+from dermis.places import BUILD
 from dermis.processes import children
-from dermis.scene.design import ROOT
 
 if TYPE_CHECKING:
     from dermis.records import Plan
@@ -107,7 +107,7 @@ def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
         work.mkdir(parents=True)
         yield work
         return
-    base = ROOT / "build" / name
+    base = BUILD / name
     base.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
     yield scratch
@@ -204,7 +204,7 @@ def build(
             _keep_runtime(runtime, target)
 
     return _cached(
-        ROOT / "build" / where / simulator / toplevel,
+        BUILD / where / simulator / toplevel,
         [*sources, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
         make,
@@ -349,7 +349,7 @@ def program(
 
     flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
     target = _cached(
-        ROOT / "build" / where / simulator / toplevel,
+        BUILD / where / simulator / toplevel,
         [*sources, main, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, *flags],
         make,

@@ -18,8 +18,8 @@ from dermis.chip import sky130
 from dermis.chip.ngspice import Deck
 from dermis.chip.spice_text import array_subckt, spice_number
 from dermis.errors import InputError
+from dermis.places import ROOT
 from dermis.records import Drive, Plan
-from dermis.scene.design import ROOT
 from dermis.scene.views import CONVERTER, Views
 
 SPICE = ROOT / "spice"

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dermis.chip import ladder
 from dermis.chip.analog import Edge
 from dermis.errors import InputError, SimulatorError
-from dermis.scene.design import ROOT
+from dermis.places import BUILD
 
 SOURCE = Path(__file__).with_name("lockstep.c")
 COMPILE_LIMIT_S = 60
@@ -63,7 +63,7 @@ class Deck:
 def library() -> Path:
     """Return the compiled lock-step driver, compiling it when its source is newer than any copy in build/."""
     source = SOURCE.read_bytes()
-    target = ROOT / "build" / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
+    target = BUILD / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
     if target.exists():
         return target
     compiler = shutil.which(os.environ.get("CC", "cc"))

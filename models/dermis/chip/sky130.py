@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dermis.errors import InputError
 from dermis.files import text_of, write_atomic
-from dermis.scene.design import ROOT
+from dermis.places import BUILD, ROOT
 
 CORNERS = ("tt", "ff", "ss", "sf", "fs")
 
@@ -158,7 +158,7 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
         raise InputError("command line", "corner", corner, " | ".join(CORNERS))
     text = _models(corner, mismatch)
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-    path = ROOT / "build" / "sky130" / f"{corner}{'_mismatch' if mismatch else ''}_{digest}.spice"
+    path = BUILD / "sky130" / f"{corner}{'_mismatch' if mismatch else ''}_{digest}.spice"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text)

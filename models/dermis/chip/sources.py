@@ -7,7 +7,7 @@ import importlib.util
 from pathlib import Path
 
 from dermis.errors import InputError
-from dermis.scene.design import ROOT
+from dermis.places import ROOT
 
 TOP = "dermis_top"
 

@@ -27,9 +27,9 @@ from dermis import engines
 from dermis.array import solve_error
 from dermis.engines import Result, certificate
 from dermis.errors import InputError, SimulatorError, one_line
+from dermis.places import PACKAGE, ROOT
 from dermis.processes import children, pool
 from dermis.records import Plan
-from dermis.scene.design import ROOT
 
 # 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
 # 4 MB of doubles both ways, below what Dask complains about.
@@ -49,9 +49,8 @@ WORKER_S = 60
 LOOK_S = 2.0
 """Between two looks at whether a cluster is still there."""
 
-_DECIDE = (
-    "models/dermis/**/*.py",
-    "models/dermis/**/*.c",
+_PACKAGE_FILES = ("**/*.py", "**/*.c")
+_DATA_FILES = (
     "models/design.toml",
     "models/verilog/*.cpp",
     "models/verilog/*.f",
@@ -63,6 +62,7 @@ _DECIDE = (
     "spice/**/*.sp",
     "spice/**/*.inc",
 )
+"""Files that decide about codes, of the package and of what comes with it."""
 
 
 def run(
@@ -220,12 +220,13 @@ def same_version(version: str) -> None:
 
 
 @functools.cache
-def fingerprint(root: Path = ROOT) -> str:
-    """A hash of everything that decides about codes: the package, its design values, its Verilog and its circuits."""
+def fingerprint(package: Path = PACKAGE, root: Path = ROOT) -> str:
+    """Hash every file that decides about codes: package, design values, Verilog and circuits."""
     text = hashlib.sha256()
-    for file in sorted({file for pattern in _DECIDE for file in root.glob(pattern) if file.is_file()}):
-        data = file.read_bytes()
-        text.update(f"{file.relative_to(root)}\0{len(data)}\0".encode() + data)
+    for place, patterns in ((package, _PACKAGE_FILES), (root, _DATA_FILES)):
+        for file in sorted({file for pattern in patterns for file in place.glob(pattern) if file.is_file()}):
+            data = file.read_bytes()
+            text.update(f"{file.relative_to(place)}\0{len(data)}\0".encode() + data)
     return text.hexdigest()
 
 

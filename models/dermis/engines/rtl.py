@@ -25,9 +25,10 @@ from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.converter import coupling, currents, loops
 from dermis.engines import Result, event
 from dermis.errors import InputError, SimulatorError
+from dermis.places import ROOT
 from dermis.processes import children
 from dermis.records import Plan
-from dermis.scene.design import ROOT, TOPOLOGIES
+from dermis.scene.design import TOPOLOGIES
 
 Floats = NDArray[np.float64]
 

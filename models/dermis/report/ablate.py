@@ -20,12 +20,12 @@ from rich.table import Table
 from dermis import engines, plan
 from dermis.errors import InputError
 from dermis.files import write_between
+from dermis.places import BUILD, ROOT
 from dermis.processes.cpu_time import cpu_seconds
 from dermis.records import Plan
 from dermis.report import figures, verdict
 from dermis.report.verdict import Row
 from dermis.scene import scene
-from dermis.scene.design import ROOT
 from dermis.scene.scene import Scene
 from dermis.scene.schema import Strict
 
@@ -267,7 +267,7 @@ def ablate_command(
     which = f"frame {last}" if full.frames == 1 else f"frames {full.first_frame} to {last}"
     title = f"{world.path.stem}: {len(costs) - 1} effects, engine {full.engine}, {which}"
     rows = rows_of(costs, full)
-    picture = ROOT / "build" / "ablate.png"
+    picture = BUILD / "ablate.png"
     figure(costs, title, picture)
     verdict.write_rows("ablate", rows)
     print_costs(costs, title)

@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from dermis.files import write_atomic
-from dermis.scene.design import ROOT, Limit, spec
+from dermis.places import BUILD
+from dermis.scene.design import Limit, spec
 
 Row = dict[str, Any]
 AIM_MISSED = "aim missed"
@@ -140,7 +141,7 @@ def error(name: str, reason: str, unit: str = "") -> Row:
 
 def write_rows(target: str, rows: Sequence[Row]) -> None:
     """Write build/<target>.json whole or not at all."""
-    write_atomic(ROOT / "build" / f"{target}.json", json.dumps(list(rows), indent=1, allow_nan=False) + "\n")
+    write_atomic(BUILD / f"{target}.json", json.dumps(list(rows), indent=1, allow_nan=False) + "\n")
 
 
 def _said(value: Any) -> str:

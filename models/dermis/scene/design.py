@@ -17,9 +17,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from dermis.errors import InputError
+from dermis.places import ROOT
 from dermis.scene import schema
 
-ROOT = Path(__file__).resolve().parents[3]
 DESIGN_FILE = ROOT / "models" / "design.toml"
 SPEC_FILE = ROOT / "models" / "spec.toml"
 

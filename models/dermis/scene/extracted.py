@@ -18,7 +18,8 @@ from typing import Any
 from dermis.effects import EFFECTS, EffectsTable
 from dermis.errors import InputError
 from dermis.files import write_atomic
-from dermis.scene.design import ROOT, TOPOLOGIES, Design
+from dermis.places import ROOT
+from dermis.scene.design import TOPOLOGIES, Design
 from dermis.scene.schema import Strict, entry, read_toml, validate
 
 FOLDER = ROOT / "models" / "extracted"

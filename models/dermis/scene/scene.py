@@ -15,8 +15,9 @@ from pydantic import BaseModel, Field
 
 from dermis.effects import EFFECTS, EffectsTable, Setting, check_together, resolve_effects
 from dermis.errors import InputError
+from dermis.places import ROOT
 from dermis.scene import extracted
-from dermis.scene.design import ROOT, Design
+from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
 from dermis.scene.schema import Strict, entry, read_toml, validate, write_toml
 from dermis.scene.sensor import SensorTable

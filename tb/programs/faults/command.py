@@ -164,7 +164,11 @@ def faults_command(
 def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
     bench = Bench(PLACE / "tree", seed)
     bench.copy()
-    kept = Kept(PLACE / f"rows_{seed}.json", batch.fingerprint(bench.tree), fresh=fresh)
+    kept = Kept(
+        PLACE / f"rows_{seed}.json",
+        batch.fingerprint(bench.tree / "models" / "dermis", bench.tree),
+        fresh=fresh,
+    )
     if not kept.pieces:
         bench.forget_builds()
     rows = run(trials, bench, jobs, kept)

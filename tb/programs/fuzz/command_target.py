@@ -252,8 +252,9 @@ def prepare(place: Path) -> None:
     (place / "cwd").mkdir()
     os.chdir(place / "cwd")
     root = place / "root"
-    for module in (cli, verdict, regression):
-        module.ROOT = root
+    for module in (cli, verdict):
+        module.BUILD = root / "build"
+    regression.ROOT = root
     regression.OUT = root / "build" / "sim"
     cli.traceback = types.SimpleNamespace(format_exc=_remember)
     output.versions = dict
