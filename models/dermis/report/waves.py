@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from vcd import VCDWriter
-from vcd.gtkw import GTKWSave
 
 from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result
+from dermis.errors import optional
 from dermis.files import atomic
 from dermis.records import Plan
 
@@ -52,6 +51,7 @@ def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterato
 
 def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
     """Write waves.vcd and waves.gtkw of the first chunk of frames into `out`; return the VCD's path."""
+    vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
     record = result.info["records"][part]
     rows, cols = made.rows, made.cols
     t_clk_ps = 1e12 / made.timing.f_clk_hz
@@ -68,7 +68,7 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
     target = out / "waves.vcd"
     with atomic(target) as binary:
         file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
-        with VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
+        with vcd.VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
             variables = {
                 "preset": writer.register_var("chip", "preset", "wire", size=1),
                 "row_select": writer.register_var("chip", "row_select", "wire", size=rows),
@@ -83,7 +83,7 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
         file.detach()  # flushed by then; the file below it is closed where it was opened
     with atomic(out / "waves.gtkw") as binary:
         file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
-        save = GTKWSave(file)
+        save = gtkw.GTKWSave(file)
         save.dumpfile(target.name, abspath=False)
         save.zoom_markers(-22.0)
         save.trace("chip.preset")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -529,6 +530,21 @@ def _load(path: Path) -> Design:
 @functools.cache
 def _load_default() -> Design:
     return _load(DESIGN_FILE)
+
+
+def changed(tables: Mapping[str, Any]) -> Design:
+    """Return the default design with some values of its tables changed, checked like a file.
+
+    Raises
+    ------
+    InputError
+        One line with key, value and what is allowed.
+    """
+    data = read_toml(DESIGN_FILE)
+    for name, values in tables.items():
+        both = isinstance(values, Mapping) and isinstance(data.get(name), Mapping)
+        data[name] = {**data[name], **values} if both else values
+    return _validated(data, "design")
 
 
 class Reason(NamedTuple):

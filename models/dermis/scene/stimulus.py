@@ -10,11 +10,11 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from dermis.errors import InputError, one_line, quoted
 from dermis.scene.schema import Strict, entry, read_bytes
@@ -267,7 +267,32 @@ class UniformTable(_Timed):
     )
 
 
-class FramesTable(_Timed):
+class Given:
+    """Frames that a caller holds in memory, in place of the file that a [stimulus] table names.
+
+    They stay in the process that plans: workers get the frames of their plan.
+    """
+
+    def __init__(self, values: NDArray[Any] | None) -> None:
+        self.values = values
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Given, (None,)
+
+
+class _Stored(_Timed):
+    """Frames that are ready: in a file, or in memory."""
+
+    _given: Given | None = PrivateAttr(None)
+
+    def given(self, values: NDArray[Any]) -> Self:
+        """Return this table with values in memory; `file` is then only their name in errors."""
+        made = self.model_copy()
+        made._given = Given(values)
+        return made
+
+
+class FramesTable(_Stored):
     """Frames from a file."""
 
     kind: Literal["frames"] = entry(..., "Frames from a file", '"frames"')
@@ -295,7 +320,7 @@ class FramesTable(_Timed):
     )
 
 
-class ResistanceTable(_Timed):
+class ResistanceTable(_Stored):
     """Resistances from a file."""
 
     kind: Literal["resistance"] = entry(..., "Resistances from a file", '"resistance"')
@@ -575,8 +600,12 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 
 def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Floats:
     """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or above."""
-    path = about.scene.parent / table.file
     shown = table.file
+    if table._given is not None:
+        values = _shaped(np.asarray(table._given.values), shown, about)
+        _check_values(values, shown, table)
+        return values[_selected(table, values.shape[0], about)] + 0.0
+    path = about.scene.parent / table.file
     told_by = (about.scene, f"{about.where}.file", table.file)
     suffix = Path(table.file).suffix.lower()
     if table.key is not None and suffix != ".npz":
@@ -685,8 +714,15 @@ def _read_numpy(
         raise InputError(
             shown, "file", Path(shown).name, f"a readable {suffix[1:]} file ({reason})"
         ) from None
+    return _shaped(array, shown, about)
+
+
+def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
+    """Return values as doubles [frames, rows, cols]."""
     if array.dtype.kind not in "iuf":
         raise InputError(shown, "dtype", str(array.dtype), "integers or floating point numbers")
+    if array.size > VALUES_MAX:
+        raise InputError(shown, "shape", list(array.shape), f"at most {VALUES_MAX} values")
     shape = (about.rows, about.cols)
     if array.ndim == 2:
         array = array[np.newaxis]

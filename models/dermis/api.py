@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The library: `simulate` a scene or arrays, and turn codes back into `newtons`."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dermis import engines, plan
+from dermis.decode import force
+from dermis.engines import batch
+from dermis.errors import InputError, optional
+from dermis.records import Plan
+from dermis.scene import design as designs
+from dermis.scene import scene as scenes
+from dermis.scene import schema
+from dermis.scene.design import Design
+from dermis.scene.scene import Scene
+from dermis.scene.stimulus import FramesTable, ResistanceTable
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+Floats = NDArray[np.float64]
+SceneLike = str | os.PathLike[str] | Mapping[str, Any]
+DesignLike = Design | str | os.PathLike[str] | Mapping[str, Any]
+
+_HERE = "simulate"
+"""Name of the caller's own values in errors, where a scene file would be named."""
+
+_ARRAYS = {
+    "force_n": {"kind": "frames", "unit": "newtons", "file": "force_n"},
+    "resistance_ohm": {"kind": "resistance", "file": "resistance_ohm"},
+}
+
+
+@dataclass
+class Result(engines.Result):
+    """Codes of a simulation and their meaning. All arrays are shaped [frames, rows, cols].
+
+    Attributes
+    ----------
+    codes : ndarray
+        Unsigned integers, 0 to 255 in the default design.
+    low, high : ndarray or None
+        Bounds on the codes of the chip, with `certify=True`: for other random numbers, and for every
+        effect that the plan left out.
+    info : dict
+        Further results of the engine, among them the error of the array solve.
+    plan : Plan
+        The scene with its defaults, the effects on and off with reasons, and the engine.
+    """
+
+    plan: Plan = field(kw_only=True)
+
+    @functools.cached_property
+    def _decoded(self) -> force.Decoded:
+        return force.decode(self.plan, self.codes)
+
+    @property
+    def force_n(self) -> Floats:
+        """Decoded forces in newtons, each in the middle of its code."""
+        return self._decoded.force_n
+
+    @property
+    def force_low_n(self) -> Floats:
+        """Smallest force in newtons that an ideal chip reads as this code."""
+        return self._decoded.force_low_n
+
+    @property
+    def force_high_n(self) -> Floats:
+        """Largest force in newtons that an ideal chip reads as this code; inf at full scale."""
+        return self._decoded.force_high_n
+
+    @property
+    def resistance_ohm(self) -> Floats:
+        """Decoded resistances in ohm; inf for code 0."""
+        return self._decoded.resistance_ohm
+
+    @property
+    def applied_force_n(self) -> Floats | None:
+        """Forces of the stimulus in newtons; None for a stimulus of shorts and resistances without a force."""
+        return self.plan.force_n
+
+    @property
+    def time_s(self) -> Floats:
+        """Start of each frame in seconds, [frames]."""
+        return (self.plan.first_frame + np.arange(self.plan.frames)) * self.plan.drive.t_frame_s
+
+    def _columns(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays of a table by name, with their units."""
+        found: dict[str, tuple[NDArray[Any] | None, str]] = {
+            "code": (self.codes, "1"),
+            "code_low": (self.low, "1"),
+            "code_high": (self.high, "1"),
+            "force_n": (self.force_n, "N"),
+            "applied_force_n": (self.applied_force_n, "N"),
+        }
+        return {name: (values, unit) for name, (values, unit) in found.items() if values is not None}
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return an xarray dataset with dimensions frame, row, col and the coordinate time_s.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        module = optional("xarray", "tables")
+        names = ("frame", "row", "col")
+        data = {name: (names, values, {"units": unit}) for name, (values, unit) in self._columns().items()}
+        coords = {name: np.arange(size) for name, size in zip(names, self.codes.shape, strict=True)}
+        attributes = {"title": self.plan.scene.title, "engine": self.plan.engine, "seed": self.plan.seed}
+        time = ("frame", self.time_s, {"units": "s"})
+        return module.Dataset(data, {**coords, "time_s": time}, attributes)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table with one line a taxel and the index frame, row, col.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        module = optional("pandas", "tables")
+        ranges = [range(size) for size in self.codes.shape]
+        index = module.MultiIndex.from_product(ranges, names=["frame", "row", "col"])
+        return module.DataFrame(
+            {name: values.reshape(-1) for name, (values, _) in self._columns().items()}, index
+        )
+
+
+def simulate(
+    scene: SceneLike | None = None,
+    *,
+    force_n: ArrayLike | None = None,
+    resistance_ohm: ArrayLike | None = None,
+    engine: str | None = None,
+    effects: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    design: DesignLike | None = None,
+    certify: bool = False,
+    processes: int = 1,
+    scheduler: str | None = None,
+    simulator: str | None = None,
+    **tables: Any,
+) -> Result:
+    """Simulate the read-out of one scene.
+
+    Parameters
+    ----------
+    scene : path, name or dict, optional
+        A scene file, the name of a scene that comes with the package (`scene_names()`), or the same
+        tables as a dict, whose file names are relative to the working directory.
+    force_n, resistance_ohm : array_like, optional
+        Stimulus in newtons or in ohm, [rows, cols] or [frames, rows, cols], in place of the scene's own.
+        One of the two. Without a size in the scene, the array has the size of the sheet. `stimulus` may
+        then hold t_frame_s, resample and select.
+    engine : str, optional
+        "closed", "event", "rtl" or "cosim"; by default the scene's own, or the cheapest that can do it.
+    effects : dict, optional
+        Effects to add or change, by name: parameters, True for the defaults, False for off.
+    seed : int, optional
+        Seed of everything random.
+    design : path, dict or Design, optional
+        A design file, or values to change in the default one: `{"converter": {"f_clk_hz": 1e7}}`.
+    certify : bool
+        Also find bounds on the codes. Random effects and effects that were left out take further runs.
+    processes : int
+        Processes of this machine for the frames. A script must then guard its own code by
+        `if __name__ == "__main__"`.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as tcp://host:8786, for the frames.
+    simulator : str, optional
+        "icarus" or "verilator", for engines rtl and cosim.
+    **tables
+        Other tables of a scene: array, sensor, stimulus, interface, run, title. Their keys are added to
+        those of `scene`; a stimulus of another kind replaces it.
+
+    Raises
+    ------
+    InputError
+        A value is wrong; the one line names it and what is allowed.
+    SimulatorError
+        A simulator failed; the line says where its log is.
+    """
+    world = _scene(scene, _given(force_n, resistance_ohm), design, engine, effects, seed, tables)
+    options: dict[str, Any] = {} if simulator is None else {"simulator": simulator}
+    made = plan.make(world)
+    if options and made.engine not in ("rtl", "cosim"):
+        raise InputError(_HERE, "simulator", schema.quoted(simulator), "engine rtl or cosim")
+    if not isinstance(processes, int) or not 1 <= processes <= 1024:
+        raise InputError(_HERE, "processes", processes, "a whole number 1..1024")
+    done = batch.run(made, processes=processes, scheduler=scheduler, certified=certify, **options)
+    return Result(done.codes, done.info, done.low, done.high, plan=made)
+
+
+def newtons(
+    codes: ArrayLike, scene: SceneLike | Result, *, corrected: bool = False, design: DesignLike | None = None
+) -> Floats:
+    """Decode codes of the chip into forces.
+
+    Parameters
+    ----------
+    codes : array_like
+        Integers [..., rows, cols].
+    scene : path, name, dict or Result
+        What the codes were read from: its sensor law, interface and, with `corrected`, its network.
+    corrected : bool
+        Take off the known losses of row drivers, column inputs, traces and laterals.
+    design : path, dict or Design, optional
+        As for `simulate`.
+
+    Returns
+    -------
+    ndarray
+        Newtons, shaped as the codes.
+
+    Raises
+    ------
+    InputError
+        The scene is wrong, or the codes do not fit it.
+    """
+    made = scene.plan if isinstance(scene, Result) else plan.make(_scene(scene, None, design))
+    try:
+        return force.decode(made, codes, corrected).force_n
+    except ValueError as error:
+        raise InputError("newtons", "codes", f"shape {list(np.shape(codes))}", str(error)) from None
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes that come with the package."""
+    return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
+
+
+def _given(force_n: ArrayLike | None, resistance_ohm: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
+    """Return the one array of a stimulus that was given, with its name."""
+    arrays = {"force_n": force_n, "resistance_ohm": resistance_ohm}
+    names = [name for name, values in arrays.items() if values is not None]
+    if len(names) > 1:
+        raise InputError(_HERE, " and ".join(names), "both", "one of the two")
+    if not names:
+        return None
+    try:
+        return names[0], np.asarray(arrays[names[0]])
+    except ValueError as error:  # lists of unequal lengths
+        raise InputError(_HERE, names[0], "(an array)", f"numbers [frames, rows, cols] ({error})") from None
+
+
+def _scene(
+    scene: SceneLike | None,
+    given: tuple[str, NDArray[Any]] | None,
+    design: DesignLike | None,
+    engine: str | None = None,
+    effects: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    tables: Mapping[str, Any] | None = None,
+) -> Scene:
+    """Resolve a scene with everything that the caller changes in it."""
+    path = Path(_HERE)
+    if isinstance(scene, str | os.PathLike):
+        path = scenes.find(os.fspath(scene))
+        data = schema.read_toml(path)
+    elif scene is None or isinstance(scene, Mapping):
+        data = _plain(scene or {})
+    else:
+        allowed = "a path, a name or a dict; for arrays, force_n=... or resistance_ohm=..."
+        raise InputError(_HERE, "scene", f"a {type(scene).__name__}", allowed)
+    run = {name: value for name, value in (("engine", engine), ("seed", seed)) if value is not None}
+    if given is not None:
+        name, values = given
+        data["stimulus"] = _ARRAYS[name]
+        if values.ndim in (2, 3):
+            size = {"rows": values.shape[-2], "cols": values.shape[-1]}
+            data = _merged({"array": size}, data)
+    for table in (_plain(tables or {}), {"run": run}, {"effects": _plain(effects or {})}):
+        data = _merged(data, table)
+    table = schema.validate(scenes.SceneTable, data, path)
+    if given is not None:
+        stimulus = table.stimulus
+        if not isinstance(stimulus, FramesTable | ResistanceTable):
+            raise InputError(path, "stimulus.kind", schema.quoted(stimulus.kind), f"none with {given[0]}")
+        table = table.model_copy(update={"stimulus": stimulus.given(given[1])})
+    return scenes.resolve(table, path, _design(design))
+
+
+def _design(design: DesignLike | None) -> Design:
+    if isinstance(design, Mapping):
+        return designs.changed(_plain(design))
+    return design if isinstance(design, Design) else designs.load(design)
+
+
+def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are replaced whole."""
+    made = dict(data)
+    for name, value in changes.items():
+        before = made.get(name)
+        both = isinstance(before, dict) and isinstance(value, dict)
+        other_kind = (
+            name == "stimulus" and both and value.get("kind", before.get("kind")) != before.get("kind")
+        )
+        made[name] = before | value if both and not other_kind else value
+    return {name: value for name, value in made.items() if value != {} or name in data}
+
+
+def _plain(value: Any) -> Any:
+    """Return what a TOML file could hold: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
