@@ -78,10 +78,11 @@ test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well] [ARGS="-
 faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]
 	@$(dermis) faults $(ARGS)
 
-lint: setup ## Python (ruff) and Verilog (Verilator, Icarus, Yosys), warnings are errors
+lint: setup ## Python (ruff), its import contracts and Verilog (Verilator, Icarus, Yosys); warnings are errors
 	@status=0; \
 	.venv/bin/ruff check models tb scripts || status=1; \
 	.venv/bin/ruff format --check models tb scripts || status=1; \
+	.venv/bin/lint-imports --no-cache || status=1; \
 	$(dermis) lint $(ARGS) || status=1; \
 	exit $$status
 
