@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every test shares: floating point that complains, in numpy and in compiled code, wherever a test runs it."""
+"""Settings that every test shares: numpy raises on invalid operations, divisions by zero and overflows."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-
-# Before dermis is imported, which reads it then; processes that a test starts inherit it.
-os.environ["DERMIS_FLOAT_FLAGS"] = "raise"
 
 import numpy as np
 import pytest

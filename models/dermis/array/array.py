@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis.array import float_flags, solve_error
+from dermis.array import solve_error
 from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
@@ -657,11 +657,10 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
     moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, cols, drives))
     largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
     pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
-    with float_flags.watch("star_mesh.chain"):
-        missed = star_mesh.chain(
-            lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
-            moved, away, last, largest, volt,
-        )  # fmt: skip
+    missed = star_mesh.chain(
+        lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
+        moved, away, last, largest, volt,
+    )  # fmt: skip
     if not missed <= solve_error.balance(roundings):
         raise SimulatorError(_missed(missed, "at a node"))
     of_rows = last[:, :, :rows].transpose(0, 2, 1)
@@ -733,16 +732,14 @@ def _eliminate(
     pivot = np.empty_like(leak)
     panels = [(first, min(first + _PANEL, n)) for first in range(0, n, _PANEL)]
     for first, last in panels:
-        with float_flags.watch("star_mesh.down"):
-            star_mesh.down(work, pivot, first, last, own)
+        star_mesh.down(work, pivot, first, last, own)
         if last < n:
             weight = work[:, first:last, last:n] / pivot[:, first:last, np.newaxis]
             work[:, last:, last:] += np.matmul(weight.transpose(0, 2, 1), work[:, first:last, last:])
     for first, last in reversed(panels):
         if last < n:
             v[:, first:last] += np.matmul(work[:, first:last, last:n], v[:, last:])
-        with float_flags.watch("star_mesh.up"):
-            star_mesh.up(work, pivot, first, last)
+        star_mesh.up(work, pivot, first, last)
     missed, condition = _check_kirchhoff(link, leak, drive, v, most)
     return v, missed, condition
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dermis.array import float_flags
 from dermis.array.array import Network, in_range
+from dermis.errors import SimulatorError
 from dermis.timing import Timing
 
 Floats = NDArray[np.float64]
@@ -504,12 +504,13 @@ def _solve(link: Floats, leak: Floats, drive: Floats) -> tuple[Floats, Floats]:
     frames, n = leak.shape
     work = np.concatenate([link, leak[:, :, np.newaxis], drive, np.zeros((frames, n, n))], axis=2)
     pivot = np.empty_like(leak)
-    with float_flags.watch("star_mesh.down"):
-        star_mesh.down(work, pivot, 0, n, 0)
+    star_mesh.down(work, pivot, 0, n, 0)
     own = np.arange(n)
     work[:, own, work.shape[2] - n + own] = np.sqrt(pivot)
-    with float_flags.watch("star_mesh.up"):
-        star_mesh.up(work, pivot, 0, n)
+    star_mesh.up(work, pivot, 0, n)
+    # The steps divide by pivots; a node without any conductance would make one 0.
+    if not np.isfinite(work[:, :, n + 1 :]).all():
+        raise SimulatorError("settling of the lines: a voltage is not a finite number")
     return work[:, :, n + 1 : work.shape[2] - n], work[:, :, work.shape[2] - n :]
 
 

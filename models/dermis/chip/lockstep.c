@@ -10,7 +10,6 @@
  * every corner of that function is a time point of the solution. Between corners the sources are
  * straight lines, which trapezoidal integration of a capacitor follows without error.
  */
-#include <fenv.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -77,7 +76,6 @@ static struct {
     bool recording;
 
     long accepted, rejected, loads;
-    bool watched; /* a floating-point flag raised by the arithmetic of this file is a failure (dermis.array.float_flags) */
     FILE *log;
     char error[TEXT_BYTES];
     char trouble[TEXT_BYTES]; /* the last lines in which ngspice complained */
@@ -121,24 +119,6 @@ static int on_exit_wish(int status, NG_BOOL immediate, NG_BOOL quit, int id, voi
     return 0;
 }
 
-/* ---- floating-point flags ---------------------------------------------------------------------------------- */
-
-enum { FLAGS = FE_INVALID | FE_DIVBYZERO | FE_OVERFLOW }; /* ngspice raises them itself, at diodes for one */
-
-static void watch_begins(void)
-{
-    if (ls.watched)
-        feclearexcept(FLAGS);
-}
-
-static void watch_ends(const char *what)
-{
-    if (ls.watched && fetestexcept(FLAGS)) {
-        snprintf(ls.trouble, TEXT_BYTES, "floating-point exception in %s of lockstep.c", what);
-        ls.state = FAILED;
-    }
-}
-
 /* ---- sources ---------------------------------------------------------------------------------------------- */
 
 static int source_index(const char *name)
@@ -177,10 +157,12 @@ static int on_source(double *value, double t, char *name, int id, void *user)
         snprintf(ls.trouble, TEXT_BYTES, "the deck has an external source %.60s that was not announced", name);
         ls.state = FAILED;
     }
-    watch_begins();
     /* the hidden transient by which ngspice may look for an operating point has a time of its own */
     *value = i < 0 ? 0.0 : level(&ls.source[i], ls.started ? t : 0.0);
-    watch_ends("on_source");
+    if (!isfinite(*value)) {
+        snprintf(ls.trouble, TEXT_BYTES, "source %.60s is %g at %g s", name, *value, t);
+        ls.state = FAILED;
+    }
     if (ls.poisoned)
         *value = NAN;
     ls.loads++;
@@ -261,6 +243,17 @@ static double even_step(double left)
     return left / ls.steps_left--;
 }
 
+/* `even_step` divides by a count of steps: no step that is not finite reaches ngspice. */
+static int check_step(double delta, double t)
+{
+    if (isfinite(delta))
+        return 0;
+    snprintf(ls.trouble, TEXT_BYTES, "the step after %.9g s is %g", t, delta);
+    ls.state = FAILED;
+    swapcontext(&ls.runner, &ls.caller); /* for good, as in `uneven` */
+    return 0;
+}
+
 static int on_sync(double t, double *delta, double old_delta, int redo, int id, int where, void *user)
 {
     (void)old_delta, (void)id, (void)user;
@@ -277,7 +270,6 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         return 0;
     }
     ls.accepted++;
-    watch_begins();
     meet(t); /* without initial operating point there is no data at t = 0 */
     bool landed = drop_corners_until(t);
     if (landed)
@@ -300,8 +292,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
             ls.steps_left = 0;
         if (ls.accepted > 2) /* ngspice begins with two steps of backward Euler, and very short ones */
             *delta = even_step(left);
-        watch_ends("on_sync");
-        return 0;
+        return check_step(*delta, t);
     }
     if (landed && !ls.multistep) {
         /* ngspice at most doubles a step, so after a ramp of 1 ns it would need eight steps for a clock period;
@@ -317,8 +308,7 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         *delta = 0.5 * left;
     if (landed)
         ls.remembered[ls.kind] = *delta;
-    watch_ends("on_sync");
-    return 0;
+    return check_step(*delta, t);
 }
 
 /* ---- data ------------------------------------------------------------------------------------------------- */
@@ -413,8 +403,6 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     if (!ls.log)
         return fail("cannot write the log");
     ls.error[0] = ls.trouble[0] = 0;
-    const char *flags = getenv("DERMIS_FLOAT_FLAGS");
-    ls.watched = flags && !strcmp(flags, "raise");
     ls.n_source = n_source;
     memset(ls.slot, 0, sizeof ls.slot);
     for (int i = 0; i < n_source; i++) {
@@ -534,7 +522,6 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         return fail(ls.state == ENDED ? "the transient has ended" : "the circuit is not running");
     if (to > ls.t_stop * (1.0 + 1e-12)) /* clocks times period may round beyond frames times slot */
         return fail("asked to go beyond the end of the transient");
-    watch_begins();
     for (int i = 0; i < n_edge; i++) {
         struct source *s = &ls.source[edge_source[i]];
         double t = edge_time[i];
@@ -550,7 +537,6 @@ int lockstep_advance(double to, int n_edge, const int *edge_source, const double
         add_corner(t);
         add_corner(t + s->t_edge);
     }
-    watch_ends("lockstep_advance");
     if (ls.state == FAILED)
         return fail("not advanced");
     ls.t_target = to;

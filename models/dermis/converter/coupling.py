@@ -16,10 +16,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import float_flags
 from dermis.array.array import Network, in_range
 from dermis.converter.vfc import W_PRESET, Converter
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]
@@ -376,8 +375,10 @@ class _Columns:
         mean, end = np.empty_like(x), np.empty_like(x)
         ends = (self._held, self.level, self._low, self._high)
         start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
-        with float_flags.watch("event_columns._walk_over_gate"):
-            _walk_over_gate(np.ascontiguousarray(x), start, level, low, high, self.clocks, mean, end)
+        _walk_over_gate(np.ascontiguousarray(x), start, level, low, high, self.clocks, mean, end)
+        # Both loops divide by a duty or a current.
+        if not (np.isfinite(mean).all() and np.isfinite(end).all()):
+            raise SimulatorError("column coupling: the charge over a gate is not a finite number")
         return mean, end
 
 

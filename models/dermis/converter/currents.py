@@ -18,13 +18,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import float_flags, settling, solve_error
+from dermis.array import settling, solve_error
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import ripple
 from dermis.converter.coupling import Coupling, Way, couples, coupling
 from dermis.converter.course import Course as Course
 from dermis.converter.vfc import X_INFINITE, Y_MIN
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.records import Drive, Plan
 
 Floats = NDArray[np.float64]
@@ -414,12 +414,14 @@ class Slots:
                 out = scratch[:, : block.stop - first]
                 if out.shape[1] != scratch.shape[1]:
                     out = np.empty(out.shape)
-                with float_flags.watch("event_input.charges"):
-                    charge = charges(
-                        row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
-                        self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
-                        self._slow, self._break, self.dark, self.offset, self._most, out, mean,
-                    )  # fmt: skip
+                charge = charges(
+                    row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
+                    self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
+                    self._slow, self._break, self.dark, self.offset, self._most, out, mean,
+                )  # fmt: skip
+                # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
+                if not np.isfinite(mean[block]).all():
+                    raise SimulatorError(f"the input charge of row {row} is not a finite number")
                 yield row, block, charge, mean[block]
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
@@ -596,7 +598,8 @@ def charges(  # type: ignore
                     x += begin[k] * factors[k, c]
                 if squeeze is not None:
                     x = x / (1.0 + abs(x) * hard[c])
-                output[c] = min(max(x, Y_MIN), limit[c])
+                x = Y_MIN if x < Y_MIN else x
+                output[c] = limit[c] if x > limit[c] else x
         if row_number > 0:
             for n in range(pause):
                 for c in range(cells):
@@ -609,8 +612,8 @@ def charges(  # type: ignore
                             x += fading[k, c] * faded[k, c] ** n
                     if squeeze is not None:
                         x = x / (1.0 + abs(x) * hard[c])
-                    x = x if x > Y_MIN else Y_MIN
-                    x = x if x < limit[c] else limit[c]
+                    x = Y_MIN if x < Y_MIN else x
+                    x = limit[c] if x > limit[c] else x
                     y = output[c]
                     output[c] = x * y / _below(x, y, x * swift[c])
     for n in range(start, clocks):
@@ -636,8 +639,8 @@ def charges(  # type: ignore
         if lag is not None:
             if n < settle:
                 for c in range(cells):
-                    x = row[c] if row[c] > Y_MIN else Y_MIN
-                    x = x if x < limit[c] else limit[c]
+                    x = Y_MIN if row[c] < Y_MIN else row[c]
+                    x = limit[c] if x > limit[c] else x
                     y = output[c]
                     output[c] = x * y / _below(x, y, x * swift[c])
             else:
@@ -645,8 +648,8 @@ def charges(  # type: ignore
                 # the growth of ln y, which is ln(x / below).
                 far = 0.0
                 for c in range(cells):
-                    x = row[c] if row[c] > Y_MIN else Y_MIN
-                    x = x if x < limit[c] else limit[c]
+                    x = Y_MIN if row[c] < Y_MIN else row[c]
+                    x = limit[c] if x > limit[c] else x
                     y = output[c]
                     below = _below(x, y, x * swift[c])
                     both = 1.0 / (below * (x + below))
@@ -665,8 +668,8 @@ def charges(  # type: ignore
             into = out[n]
             for c in range(cells):
                 x = row[c] + added[c]
-                x = x if x < limit[c] else limit[c]
-                x = x if x > -limit[c] else -limit[c]
+                x = limit[c] if x > limit[c] else x
+                x = -limit[c] if x < -limit[c] else x
                 average[c] += x
                 row[c] = x
             for c in range(cells):

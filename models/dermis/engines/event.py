@@ -21,14 +21,13 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import float_flags
 from dermis.array.array import Network, column_currents
 from dermis.converter import currents, injection, loops, noise
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
 from dermis.converter.currents import Slots, groups
 from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
 from dermis.engines import Result, code_type
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from dermis.records import Drive, Plan
 
 Floats = NDArray[np.float64]
@@ -379,8 +378,8 @@ def count_cells(
         w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
         # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
         plain = loops.plain if clocks <= LONGEST_GATE else loops.plain_long
-        with float_flags.watch(f"loops.{plain.__name__}"):
-            plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        _check_charge(end)
     else:
         walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
     return counts.reshape(shape), end.reshape(shape)
@@ -402,12 +401,18 @@ def walk_cells(
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else _grid_step(of[loops.SIGMA], clocks)
     carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
-    with float_flags.watch("converter.loops.walk"):
-        loops.walk(
-            clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
-            rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
-            counts, end,
-        )  # fmt: skip
+    loops.walk(
+        clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
+        rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
+        counts, end,
+    )  # fmt: skip
+    _check_charge(end[begin:stop])
+
+
+def _check_charge(end: Floats) -> None:
+    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an unpressed taxel."""
+    if not np.isfinite(end).all():
+        raise SimulatorError("engine event: the charge of a converter is not a finite number")
 
 
 def _grid_step(sigma: Floats, clocks: int) -> int:

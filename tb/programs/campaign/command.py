@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import os
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import click
 
-from dermis.array import float_flags
 from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
@@ -286,7 +284,6 @@ def campaign_command(
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
     if short and docs:
         raise InputError("command line", "--short and --docs", "both", "a record of more than the short run")
-    os.environ[float_flags.VARIABLE] = "raise"  # read by the workers when they start
     many = _SHORT[engines] if short else scenes or _FULL[engines]
     campaign = Campaign(engines, seed, many, fresh=not resume)
     if there := campaign.total().worlds:

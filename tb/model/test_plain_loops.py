@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops against the same loops in plain Python, in which every invalid operation raises."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import plain_loops
+import pytest
+from made_plans import made
+
+from dermis.converter import currents
+from dermis.engines import event
+from dermis.errors import SimulatorError
+
+PROGRAM = Path(plain_loops.__file__)
+
+
+def in_plain_python(out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(PROGRAM), str(out), *options],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=150,
+    )
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    out = tmp_path_factory.mktemp("plain") / "codes.npz"
+    done = in_plain_python(out)
+    assert done.returncode == 0, done.stderr
+    return dict(np.load(out))
+
+
+@pytest.mark.parametrize("name", plain_loops.WORLDS)
+def test_plain_python_raises_nothing_and_gives_the_same_codes(
+    name: str, plain: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    np.testing.assert_array_equal(plain_loops.codes(name, tmp_path), plain[name])
+
+
+def test_long_gates_give_the_same_counts_in_plain_python(plain: dict[str, np.ndarray]) -> None:
+    counts = plain_loops.long_gate()
+    assert (counts > 600).all(), "too weak to test anything"
+    np.testing.assert_array_equal(counts, plain["long_gate"])
+
+
+def test_a_seeded_division_by_zero_raises_in_plain_python(tmp_path: Path) -> None:
+    done = in_plain_python(tmp_path / "codes.npz", "--seeded")
+    assert done.returncode != 0
+    assert "divide by zero" in done.stderr
+    assert "currents.py" in done.stderr
+
+
+@pytest.mark.parametrize("on", [{}, {"comparator_hysteresis": {"v_v": 0.02}}])
+def test_a_charge_that_is_no_number_is_an_error_and_not_an_unpressed_taxel(
+    on: dict[str, object], tmp_path: Path
+) -> None:
+    plan = made(tmp_path, np.full((1, 2, 3), 5e3), on)
+    x = np.full((1, 2, 3), 0.1)
+    cells = event.cells_of(plan, x, 1.0 / plan.resistance_ohm)
+    counts, _ = event.count_cells(cells, 510, 1.0)
+    assert (counts == 51).all()
+    cells.x[0, 1, 2] = np.nan
+    with pytest.raises(SimulatorError, match="not a finite number"):
+        event.count_cells(cells, 510, 1.0)
+
+
+@pytest.mark.parametrize("name", ["moving", "bent_moving"])
+def test_an_input_charge_that_is_no_number_is_an_error_behind_every_clip(name: str, tmp_path: Path) -> None:
+    topology, on = plain_loops.WORLDS[name]
+    plan = made(tmp_path, plain_loops.ohms(), on, topology)
+    slots = currents.Slots.of(plan, slice(0, 2))
+    slots.terms[1, 0, 5] = np.nan
+    with pytest.raises(SimulatorError, match="input charge of row 1"):
+        for _ in slots.blocks(128):
+            pass
