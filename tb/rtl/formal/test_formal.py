@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import signal
 import subprocess
@@ -105,9 +104,10 @@ def test_what_runs_too_long_is_ended_and_has_no_exit_code(tmp_path: Path) -> Non
     assert children.run_child(["false"], tmp_path, tmp_path / "log", 10.0) == 1
 
 
-def test_no_checker_is_left_out_of_the_table() -> None:
+def test_each_checker_belongs_to_a_proof() -> None:
     found = {path.stem for path in (ROOT / formal.PLACE).glob("check_*.v")}
     assert found == {proof.check for proof in PROOFS.values()}
+    assert all(f"[files]\n{proof.check}.v\n" in proof.job for proof in PROOFS.values())
     assert {path.stem for path in (ROOT / formal.PLACE / "faults").glob("*.toml")} <= set(PROOFS)
 
 
@@ -135,8 +135,7 @@ def test_a_fault_that_changes_nothing_is_a_miss() -> None:
 
 
 def test_a_cover_that_is_not_reached_is_a_miss() -> None:
-    shallow = dataclasses.replace(PROOFS["sync_ff"], cover_depth=2)
-    (row,) = formal.cover(shallow, where="formal_test")
+    (row,) = formal.cover(PROOFS["sync_ff"], where="formal_test", depth=2)
     assert row["status"] == "FAIL"
     assert row["value"] < row["min"]
 

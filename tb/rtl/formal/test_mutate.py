@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Claims about `dermis mutate`: mutants are single changes of statements, and their fates are told apart."""
+"""Claims about `dermis mutate`: mutants are single changes of statements, and each gets the right fate."""
 
 from __future__ import annotations
 
@@ -50,18 +50,29 @@ def test_every_module_but_the_top_is_a_block_with_tests_and_proofs_that_exist() 
         assert set(block.proofs) <= set(mutate.formal.proofs())
 
 
+def test_the_hierarchy_below_a_module_is_read_from_its_source() -> None:
+    rtl = ROOT / "rtl"
+    assert mutate.below("dermis_sync_latch", rtl) == ["dermis_tech_dff", "dermis_tech_latch"]
+    assert set(mutate.below("dermis_frame_buffer", rtl)) == {
+        "dermis_tech_ram",
+        "dermis_tech_sync",
+        "dermis_tech_dff",
+    }
+    assert mutate.below("dermis_crc8", rtl) == []
+
+
 @pytest.mark.parametrize(
     ("sure", "doubts", "same", "fate"),
     [
-        (True, ["tests, which did not end in 30 s"], None, "killed"),
+        (True, ["tests, which timed out after 30 s"], None, "killed"),
         (False, [], True, "equivalent"),
         (False, [], False, "survives"),
         (False, [], None, "undecided"),
-        (False, ["proof spi, which no longer goes through"], None, "undecided"),
-        (False, ["proof spi, which no longer goes through"], True, "equivalent"),
-        (False, ["proof spi, which no longer goes through"], False, "killed"),
-        (False, ["tests, which did not end in 30 s"], False, "undecided"),
-        (False, ["tests, which did not end in 30 s"], True, "equivalent"),
+        (False, ["proof spi, which no longer succeeds"], None, "undecided"),
+        (False, ["proof spi, which no longer succeeds"], True, "equivalent"),
+        (False, ["proof spi, which no longer succeeds"], False, "killed"),
+        (False, ["tests, which timed out after 30 s"], False, "undecided"),
+        (False, ["tests, which timed out after 30 s"], True, "equivalent"),
     ],
 )
 def test_nothing_but_a_counterexample_a_failing_test_or_a_stopped_proof_of_another_module_kills(
