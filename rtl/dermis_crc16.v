@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Next value of CRC-16/CCITT-FALSE (polynomial 0x1021, most significant bit first, start at 0xFFFF) after one byte.
+// CRC-16/CCITT-FALSE after one more byte: polynomial 0x1021, most significant bit first, start 0xFFFF.
 // Interface: crc_o follows crc_i and byte_i; the register is outside.
 // Timing: combinational.
-// Why in words: x^16 + x^12 + x^5 + 1 folds into three shifted copies of one byte, so no loop over bits is needed.
+// Why no loop over bits: x^16 + x^12 + x^5 + 1 folds into three shifted copies of one byte.
 `default_nettype none
 
 module dermis_crc16 (

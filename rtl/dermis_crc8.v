@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// CRC-8 of one more byte, polynomial x^8 + x^2 + x + 1, most significant bit first (CRC-8/SMBUS from a start of 0).
-// Interface: crc_o is the remainder behind data_i, given the one in front of it on crc_i.
+// CRC-8/SMBUS after one more byte: polynomial x^8 + x^2 + x + 1, most significant bit first, start 0.
+// Interface: crc_o follows crc_i and data_i; the register is outside.
 // Timing: combinational.
-// Why eight bits: a command has four bytes; every error of up to three bits in it is found, and any burst of eight.
+// Why eight bits: in a command of four bytes it detects all errors of up to three bits and bursts of eight.
 `default_nettype none
 
 module dermis_crc8 (
@@ -15,7 +15,7 @@ module dermis_crc8 (
 
   assign x = crc_i ^ data_i;
 
-  // Column by column of the remainder table: bit n of the sum feeds the remainders of 2^(n+8).
+  // Columns of the remainder table: bit n of the sum enters the remainders of 2^(n+8).
   assign crc_o[0] = x[0] ^ x[6] ^ x[7];
   assign crc_o[1] = x[0] ^ x[1] ^ x[6];
   assign crc_o[2] = x[0] ^ x[1] ^ x[2] ^ x[6];

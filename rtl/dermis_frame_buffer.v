@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Double-buffered frame memory: one bank is written while the other, the newest whole frame, is read.
-// Interface: a frame is begin_i, bytes with we_i, end_i; begin_i and end_i may come with a byte or without. A change of
-// hold_toggle_i asks for the front bank; from hold_ack_o on, rdata_o and length_o are of that frame until cs_ni was high.
-// Timing: a grant takes two or three clocks; rdata_o follows raddr_i without a clock.
-// Why the grant goes before the release where they meet: the CS that is seen late was that of the transaction before.
+// Double-buffered frame memory: one bank is written while the newest whole frame is read from the other.
+// Interface: a frame is begin_i, bytes with we_i, and end_i; begin_i and end_i may come with a byte. A change of
+// hold_toggle_i requests the front bank; from hold_ack_o until cs_ni rises, rdata_o and length_o are of that frame.
+// Timing: a grant takes two or three clocks; rdata_o follows raddr_i combinationally.
+// Why a grant wins over a simultaneous release: the late CS belongs to the previous transaction.
 `default_nettype none
 
 module dermis_frame_buffer #(
@@ -60,11 +60,11 @@ module dermis_frame_buffer #(
     .q_o    (hold)
   );
 
-  // A grant while a bank is held: CS was high too shortly to be seen, so the earlier reader is gone.
+  // A grant while a bank is held: CS was high too briefly to be sampled, so the earlier reader is gone.
   assign grant = hold ^ hold_ack_q;
   assign free  = ~held_q | grant | deselected;
 
-  // A frame that waits for the reader to let go is taken in the clock in which it does, before a next one begins.
+  // A waiting frame becomes readable in the clock of the release, before the next frame begins.
   assign swap  = free & (waiting_q | end_i);
   assign back  = ~(front_q ^ (waiting_q & free));
   assign waddr = begin_i ? 16'd0 : waddr_q;

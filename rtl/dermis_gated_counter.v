@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Saturating counter of the rising edges of one column's pulses inside a gate.
-// Interface: a rising edge of pulse_i counts where gate_i is high at the clock edge that sees the new level; count_o then holds.
-// Timing: the first clock of a gate starts again from zero, so there is no clear to place; count_o is final one clock after the gate.
-// Why saturating: 512 pulses or a taxel below full scale must read full scale, never a small number.
+// Saturating counter of the rising edges of one column's pulses in a gate.
+// Interface: a rising edge of pulse_i counts if gate_i is high at the clock edge that samples it; count_o then holds.
+// Timing: the first clock of a gate restarts from zero; count_o is final one clock after the gate.
+// Why saturating: 512 pulses, or a taxel below full scale, must read full scale and never a small number.
 `include "dermis_design.vh"
 `default_nettype none
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packs the rows of a frame into bytes: header, slots of pedestal-corrected codes with overflow bits, CRC-16. docs/rtl.md: the bytes.
-// Interface: row_valid_i offers a row, count_shift_o takes its columns one by one, busy_o says that it is not all taken yet. begin_o opens
-// a frame, we_o writes byte_o, end_o closes it. column_valid_o shows the raw count of column_o as it is taken.
-// Timing: begin_o with row_valid_i of a frame's first row, then one byte a clock, end_o the clock after the last byte.
-// Why the pedestal mode is taken over at a frame's first row: its header then says what was done to all of it.
+// Packs the rows of a frame into bytes: header, slots of codes less pedestal, overflow bits, CRC-16 (docs/rtl.md).
+// Interface: row_valid_i offers a row, count_shift_o takes its columns in order, busy_o is high until all are taken.
+// begin_o opens a frame, we_o writes byte_o, end_o closes it; column_valid_o marks the raw count of column_o.
+// Timing: begin_o with row_valid_i of the first row, then one byte a clock, end_o one clock after the last.
+// Why the pedestal mode is sampled at the first row: the header then holds for the whole frame.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -158,7 +158,7 @@ module dermis_packer #(
           if (taken) begin
             low_q   <= 1'b0;
             index_q <= index_q + 7'd1;
-            // In at column COLS - 1, towards column 0: after all columns each is in its place.
+            // Enters at column COLS - 1 and shifts towards column 0: after all columns each is in place.
             over_q  <= (over_q >> 1) | ({{(OVER_BITS-1){1'b0}}, over} << (COLS - 1));
             ring_q  <= (ring_q >> CODE_BITS) | ({{((COLS-1)*CODE_BITS){1'b0}}, ring_word} << ((COLS - 1) * CODE_BITS));
             if (index_q == LAST_COLUMN[6:0]) begin

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Registers of the chip. Generated from rtl/dermis_registers.rdl; change it there and run: dermis generate
 // Interface: valid_i for one clock is an access; each field is a port of its name. Map: docs/registers.md.
-// Timing: a write is on the ports behind the edge that sees valid_i; pulses are high in that very clock;
+// Timing: a write is on the ports after the edge that samples valid_i; pulses are high in that clock;
 // rdata_o and error_o are combinational.
-// Why rdata_o is 0 without valid_i: address_i comes from SCK and is at rest only while valid_i is high.
+// Why rdata_o is 0 without valid_i: address_i comes from SCK and is stable only while valid_i is high.
 `include "dermis_design.vh"
 `default_nettype none
 

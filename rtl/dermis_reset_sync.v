@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reset synchronizer: the pin's reset, let go of at a clock edge.
-// Interface: rst_no falls with rst_ni whatever the clock does, and rises behind the second edge of clk_i after rst_ni rose.
-// Why: flops that leave reset at different edges start in a state that nobody designed.
+// Reset synchronizer: asynchronous assertion, synchronous release.
+// Interface: rst_no falls with rst_ni at once, and rises after the second edge of clk_i after rst_ni rose.
+// Why: flops that leave reset at different edges start in an undefined state.
 `default_nettype none
 
 module dermis_reset_sync (

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Self-test without a sensor: compares the counts of inject, dark and full-scale slots with limits and keeps sticky fault masks.
-// Interface: the row and column side of the packer in, one mask bit a column or row out; fault_o is any of them. A self-test frame's first
-// row clears all masks. test_i (the request) clears done_o; end_i of the frame that was asked for last sets it: it is readable then.
+// Self-test without a sensor: compares counts of inject, dark and full-scale slots with limits; sticky fault masks.
+// Interface: row and column side of the packer in, one mask bit per column or row out; fault_o is their OR. The first
+// row of a self-test frame clears all masks. test_i clears done_o; end_i of the frame requested last sets it.
 // Timing: a bit is set one clock after its column_valid_i, a row bit one clock after row_valid_i.
-// Why a column without current is checked in the full slots: a short takes half of its neighbour's current, and no other slot shows that.
+// Why columns without current are checked in the full slots: only there a short to a neighbour shows half its current.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -84,7 +84,7 @@ module dermis_self_test #(
     if (!rst_ni)          row_fault_q <= {ROWS{1'b0}};
     else if (row_valid_i) row_fault_q <= begins ? row_fault_i : row_fault_q | row_fault_i;
 
-  // A request that still waits when a self-test frame's first row comes, or comes later, is for another frame.
+  // A request pending at the first row of a self-test frame, or later, is for another frame.
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) begin
       latest_q <= 1'b0;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPI peripheral, mode 0: register writes and reads, frame bursts; everything in the domain of sck_i.
-// Interface: docs/spi.md. A request is a toggle, with address_o and wdata_o at rest until ack_toggle_i equals it; hold_toggle_o
-// asks in the same way for a frame bank, which is then read at frame_address_o.
-// Timing: COPI is taken at rising edges, CIPO moves at falling ones. A byte is acted on at its eighth rising edge.
-// Why toggles: they cross to clk_i whatever the ratio of the two clocks, and while sck_i stands still for ever.
+// SPI peripheral, mode 0, in the domain of sck_i: register writes and reads, frame bursts.
+// Interface: docs/spi.md. A request is a toggle; address_o and wdata_o are stable until ack_toggle_i equals it.
+// hold_toggle_o requests a frame bank in the same way, which is then read at frame_address_o.
+// Timing: COPI is sampled at rising edges, CIPO changes at falling edges. A byte takes effect at its eighth rising edge.
+// Why toggles: they cross to clk_i at any ratio of the clocks, and while sck_i is stopped.
 `default_nettype none
 
 module dermis_spi (
@@ -55,7 +55,7 @@ module dermis_spi (
   localparam [3:0] FINISHED      = 4'd14;
   localparam [3:0] WRITE_ADDRESS = 4'd15;
 
-  // Begun behind the latest reset: what is left of a transaction that a reset fell into is no command.
+  // Begun after the latest reset: the rest of a transaction interrupted by reset is no command.
   reg begun_q;
 
   always @(negedge cs_ni or negedge rst_ni)
@@ -79,7 +79,7 @@ module dermis_spi (
     .q_o    (hold_ack)
   );
 
-  // These live as long as a transaction: CS high is their reset.
+  // State of one transaction: CS high is its reset.
   wire        rst_spi_n;
   reg  [2:0]  bit_q;
   reg  [6:0]  in_q;
@@ -89,7 +89,7 @@ module dermis_spi (
   reg         busy_q;
   reg  [15:0] frame_address_q;
 
-  // These outlive it.
+  // State across transactions.
   reg         request_q;
   reg         write_q;
   reg  [7:0]  address_q;
@@ -119,7 +119,7 @@ module dermis_spi (
   assign request_idle = (ack == request_q);
   assign hold_idle    = (hold_ack == hold_q);
 
-  // The command's bytes as they come, then, for a read, the answer's bytes as they go.
+  // Bytes of the command in, then, for a read, bytes of the answer out.
   assign answering    = (state_q == ANSWER_HIGH) | (state_q == ANSWER_LOW);
   assign is_address   = (state_q == READ_ADDRESS) | (state_q == WRITE_ADDRESS);
   assign crc_byte     = answering ? byte_out : byte_in;
@@ -194,8 +194,8 @@ module dermis_spi (
         state_d  = FINISHED;
         byte_out = crc_q;
       end
-      // The claim of a transaction that was cut may still be crossing. Its grant ends with that transaction's CS, whenever
-      // that is seen, so it is of no use here: only a claim of one's own keeps the bank.
+      // The claim of an aborted transaction may still be crossing. Its grant ends with the CS of that
+      // transaction and must not be used: only the claim of this transaction holds the bank.
       FRAME_CLAIM:
         if (hold_idle) begin
           state_d = FRAME_CLAIMED;
@@ -243,7 +243,7 @@ module dermis_spi (
       end
     end
 
-  // Nothing that is crossing may move: with an earlier request under way (busy) the payload stays as it is.
+  // Crossing data must be stable: while an earlier request is pending (busy) the payload is kept.
   always @(posedge sck_i or negedge rst_ni)
     if (!rst_ni) begin
       request_q <= 1'b0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Technology cell: two-flop synchronizer of one level into the domain of clk_i.
 // Interface: q_o follows d_i, which may change at any time; rst_ni low forces q_o to 0.
-// Timing: a change of d_i is on q_o behind the second edge that sees it; one later where the first edge met it moving.
-// Why a module: a library's synchronizer cell goes here. DERMIS_SYNC_RANDOM makes the "one later" happen at random in simulation.
+// Timing: a change of d_i is on q_o after the second edge that samples it, one later if the first was metastable.
+// Why a module: a synchronizer cell of a library replaces it. DERMIS_SYNC_RANDOM draws the extra edge at random.
 `default_nettype none
 
 module dermis_tech_sync (
@@ -16,7 +16,7 @@ module dermis_tech_sync (
   wire first_q;
 
 `ifdef DERMIS_SYNC_RANDOM
-  // What a metastable first flop may do: fall back to the level before the change, and see the new one an edge later.
+  // A metastable first flop may fall back to the previous level and take the new one an edge later.
   reg before_q;
   reg late_q;
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Digital core of the array reader: scan, convert, pack, test itself, and answer over SPI.
-// Interface: the analog side at clk_i (comparators in; rows, preset, charge, range and test current out, all from registers), a host
-// over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI pins may move at any time.
-// Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi alone; only toggles and data at rest cross.
-// Why nothing but wires and the range choice is here: each module below is tested and proved by itself.
+// Interface: analog side at clk_i (comparators in; rows, preset, charge, range, test current out, all from registers),
+// host over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI pins may change at any time.
+// Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi; only toggles and stable data cross.
+// Why only wires and the range choice are here: each module below is tested and proved separately.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -39,8 +39,8 @@ module dermis_top #(
   localparam CODE_BYTES = (CODE_BITS > 8) ? 2 : 1;
   localparam BANK_BYTES = 10 + (ROWS + 4) * (1 + COLS * CODE_BYTES + (COLS + 7) / 8);
 
-  // A shorter settle lets the charge of a slot's last sample reach into the next gate. Verilog-2005 has no elaboration
-  // $error: a module that does not exist is one line naming the rule in Icarus, Verilator and Yosys alike.
+  // With a shorter settle the charge of the last sample would enter the next gate. Verilog-2005 has no elaboration
+  // $error; an unknown module gives one line with the rule in Icarus, Verilator and Yosys.
   generate
     if (BREAK_CLOCKS < 1) begin : gen_break_error
       dermis_error_break_clocks_must_be_1_or_more u_error ();
@@ -335,7 +335,7 @@ module dermis_top #(
     .error_i          (register_error)
   );
 
-  // The pin's own reset: without a transfer no SCK comes, so there is no edge to let go of it at.
+  // Reset directly from the pin: without a transfer SCK has no edge for a synchronous release.
   dermis_spi u_spi (
     .rst_ni           (rst_ni),
     .sck_i            (spi_sck_i),

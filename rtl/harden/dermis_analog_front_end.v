@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Black box of the analog front end: row drivers, and a channel (conveyor, mirror, charge-balance converter) a column.
-// Interface: the pins of row_driver, mirror and channel_conveyor_mirror in spice/behavioural, a bus where there is one of each a row or
-// column; d_range is d_k1, d_k0 of each column. d_test and d_sense have no circuit in spice/ yet (docs/handover.md).
+// Black box of the analog front end: row drivers, and a channel (conveyor, mirror, converter) per column.
+// Interface: pins of row_driver, mirror and channel_conveyor_mirror in spice/behavioural, as buses over rows or
+// columns; d_range is d_k1, d_k0 of each column. d_test and d_sense have no circuit in spice/ (docs/handover.md).
 // Timing: comp is asynchronous; d_row, d_preset and d_charge come from registers of dermis_top.
-// Why empty: the layout is drawn, not synthesized; a LEF and a GDS of the same pins take its place.
+// Why empty: the layout is drawn, not synthesized; a LEF and a GDS with the same pins replace it.
 `default_nettype none
 
 (* blackbox *)

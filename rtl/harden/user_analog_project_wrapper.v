@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Caravel's analog user area (Caravan): the digital core and the analog front end of an 8x8 array behind Caravan's pads.
-// Interface: Caravan's own ports; docs/handover.md has the table of pads. Clock user_clock2, reset wb_rst_i, host on mprj_io[9:5]. With
-// DERMIS_MACRO the core is a hardened 8x8 macro, which has no parameters and, with USE_POWER_PINS, pins for its supply.
-// Timing: rtl/synth/dermis.sdc holds for u_core; nothing but wires is added here.
+// Analog user area of Caravan: digital core and analog front end of an 8x8 array, connected to the pads.
+// Interface: ports of Caravan; pads in docs/handover.md. Clock user_clock2, reset wb_rst_i, host mprj_io[9:5]. With
+// DERMIS_MACRO the core is a hardened 8x8 macro without parameters; with USE_POWER_PINS it has supply pins.
+// Timing: rtl/synth/dermis.sdc constrains u_core; only wires are added here.
 // Why 8x8: 16x16 takes 32 analog pads and Caravan has 29, mprj_io[35:7].
 `default_nettype none
 
@@ -54,8 +54,8 @@ module user_analog_project_wrapper (
   localparam COLS = 8;
   localparam PADS = `MPRJ_IO_PADS - `ANALOG_PADS;
 
-  // Indices, not pads: io_in[n] is mprj_io[n] up to 13 and mprj_io[n + 11] beyond, gpio_analog[n] is mprj_io[n + 7] up to 6 and
-  // mprj_io[n + 18] beyond, io_analog[n] is mprj_io[n + 14]. Rows on mprj_io[32:25] keep clear of columns and host.
+  // Indices, not pads: io_in[n] is mprj_io[n] up to 13, then mprj_io[n + 11]; gpio_analog[n] is mprj_io[n + 7] up to 6,
+  // then mprj_io[n + 18]; io_analog[n] is mprj_io[n + 14]. Rows on mprj_io[32:25] are apart from columns and host.
   localparam SCK    = 5;
   localparam CS_N   = 6;
   localparam COPI   = 7;
@@ -130,7 +130,7 @@ module user_analog_project_wrapper (
     .comp     (comp)
   );
 
-  // Pads that are not used are inputs; oeb is low where the pad drives.
+  // Unused pads are inputs; oeb is low for an output.
   genvar n;
   generate
     for (n = 0; n < PADS; n = n + 1) begin : gen_pad
@@ -139,7 +139,7 @@ module user_analog_project_wrapper (
     end
   endgenerate
 
-  // The management core may watch and be called, and has no other way in: the host is the SPI.
+  // The management core may observe and get an interrupt; it has no other access: the host is the SPI.
   assign wbs_ack_o   = 1'b0;
   assign wbs_dat_o   = 32'd0;
   assign la_data_out = {125'd0, frame_start, preset, frame_ready};

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Technology cell of osu035: stands in the place of rtl/dermis_tech_latch.v in synthesis.
-// Interface: as there; transparent while gate_ni is low, rst_ni low forces q_o to 0.
-// Timing: that of NAND2X1 or AND2X1 in front of LATCH, which is transparent while its CLK is high.
-// Why two gates: the library has no latch with reset. Reset opens it and feeds it 0. When reset is released with gate_ni high
-// the latch closes while its input may rise, but d_i comes from a flop of the same reset and is still 0 then: no race.
+// Technology cell of osu035: replaces rtl/dermis_tech_latch.v in synthesis.
+// Interface: the same; transparent while gate_ni is low, rst_ni low forces q_o to 0.
+// Timing: NAND2X1 or AND2X1 before LATCH, which is transparent while its CLK is high.
+// Why two gates: the library has no latch with reset. Reset opens it with input 0. At a release with gate_ni high
+// the latch closes while its input may rise, but d_i, a flop with the same reset, is still 0: no race.
 `default_nettype none
 
 module dermis_tech_latch (

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Technology cell of sky130: stands in the place of rtl/dermis_tech_latch.v in synthesis.
-// Interface: as there; transparent while gate_ni is low, rst_ni low forces q_o to 0.
-// Timing: that of sky130_fd_sc_hd__dlrtn_1.
-// Why an instance: the library has this very latch, and every other latch in the netlist is then an inferred one.
+// Technology cell of sky130: replaces rtl/dermis_tech_latch.v in synthesis.
+// Interface: the same; transparent while gate_ni is low, rst_ni low forces q_o to 0.
+// Timing: of sky130_fd_sc_hd__dlrtn_1.
+// Why an instance: the library has this latch, and any other latch in the netlist is then an inferred one.
 `default_nettype none
 
 module dermis_tech_latch (

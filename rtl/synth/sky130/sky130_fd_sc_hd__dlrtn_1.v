@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Function of the library's latch, for the proof of equality alone: written after its Liberty.
-// Interface: Q follows D while GATE_N is low and holds while it is high; RESET_B low forces Q to 0 whatever the gate.
+// Function of the latch of the library, from its Liberty; used only by the equivalence proof.
+// Interface: Q follows D while GATE_N is low and holds while it is high; RESET_B low forces Q to 0 at any gate.
 // Timing: none.
-// Why: Yosys 0.23 reads a Liberty latch with clear wrongly, its enable gate drives the data. Simulation of the netlist uses the
-// library's own model, so that this one is checked there.
+// Why: Yosys 0.23 misreads a Liberty latch with clear: its enable gate drives the data. Gate-level simulation uses
+// the model of the library, and so checks this one.
 `default_nettype none
 
 module sky130_fd_sc_hd__dlrtn_1 (
