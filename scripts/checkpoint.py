@@ -1,30 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a long run has finished, piece by piece, in a file that a killed run goes on from."""
+"""Checkpoints of long runs: finished pieces in a file from which a killed run continues."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from dermis.engines import batch
 from dermis.files import write_atomic
+from scripts import workers
 
+# Seconds of work that a kill may lose: pieces come many a second, and writing all of them takes milliseconds.
 _SAVE_S = 5.0
-"""What a kill may lose: pieces come many a second, and writing all of them takes some milliseconds."""
 
 
-class Kept:
-    """Pieces by name, each something that JSON can say.
+def stamp(*folders: Path) -> str:
+    """Return a fingerprint of everything that decides about codes and of the Python files below some folders."""
+    text = hashlib.sha256(batch.fingerprint().encode())
+    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
+        text.update(path.name.encode() + path.read_bytes())
+    return text.hexdigest()
+
+
+class Checkpoint:
+    """Pieces by name, each a value that JSON can hold.
 
     Parameters
     ----------
     path : Path
-        Of the file; another process that reads it sees it whole.
+        File of the pieces; another process that reads it sees it whole.
     stamp : str
-        Of all that the pieces depend on, such as `batch.fingerprint()`: a file of another stamp counts for nothing.
+        Fingerprint of everything that the pieces depend on; a file with another stamp is ignored.
     fresh : bool
-        Do not take up what an earlier run left.
+        Ignore an earlier run.
 
     Attributes
     ----------
@@ -33,18 +45,18 @@ class Kept:
 
     def __init__(self, path: Path, stamp: str, *, fresh: bool = False) -> None:
         self.path, self.stamp = path, stamp
-        self.pieces: dict[str, Any] = {} if fresh else self._left()
+        self.pieces: dict[str, Any] = {} if fresh else self._load()
         self._saved = time.monotonic()
 
-    def _left(self) -> dict[str, Any]:
+    def _load(self) -> dict[str, Any]:
         try:
-            told = json.loads(self.path.read_text(encoding="utf-8"))
-            return dict(told["pieces"]) if told["stamp"] == self.stamp else {}
-        except (OSError, ValueError, KeyError, TypeError):  # none there, or one of another version
+            stored = json.loads(self.path.read_text(encoding="utf-8"))
+            return dict(stored["pieces"]) if stored["stamp"] == self.stamp else {}
+        except (OSError, ValueError, KeyError, TypeError):  # missing, or of another version
             return {}
 
     def put(self, name: str, piece: Any, *, now: bool = True) -> None:
-        """Take a piece; it is in the file at once, or with others within seconds (the last ones: `save`)."""
+        """Add a piece and write the file, now or with other pieces within seconds (the last ones: `save`)."""
         self.pieces[name] = piece
         if now or time.monotonic() - self._saved > _SAVE_S:
             self.save()
@@ -53,3 +65,39 @@ class Kept:
         """Write the file, whole or not at all."""
         write_atomic(self.path, json.dumps({"stamp": self.stamp, "pieces": self.pieces}))
         self._saved = time.monotonic()
+
+    def run(
+        self,
+        tasks: Mapping[str, workers.Task],
+        processes: int,
+        on_done: Callable[[str], None] = lambda name: None,
+        *,
+        fresh: bool = False,
+    ) -> dict[str, str]:
+        """Run the tasks that have no piece yet in worker processes and store their values.
+
+        Parameters
+        ----------
+        tasks : name of a piece -> task
+        processes : workers at a time
+        on_done : called with the name of each task that has ended
+        fresh : a new process for each task
+
+        Returns
+        -------
+        dict
+            Name -> fault of each task that failed; it has no piece.
+        """
+        todo = [name for name in tasks if name not in self.pieces]
+        faults = {}
+        try:
+            for number, outcome in workers.run((tasks[name] for name in todo), processes, fresh=fresh):
+                if outcome.fault:
+                    faults[todo[number]] = outcome.fault
+                else:
+                    self.put(todo[number], outcome.value, now=False)
+                on_done(todo[number])
+        finally:
+            if todo:
+                self.save()
+        return faults

@@ -25,7 +25,7 @@ from dermis.report import figures, progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import load as load_design
 from scripts.characterise import runs
-from scripts.checkpoint import Kept
+from scripts.checkpoint import Checkpoint
 from scripts.sweep import curves as sweep
 from scripts.sweep.curves import Curve, Reading
 
@@ -56,7 +56,7 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
         )
         for topology in topologies
     }
-    kept = Kept(out / "kept.json", batch.fingerprint())
+    kept = Checkpoint(out / "kept.json", batch.fingerprint())
     curves: list[Curve] = []
     rows: list[Row] = []
     failed = False

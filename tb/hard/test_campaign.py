@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The campaign finds a fault planted in each engine, shrinks it and goes on after a kill; found cases stay cured."""
+"""A campaign notices a fault seeded in each engine, shrinks it and continues after a kill; found cases stay cured."""
 
 from __future__ import annotations
 
 import dataclasses
+import random
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,15 @@ from dermis.effects import EFFECTS
 from dermis.engines import Result, certificate, closed, cosim, event, rtl
 from dermis.records import Plan
 from dermis.scene.design import ROOT
-from scripts.workers import Outcome, Task
-from tb.programs.campaign import command, draw, laws, shrink, trial, world
-from tb.programs.campaign.world import World, lines_of
+from scripts import workers
+from scripts.checkpoint import Checkpoint
+from tb.programs.campaign import command, laws
+from tb.programs.campaign.shrink import lines_of, shrink
+from tb.reference import scenes
+from tb.reference.scenes import PROFILES, World, random_scene
 
 FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
-# What campaigns found and nothing has cured yet (docs/campaign.md): once cured, a case moves to FOUND.
+# Defects that are not cured yet (docs/campaign.md); a cured case moves to FOUND.
 OPEN = sorted((ROOT / "tb" / "hard" / "open").glob("*.toml"))
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
@@ -46,9 +50,9 @@ def made(effects: dict[str, Any] | None = None, ohm: Any = None, **interface: An
 
 
 def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str]:
-    """Laws that a world breaks; a few seeds, for some laws ask about one cell."""
+    """Return the laws that a world breaks; some laws look at one cell a seed."""
     names = list(laws.ENGINES[engines])
-    return {b.law for seed in range(seeds) for b in trial.run(one, engines, seed, names).broken}
+    return {law for seed in range(seeds) for law in laws.judge(one, engines, seed, names).laws}
 
 
 # ---- cases that campaigns found
@@ -56,14 +60,14 @@ def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str
 
 @pytest.mark.parametrize(
     "path",
-    # A deck takes seconds where the others take hundredths.
-    [pytest.param(p, marks=[pytest.mark.long] * (world.load(p).engines == "cosim")) for p in FOUND],
+    # A deck takes seconds, other cases hundredths.
+    [pytest.param(p, marks=[pytest.mark.long] * (scenes.load(p).engines == "cosim")) for p in FOUND],
     ids=lambda path: path.stem,
 )
 def test_found_case_stays_cured(path: Path) -> None:
-    case = world.load(path)
+    case = scenes.load(path)
     assert len(FOUND) >= 10
-    outcome = trial.run(case, case.engines, 0, list(laws.ENGINES[case.engines]))
+    outcome = laws.judge(case, case.engines, 0, list(laws.ENGINES[case.engines]))
     assert not outcome.broken, f"{case.why}: {outcome.broken}"
     if case.refused:
         assert case.refused in outcome.refused
@@ -74,54 +78,59 @@ def test_found_case_stays_cured(path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("path", OPEN, ids=lambda path: path.stem)
 def test_an_open_case_is_still_open(path: Path) -> None:
-    case = world.load(path)
-    assert trial.run(case, case.engines, 0, list(laws.ENGINES[case.engines])).broken, (
+    case = scenes.load(path)
+    assert laws.judge(case, case.engines, 0, list(laws.ENGINES[case.engines])).broken, (
         "cured: move it to found/"
     )
 
 
-def test_a_world_survives_its_file() -> None:
+def test_a_world_survives_its_file(tmp_path: Path) -> None:
     one = dataclasses.replace(
         made({"row_driver": {"r_ohm": 3.5, "grounded_r_ohm": np.inf}, "auto": {"budget_lsb": 0.5}}),
         design={"timing": {"break_clocks": 2}},
         why='a "quoted" reason',
         refused="x",
     )
-    path = Path("made.toml")
-    assert world.load(_Text(one.to_toml(), path)) == one  # type: ignore[arg-type]
+    (tmp_path / "made.toml").write_text(one.to_toml())
+    assert scenes.load(tmp_path / "made.toml") == one
 
 
-class _Text:
-    """A file that is not there."""
-
-    def __init__(self, text: str, path: Path) -> None:
-        self.text, self.path = text, path
-
-    def read_text(self, encoding: str) -> str:
-        return self.text
+def drawn(engines: str, number: int, seed: int = 0) -> World:
+    return command.scene_of(engines, seed, number)
 
 
-def test_a_campaign_draws_everything_there_is(tmp_path: Path) -> None:
-    """Every effect, stimulus, topology, refused ones and codes of other widths, within the first 400 scenes."""
-    drawn = [draw.world(0, n, "closed,event", tmp_path) for n in range(400)]
-    on = {name for one in drawn for name in one.scene["effects"]}
-    assert on == {*EFFECTS, "auto"}
-    kinds = {one.scene["stimulus"]["kind"] for one in drawn}
-    assert kinds == {"indenter", "slip", "tapping", "ramp", "several", "uniform", "resistance"}
-    assert len({one.scene["interface"]["topology"] for one in drawn}) == 4
-    bits = {one.design.get("timing", {}).get("code_bits", 8) for one in drawn}
+def test_a_campaign_draws_everything() -> None:
+    """Every effect, stimulus, topology and code width within the first 500 scenes."""
+    worlds = [drawn("closed,event", n) for n in range(500)]
+    assert {name for one in worlds for name in one.scene["effects"]} == {*EFFECTS, "auto"}
+    assert {one.scene["stimulus"]["kind"] for one in worlds} == set(scenes.KINDS)
+    assert len({one.scene["interface"]["topology"] for one in worlds}) == 4
+    bits = {one.design.get("timing", {}).get("code_bits", 8) for one in worlds}
     assert min(bits) == 1
     assert max(bits) > 8
-    assert draw.world(0, 7, "closed,event", tmp_path) == draw.world(0, 7, "closed,event", tmp_path)
-    assert draw.world(1, 7, "closed,event", tmp_path) != draw.world(0, 7, "closed,event", tmp_path)
+    assert drawn("closed,event", 7) == drawn("closed,event", 7)
+    assert drawn("closed,event", 7, seed=1) != drawn("closed,event", 7)
+
+
+def test_scenes_are_drawn_within_their_profile() -> None:
+    """No deck draws random numbers, so that scenes for one have no noise; gentle scenes have only auto's budgets."""
+    for engines in ("rtl", "cosim", "auto,cosim"):
+        for n in range(100):
+            on = drawn(engines, n).scene["effects"]
+            assert not [
+                name for name, value in on.items() if name in EFFECTS and EFFECTS[name].random and value
+            ]
+            assert ("auto" in on) == (engines == "auto,cosim")
+    gentle = [random_scene(random.Random(n), PROFILES["auto"]) for n in range(20)]
+    assert {one.scene["effects"]["auto"]["budget_lsb"] for one in gentle} == {0.1, 0.25, 0.5}
+    assert all(one.plan(Path(), None) for one in gentle if not one.files)
 
 
 def test_some_scenes_have_few_effects_drawn_far(tmp_path: Path) -> None:
-    """Alone, beyond full scale, behind long breaks: where a bound that is too small is not hidden by others."""
-    assert draw.world(3, 5, "auto,cosim", tmp_path) == draw.world(3, 5, "auto,cosim", tmp_path)
+    """Alone, beyond full scale, after long breaks: there no other effect hides a bound that is too small."""
     few = []
     for number in range(600):
-        one = draw.world(3, number, "closed,event", tmp_path)
+        one = drawn("closed,event", number, seed=3)
         effects = one.scene["effects"]
         if "auto" in effects and False in effects.values():
             few.append((one, {n: v for n, v in effects.items() if n not in ("auto", "motion") and v}))
@@ -139,7 +148,7 @@ def test_some_scenes_have_few_effects_drawn_far(tmp_path: Path) -> None:
     assert any(one.plan(tmp_path, None).on for one, _ in few[:20])
 
 
-# ---- planted faults
+# ---- seeded faults
 
 
 def _counts(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
@@ -153,7 +162,7 @@ def _counts(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
 
 
 def _lost(module: Any, **fields: float) -> Callable[..., Result]:
-    """An engine that forgets an effect."""
+    """Return an engine that ignores an effect."""
     original = module.run
 
     def wrong(plan: Plan, *rest: Any, **options: Any) -> Result:
@@ -182,7 +191,7 @@ def test_a_clock_too_few_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_wrong_sign_in_event_alone_is_found_by_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where engine closed cannot follow, fifty digits can."""
+    """The reference of fifty digits covers scenes that engine closed refuses."""
     original = event.rows_of
 
     def wrong(cells: event.Cells, charge_delay: float) -> event.Rows:
@@ -254,7 +263,7 @@ def test_offsets_that_do_not_add_are_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_to_the_last_digits() -> None:
-    case = world.load(ROOT / "tb" / "hard" / "found" / "symmetric_shorted_neighbours.toml")
+    case = scenes.load(ROOT / "tb" / "hard" / "found" / "symmetric_shorted_neighbours.toml")
     with tempfile.TemporaryDirectory() as scratch:
         plan = case.plan(Path(scratch), "event")
     apart = dataclasses.replace(
@@ -270,7 +279,7 @@ def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_t
 
 def test_a_warning_and_a_foreign_exception_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(event, "count_cells", _counts(lambda n, cells: n // np.zeros_like(n)))
-    assert {b.law for b in trial.run(made(), "closed,event", 0).broken} == {"typed_errors"}
+    assert laws.judge(made(), "closed,event", 0).laws == {"typed_errors"}
 
 
 def test_a_lost_effect_in_the_verilog_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,8 +315,8 @@ def _weighed_through_spice(
         "preset_error": {"v_v": 1e-6},
     }
     one = made(on, [[ohm]], topology="direct")
-    outcome = trial.run(one, "auto,cosim", 1, ["budget_through_spice"])
-    return outcome.compared["budget_through_spice"], {b.law for b in outcome.broken}
+    outcome = laws.judge(one, "auto,cosim", 1, ["budget_through_spice"])
+    return outcome.compared["budget_through_spice"], outcome.laws
 
 
 @pytest.mark.long
@@ -340,7 +349,7 @@ def test_a_failure_is_shrunk_to_what_it_needs(monkeypatch: pytest.MonkeyPatch) -
         "column_input": True,
     }
     one = dataclasses.replace(made(effects), design={"timing": {"break_clocks": 3}})
-    small = shrink.shrink(one, "closed,event", 0, "closed_equals_event", 60.0)
+    small = shrink(one, lambda w: "closed_equals_event" in broken(w, seeds=1), 60.0)
     assert list(small.scene["effects"]) == ["offset_current"]
     assert small.scene["array"] == {"rows": 1, "cols": 1}
     assert not small.design
@@ -348,76 +357,53 @@ def test_a_failure_is_shrunk_to_what_it_needs(monkeypatch: pytest.MonkeyPatch) -
     assert broken(small) >= {"closed_equals_event"}
 
 
-@pytest.fixture
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A campaign's state somewhere else."""
-    monkeypatch.setattr(command, "STATE", tmp_path)
-    monkeypatch.setattr(command, "worlds_of", _tally)
-    return tmp_path
+def _piece(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
+    wrong = [(n, "certified", "made up") for n in range(first, stop) if n == 7]
+    return {"counts": {"worlds": stop - first, "compared.certified": stop - first}, "broken": wrong}
 
 
-def _tally(engines: str, seed: int, first: int, stop: int) -> command.Tally:
-    numbers = range(first, stop)
-    wrong = [(n, "certified", "made up") for n in numbers if n == 7]
-    return command.Tally(len(numbers), 0, 0, 3 * len(numbers), {"certified": len(numbers)}, {}, wrong, 1.0)
-
-
-def _run(ends_after: int | None, hangs: int | None = None) -> Callable[..., Iterator[tuple[int, Outcome]]]:
-    def run(tasks: Iterator[Task], count: int) -> Iterator[tuple[int, Outcome]]:
+def _workers(ends_after: int | None = None, hangs: int = -1) -> Callable[..., Iterator[tuple[int, Any]]]:
+    def run(
+        tasks: Iterable[workers.Task], count: int, fresh: bool = False
+    ) -> Iterator[tuple[int, workers.Outcome]]:
         for number, task in enumerate(tasks):
             if number == ends_after:
                 raise KeyboardInterrupt
             first, stop = task.arguments[2:]
-            if hangs is not None and first <= hangs < stop:
-                yield number, Outcome(fault="hangs: ended after 1 s")
+            if first <= hangs < stop:
+                yield number, workers.Outcome(fault="hangs: ended after 1 s")
             else:
-                yield number, Outcome(task.function(*task.arguments))
+                yield number, workers.Outcome(task.function(*task.arguments))
 
     return run
 
 
-def test_a_campaign_goes_on_where_it_was_ended(state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command.workers, "run", _run(None))
-    whole = command.Campaign("closed,event", 0, 333)
-    whole.run(1)
-    expected = whole.total()
-    assert expected.worlds == 333
+def test_a_campaign_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "run_scenes", _piece)
+
+    def run(scenes_: int, path: str, ends_after: int | None = None) -> command.Tally:
+        monkeypatch.setattr(workers, "run", _workers(ends_after))
+        return command.run("closed,event", 0, scenes_, Checkpoint(tmp_path / path, "code"), 1)
+
+    expected = run(333, "whole.json")
+    assert expected.counts["worlds"] == 333
     assert expected.broken == [(7, "certified", "made up")]
-    whole.kept.path.unlink()
-
-    monkeypatch.setattr(command.workers, "run", _run(3))
-    ended = command.Campaign("closed,event", 0, 333)
     with pytest.raises(KeyboardInterrupt):
-        ended.run(1)
-    ended.kept.save()
-    assert ended.total().worlds == 150
-
-    monkeypatch.setattr(command.workers, "run", _run(None))
-    again = command.Campaign("closed,event", 0, 333)
-    assert again.total().worlds == 150
-    again.run(1)
-    assert again.total() == expected
-
-    # Nor does a longer or shorter run count what is not its own.
-    shorter = command.Campaign("closed,event", 0, 75)
-    assert shorter.total().worlds == 50
-    shorter.run(1)
-    assert shorter.total().worlds == 75
-
-    assert command.Campaign("closed,event", 0, 333, fresh=True).total().worlds == 0
-    monkeypatch.setattr(command.batch, "fingerprint", lambda: "another")
-    assert command.Campaign("closed,event", 0, 333).total().worlds == 0
+        run(333, "ended.json", ends_after=3)
+    assert len(Checkpoint(tmp_path / "ended.json", "code").pieces) == 3
+    assert run(333, "ended.json", ends_after=4) == expected
+    # A longer or a shorter run counts its own scenes only.
+    assert run(75, "ended.json").counts["worlds"] == 75
 
 
 def test_a_scene_that_hangs_is_named_and_the_others_count(
-    state: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(command.workers, "run", _run(None, hangs=61))
-    campaign = command.Campaign("closed,event", 0, 120)
-    campaign.run(1)
-    total = campaign.total()
-    assert total.worlds == 120
+    monkeypatch.setattr(command, "run_scenes", _piece)
+    monkeypatch.setattr(workers, "run", _workers(hangs=61))
+    total = command.run("closed,event", 0, 120, Checkpoint(tmp_path / "state.json", "code"), 1)
+    assert total.counts["worlds"] == 120
     assert (61, "ends", "hangs: ended after 1 s") in total.broken
-    rows = {row["name"]: row for row in command.rows(campaign, total)}
+    rows = {row["name"]: row for row in command.rows("closed,event", 0, 120, total)}
     assert rows["campaign.broken.closed_event.ends"]["status"] == "FAIL"
     assert rows["campaign.broken.closed_event.certified"]["value"] == 1

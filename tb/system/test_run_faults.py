@@ -21,7 +21,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, watchdog
 from dermis.report import output
 from dermis.scene.design import ROOT
-from scripts.checkpoint import Kept
+from scripts.checkpoint import Checkpoint
 from scripts.synth import cells as synth_cells
 from tb.programs.faults import bench as benches
 from tb.programs.faults import command, trials
@@ -124,12 +124,14 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
 
     calls: list[int] = []
     store = tmp_path / "rows.json"
-    kept = Kept(store, "code")
+    kept = Checkpoint(store, "code")
     todo = [trials.Trial("kill.a.b.1", counted), trials.Trial("kill.a.b.2", broken)]
     rows = command.run(todo, Bench(tmp_path), 1, kept)
     assert [row["status"] for row in rows] == ["PASS", "ERROR"]
     # Broken off and started again: what was measured stays, the rest follows.
-    rows = command.run([*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, Kept(store, "code"))
+    rows = command.run(
+        [*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, Checkpoint(store, "code")
+    )
     assert [row["status"] for row in rows] == ["PASS", "ERROR", "FAIL"]
     assert len(calls) == 2
     assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)
@@ -153,7 +155,7 @@ def test_a_trial_s_signals_are_heard_where_a_shell_has_them_ignored(tmp_path: Pa
             [trials.Trial("ctrl_c.a.b.1", interrupted)],
             Bench(tmp_path),
             1,
-            Kept(tmp_path / "rows.json", "code"),
+            Checkpoint(tmp_path / "rows.json", "code"),
         )
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:

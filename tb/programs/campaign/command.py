@@ -1,248 +1,210 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis campaign`: many random worlds in worker processes, with a state that a killed campaign goes on from."""
+"""`dermis campaign`: random scenes in worker processes against the laws; a killed campaign continues."""
 
 from __future__ import annotations
 
 import hashlib
-import itertools
-import tempfile
+import random
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
 from dermis.report import verdict
 from dermis.report.progress import slots
 from dermis.scene.design import ROOT
 from scripts import workers
-from scripts.checkpoint import Kept
-from tb.programs.campaign import draw, laws, shrink, trial
-from tb.programs.campaign.world import World
+from scripts.checkpoint import Checkpoint, stamp
+from tb.programs.campaign import laws
+from tb.programs.campaign.shrink import shrink
+from tb.reference.scenes import PROFILES, World, random_scene
 
 STATE = ROOT / "build" / "campaign"
 FOUND = ROOT / "tb" / "hard" / "found"
+CODE = ROOT / "tb" / "programs" / "campaign", ROOT / "tb" / "reference"
 DOCS = ROOT / "docs" / "campaign.md"
+# Seconds to shrink one example, and examples stored of each law.
+_SHRINK_S, _EXAMPLES = 120.0, 4
 
-# Worlds of one task: enough that handing it out costs nothing, few enough that little is lost when one is killed.
-_A_TASK = {"closed,event": 50, "rtl": 10, "cosim": 2, "auto,cosim": 2}
-# Longest a single world may take. The first of its kind compiles loops (10 s, a minute on a busy machine) or Verilog.
-LIMIT_S = {"closed,event": 120.0, "rtl": 240.0, "cosim": 240.0, "auto,cosim": 240.0}
-_SHORT = {"closed,event": 200, "rtl": 10, "cosim": 2, "auto,cosim": 4}
-_FULL = {"closed,event": 100_000, "rtl": 2_000, "cosim": 300, "auto,cosim": 300}
-# From so many scenes on every law must have had something to compare: the rarest is asked for one scene in 50.
-_TELLING = {"closed,event": 2_000, "rtl": 10, "cosim": 10, "auto,cosim": 40}
-# Seconds to shrink one example, and examples of a law that are shrunk and kept.
-_SHRINK_S, _KEPT = 120.0, 4
+
+@dataclass(frozen=True)
+class Size:
+    """Sizes of a campaign: scenes of a task, seconds of a scene, scenes of a short and of a whole run.
+
+    From `telling` scenes on every law must have applied; the rarest is asked about one scene in 50.
+    """
+
+    task: int
+    limit_s: float  # the first scene of a worker compiles loops for 10 s, or Verilog for a minute
+    short: int
+    whole: int
+    telling: int
+
+
+SIZES = {
+    "closed,event": Size(50, 120.0, 200, 100_000, 2_000),
+    "rtl": Size(10, 240.0, 10, 2_000, 10),
+    "cosim": Size(2, 240.0, 2, 300, 10),
+    "auto,cosim": Size(2, 240.0, 4, 300, 40),
+}
 
 
 @dataclass
 class Tally:
-    """What worlds came to, of a task or of all: sums of counts, and every world that is broken."""
+    """Sums over scenes: counts by name, and (number, law, line) of each violation."""
 
-    worlds: int = 0
-    refused: int = 0
-    given_up: int = 0
-    conversions: int = 0
-    asked: dict[str, int] = field(default_factory=dict)
-    compared: dict[str, int] = field(default_factory=dict)
-    broken: list[tuple[int, str, str]] = field(default_factory=list)  # world, law, what
-    seconds: float = 0.0
+    counts: Counter[str] = field(default_factory=Counter)
+    broken: list[tuple[int, str, str]] = field(default_factory=list)
 
-    def add(self, other: Tally) -> None:
-        """Take another's counts in."""
-        self.worlds += other.worlds
-        self.refused += other.refused
-        self.given_up += other.given_up
-        self.conversions += other.conversions
-        self.seconds += other.seconds
-        for mine, theirs in ((self.asked, other.asked), (self.compared, other.compared)):
-            for law, count in theirs.items():
-                mine[law] = mine.get(law, 0) + count
-        self.broken += [(int(number), law, what) for number, law, what in other.broken]
+    def add(self, piece: dict[str, Any]) -> None:
+        """Add a piece of `run_scenes`."""
+        self.counts.update(piece["counts"])
+        self.broken += [(int(number), law, line) for number, law, line in piece["broken"]]
 
 
-def worlds_of(engines: str, seed: int, first: int, stop: int) -> Tally:
-    """Worlds first .. stop - 1: what a worker does."""
-    tally, start = Tally(), time.process_time()
-    with tempfile.TemporaryDirectory() as directory:
-        for number in range(first, stop):
-            world = draw.world(seed, number, engines, Path(directory))
-            outcome = trial.run(world, engines, number, scratch=Path(directory))
-            broken = [(number, b.law, b.what) for b in outcome.broken]
-            refused, given_up = int(bool(outcome.refused)), int(outcome.given_up)
-            tally.add(
-                Tally(
-                    1,
-                    refused,
-                    given_up,
-                    outcome.conversions,
-                    dict(outcome.asked),
-                    dict(outcome.compared),
-                    broken,
-                )
-            )
-    tally.seconds = time.process_time() - start
-    return tally
+def scene_of(engines: str, seed: int, number: int) -> World:
+    """Return a scene of a campaign, the same for a seed and a number whatever runs before."""
+    return replace(random_scene(random.Random(f"{seed} {number}"), PROFILES[engines]), engines=engines)
 
 
-class Campaign:
-    """A campaign of `scenes` worlds and its state on disk.
-
-    Attributes
-    ----------
-    done : dict
-        First world of a task, and the one behind its last, as "first-stop" -> its tally. Tasks of a run of another
-        length stay in the state and count for nothing here.
-    """
-
-    def __init__(self, engines: str, seed: int, scenes: int, *, fresh: bool = False) -> None:
-        self.engines, self.seed, self.scenes = engines, seed, scenes
-        path = STATE / f"{engines.replace(',', '_')}_{seed}.json"
-        self.kept = Kept(path, batch.fingerprint(), fresh=fresh)
-        self.done = {name: Tally(**tally) for name, tally in self.kept.pieces.items()}
-
-    def tasks(self) -> list[tuple[int, int]]:
-        """First world, and the one behind the last, of every task of this run."""
-        step = _A_TASK[self.engines]
-        return [(first, min(first + step, self.scenes)) for first in range(0, self.scenes, step)]
-
-    def run(self, processes: int) -> None:
-        """Run what is not done yet; what hangs or crashes is found again world by world."""
-        limit_s = LIMIT_S[self.engines]
-        waiting = [task for task in self.tasks() if _name(task) not in self.done]
-        again: list[tuple[int, int]] = []
-        done = self.total().worlds
-        with slots(f"campaign {self.engines}", self.scenes, "scenes") as on_done:
-            tasks = (
-                # Most worlds take milliseconds: a task has the time of a few that have to compile first.
-                workers.Task(worlds_of, (self.engines, self.seed, *task), 4.0 * limit_s)
-                for task in waiting
-            )
-            for number, outcome in workers.run(tasks, processes):
-                if outcome.fault:
-                    again.append(waiting[number])
-                    continue
-                done += self._keep(waiting[number], outcome.value)
-                on_done(done)
-            for task in again:
-                done += self._keep(task, self._one_by_one(task, processes))
-                on_done(done)
-        self.kept.save()
-
-    def _keep(self, task: tuple[int, int], tally: Tally) -> int:
-        self.done[_name(task)] = tally
-        self.kept.put(_name(task), asdict(tally), now=False)
-        return tally.worlds
-
-    def _one_by_one(self, task: tuple[int, int], processes: int) -> Tally:
-        numbers = range(*task)
-        tasks = [
-            workers.Task(worlds_of, (self.engines, self.seed, n, n + 1), LIMIT_S[self.engines])
-            for n in numbers
-        ]
-        tally = Tally()
-        for number, outcome in workers.run(tasks, processes):
-            if outcome.fault:
-                tally.add(Tally(1, broken=[(numbers[number], "ends", outcome.fault)]))
-            else:
-                tally.add(outcome.value)
-        return tally
-
-    def total(self) -> Tally:
-        """All worlds together."""
-        tally = Tally()
-        for task in self.tasks():
-            if _name(task) in self.done:
-                tally.add(self.done[_name(task)])
-        return tally
+def run_scenes(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
+    """Run scenes first .. stop - 1 in a worker and return their piece."""
+    counts: Counter[str] = Counter()
+    broken, start = [], time.process_time()
+    for number in range(first, stop):
+        found = laws.judge(scene_of(engines, seed, number), engines, number)
+        counts["worlds"] += 1
+        counts["refused"] += bool(found.refused)
+        counts["given_up"] += found.given_up
+        counts["conversions"] += found.conversions
+        for what, names in (("asked", found.asked), ("compared", found.compared)):
+            counts.update({f"{what}.{name}": count for name, count in names.items()})
+        broken += [(number, *one) for one in found.broken]
+    counts["milliseconds"] = round(1e3 * (time.process_time() - start))
+    return {"counts": dict(counts), "broken": broken}
 
 
-def _name(task: tuple[int, int]) -> str:
-    return f"{task[0]}-{task[1]}"
+def run(engines: str, seed: int, scenes: int, store: Checkpoint, processes: int) -> Tally:
+    """Run the scenes that have no piece yet; tasks that hang or crash run again scene by scene."""
+    size = SIZES[engines]
+
+    def name(first: int, stop: int) -> str:
+        return f"{first}-{stop}"
+
+    ends = [(first, min(first + size.task, scenes)) for first in range(0, scenes, size.task)]
+    done = sum(stop - first for first, stop in ends if name(first, stop) in store.pieces)
+    if done:
+        click.echo(f"{done} scenes are there from an earlier run; --fresh starts anew", err=True)
+    with slots(f"campaign {engines}", scenes, "scenes") as show:
+
+        def on_done(piece: str) -> None:
+            nonlocal done
+            done += store.pieces[piece]["counts"]["worlds"] if piece in store.pieces else 0
+            show(done)
+
+        # Most scenes take milliseconds: a task has the time of a few that compile first.
+        tasks = {name(*e): workers.Task(run_scenes, (engines, seed, *e), 4.0 * size.limit_s) for e in ends}
+        lost = store.run(tasks, processes, on_done)
+        single = [(n, n + 1) for first, stop in ends if name(first, stop) in lost for n in range(first, stop)]
+        alone = {name(*e): workers.Task(run_scenes, (engines, seed, *e), size.limit_s) for e in single}
+        for piece, fault in store.run(alone, processes, on_done).items():
+            violation = (int(piece.partition("-")[0]), "ends", fault)
+            store.put(piece, {"counts": {"worlds": 1}, "broken": [violation]})
+        for first, stop in ends:
+            if name(first, stop) in lost:
+                whole = Tally()
+                for n in range(first, stop):
+                    whole.add(store.pieces.pop(name(n, n + 1)))
+                store.put(name(first, stop), {"counts": dict(whole.counts), "broken": whole.broken})
+    total = Tally()
+    for first, stop in ends:
+        total.add(store.pieces[name(first, stop)])
+    return total
 
 
-def keep(campaign: Campaign, total: Tally, where: Path, processes: int) -> list[Path]:
-    """Shrink the first examples of every law that was broken, and store them as cases."""
-    chosen: list[tuple[int, str, str]] = []
-    for _, examples in itertools.groupby(sorted(total.broken, key=lambda b: (b[1], b[0])), lambda b: b[1]):
-        chosen += list(itertools.islice(examples, _KEPT))
-    tasks = [
-        workers.Task(shrunk, (campaign.engines, campaign.seed, number, law, what), 3.0 * _SHRINK_S)
-        for number, law, what in chosen
-    ]
-    kept = []
-    for number, outcome in workers.run(tasks, processes):
-        index, law, what = chosen[number]
-        # What hangs or crashes does so while it is shrunk: it is stored as it was drawn.
-        text = outcome.value or _case(campaign.engines, campaign.seed, index, f"{law}: {what}").to_toml()
-        name = f"{law}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.toml"
-        write_atomic(where / name, text)
-        kept.append(where / name)
-    return kept
+def shrunk(engines: str, seed: int, number: int, law: str, line: str) -> str:
+    """Return the smallest scene that breaks a law in the same way, as text of a case, in a worker."""
+    world = replace(scene_of(engines, seed, number), why=f"{law}: {line}")
+
+    def kind(one: World) -> str | None:
+        try:
+            said = [line for name, line in laws.judge(one, engines, number, [law]).broken if name == law]
+        except InputError:  # the candidate is no scene
+            return None
+        # An exception must stay the same exception.
+        head = said[0].partition(":")[0] if said else None
+        return head if head is None or "Error" in head else "broken"
+
+    wanted = kind(world) if law != "ends" else None
+    return (world if wanted is None else shrink(world, lambda w: kind(w) == wanted, _SHRINK_S)).to_toml()
 
 
-def _case(engines: str, seed: int, number: int, why: str) -> World:
-    with tempfile.TemporaryDirectory() as scratch:
-        return replace(draw.world(seed, number, engines, Path(scratch)), why=why, engines=engines)
+def store_cases(engines: str, seed: int, total: Tally, where: Path, processes: int) -> list[Path]:
+    """Shrink the first examples of each broken law and store them as cases."""
+    by_law: dict[str, list[tuple[int, str, str]]] = {}
+    for one in sorted(total.broken):
+        by_law.setdefault(one[1], []).append(one)
+    chosen = [one for examples in by_law.values() for one in examples[:_EXAMPLES]]
+    tasks = [workers.Task(shrunk, (engines, seed, *one), 3.0 * _SHRINK_S) for one in chosen]
+    paths = []
+    for index, outcome in workers.run(tasks, processes):
+        number, law, line = chosen[index]
+        # A scene that hangs or crashes does so while it is shrunk too: it is stored as it was drawn.
+        text = outcome.value or replace(scene_of(engines, seed, number), why=f"{law}: {line}").to_toml()
+        paths.append(where / f"{law}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.toml")
+        write_atomic(paths[-1], text)
+    return paths
 
 
-def shrunk(engines: str, seed: int, number: int, law: str, what: str) -> str:
-    """The smallest world that breaks the law as this one does, as text: what a worker does."""
-    one = _case(engines, seed, number, f"{law}: {what}")
-    return (one if law == "ends" else shrink.shrink(one, engines, number, law, _SHRINK_S)).to_toml()
+def _by_law(engines: str, total: Tally) -> Iterator[tuple[str, int, int, list[tuple[int, str, str]]]]:
+    """Yield law, scenes asked, scenes compared and violations."""
+    for law in ("typed_errors", *laws.ENGINES[engines]):
+        asked, compared = (total.counts[f"{what}.{law}"] for what in ("asked", "compared"))
+        if law == "typed_errors":
+            asked = compared = total.counts["worlds"]
+        yield law, asked, compared, [one for one in total.broken if one[1] == law]
 
 
-def rows(campaign: Campaign, total: Tally) -> Iterator[verdict.Row]:
-    """Verdict rows of a campaign."""
-    name = campaign.engines.replace(",", "_")
-    note = f"seed {campaign.seed}, {total.refused} refused with one line, {total.given_up} of them as exit 3"
-    yield verdict.judge(f"campaign.scenes_missing.{name}", campaign.scenes - total.worlds, note)
-    share = total.given_up / max(total.worlds, 1)
-    yield verdict.judge(f"campaign.given_up.{name}", share, f"{total.given_up} scenes end with exit 3")
-    yield verdict.report(
-        f"campaign.conversions.{name}", total.conversions, "conversions", f"{total.seconds:.0f} core-s"
-    )
-    ends = [b for b in total.broken if b[1] == "ends"]
-    yield verdict.judge(
-        f"campaign.broken.{name}.ends",
-        len(ends),
-        ends[0][2] if ends else "no hang, no crash, no process left",
-    )
-    for law in ["typed_errors", *laws.ENGINES[campaign.engines]]:
-        broken = [b for b in total.broken if b[1] == law]
-        note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(campaign.engines, law)
-        asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
-        compared = total.worlds if law == "typed_errors" else total.compared.get(law, 0)
-        yield verdict.judge(
-            f"campaign.broken.{name}.{law}", len(broken), f"compared {compared}, asked {asked} times: {note}"
-        )
-        if total.worlds >= _TELLING[campaign.engines]:
+def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict.Row]:
+    """Yield the rows of build/campaign.json."""
+    name, counts = engines.replace(",", "_"), total.counts
+    given_up = f"{counts['given_up']} scenes end with exit 3"
+    note = f"seed {seed}, {counts['refused']} refused with one line, {given_up}"
+    yield verdict.judge(f"campaign.scenes_missing.{name}", scenes - counts["worlds"], note)
+    yield verdict.judge(f"campaign.given_up.{name}", counts["given_up"] / max(counts["worlds"], 1), given_up)
+    seconds = f"{counts['milliseconds'] / 1e3:.0f} core-s"
+    yield verdict.report(f"campaign.conversions.{name}", counts["conversions"], "conversions", seconds)
+    ends = [one for one in total.broken if one[1] == "ends"]
+    note = ends[0][2] if ends else "no hang, no crash, no process left"
+    yield verdict.judge(f"campaign.broken.{name}.ends", len(ends), note)
+    for law, asked, compared, broken in _by_law(engines, total):
+        note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(engines, law)
+        note = f"compared {compared}, asked {asked} times: {note}"
+        yield verdict.judge(f"campaign.broken.{name}.{law}", len(broken), note)
+        if counts["worlds"] >= SIZES[engines].telling:
             yield verdict.judge(f"campaign.compared.{name}.{law}", compared)
 
 
-def record(campaign: Campaign, total: Tally, processes: int, found: list[verdict.Row]) -> str:
-    """The record of a campaign as Markdown for docs/campaign.md."""
-    failed = sum(r["status"] != "PASS" for r in found)
+def record(engines: str, seed: int, scenes: int, total: Tally, found: Sequence[verdict.Row]) -> str:
+    """Return the record of a campaign as Markdown."""
+    counts, failed = total.counts, sum(r["status"] != "PASS" for r in found)
     lines = [
-        f'`make campaign ARGS="--engines {campaign.engines} --scenes {campaign.scenes} --seed {campaign.seed} '
-        f'--processes {processes}"`: {total.worlds} scenes, {total.refused} of them refused with one line '
-        f"({total.given_up} as exit 3), "
-        f"{total.conversions} conversions, {len(total.broken)} laws broken, {failed} rows failed, "
-        f"{total.seconds / 60:.1f} core-minutes.",
+        f'`make campaign ARGS="--engines {engines} --scenes {scenes} --seed {seed}"`: {counts["worlds"]} scenes, '
+        f"{counts['refused']} refused with one line ({counts['given_up']} as exit 3), {counts['conversions']} "
+        f"conversions, {len(total.broken)} laws broken, {failed} rows failed, "
+        f"{counts['milliseconds'] / 6e4:.1f} core-minutes.",
         "",
         "| law | asked | compared | broken |",
         "|---|--:|--:|--:|",
     ]
-    for law in ("typed_errors", *laws.ENGINES[campaign.engines]):
-        asked = total.worlds if law == "typed_errors" else total.asked.get(law, 0)
-        compared = total.worlds if law == "typed_errors" else total.compared.get(law, 0)
-        broken = sum(b[1] == law for b in total.broken)
-        lines.append(f"| {laws.meaning(campaign.engines, law)} | {asked} | {compared} | {broken} |")
+    for law, asked, compared, broken in _by_law(engines, total):
+        lines.append(f"| {laws.meaning(engines, law)} | {asked} | {compared} | {len(broken)} |")
     return "\n".join(lines)
 
 
@@ -250,25 +212,23 @@ def record(campaign: Campaign, total: Tally, processes: int, found: list[verdict
 @click.option(
     "--scenes",
     type=click.IntRange(1, 10**9),
-    help="How many; default 100000, rtl 2000, those with cosim 300.",
+    help="Number of scenes; default 100000, rtl 2000, those with cosim 300.",
 )
-@click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(0, 2**32 - 1), help="Of all scenes."
-)
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**32 - 1), help="Random seed.")
 @click.option(
     "--engines",
     default="closed,event",
     show_default=True,
     type=click.Choice(sorted(laws.ENGINES)),
-    help="closed,event against each other and the laws; rtl or cosim against event; what auto leaves out against cosim",
+    help="closed and event against each other and the laws; rtl or cosim against event; auto against cosim.",
 )
-@click.option("--resume/--fresh", default=True, show_default=True, help="Go on where a killed one stopped.")
-@click.option("--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="At a time.")
-@click.option("--docs", is_flag=True, help="Write the record into docs/campaign.md.")
-@click.option("--short", is_flag=True, help="A few scenes only.")
+@click.option("--resume/--fresh", default=True, show_default=True, help="Continue a killed campaign.")
 @click.option(
-    "--found", type=click.Path(file_okay=False), default=str(FOUND), help="Where shrunk failures go as cases."
+    "--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="Worker processes."
 )
+@click.option("--docs", is_flag=True, help="Write the record into docs/campaign.md.")
+@click.option("--short", is_flag=True, help="Run a few scenes.")
+@click.option("--found", type=click.Path(file_okay=False), default=str(FOUND), help="Directory of new cases.")
 def campaign_command(
     scenes: int | None,
     seed: int,
@@ -279,31 +239,22 @@ def campaign_command(
     short: bool,
     found: str,
 ) -> int:
-    """Random scenes through the engines, against each other and against laws of the physics."""
+    """Run random scenes through the engines and check laws of the physics; rows in build/campaign.json."""
     if short and scenes is not None:
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
     if short and docs:
-        raise InputError("command line", "--short and --docs", "both", "a record of more than the short run")
-    many = _SHORT[engines] if short else scenes or _FULL[engines]
-    campaign = Campaign(engines, seed, many, fresh=not resume)
-    if there := campaign.total().worlds:
-        click.echo(f"{there} scenes are there from before; --fresh begins anew", err=True)
-    try:
-        campaign.run(processes)
-    except BaseException:
-        campaign.kept.save()  # what is done is done, whatever ended the rest
-        raise
-    total = campaign.total()
-    cases = keep(campaign, total, Path(found), processes) if total.broken else []
-    judged = list(rows(campaign, total))
+        raise InputError("command line", "--short and --docs", "both", "one of the two")
+    size, name = SIZES[engines], engines.replace(",", "_")
+    many = size.short if short else scenes or size.whole
+    store = Checkpoint(STATE / f"{name}_{seed}.json", stamp(*CODE), fresh=not resume)
+    total = run(engines, seed, many, store, processes)
+    cases = store_cases(engines, seed, total, Path(found), processes)
+    judged = list(rows(engines, seed, many, total))
     verdict.write_rows("campaign", judged)
     verdict.print_rows(judged, f"{many} random scenes, engines {engines}")
     for path in cases:
-        click.echo(f"a case for tb/hard/found: {path}")
+        click.echo(f"new case: {path}")
     if docs:
-        name = engines.replace(",", "_")
-        text = record(campaign, total, processes, judged)
-        write_between(
-            DOCS, f"<!-- begin: {name} (written by dermis campaign --docs) -->", f"<!-- end: {name} -->", text
-        )
+        marks = f"<!-- begin: {name} (written by dermis campaign --docs) -->", f"<!-- end: {name} -->"
+        write_between(DOCS, *marks, record(engines, seed, many, total, judged))
     return verdict.exit_code(judged)

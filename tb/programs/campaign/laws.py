@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must hold for every scene whatever is in it: each law is a function that returns what breaks it, or nothing.
+"""Laws that hold for every scene: each takes a `Subject` and yields one line for each violation.
 
-A law takes a `Subject` (a plan, what the engines made of it, random numbers of its own), yields COMPARED where it says
-anything about such a scene, and one line for each thing that is wrong. Laws that need further runs say in `SHARE` for
-which part of the scenes they are asked.
+A law yields COMPARED first where it applies to the scene. Laws that need further runs are asked for a share of the
+scenes (`ENGINES`). `judge` asks all laws about one world.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+import tempfile
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -23,58 +27,56 @@ from dermis import plan as planning
 from dermis.array.array import column_currents, column_currents_by_source, column_currents_with_bounds
 from dermis.converter import coupling, currents, vfc
 from dermis.engines import Result, certificate, closed, event
+from dermis.errors import InputError, SimulatorError
 from dermis.records import Plan
-from tb.programs.campaign.world import World
+from tb.reference.scenes import World
 
 Floats = NDArray[np.float64]
-
 COMPARED = ""
-"""What a law yields where a scene is one it can say something about, before what it finds."""
 
-# Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the rest is margin for what
-# is divided afterwards. Two orders of the same elimination differ by no more.
+# Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the rest is margin for
+# divisions afterwards. Two orders of the same elimination differ by no more.
 _SOLVED = 1e-9
-# Below this a current is no packet in any gate of 1e3 clocks at the smallest reference (1e-9 A): 1e-12 of a packet.
+# 1e-12 of a packet in any gate of 1e3 clocks at the smallest reference current (1e-9 A).
 _NO_CURRENT_A = 1e-24
-
-# Packets a clock that no gate of 2^24 clocks makes a visible part of a packet of.
+# Packets a clock: no gate of 2^24 clocks makes a visible part of a packet of it.
 _NOTHING = 1e-15
 
-# Fields that make a conversion hang on where or when it is done.
+# Fields that make a conversion depend on its place or time.
 _IN_TIME = frozenset({"ripple", "motion", "q_mirror_c", "c_row_f", "c_column_f", "c_taxel_f"})
 _SOURCES = frozenset({"v_column_offset_v", "i_leak_a"})
-# Fields of the converter that leave the count formula's machine: its levels and packets are other numbers at most.
-_FORMULA = closed.HONOURS & {f.name for f in dataclasses.fields(vfc.Converter)}
+_CONVERTER = frozenset(f.name for f in dataclasses.fields(vfc.Converter))
+_LEVELS = frozenset({"packet_error", "preset_error_v", "v_comp_offset_v"})
+# Fields of the converter that the count formula takes: other levels and packets.
+_FORMULA = closed.HONOURS & _CONVERTER
 
 
 class Subject:
-    """A world on its way through the engines; everything that several laws want is worked out once.
+    """A world with the results that several laws need.
 
     Parameters
     ----------
     world : World
     directory : Path
-        For its files.
+        Place of its files.
     seed : int
-        Of the numbers that laws draw.
+        Seed of the numbers that laws draw.
     engine : str
-        What takes everything that is on: `result` is its own, but for cosim, where it is that of what auto chose.
+        Engine that takes all effects of the world at once.
     """
 
     def __init__(self, world: World, directory: Path, seed: int, engine: str = "event") -> None:
-        self.world, self.directory = world, directory
-        self.seed = seed
+        self.directory, self.seed = directory, seed
         self.scene = world.read(directory)
-        auto = self.scene.table.effects.auto
-        self.auto = auto is not None
+        self.auto = self.scene.table.effects.auto is not None
         whole = self.scene
-        if self.auto:  # all that auto considers, on
+        if self.auto:  # switch on all effects that auto considers
             table = whole.table.effects.model_copy(update={"auto": None} | whole.effects)
             whole = dataclasses.replace(whole, table=whole.table.model_copy(update={"effects": table}))
         self.plan = planning.make(whole, engine)
 
     def rng(self, name: str) -> np.random.Generator:
-        """Random numbers of one law: those of the others do not move them."""
+        """Return random numbers of one law, independent of other laws."""
         return np.random.default_rng([self.seed, *name.encode()])
 
     @functools.cached_property
@@ -84,64 +86,63 @@ class Subject:
 
     @functools.cached_property
     def chosen(self) -> Plan:
-        """What auto made of the scene."""
+        """Plan that auto makes of the scene."""
         return planning.make(self.scene)
 
     @functools.cached_property
     def result(self) -> Result:
-        """Engine event; where everything goes through cosim, what auto chose."""
+        """Result of engine event; of the plan that auto chose if all effects at once need cosim."""
         plan = self.chosen if self.plan.engine == "cosim" else self.plan
         engines.check(plan)
         return certificate.certify(plan, engines.run(plan))
 
     @property
     def x(self) -> Floats:
-        """Duty behind the codes."""
+        """Duties of the codes."""
         return self.result.info["x"]
 
     def cell(self, rng: np.random.Generator) -> tuple[int, int, int]:
-        """Any taxel of any frame."""
+        """Draw a taxel of a frame."""
         return tuple(int(rng.integers(n)) for n in self.plan.resistance_ohm.shape)  # type: ignore[return-value]
 
     @property
     def noisy(self) -> bool:
-        """Whether numbers are drawn while frames are read."""
+        """True if random numbers are drawn while frames are read."""
         return bool(self.active & event.RANDOM)
 
     @property
     def memoryless(self) -> bool:
-        """Whether a conversion hangs on its own frame and nothing in it changes inside a gate."""
+        """True if a conversion depends on its own frame alone and nothing changes within a gate."""
         return not self.active & _IN_TIME
 
     @property
     def formula(self) -> bool:
-        """Whether the converters are those of the count formula, with other levels and packets at most."""
-        own = self.active & {f.name for f in dataclasses.fields(vfc.Converter)}
-        return self.memoryless and own <= _FORMULA
+        """True if the count formula holds, with other levels and packets at most."""
+        return self.memoryless and self.active & _CONVERTER <= _FORMULA
 
     def steady(self) -> event.Cells:
-        """The converters at a constant duty each."""
+        """Return the converters at constant duties."""
         coupled = coupling.coupling(self.plan, self.plan.conductance_s(), self.x)
         return event.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
 
 
-def _where(wrong: NDArray[np.bool_]) -> str:
-    at = tuple(int(i) for i in np.argwhere(wrong)[0])
-    return f"at {list(at)}, {int(wrong.sum())} of {wrong.size}"
+def _first(wrong: Any, text: str, *values: Any) -> Iterator[str]:
+    """Yield `text` with the values at the first place where something is wrong."""
+    if np.any(wrong):
+        at = tuple(int(i) for i in np.argwhere(wrong)[0])
+        said = text.format(*(np.asarray(v)[at].item() for v in values))
+        yield f"{said} at {list(at)}, {int(wrong.sum())} of {wrong.size}"
 
 
 def numbers(s: Subject) -> Iterator[str]:
     """Codes lie in range and nothing is not a number."""
     yield COMPARED
-    r = s.result
-    if r.codes.shape != s.plan.resistance_ohm.shape:
-        yield f"shape {r.codes.shape}"
-    if int(r.codes.max()) > s.plan.timing.code_max:
-        yield f"a code of {int(r.codes.max())} above {s.plan.timing.code_max}"
+    codes = s.result.codes
+    if codes.shape != s.plan.resistance_ohm.shape:
+        yield f"shape {codes.shape}"
+    yield from _first(codes > s.plan.timing.code_max, "a code of {} beyond full scale", codes)
     for name in ("x", "w_end"):
-        values = r.info[name]
-        if np.isnan(values).any():
-            yield f"{name} is not a number {_where(np.isnan(values))}"
+        yield from _first(np.isnan(s.result.info[name]), f"{name} is not a number")
 
 
 def certified(s: Subject) -> Iterator[str]:
@@ -149,9 +150,7 @@ def certified(s: Subject) -> Iterator[str]:
     yield COMPARED
     r = s.result
     outside = (r.codes < r.low) | (r.codes > r.high)
-    if outside.any():
-        at = tuple(np.argwhere(outside)[0])
-        yield f"code {r.codes[at]} outside {r.low[at]} .. {r.high[at]} {_where(outside)}"
+    yield from _first(outside, "code {} outside {} .. {}", r.codes, r.low, r.high)
 
 
 def closed_equals_event(s: Subject) -> Iterator[str]:
@@ -160,11 +159,8 @@ def closed_equals_event(s: Subject) -> Iterator[str]:
     if engines.refused(plan, "closed"):
         return
     yield COMPARED
-    codes = engines.run(plan).codes
-    differ = codes != s.result.codes
-    if differ.any():
-        at = tuple(np.argwhere(differ)[0])
-        yield f"closed reads {codes[at]}, event {s.result.codes[at]} at x = {s.x[at]!r} {_where(differ)}"
+    codes, other = engines.run(plan).codes, s.result.codes
+    yield from _first(codes != other, "closed reads {}, event {}, x = {}", codes, other, s.x)
 
 
 def exact_arithmetic(s: Subject) -> Iterator[str]:
@@ -191,8 +187,8 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
         }
         if code not in {min(n, plan.timing.code_max) for n in beside}:
             yield f"code {code}, exact arithmetic {exact} at x = {x!r}, cell {f}, {r}, {c}"
-    if not s.active & {"packet_error", "preset_error_v", "v_comp_offset_v"} and 0 <= x <= 0.5:
-        if abs(Fraction(x) * clocks - code) >= 1 and code < plan.timing.code_max:
+    if not s.active & _LEVELS and 0 <= x <= 0.5 and code < plan.timing.code_max:
+        if abs(Fraction(x) * clocks - code) >= 1:
             yield f"charge balance: code {code} at N x = {clocks * x!r}"
 
 
@@ -208,7 +204,7 @@ def words(s: Subject) -> Iterator[str]:
         **{k.name: getattr(cells, k.name)[f, r, c].reshape(1) for k in dataclasses.fields(event.Cells)}
     )
     delay, gate = s.plan.timing.charge_delay_clocks, s.plan.timing.gate_clocks
-    ideal = s.formula and not s.active & {"packet_error", "preset_error_v", "v_comp_offset_v"}
+    ideal = s.formula and not s.active & _LEVELS
     x = float(one.x[0])
     first, last = (0, gate) if ideal else (n := int(rng.integers(max(gate - 40, 1))), min(n + 40, gate))
     counts = [0] if first == 0 else []
@@ -267,20 +263,14 @@ def parts(s: Subject) -> Iterator[str]:
     for first, stop in ((0, cut), (cut, s.plan.frames)):
         part = s.plan.part(first, stop)
         found.append(certificate.certify(part, engines.run(part)))
-    for name in ("codes", "low", "high"):
-        together = np.concatenate([getattr(r, name) for r in found])
-        differ = together != getattr(s.result, name)
-        # Certified codes of a part are those of its own frames: they may be narrower, never wider.
-        if name == "low":
-            differ = together < s.result.low
-        elif name == "high":
-            differ = together > s.result.high
-        if differ.any():
-            yield f"{name} of frames 0..{cut - 1} and {cut}.. differ from those of all {_where(differ)}"
+    # Certified codes of a part are those of its own frames: they may be narrower, never wider.
+    for name, wrong in (("codes", np.not_equal), ("low", np.less), ("high", np.greater)):
+        together, whole = np.concatenate([getattr(r, name) for r in found]), getattr(s.result, name)
+        yield from _first(
+            wrong(together, whole), f"{name} cut at frame {cut}: {{}}, {{}} uncut", together, whole
+        )
     x = np.concatenate([r.info["x"] for r in found])
-    if not np.array_equal(x, s.x):
-        worst = float(np.abs(np.subtract(x, s.x, where=x != s.x, out=np.zeros_like(x))).max())
-        yield f"duties of parts differ by {worst:.3g} {_where(x != s.x)}"
+    yield from _first(x != s.x, f"duty cut at frame {cut}: {{!r}}, {{!r}} uncut", x, s.x)
 
 
 def repeated(s: Subject) -> Iterator[str]:
@@ -301,8 +291,7 @@ def repeated(s: Subject) -> Iterator[str]:
 def monotone(s: Subject) -> Iterator[str]:
     """More conductance of a taxel gives no smaller duty and no smaller code of its own, where the physics says so."""
     rising = _FORMULA | {"v_int_max_v", "v_int_min_v", "inv_gain_dc", "g_in_s", "inv_i_range_a"}
-    own = s.active & {f.name for f in dataclasses.fields(vfc.Converter)}
-    if not s.memoryless or s.active & _SOURCES or not own <= rising or s.noisy:
+    if not s.memoryless or s.active & _SOURCES or not s.active & _CONVERTER <= rising or s.noisy:
         return
     # Direct: the taxel also loads the integrator, so more current comes with more leak.
     if s.plan.topology == "direct" and "inv_gain_dc" in s.active:
@@ -359,13 +348,9 @@ def symmetric(s: Subject) -> Iterator[str]:
     # Where offsets and leaks all but cancel what the bias makes, the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
     wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + _coupled(s)[:, rows]
-    if wrong.any():
-        at = tuple(np.argwhere(wrong)[0])
-        yield f"x = {x[at]!r} becomes {other.info['x'][at]!r} in another order {_where(wrong)}"
+    yield from _first(wrong, "x = {!r} becomes {!r} in another order", x, other.info["x"])
     far = np.abs(other.codes.astype(int) - expected) > 1
-    if far.any():
-        at = tuple(np.argwhere(far)[0])
-        yield f"code {expected[at]} becomes {other.codes[at]} in another order {_where(far)}"
+    yield from _first(far, "code {} becomes {} in another order", expected, other.codes)
 
 
 def _coupled(s: Subject) -> Floats:
@@ -404,13 +389,10 @@ def superposed(s: Subject) -> Iterator[str]:
     twice, _ = column_currents_by_source(dataclasses.replace(network, v_bias_v=2.0 * network.v_bias_v), g)
     # Far along lateral resistors a current has fewer bits than a double, or none, and doubling it gives it one back.
     wrong = (twice != 2.0 * driven) & (np.abs(driven) > _NO_CURRENT_A)
-    if wrong.any():
-        yield f"twice the bias is not twice the current {_where(wrong)}"
-    if (driven < 0).any():
-        yield f"a current of {driven.min():.3g} A against the bias {_where(driven < 0)}"
+    yield from _first(wrong, "twice the bias makes {!r} of {!r} A", twice, driven)
+    yield from _first(driven < 0, "a current of {} A against the bias", driven)
     into, out = network.v_bias_v * g.sum(axis=2), driven.sum(axis=2)
-    if (out > into * (1.0 + _SOLVED)).any():
-        yield f"{float((out / np.maximum(into, 1e-300)).max())!r} of what an ideal driver would give comes out"
+    yield from _first(out > into * (1.0 + _SOLVED), "{!r} A come out, an ideal driver gives {!r}", out, into)
     if rest is not None:
         rng = s.rng("superposed")
         # Shares that round neither part: where offsets of columns cancel, a rounding of one is more than any bound.
@@ -426,10 +408,9 @@ def superposed(s: Subject) -> Iterator[str]:
             made = column_currents_with_bounds(part, g)
             halves.append(np.zeros_like(rest) if made.rest is None else made.rest)
             allowed = allowed + (0.0 if made.rest_error is None else made.rest_error)
-        wrong = np.abs(halves[0] + halves[1] - rest) > allowed + _NO_CURRENT_A
-        if wrong.any():
-            at = tuple(np.argwhere(wrong)[0])
-            yield f"offsets and leaks in two parts: {halves[0][at] + halves[1][at]!r}, not {rest[at]!r} {_where(wrong)}"
+        both = halves[0] + halves[1]
+        wrong = np.abs(both - rest) > allowed + _NO_CURRENT_A
+        yield from _first(wrong, "offsets and leaks in two parts: {!r}, not {!r}", both, rest)
 
 
 # Fields by how they scale where every resistance grows by a factor and every current shrinks by it.
@@ -469,9 +450,9 @@ def scaled(s: Subject) -> Iterator[str]:
         )
     )
     differ = other.codes != s.result.codes
-    if differ.any():
-        at = tuple(np.argwhere(differ)[0])
-        yield f"code {s.result.codes[at]} becomes {other.codes[at]} at {factor} times the ohms {_where(differ)}"
+    yield from _first(
+        differ, f"code {{}} becomes {{}} at {factor} times the ohms", s.result.codes, other.codes
+    )
 
 
 def budget(s: Subject) -> Iterator[str]:
@@ -488,24 +469,21 @@ def _within_budget(s: Subject, codes: NDArray[Any], found: Result, apart_anyway:
     """Codes of everything on beside those of what auto chose, where engines may be so many apart by themselves."""
     codes = codes.astype(int)
     outside = (codes + apart_anyway < found.low) | (codes > found.high.astype(int) + apart_anyway)
-    if outside.any():
-        at = tuple(np.argwhere(outside)[0])
-        yield f"everything on reads {codes[at]}, auto certifies {found.low[at]} .. {found.high[at]} {_where(outside)}"
+    yield from _first(outside, "all effects on: {}, certified {} .. {}", codes, found.low, found.high)
     bounded = np.broadcast_to(s.chosen.margin_lsb, (s.chosen.cols,)) < s.chosen.timing.code_max
     apart = np.where(bounded, np.abs(codes - found.codes), 0)
     allowed = int(np.floor(s.scene.table.effects.auto.budget_lsb + 1.0)) + apart_anyway
-    if (apart > allowed).any():
-        yield f"auto reads {int(apart.max())} beside everything on, {allowed} allowed {_where(apart > allowed)}"
+    yield from _first(apart > allowed, f"auto differs by {{}} from all effects on, {allowed} allowed", apart)
 
 
 def through_verilog(s: Subject) -> Iterator[str]:
     """Engine rtl reads what engine event reads, at most one apart."""
-    yield from _beside(s, "rtl", simulator="icarus")
+    yield from _neighbour(s, "rtl")
 
 
 def through_spice(s: Subject) -> Iterator[str]:
     """Engine cosim reads what engine event reads, at most one apart."""
-    yield from _beside(s, "cosim", simulator="icarus")
+    yield from _neighbour(s, "cosim")
 
 
 def budget_through_spice(s: Subject) -> Iterator[str]:
@@ -520,53 +498,110 @@ def budget_through_spice(s: Subject) -> Iterator[str]:
     yield from _within_budget(s, codes, s.result, 1)
 
 
-def _beside(s: Subject, engine: str, **options: Any) -> Iterator[str]:
+def _neighbour(s: Subject, engine: str) -> Iterator[str]:
     plan = dataclasses.replace(s.plan, engine=engine)
     engines.check(plan)
-    codes = engines.run(plan, **options).codes.astype(int)
+    codes = engines.run(plan, simulator="icarus").codes.astype(int)
     yield COMPARED
-    ideal = not s.active
-    apart = np.abs(codes - s.result.codes)
-    most = 0 if ideal and engine == "rtl" else 1
-    if (apart > most).any():
-        at = tuple(np.argwhere(apart > most)[0])
-        yield f"{engine} reads {codes[at]}, event {s.result.codes[at]}, x = {s.x[at]!r} {_where(apart > most)}"
+    apart = np.abs(codes - s.result.codes) > (0 if engine == "rtl" and not s.active else 1)
+    yield from _first(apart, f"{engine} reads {{}}, event {{}}, x = {{!r}}", codes, s.result.codes, s.x)
 
 
 Law = Callable[[Subject], Iterator[str]]
-# Law -> the share of scenes it is asked for: what costs another run is not asked each time.
-SHARE: dict[str, tuple[Law, float]] = {
-    law.__name__: (law, share)
-    for law, share in (
-        (numbers, 1.0),
-        (certified, 1.0),
-        (closed_equals_event, 1.0),
-        (exact_arithmetic, 0.5),
-        (words, 0.05),
-        (fifty_digits, 0.02),
-        (parts, 0.5),
-        (repeated, 0.02),
-        (monotone, 0.4),
-        (symmetric, 0.4),
-        (superposed, 0.4),
-        (scaled, 0.3),
-        (budget, 1.0),
-    )
-}
-ENGINES: dict[str, dict[str, tuple[Law, float]]] = {
-    "closed,event": SHARE,
-    "rtl": {"numbers": (numbers, 1.0), "through_verilog": (through_verilog, 1.0)},
-    "cosim": {"numbers": (numbers, 1.0), "through_spice": (through_spice, 1.0)},
-    # Event refuses some of what is on here, and auto may still leave it out: by bounds that event cannot speak for.
-    "auto,cosim": {"budget_through_spice": (budget_through_spice, 1.0)},
-}
-# The engine that takes everything that is on.
-WHOLE = dict.fromkeys(ENGINES, "event") | {"auto,cosim": "cosim"}
+_ALWAYS = 1.0
+_LAWS: dict[str, dict[Law, float]] = {
+    "closed,event": {
+        numbers: _ALWAYS, certified: _ALWAYS, closed_equals_event: _ALWAYS, exact_arithmetic: 0.5, words: 0.05,
+        fifty_digits: 0.02, parts: 0.5, repeated: 0.02, monotone: 0.4, symmetric: 0.4, superposed: 0.4, scaled: 0.3,
+        budget: _ALWAYS,
+    },
+    "rtl": {numbers: _ALWAYS, through_verilog: _ALWAYS},
+    "cosim": {numbers: _ALWAYS, through_spice: _ALWAYS},
+    # Event refuses some of these effects, and auto may still leave them out.
+    "auto,cosim": {budget_through_spice: _ALWAYS},
+}  # fmt: skip
+ENGINES = {name: {law.__name__: (law, share) for law, share in laws.items()} for name, laws in _LAWS.items()}
+"""Engines of a campaign -> law by name, and the share of scenes that it is asked about."""
 
 
-def meaning(engines: str, name: str) -> str:
-    """What a law says, in one line."""
+def meaning(engines_: str, name: str) -> str:
+    """Return the statement of a law in one line."""
     if name == "typed_errors":
         return "Nothing but the project's own errors, no floating-point exception, no warning"
-    law = ENGINES[engines][name][0]
-    return (law.__doc__ or "").splitlines()[0].rstrip(".")
+    return (ENGINES[engines_][name][0].__doc__ or "").splitlines()[0].rstrip(".")
+
+
+@dataclass
+class Outcome:
+    """Result of the laws for one world.
+
+    Attributes
+    ----------
+    refused : str
+        Message of the InputError, or of the SimulatorError of an array solve (`given_up`, exit 3).
+    broken : list of (law, line)
+    asked, compared : Counter
+        Laws that were asked, and those that applied.
+    """
+
+    refused: str = ""
+    given_up: bool = False
+    broken: list[tuple[str, str]] = field(default_factory=list)
+    asked: Counter[str] = field(default_factory=Counter)
+    compared: Counter[str] = field(default_factory=Counter)
+    conversions: int = 0
+
+    @property
+    def laws(self) -> set[str]:
+        """Names of the broken laws."""
+        return {law for law, _ in self.broken}
+
+
+def judge(world: World, engines_: str, seed: int, only: Iterable[str] | None = None) -> Outcome:
+    """Ask the laws of some engines about a world, those of `only` without chance.
+
+    Invalid floating-point operations, warnings and exceptions other than the project's own break `typed_errors`.
+    """
+    outcome = Outcome()
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        warnings.catch_warnings(),
+        np.errstate(divide="raise", over="raise", invalid="raise", under="ignore"),
+    ):
+        warnings.simplefilter("error")
+        try:
+            subject = Subject(world, Path(directory), seed, "cosim" if engines_ == "auto,cosim" else "event")
+            outcome.conversions = subject.result.codes.size
+        except (InputError, SimulatorError) as error:
+            outcome.refused = str(error).replace(directory, "")
+            outcome.given_up = isinstance(error, SimulatorError)
+            return outcome
+        except Exception as error:  # any other exception is a finding
+            outcome.broken.append(("typed_errors", _line(error)))
+            return outcome
+        chance = np.random.default_rng([seed, 1])
+        for name, (law, share) in ENGINES[engines_].items():
+            if (chance.random() < share) if only is None else (name in only):
+                outcome.asked[name] += 1
+                _ask(law, subject, engines_, outcome)
+    return outcome
+
+
+def _ask(law: Law, subject: Subject, engines_: str, outcome: Outcome) -> None:
+    name = law.__name__
+    try:
+        said = list(law(subject))
+    except InputError:  # a further run of the law may be more than an engine takes
+        return
+    except SimulatorError as error:
+        said = [] if engines_ == "closed,event" else [f"exit 3: {error}"]  # the latter of Verilog or ngspice
+    except Exception as error:  # any other exception is a finding
+        said = [_line(error)]
+    outcome.compared[name] += COMPARED in said
+    outcome.broken += [(name, line) for line in said if line != COMPARED]
+
+
+def _line(error: Exception) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f"{Path(f.filename).name}:{f.lineno}" for f in frames if "dermis" in f.filename]
+    return f"{type(error).__name__}: {error} ({' '.join(own[-2:])})"

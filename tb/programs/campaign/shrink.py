@@ -1,133 +1,111 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a world that breaks a law as small and as plain as it gets, one change at a time."""
+"""Make a world that breaks a law as small as possible, one change at a time."""
 
 from __future__ import annotations
 
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dermis.errors import DermisError
-from tb.programs.campaign import trial
-from tb.programs.campaign.world import Data, World, lines_of, size
+from tb.reference.scenes import World
 
 
-def shrink(world: World, engines: str, seed: int, law: str, limit_s: float) -> World:
-    """The smallest world found within `limit_s` seconds that breaks the law as `world` does.
+def shrink(world: World, fails: Callable[[World], bool], limit_s: float) -> World:
+    """Return the smallest world found within `limit_s` seconds for which `fails` holds.
 
-    Greedy: of all changes that make it smaller the first that still breaks the law is taken, until none does. An
-    exception must stay the same exception.
+    Greedy: of all smaller candidates the first that fails is taken, until none does.
     """
-    until = time.monotonic() + limit_s
-    kind = _kind(world, engines, seed, law)
-    if kind is None:
-        return world
-    tried: set[str] = set()
-    moves = True
-    while moves:
-        moves = False
-        for candidate in _candidates(world):
-            if time.monotonic() > until:
-                return world
-            text = candidate.to_toml()
-            if text in tried or not size(candidate) < size(world):
-                continue
-            tried.add(text)
-            if _kind(candidate, engines, seed, law) == kind:
-                world, moves = candidate, True
-                break
+    until, tried = time.monotonic() + limit_s, {world.to_toml()}
+    candidates = _candidates(world)
+    while time.monotonic() < until and (candidate := next(candidates, None)):
+        text = candidate.to_toml()
+        if text not in tried and size(candidate) < size(world) and fails(candidate):
+            world, candidates = candidate, _candidates(candidate)
+        tried.add(text)
     return world
 
 
-def _kind(world: World, engines: str, seed: int, law: str) -> str | None:
-    only = None if law == "typed_errors" else [law]
-    try:
-        broken = trial.run(world, engines, seed, only).broken
-    except DermisError:  # the candidate is no scene at all
-        return None
-    what = next((b.what for b in broken if b.law == law), None)
-    # Of an exception its name and place, of a law that is broken that it is.
-    return None if what is None else (what.split(":")[0] if "Error" in what.split(":")[0] else "broken")
+def size(value: Any) -> float:
+    """Return how much there is to a world or a value: entries, and digits of numbers."""
+    if isinstance(value, World):
+        return size(value.scene) + size(value.design) + size(value.files)
+    if isinstance(value, Mapping):
+        return sum(3 + size(inner) for inner in value.values())
+    if isinstance(value, list):
+        return sum(1 + size(inner) for inner in value)
+    if isinstance(value, float):
+        return 0.02 * len(repr(value)) if math.isfinite(value) else 0.0
+    return 1e-3 * math.log1p(abs(value)) if isinstance(value, int) else 0.0
 
 
 def _candidates(world: World) -> Iterator[World]:
-    scene = world.scene
-    if scene["stimulus"]["kind"] != "resistance" or "sensor" in scene:
-        plain = _as_resistances(world)
-        if plain is not None:
-            yield plain
-    if world.design:
-        yield replace(world, design={})
-        for section in world.design:
-            yield replace(world, design={k: v for k, v in world.design.items() if k != section})
-    on = scene.get("effects", {})
-    for half in (list(on)[: len(on) // 2], list(on)[len(on) // 2 :]):
-        if len(on) > 3:
-            yield _with(world, "effects", {k: on[k] for k in half})
-    for name in on:
-        yield _with(world, "effects", {k: v for k, v in on.items() if k != name})
-    for key in scene.get("interface", {}):
-        yield _with(world, "interface", {k: v for k, v in scene["interface"].items() if k != key})
+    if world.scene["stimulus"]["kind"] != "resistance" or "sensor" in world.scene:
+        yield from _as_resistances(world)
+    yield replace(world, design={})
+    on = list(world.scene.get("effects", {}).items())
+    for half in (on[: len(on) // 2], on[len(on) // 2 :]):
+        yield replace(world, scene=world.scene | {"effects": dict(half)})
     yield from _fewer_taxels(world)
-    for name, table in on.items():
-        if isinstance(table, dict) and name != "auto":
-            yield _with(world, "effects", on | {name: True})
-            for key, value in table.items():
-                rest = {k: v for k, v in table.items() if k != key}
-                yield _with(world, "effects", on | {name: rest})
-                for plainer in _plainer(value):
-                    yield _with(world, "effects", on | {name: table | {key: plainer}})
-    for key, value in scene.get("interface", {}).items():
-        for plainer in _plainer(value):
-            yield _with(world, "interface", scene["interface"] | {key: plainer})
+    for design in _simpler(world.design):
+        yield replace(world, design=design)
+    for name in ("effects", "interface", "run"):
+        for table in _simpler(world.scene.get(name, {})):
+            yield replace(world, scene=world.scene | {name: table})
     for name, lines in world.files.items():
         for digits in (1, 2, 4):
-            rounded = [[_rounded(v, digits) for v in line] for line in lines]
-            yield replace(world, files={**world.files, name: rounded})
+            yield replace(
+                world, files=world.files | {name: [[_rounded(v, digits) for v in n] for n in lines]}
+            )
         for r, line in enumerate(lines):
             for c, value in enumerate(line):
-                for plainer in (math.inf, 1e3, *_plainer(value)):
-                    changed = [list(other) for other in lines]
-                    changed[r][c] = float(plainer)
-                    yield replace(world, files={**world.files, name: changed})
-    if scene.get("run"):
-        yield _with(world, "run", {})
+                for other in (math.inf, 1e3, *_simpler(value)):
+                    changed = [*lines[:r], [*line[:c], other, *line[c + 1 :]], *lines[r + 1 :]]
+                    yield replace(world, files=world.files | {name: changed})
 
 
-def _with(world: World, section: str, table: Data) -> World:
-    scene = {k: v for k, v in world.scene.items() if k != section}
-    return replace(world, scene=scene | {section: table} if table else scene)
-
-
-def _plainer(value: Any) -> list[Any]:
-    if isinstance(value, list):
-        return [value[0]]
-    if isinstance(value, float) and value and math.isfinite(value):
-        return [_rounded(value, 1), _rounded(value, 2), _rounded(value, 4)]
-    return []
+def _simpler(value: Any) -> Iterator[Any]:
+    """Yield simpler values: a table with an entry less or simpler, one number of a list, fewer digits."""
+    if isinstance(value, Mapping):
+        for name in value:
+            yield {k: v for k, v in value.items() if k != name}
+        for name, inner in value.items():
+            for other in (
+                *([True] if isinstance(inner, Mapping) and name != "auto" else []),
+                *_simpler(inner),
+            ):
+                yield {**value, name: other}
+    elif isinstance(value, list) and value:
+        yield value[0]
+    elif isinstance(value, float) and value and math.isfinite(value):
+        yield from (_rounded(value, digits) for digits in (1, 2, 4))
 
 
 def _rounded(value: float, digits: int) -> float:
     return float(f"{value:.{digits - 1}e}")
 
 
-def _as_resistances(world: World) -> World | None:
-    """The same resistances from a file, without what made them."""
+def _as_resistances(world: World) -> Iterator[World]:
+    """Yield the same resistances from a file, without the sensor that made them."""
     with tempfile.TemporaryDirectory() as directory:
         try:
             ohm = world.plan(Path(directory), "event").resistance_ohm
-        except Exception:  # it cannot be planned, which may be what it breaks
-            return None
-    scene = {k: v for k, v in world.scene.items() if k not in ("sensor", "stimulus", "effects")}
-    on = {k: v for k, v in world.scene.get("effects", {}).items() if not k.startswith("sensor_")}
+        except Exception:  # the scene cannot be planned, which may be its defect
+            return
+    scene = {k: v for k, v in world.scene.items() if k not in ("sensor", "stimulus")}
+    on = {k: v for k, v in scene.get("effects", {}).items() if not k.startswith("sensor_")}
     scene |= {"stimulus": {"kind": "resistance", "file": "taxels.csv"}, "effects": on}
-    return replace(world, scene=scene, files={"taxels.csv": lines_of(ohm)})
+    yield replace(world, scene=scene, files={"taxels.csv": lines_of(ohm)})
+
+
+def lines_of(frames: Any) -> list[list[float]]:
+    """Return frames [frames, rows, cols] as lines of a csv file, one row a line."""
+    return [[float(v) for v in row] for frame in frames for row in frame]
 
 
 def _fewer_taxels(world: World) -> Iterator[World]:
@@ -136,21 +114,18 @@ def _fewer_taxels(world: World) -> Iterator[World]:
     rows, cols = world.scene["array"]["rows"], world.scene["array"]["cols"]
     ohm = np.array(world.files["taxels.csv"]).reshape(-1, rows, cols)
     for axis, count in enumerate(ohm.shape):
-        halves = [range(count // 2), range(count // 2, count)] if count > 2 else []
-        singles = [[i for i in range(count) if i != gone] for gone in range(count)]
-        for kept in [list(h) for h in halves] + singles:
-            if kept:
-                yield _taken(world, ohm, axis, kept)
+        whole = list(range(count))
+        for left in (whole[: count // 2], whole[count // 2 :], *(whole[:n] + whole[n + 1 :] for n in whole)):
+            if 0 < len(left) < count:
+                fewer = np.take(ohm, left, axis)
+                scene = world.scene | {"array": {"rows": fewer.shape[1], "cols": fewer.shape[2]}}
+                if axis == 2:
+                    scene["effects"] = _columns(scene.get("effects", {}), left)
+                yield replace(world, scene=scene, files={"taxels.csv": lines_of(fewer)})
 
 
-def _taken(world: World, ohm: np.ndarray, axis: int, kept: list[int]) -> World:
-    fewer = np.take(ohm, kept, axis)
-    scene = dict(world.scene) | {"array": {"rows": fewer.shape[1], "cols": fewer.shape[2]}}
-    if axis == 2:  # lists of one value a column
-        scene["effects"] = {
-            name: {k: [v[i] for i in kept] if isinstance(v, list) else v for k, v in table.items()}
-            if isinstance(table, dict)
-            else table
-            for name, table in scene.get("effects", {}).items()
-        }
-    return replace(world, scene=scene, files={"taxels.csv": lines_of(fewer)})
+def _columns(value: Any, left: list[int]) -> Any:
+    """Keep some columns of the lists in a table."""
+    if isinstance(value, Mapping):
+        return {name: _columns(inner, left) for name, inner in value.items()}
+    return [value[n] for n in left] if isinstance(value, list) else value

@@ -19,7 +19,7 @@ from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.characterise import runs
 from scripts.characterise.benches import Condition
-from scripts.checkpoint import Kept
+from scripts.checkpoint import Checkpoint
 from tb.programs.equivalence import gate, loop
 from tb.programs.equivalence.extract import TOPOLOGIES
 from tb.programs.equivalence.gate import Case
@@ -121,7 +121,7 @@ def shown(
     names = [
         runs.key("\n".join(d.lines)) + f"_{case.clocks}" for d, (case, _) in zip(decks, asked, strict=True)
     ]
-    kept = [Kept(work / "columns" / f"{name}.json", stamp(), fresh=fresh) for name in names]
+    kept = [Checkpoint(work / "columns" / f"{name}.json", stamp(), fresh=fresh) for name in names]
     todo = [n for n, own in enumerate(kept) if _SHOWN not in own.pieces]
     found: dict[int, str] = {}
     tell(len(asked) - len(todo))

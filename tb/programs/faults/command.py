@@ -19,7 +19,7 @@ from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts.checkpoint import Kept
+from scripts.checkpoint import Checkpoint
 from tb.programs.faults.bench import Bench
 from tb.programs.faults.trials import Trial, every
 
@@ -72,7 +72,7 @@ def heard() -> Iterator[None]:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run(trials: Sequence[Trial], bench: Bench, jobs: int, kept: Kept) -> list[Row]:
+def run(trials: Sequence[Trial], bench: Bench, jobs: int, kept: Checkpoint) -> list[Row]:
     """Run trials side by side, keep each row as it comes, and take those that are there already."""
     todo = [trial for trial in trials if trial.name not in kept.pieces]
     with (
@@ -164,7 +164,7 @@ def faults_command(
 def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
     bench = Bench(PLACE / "tree", seed)
     bench.copy()
-    kept = Kept(
+    kept = Checkpoint(
         PLACE / f"rows_{seed}.json",
         batch.fingerprint(bench.tree / "models" / "dermis", bench.tree),
         fresh=fresh,

@@ -26,7 +26,7 @@ from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts.checkpoint import Kept
+from scripts.checkpoint import Checkpoint
 from tb.programs.fuzz import worker
 from tb.programs.fuzz.target import GUIDES, NAMES
 
@@ -76,11 +76,11 @@ class Progress:
     lines: dict[str, list[int]] = field(default_factory=dict)
 
 
-def _kept(name: str, seed: int) -> Kept:
-    return Kept(WORK / name / "state.json", f"{batch.fingerprint()} {seed}")
+def _kept(name: str, seed: int) -> Checkpoint:
+    return Checkpoint(WORK / name / "state.json", f"{batch.fingerprint()} {seed}")
 
 
-def _progress(kept: Kept) -> Progress:
+def _progress(kept: Checkpoint) -> Progress:
     """What an earlier run of the same seed on the same code has done, or nothing."""
     return Progress(**kept.pieces.get("progress", {}))
 

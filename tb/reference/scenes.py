@@ -1,0 +1,448 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random scenes for tests and programs: every stimulus, interface and effect, from defaults to the ends of ranges.
+
+``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`: the tables of a scene file in ``scene``,
+its csv files in ``files``, its changes of the design in ``design``. ``world.read(directory)`` writes the files and
+loads the scene, ``world.plan(directory, engine)`` plans it. `worlds` is the same generator as a Hypothesis
+strategy, so that a failing scene is shrunk.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import random
+import tomllib
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dermis import effects
+from dermis import plan as planning
+from dermis.converter.vfc import W_PRESET
+from dermis.records import Plan
+from dermis.scene import scene as scenes
+from dermis.scene.design import TOPOLOGIES, Design
+from dermis.scene.design import load as load_design
+from dermis.scene.schema import write_toml
+
+if typing.TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
+
+Data = dict[str, Any]
+Rng = random.Random
+
+
+@dataclass(frozen=True)
+class World:
+    """A scene with everything it depends on, as plain data.
+
+    Attributes
+    ----------
+    scene : dict
+        Tables of a scene file.
+    design : dict
+        Section -> key -> value: differences from models/design.toml.
+    files : dict
+        Name of a csv file of the scene -> its lines of numbers.
+    why, engines : str
+        Of a stored case: the defect, and the engines whose laws it is checked against.
+    refused : str
+        Of a stored case: part of the line that refuses it; empty if it is not refused.
+    """
+
+    scene: Data
+    design: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    files: Mapping[str, list[list[float]]] = field(default_factory=dict)
+    why: str = ""
+    engines: str = "closed,event"
+    refused: str = ""
+
+    def design_of(self) -> Design:
+        """Return the design with the changes of this world."""
+        base = load_design()
+        return (
+            base.replace(**{name: dict(keys) for name, keys in self.design.items()}) if self.design else base
+        )
+
+    def read(self, directory: Path) -> scenes.Scene:
+        """Write the files into `directory` and load the scene; raises InputError as for any scene."""
+        for name, lines in self.files.items():
+            text = "\n".join(",".join(map(repr, line)) for line in lines) + "\n"
+            (directory / name).write_text(text, encoding="ascii")
+        return scenes.from_data(self.scene, directory / "scene.toml", self.design_of())
+
+    def plan(self, directory: Path, engine: str | None) -> Plan:
+        """Plan the scene; without an engine as `dermis run` does."""
+        return planning.make(self.read(directory), engine)
+
+    def to_toml(self) -> str:
+        """Return everything as one TOML file, which `load` reads."""
+        head = {"why": self.why or None, "engines": self.engines, "refused": self.refused or None}
+        tables: Data = {f"scene.{name}": table for name, table in self.scene.items()}
+        tables |= {f"design.{name}": dict(keys) for name, keys in self.design.items()}
+        if self.files:
+            tables["files"] = {f'"{name}"': lines for name, lines in self.files.items()}
+        return "# SPDX-License-Identifier: Apache-2.0\n" + write_toml(head | tables)
+
+
+def load(path: Path) -> World:
+    """Read a file of `World.to_toml`."""
+    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    head = {name: data[name] for name in ("why", "engines", "refused") if name in data}
+    return World(data["scene"], data.get("design", {}), data.get("files", {}), **head)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Limits of random scenes.
+
+    Attributes
+    ----------
+    sizes : dict
+        ((least, most rows), (least, most cols)) -> weight.
+    frames : tuple of int
+        Numbers of frames, one of them is drawn.
+    noise, designs, extremes, stimuli : bool
+        Effects that draw numbers; changed clocks and bits; parameters such as 1e30; stimuli other than resistances.
+    often : tuple of float
+        Shares of effects that are on, one of them is drawn.
+    few : float
+        Share of scenes with one to four effects, drawn further: they show what many effects hide.
+    auto : float
+        Share of scenes with `auto`.
+    budgets : tuple of float
+        Budgets of `auto` in LSB.
+    gentle : bool
+        Weak effects only, in combinations that engine event accepts all on.
+    """
+
+    sizes: Mapping[tuple[tuple[int, int], tuple[int, int]], float]
+    frames: tuple[int, ...] = (1, 1, 2, 3, 5)
+    noise: bool = True
+    designs: bool = True
+    extremes: bool = True
+    stimuli: bool = True
+    often: tuple[float, ...] = (0.0, 0.05, 0.15, 0.4, 0.8)
+    few: float = 1 / 6
+    auto: float = 0.0
+    budgets: tuple[float, ...] = (0.0, 0.05, 0.25, 0.5, 2.0)
+    gentle: bool = False
+
+
+def _exactly(rows: int, cols: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    return (rows, rows), (cols, cols)
+
+
+_RARE = {_exactly(*size): 1e-3 for size in ((1, 256), (256, 1), (64, 3), (3, 64), (32, 32))}
+_SMALL = {((1, 3), (1, 3)): 1.0}
+_PLAIN = Profile(_SMALL, (1,), noise=False, designs=False, extremes=False, stimuli=False)
+PROFILES = {
+    "closed,event": Profile(
+        {((1, 4), (1, 4)): 0.55, ((1, 9), (1, 9)): 0.4, ((1, 20), (1, 20)): 0.045, **_RARE}, auto=0.15
+    ),
+    # A Verilog build serves one size: few sizes keep a campaign from compiling all the time.
+    "rtl": dataclasses.replace(
+        _PLAIN,
+        sizes={_exactly(*s): 1.0 for s in ((1, 1), (1, 5), (4, 1), (2, 3), (3, 3), (5, 4), (8, 8))},
+        frames=(1, 1, 2, 3, 5),
+        designs=True,
+    ),
+    "cosim": _PLAIN,
+    # A budget of 0 leaves nothing out, so there would be nothing to compare.
+    "auto,cosim": dataclasses.replace(_PLAIN, auto=1.0, budgets=(0.05, 0.25, 0.5, 2.0)),
+    "auto": Profile(
+        {_exactly(16, 16): 1.0, ((3, 19), (3, 19)): 1.0},
+        (24,),
+        designs=False,
+        extremes=False,
+        often=(0.7,),
+        few=0.0,
+        auto=1.0,
+        budgets=(0.1, 0.25, 0.5),
+        gentle=True,
+    ),
+}
+"""Name -> limits: engines of `dermis campaign`, and "auto" for comparisons of `auto` with everything on."""
+
+KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
+
+# Ranges of effect parameters; others go from 0.01 to 30 times their default.
+_RANGES = {
+    "column_input.r_ohm": (0.1, 50.0),
+    "column_offset.v_v": (1e-5, 5e-3),
+    "mirror_ratio.spread": (1e-4, 0.05),
+    "offset_current.i_a": (1e-12, 1e-6),
+    "integrator_range.v_max_v": (0.55, 1.6),
+    "integrator_range.v_min_v": (0.55, 1.6),
+    "comparator_hysteresis.v_v": (1e-5, 0.4),
+    "comparator_delay.t_s": (1e-11, 1.5e-7),
+    "clock_jitter.t_s": (1e-13, 3e-8),
+    "metastability.t_aperture_s": (1e-14, 1e-7),
+    "preset_error.v_v": (1e-6, 0.45),
+    "range_switch.v_overdrive_v": (0.05, 0.5),
+    "flicker_noise.relative": (1e-7, 0.1),
+    "supply_ripple.frequency_hz": (1.0, 1e7),
+    "supply_ripple.phase_deg": (1e-3, 720.0),
+    "thermal_noise.temperature_c": (1.0, 125.0),
+    "ktc_noise.temperature_c": (1.0, 125.0),
+    "sensor_hysteresis.relative": (1e-3, 0.9),
+    "sensor_spread.relative": (1e-3, 0.5),
+}
+_DECADES = (-2.0, 1.5)
+_SIGNED = ("v_v", "i_a", "ratio_error", "packet_error", "delta_k", "tc_per_k", "phase_deg", "temperature_c")
+_UNSIGNED = ("comparator_hysteresis", "comparator_noise")
+_LARGER_IS_WEAKER = ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm")
+_EXTREMES = (0.0, 1e-30, 1e-21, 1e-12, 1e-6, 1.0, 1e3, 1e9, 1e15, 1e21, 1e30)
+# With few effects on, these go as many decades further up: capacitances, currents that bend or come late, ripple.
+_FURTHER = {"line_capacitance": 4.5, "range_switch": 1.5, "mirror_lag": 1.5, "supply_ripple": 2.5}
+_AT_MOST = {"supply_ripple.relative": 1.0}
+_DUTIES = ((0.4, 1e4), (0.45, 0.7), (1e-3, 1.0))
+# Clocks of a gate beyond two a count: none, an odd one, those of gates of 511 and 512 clocks, many.
+_BEYOND = (0, 1, 2, 3, 90, 290)
+# In topology direct a column couples to others by the first and loads its integrator by the second; engine event
+# refuses both together where they move each other by more than a count.
+_COUPLING = ("lateral", "row_driver", "column_input", "trace"), ("integrator_gain", "integrator_bandwidth")
+
+
+def number(rng: Rng, low: float, high: float) -> float:
+    """Return a number of five digits whose logarithm is uniform, for 0 < low < high."""
+    return float(f"{low * (high / low) ** rng.random():.4e}")
+
+
+def random_scene(rng: Rng, profile: Profile) -> World:
+    """Return a random world within the limits of a profile, a function of the state of `rng` alone."""
+    few = rng.random() > 1.0 - profile.few
+    (rows, cols), base = _size(rng, profile, few), load_design()
+    design = (
+        _design(rng, 300 if few else 5) if profile.designs and rng.random() > (0.0 if few else 0.6) else {}
+    )
+    topology = rng.choice(TOPOLOGIES)
+    interface = _interface(rng, topology, design, profile)
+    frames = rng.choice(profile.frames)
+    scene: Data = {"array": {"rows": rows, "cols": cols}}
+    files: dict[str, list[list[float]]] = {}
+    kind = rng.choice(KINDS) if profile.gentle or rng.random() > 0.65 else "resistance"
+    if not profile.stimuli or few:
+        kind = "resistance"
+    if kind != "resistance" or not few:
+        scene["sensor"] = {"law": rng.choice(("inverse",) * 4 + ("power",))}
+    if kind == "resistance":
+        gate = design.get("timing", {}).get("gate_clocks", base.timing.gate_clocks)
+        scene["stimulus"] = {"kind": kind, "file": "taxels.csv"}
+        ohm = _taxel(rng, _unit_ohm(interface), gate, profile, few)
+        files["taxels.csv"] = [[ohm() for _ in range(cols)] for _ in range(frames * rows)]
+    else:
+        scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files)
+    on = _few_effects(rng, topology, profile) if few else _effects(rng, topology, cols, profile)
+    if rng.random() > 1.0 - max(profile.auto, float(few and profile.auto > 0)):
+        on = {"auto": {"budget_lsb": rng.choice(profile.budgets), "sigma": 6.0}} | _off(profile, few) | on
+    if profile.gentle:
+        _gentle(rng, topology, kind, on)
+    scene |= {"interface": interface, "effects": on, "run": {"seed": rng.getrandbits(31)}}
+    return World(scene, design, files)
+
+
+def worlds(profile: Profile) -> SearchStrategy[World]:
+    """Return a Hypothesis strategy of random worlds."""
+    from hypothesis import strategies
+
+    return strategies.builds(
+        random_scene, strategies.randoms(use_true_random=False), strategies.just(profile)
+    )
+
+
+def _off(profile: Profile, few: bool) -> Data:
+    """Return effects that are off: `auto` takes effects without an entry at their defaults."""
+    return {
+        e.name: False for e in effects.EFFECTS.values() if e.considered and (few or e.random > profile.noise)
+    }
+
+
+def _size(rng: Rng, profile: Profile, few: bool) -> tuple[int, int]:
+    sizes = _SMALL if few and ((1, 4), (1, 4)) in profile.sizes else profile.sizes
+    rows, cols = rng.choices(list(sizes), list(sizes.values()))[0]
+    return rng.randint(*rows), rng.randint(*cols)
+
+
+def _design(rng: Rng, longest_break: int) -> dict[str, Data]:
+    """Return another clock, other bits, and a gate and a slot that fit them."""
+    base = load_design()
+    bits = rng.choice((1, 2, 3, 5, 7, 8, 8, 8, 9, 10))
+    gate = 2 * (2**bits - 1) + rng.choice(_BEYOND)
+    pause = rng.randint(1, 5)
+    if longest_break > 5 and rng.random() < 0.5:
+        pause = int(number(rng, 5, longest_break))
+    slot = gate + pause + rng.choice((2, 3, 10, 115))
+    f_clk_hz = base.converter.f_clk_hz * rng.choice((0.01, 0.2, 1.0, 1.0, 4.0))
+    return {
+        # The frame time is that of the design's own array, whatever the size of the scene.
+        "timing": {"gate_clocks": gate, "code_bits": bits, "break_clocks": pause,
+                   "frame_s": slot * base.array.rows / f_clk_hz},
+        "converter": {"f_clk_hz": f_clk_hz, "c_int_f": base.converter.i0_a / f_clk_hz, "t_edge_s": 1e-3 / f_clk_hz},
+        "comparator": {"t_delay_s": 0.02 / f_clk_hz, "t_aperture_s": 1e-5 / f_clk_hz},
+    }  # fmt: skip
+
+
+def _interface(rng: Rng, topology: str, design: Mapping[str, Data], profile: Profile) -> Data:
+    base, found = load_design(), {"topology": topology}
+    if rng.random() > 0.6:
+        found["k"] = rng.choice(base.interface.k_options)
+    if rng.random() > 0.7:
+        found["v_bias_v"] = number(rng, *((0.25, 0.6) if profile.gentle else (1e-3, 10.0)))
+    if rng.random() > 0.8 and not profile.gentle:
+        f_clk_hz = design.get("converter", {}).get("f_clk_hz", base.converter.f_clk_hz)
+        found["i0_a"] = number(rng, 1e-9, 1e-2)
+        found["c_int_f"] = found["i0_a"] / f_clk_hz / number(rng, 0.1, 1.4)  # a packet of 0.1 to 1.4 V
+    return found
+
+
+def _unit_ohm(interface: Data) -> float:
+    """Return the resistance of a taxel with a duty of 1."""
+    base = load_design()
+    current = interface.get("k", base.interface.k) * interface.get("i0_a", base.converter.i0_a)
+    return interface.get("v_bias_v", base.interface.v_bias_v) / current
+
+
+def _taxel(rng: Rng, unit: float, gate: int, profile: Profile, few: bool) -> Callable[[], float]:
+    """Return a function that draws the resistance of a taxel in ohm."""
+    low, high = rng.choices(_DUTIES, (0.5, 0.2, 0.3))[0]
+    way, shorts = rng.random(), rng.random() > 0.7
+    share = rng.choice((0.05, 0.3, 0.9)) if shorts and profile.stimuli and not few else 0.0
+
+    def ohm() -> float:
+        if share and rng.random() < share:
+            return rng.choice((0.0, math.inf))
+        if few:
+            return unit / number(rng, low, high)
+        if way < 0.45 or profile.gentle:
+            return unit / number(rng, 2.75e-3, 0.55)
+        if way < 0.6:  # on a threshold between two codes, or an ulp from it
+            near = unit * gate / (rng.randint(0, 256) - W_PRESET)
+            return near * (1.0 + rng.randint(-2, 2) * 2.0**-52)
+        if way < 0.75:  # a duty of p/q
+            return unit * rng.randint(1, 12) / max(rng.randint(0, 12), 1)
+        if way < 0.9 or not profile.stimuli:
+            return unit * number(rng, 0.1, 1e5)
+        return number(rng, 1e-3, 1e15)
+
+    return ohm
+
+
+@functools.cache
+def _parameters(topology: str) -> dict[str, dict[str, float | None]]:
+    """Return effect -> parameter -> default of the effects of a topology; None: the scene must give it."""
+    design = load_design()
+    return {
+        effect.name: effect.table().model_dump() | effect.defaults(design, topology)
+        for effect in effects.EFFECTS.values()
+        if topology in effect.topologies
+    }
+
+
+def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
+    often = rng.choice(profile.often)
+    strengths = ("default", "scaled", "scaled", "extreme" if profile.extremes else "scaled")
+    strength = "scaled" if profile.gentle else rng.choice(strengths)
+    on: Data = {}
+    for name, defaults in _parameters(topology).items():
+        effect = effects.EFFECTS[name]
+        rare = 0.4 if effect.random or (profile.gentle and not effect.considered) else 1.0
+        if rng.random() <= 1.0 - often * rare or effect.random > profile.noise:
+            continue
+        if strength == "default" and None not in defaults.values():
+            on[name] = True
+            continue
+        on[name] = {}
+        for key, default in defaults.items():
+            value: Any = _value(rng, name, key, default, profile.gentle)
+            if strength == "extreme" and rng.random() > 0.7:
+                value = math.copysign(rng.choice(_EXTREMES), value)
+            if _listed(name, key) and rng.random() > 0.7:
+                sign = -1 if key in _SIGNED else 1
+                value = [value * rng.choice((sign, 0.25, 0.5, 1)) for _ in range(cols)]
+            on[name][key] = value
+    return on
+
+
+def _few_effects(rng: Rng, topology: str, profile: Profile) -> Data:
+    all_of = _parameters(topology)
+    names = [
+        name
+        for name, effect in effects.EFFECTS.items()
+        if name in all_of and not effect.random and effect.considered
+    ]
+    on: Data = {}
+    for name in rng.sample(names, rng.randint(1, 4)):
+        on[name] = {key: _value(rng, name, key, default) for key, default in all_of[name].items()}
+        for key in on[name] if name in _FURTHER else ():
+            further = on[name][key] * number(rng, 1.0, 10.0 ** _FURTHER[name])
+            on[name][key] = min(further, _AT_MOST.get(f"{name}.{key}", math.inf))
+    return on | ({"motion": True} if rng.random() > 0.8 else {})
+
+
+def _listed(name: str, key: str) -> bool:
+    annotation = effects.EFFECTS[name].table.model_fields[key].annotation
+    return any("list" in str(a) for a in typing.get_args(annotation))
+
+
+def _value(rng: Rng, name: str, key: str, default: float | None, gentle: bool = False) -> float:
+    scale = abs(float(default or 1.0))
+    low, high = _RANGES.get(f"{name}.{key}", tuple(scale * 10.0**d for d in _DECADES))
+    if gentle:
+        weak, strong = (0.5, 1e3) if key in _LARGER_IS_WEAKER else (1e-3, 2.0)
+        low, high = max(low, weak * scale), min(high, strong * scale)
+        high = max(low, high)
+    value = number(rng, low, high)
+    if key == "v_min_v":
+        return -value
+    return -value if key in _SIGNED and name not in _UNSIGNED and rng.random() > 0.5 else value
+
+
+def _gentle(rng: Rng, topology: str, kind: str, on: Data) -> None:
+    """Switch off effects that engine event refuses together."""
+    if topology == "direct":
+        on |= dict.fromkeys(rng.choice(_COUPLING), False)
+    if kind == "resistance" and not any(on.get(name, True) for name in _COUPLING[0][1:]):
+        on["column_offset"] = False  # a short across sources of unlike voltages is refused
+
+
+def _body(rng: Rng, rows: int, cols: int) -> Data:
+    return {
+        "shape": rng.choice(("flat", "triangular", "cylindrical", "spherical", "round")),
+        "width": number(rng, 0.5, max(cols, 1)),
+        "length": number(rng, 0.5, max(rows, 1)),
+        "center_row": round(rng.uniform(0, rows - 1), 3),
+        "center_col": round(rng.uniform(0, cols - 1), 3),
+        "angle_deg": rng.randint(-180, 180),
+        "samples": rng.randint(1, 3),
+    }
+
+
+def _stimulus(rng: Rng, kind: str, rows: int, cols: int, frames: int, files: dict[str, Any]) -> Data:
+    forces = [number(rng, 1e-2, 18.0) for _ in range(frames)]
+    if kind == "uniform":
+        codes, ohms = [rng.randint(0, 255) for _ in forces], [number(rng, 250.0, 1e5) for _ in forces]
+        return {"kind": kind} | rng.choice(({"code": codes}, {"force_n": forces}, {"r_ohm": ohms}))
+    if kind == "frames":
+        untouched = rng.random()
+        files["frames.csv"] = [
+            [float(rng.randint(0, 255) if rng.random() > untouched else 0) for _ in range(cols)]
+            for _ in range(frames * rows)
+        ]
+        return {"kind": kind, "file": "frames.csv", "unit": "codes"}
+    form = _body(rng, rows, cols)
+    if kind == "indenter":
+        return {"kind": kind, "force_n": forces} | form
+    if kind == "ramp":
+        return {"kind": kind, "frames": frames, "force_n": forces[:4]} | form
+    if kind == "several":
+        parts = [{"kind": "ramp", "frames": frames, "force_n": forces[:3]} for _ in range(2)]
+        return {"kind": kind, "parts": [part | _body(rng, rows, cols) for part in parts]}
+    moving: Data = {"frequency_hz": number(rng, 5, 80)}
+    if kind == "slip":
+        moving = {"speed_pitch_per_s": number(rng, 1, 1e3), "direction_deg": rng.randint(-180, 180)}
+    return {"kind": kind, "frames": frames, "force_n": forces[0]} | moving | form
