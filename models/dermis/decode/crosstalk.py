@@ -244,6 +244,8 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
     for _ in range(REFINEMENTS):
         g = np.minimum(conductance[open_frames], SHORT_S)
         missed = currents[open_frames] - column_currents(network, g)
+        # An open taxel cannot carry less: noise and rounding of codes ask for it.
+        missed[(g == 0) & (missed < 0)] = 0.0
         worst = np.abs(missed).max(axis=(1, 2)) / size[open_frames]
         better = worst < residual[open_frames]
         residual[open_frames] = np.fmin(worst, residual[open_frames])

@@ -296,10 +296,8 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
     """
     frames = loaded.shape[0]
     touched = loaded.any(axis=0)
-    lowest, highest = 1e-10 / (start_s + frames * t_frame_s), 45.0 / start_s
-    rate = np.exp(np.arange(np.log(lowest), np.log(highest), _RATE_STEP))[:, np.newaxis]
+    rate, weight = (part[:, np.newaxis] for part in creep_rates(start_s, frames * t_frame_s))
     with np.errstate(under="ignore"):
-        weight = _RATE_STEP * np.exp(-rate * start_s) / np.log(10.0)
         kept = np.exp(-rate * t_frame_s)
         gained = -np.expm1(-rate * t_frame_s) * weight
         state = np.zeros((rate.size, int(touched.sum())))
@@ -308,6 +306,14 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
             state = kept * state + gained * loaded[n - 1][touched]
             out[n][touched] = state.sum(axis=0)
     return out
+
+
+def creep_rates(start_s: float, longest_s: float) -> tuple[Floats, Floats]:
+    """Return the rates in 1/s and the weights in decades of the kernel of `creep_decades`, up to longest_s."""
+    lowest, highest = 1e-10 / (start_s + longest_s), 45.0 / start_s
+    rate = np.exp(np.arange(np.log(lowest), np.log(highest), _RATE_STEP))
+    with np.errstate(under="ignore"):
+        return rate, _RATE_STEP * np.exp(-rate * start_s) / np.log(10.0)
 
 
 def spread_factor(draw: Floats, relative: float) -> Floats:

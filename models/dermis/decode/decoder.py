@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Codes to newtons with an interval for every taxel: one compiled pass over the frames."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from dermis.decode import crosstalk
+from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
+from dermis.decode.law import force_of
+from dermis.decode.memory import SheetMemory, advance_creep, undo_frame
+
+Floats = NDArray[np.float64]
+
+ZERO, SATURATED, SHORT, UNSOLVED = 1, 2, 4, 8
+"""Bits of Forces.flags."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Forces in newtons, each array [frames, rows, cols].
+
+    Attributes
+    ----------
+    force_n, low_n, high_n : ndarray
+        The estimate and the ends of its interval. A saturated taxel has the force of full scale and the upper end inf.
+    flags : ndarray of uint8
+        ZERO (code 0), SATURATED (full scale), SHORT, UNSOLVED (the frame's solution did not converge; the interval
+        is 0..inf).
+    """
+
+    force_n: Floats
+    low_n: Floats
+    high_n: Floats
+    flags: NDArray[np.uint8]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread(g, down, up, e_down, e_up, u, total, v_bias, r_driven, r_column, g_lateral):
+    """Fill in how far conductances `g` may lie below and above, [rows, cols], for errors of the currents.
+
+    First order in the errors, and an upper bound in the signs (docs/decode.md). Traces count in full.
+    """
+    rows, cols = g.shape
+    for side in range(2):
+        e, d = (e_down, down) if side == 0 else (e_up, up)
+        other = e_up if side == 0 else e_down
+        for r in range(rows):
+            for c in range(cols):
+                d[r, c] = e[r, c] / v_bias
+        for c in range(cols):
+            column_g, column_d = 0.0, 0.0
+            for i in range(rows):
+                column_g += g[i, c]
+                column_d += d[i, c]
+            # Other rows take their share of a column's voltage: known to the error of the column's own current.
+            for r in range(rows):
+                span = abs(u[r, c])
+                out = e[r, c] * (1.0 + r_column[c] * (column_g - g[r, c] + 2.0 * g_lateral))
+                # A neighbour's voltage takes current away.
+                if c > 0:
+                    out += g_lateral * r_column[c - 1] * other[r, c - 1]
+                if c + 1 < cols:
+                    out += g_lateral * r_column[c + 1] * other[r, c + 1]
+                e[r, c] = out + 2.0 * span * (column_d - e[r, c] / v_bias)
+        for r in range(rows):
+            row_e, row_current = 0.0, 0.0
+            for c in range(cols):
+                row_e += e[r, c]
+                row_current += g[r, c] * (v_bias - u[r, c])
+            row_current /= 1.0 + r_driven * total[r]
+            p = v_bias - r_driven * row_current
+            for c in range(cols):
+                across = p - u[r, c]
+                lost = r_driven * row_e + r_column[c] * e[r, c]
+                if side == 1:
+                    across -= lost
+                if across > 0.0:
+                    d[r, c] = (e[r, c] + g[r, c] * lost) / across
+                else:
+                    d[r, c] = np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def currents_of(
+    codes, code_max, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max, out, down, up
+):
+    """Currents in ampere [rows, cols] of the middles of codes, and how far they may lie below and above."""
+    rows, cols = codes.shape
+    for r in range(rows):
+        for c in range(cols):
+            code = codes[r, c]
+            middle = step[c] * (code - start[c])
+            part = COVERAGE_SIGMA * step_part[c] * abs(middle)
+            width = step[c] * (half + COVERAGE_SIGMA * start_sigma[c]) + part
+            # Compression stretches currents and errors; it is undone at the middle.
+            squeeze = max(1.0 - abs(middle) * inv_range[c], 1e-9)
+            out[r, c] = middle / squeeze
+            down[r, c] = up[r, c] = width / (squeeze * squeeze)
+            if code >= code_max:
+                up[r, c] = max(up[r, c], v_bias * g_max - out[r, c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _decode_frames(
+    codes,
+    dt_s,
+    chip,
+    network,
+    ends,
+    solved,
+    curve,
+    factor,
+    factor_part,
+    parts,
+    reference,
+    memory,
+    law,
+    work,
+    results,
+):
+    code_max, step, start, inv_range, half, step_part, start_sigma, g_max = chip
+    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
+    r_row_end, r_column_end = ends
+    logarithmic, knots, coefficients, g_open, force_on = curve
+    law_part, uncorrected = parts
+    z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
+    radius, weight, per_decade = law
+    current, down, up, e_down, e_up, g, scratch, through = work
+    force, low, high, flags = results
+    frames, rows, cols = codes.shape
+    u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
+    r_column_far = r_column + r_column_end
+    remembers = radius.size > 0 or per_decade != 0.0
+    for n in range(frames):
+        currents_of(
+            codes[n], code_max, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max,
+            current, e_down, e_up,
+        )  # fmt: skip
+        good = True
+        if solved.size:
+            g[:] = solved[n]
+            good = not np.isnan(g[0, 0])
+            crosstalk.known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken)
+            for r in range(rows):
+                total[r] = g[r].sum()
+        else:
+            good = 0 < crosstalk.solve_frame(
+                current,
+                v_bias,
+                r_driven,
+                g_ground,
+                r_column,
+                v_offset,
+                i_leak,
+                g_lateral,
+                g,
+                scratch,
+                through,
+            )
+        _spread(
+            g,
+            down,
+            up,
+            e_down,
+            e_up,
+            u,
+            total,
+            v_bias,
+            r_driven + r_row_end,
+            r_column_far,
+            g_lateral,
+        )
+        warm, warm_part = 1.0, 0.0
+        for m in range(reference.shape[0]):
+            r, c = int(reference[m, 0]), int(reference[m, 1])
+            share = 1.0 / reference.shape[0]
+            warm += share * (g[r, c] / reference[m, 2] - 1.0)
+            warm_part += share * max(up[r, c], down[r, c]) / reference[m, 2]
+        warm = max(warm, 1e-3)
+        for r in range(rows):
+            for c in range(cols):
+                bits = 0
+                if codes[n, r, c] == 0:
+                    bits |= ZERO
+                if codes[n, r, c] >= code_max:
+                    bits |= SATURATED
+                if g[r, c] > crosstalk.SHORT_S:
+                    bits |= SHORT
+                if not good:
+                    bits |= UNSOLVED
+                flags[n, r, c] = bits
+                by_law = 1.0 / (factor[r, c] * warm)
+                part = COVERAGE_SIGMA * factor_part[r, c] + uncorrected + warm_part / warm
+                low[n, r, c] = max(g[r, c] - down[r, c], 0.0) * by_law * max(1.0 - part, 0.0)
+                high[n, r, c] = (g[r, c] + up[r, c]) * by_law * (1.0 + part)
+                force[n, r, c] = g[r, c] * by_law
+                if bits & ZERO:
+                    # A counter does not go below 0: offsets may hide any smaller current.
+                    low[n, r, c] = force[n, r, c] = 0.0
+        if remembers:
+            if per_decade != 0.0 and not fresh:
+                advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
+            undo_frame(
+                low[n].reshape(-1), force[n].reshape(-1), high[n].reshape(-1), z, past, moved, band, frame,
+                creep, loaded, fresh, g_open, radius, weight, per_decade,
+            )  # fmt: skip
+            frame += 1
+            fresh = False
+        for r in range(rows):
+            for c in range(cols):
+                bits = flags[n, r, c]
+                value = force_of(force[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
+                least = force_of(low[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
+                most = force_of(high[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
+                part = COVERAGE_SIGMA * law_part
+                force[n, r, c], low[n, r, c], high[n, r, c] = value, least * (1.0 - part), most * (1.0 + part)
+                if bits & (SATURATED | SHORT | UNSOLVED):
+                    high[n, r, c] = np.inf
+                if bits & UNSOLVED:
+                    low[n, r, c] = 0.0
+
+
+class Decoder:
+    """Codes of one sheet to newtons.
+
+    Without hysteresis and creep a decoder has no state and may be called from several threads at once. With them it
+    is one stream: frames in order of time, one call at a time (others wait), `save` and `load` for its state.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    t_frame_s : float
+        Time from frame to frame where `decode` is given no other.
+    """
+
+    def __init__(self, calibration: Calibration, t_frame_s: float) -> None:
+        self.calibration = cal = calibration
+        self.t_frame_s = float(t_frame_s)
+        network = cal.array()
+        self._network = network
+        self._traced = bool(network.r_trace_row_ohm or network.r_trace_column_ohm)
+        chip = cal.step_a, cal.start_code, cal.inv_i_range_a, cal.half_width_code()
+        self._chip = (cal.code_max, *chip, cal.step_part, cal.start_sigma_code, float(cal.g_max_s))
+        self._reference = np.array(cal.reference, dtype=float).reshape(-1, 3)
+        self._local, self._lock = threading.local(), threading.Lock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the stream: the next frame is the first."""
+        cal = self.calibration
+        self.memory = SheetMemory(cal.memory, cal.rows * cal.cols, cal.curve.g_open_s)
+
+    def decode(
+        self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
+    ) -> Forces:
+        """Decode codes [frames, rows, cols] or [rows, cols].
+
+        Parameters
+        ----------
+        codes : array_like of int
+            0..code_max.
+        t_frame_s : float or array_like, optional
+            Time in seconds since the frame before, for all frames or for each.
+        out : Forces, optional
+            Arrays to fill, so that nothing is allocated.
+
+        Raises
+        ------
+        ValueError
+            Codes of a wrong shape, kind or range, or times that run backwards.
+        """
+        cal = self.calibration
+        codes = np.asarray(codes)
+        if (
+            codes.dtype.kind not in "iu"
+            or codes.ndim not in (2, 3)
+            or codes.shape[-2:] != (cal.rows, cal.cols)
+        ):
+            raise ValueError(f"codes must be integers [frames, {cal.rows}, {cal.cols}]")
+        if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
+            raise ValueError(f"codes must be 0..{cal.code_max}")
+        frames = codes.reshape(-1, cal.rows, cal.cols)
+        dt_s = np.broadcast_to(
+            np.asarray(self.t_frame_s if t_frame_s is None else t_frame_s, float), len(frames)
+        )
+        if not (dt_s >= 0).all():
+            raise ValueError("t_frame_s must be 0 or above: time runs backwards")
+        if out is None:
+            out = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
+        results = tuple(a.reshape(frames.shape) for a in (out.force_n, out.low_n, out.high_n, out.flags))
+        if cal.memory.active:
+            with self._lock:
+                self._run(frames, dt_s, results)
+        else:
+            self._run(frames, dt_s, results)
+        return out
+
+    def _run(self, frames: NDArray, dt_s: Floats, results: tuple) -> None:
+        cal, memory = self.calibration, self.memory
+        solved = np.empty((0, cal.rows, cal.cols))
+        work = getattr(self._local, "work", None)
+        if work is None:
+            shape = cal.rows, cal.cols
+            work = tuple(np.empty(shape) for _ in range(6))
+            work = self._local.work = (*work, np.empty((3, cal.rows, cal.cols + 1)), np.empty(cal.cols))
+        if self._traced:
+            solved = self.conductances(frames)
+        _decode_frames(
+            frames,
+            dt_s,
+            self._chip,
+            crosstalk.arguments(self._network),
+            (cal.cols * self._network.r_trace_row_ohm, cal.rows * self._network.r_trace_column_ohm),
+            solved,
+            cal.curve.arguments(),
+            cal.factor,
+            cal.factor_part,
+            (float(cal.law_part), float(cal.uncorrected_part)),
+            self._reference,
+            memory.arrays(),
+            (cal.memory.radius, cal.memory.weight, float(cal.memory.creep_per_decade)),
+            work,
+            results,
+        )
+        memory.passed(len(frames))
+
+    def conductances(self, codes: NDArray) -> Floats:
+        """Conductances in siemens of codes [frames, rows, cols] by `crosstalk.solve`; NaN where it did not converge."""
+        cal = self.calibration
+        current, down, up = (np.empty((cal.rows, cal.cols)) for _ in range(3))
+        currents = np.empty(codes.shape)
+        for n, frame in enumerate(codes):
+            chip = self._chip
+            currents_of(frame, *chip[:7], cal.v_bias_v, chip[7], current, down, up)
+            currents[n] = current
+        found = crosstalk.solve(self._network, currents)
+        return np.where(found.converged[:, None, None], found.conductance_s, np.nan)
+
+    def save(self, path: Path) -> None:
+        """Write the state of the stream."""
+        self.memory.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on with a stream whose state was saved; InputError if it is that of another sheet."""
+        self.memory.load(path)

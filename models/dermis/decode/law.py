@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The law of a sheet for decoding: force as a function of conductance, known or fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import isotonic_regression
+
+from dermis.scene.sensor import InverseSensor, PowerSensor
+
+Floats = NDArray[np.float64]
+
+_BISECTIONS = 200
+CONTRADICTION = 0.2
+"""Part of the largest force by which a table may differ from its loads to be monotone."""
+KINDS = ("linear", "power", "cubic", "table")
+"""Laws that can be fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Force over conductance as a piecewise cubic, in linear or in logarithmic coordinates.
+
+    Attributes
+    ----------
+    kind : str
+        "linear", "power", "cubic" or "table", for reports.
+    logarithmic : bool
+        Whether knots and values are natural logarithms.
+    knots : ndarray
+        [n] conductance in siemens, or its logarithm, rising. The ends continue.
+    coefficients : ndarray
+        [n, 4] of 1, t, t^2, t^3 with t the distance from the knot; force in newtons, or its logarithm.
+    g_open_s : float
+        At or below this conductance the force is 0.
+    force_on_n : float
+        Least force above g_open_s.
+    """
+
+    kind: str
+    logarithmic: bool
+    knots: Floats
+    coefficients: Floats
+    g_open_s: float = 0.0
+    force_on_n: float = 0.0
+
+    def arguments(self) -> tuple:
+        """Return what `force_of` takes after the conductance."""
+        return self.logarithmic, self.knots, self.coefficients, self.g_open_s, self.force_on_n
+
+    def force_n(self, conductance_s: ArrayLike) -> Floats:
+        """Force in newtons of conductances in siemens, any shape."""
+        g = np.ascontiguousarray(conductance_s, dtype=float)
+        out = np.empty(g.size)
+        _forces(g.ravel(), out, *self.arguments())
+        return out.reshape(g.shape)
+
+    def conductance_s(self, force_n: ArrayLike) -> Floats:
+        """Least conductance in siemens that makes at least this force in newtons, any shape; found by bisection."""
+        force = np.asarray(force_n, dtype=float)
+        low, high = np.full(force.shape, -700.0), np.full(force.shape, 700.0)
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            enough = self.force_n(np.exp(middle)) >= force
+            low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+        return np.where(force <= 0, 0.0, np.exp(high))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def force_of(g, logarithmic, knots, coefficients, g_open, force_on):
+    """Force in newtons of one conductance in siemens."""
+    if not g > g_open or g <= 0.0:
+        return 0.0
+    if g == np.inf:
+        return np.inf
+    s = np.log(g) if logarithmic else g
+    n = 0
+    while n + 1 < knots.size and s >= knots[n + 1]:
+        n += 1
+    t = s - knots[n]
+    a = coefficients[n]
+    value = a[0] + t * (a[1] + t * (a[2] + t * a[3]))
+    if logarithmic:
+        value = np.exp(value) if value < 690.0 else np.inf
+    return max(value, force_on, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _forces(g, out, logarithmic, knots, coefficients, g_open, force_on):
+    for n in range(g.size):
+        out[n] = force_of(g[n], logarithmic, knots, coefficients, g_open, force_on)
+
+
+def of_sensor(sensor: InverseSensor | PowerSensor) -> Curve:
+    """Return the curve of a scene's law."""
+    if isinstance(sensor, InverseSensor):
+        return _polynomial("linear", [sensor.k_force_n_ohm])
+    knots = -np.log(sensor.r_points_ohm)
+    coefficients = np.zeros((knots.size, 4))
+    coefficients[:, 0] = np.log(sensor.force_points_n)
+    coefficients[:, 1] = 1.0 / sensor.exponents()
+    return Curve("power", True, knots, coefficients, 1.0 / sensor.r_open_ohm, sensor.force_on_n)
+
+
+def _polynomial(kind: str, powers: ArrayLike) -> Curve:
+    """Return the curve F = a1 G + a2 G^2 + a3 G^3."""
+    row = np.zeros((1, 4))
+    row[0, 1 : 1 + len(powers)] = powers
+    return Curve(kind, False, np.zeros(1), row)
+
+
+class LawError(ValueError):
+    """Loads that no law of the kind fits."""
+
+
+def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike, points: int = 10) -> Curve:
+    """Fit a law to loads by least squares in force.
+
+    Parameters
+    ----------
+    kind : str
+        "linear" F = a G, "power" F = a G^n and "cubic" F = a G + b G^2 + c G^3 as compared by Brimacombe et al., J.
+        Biomech. Eng. 131 (2009) 034503; "table" puts a monotone spline (Fritsch and Carlson) through `points` means.
+    conductance_s, force_n : array_like
+        Loads, any order, the same length; those at 0 do not count.
+    points : int
+        Of a table.
+
+    Raises
+    ------
+    LawError
+        Too few loads, or a fit whose force falls with conductance.
+    """
+    g, force = np.asarray(conductance_s, dtype=float).ravel(), np.asarray(force_n, dtype=float).ravel()
+    used = (g > 0) & (force > 0) & np.isfinite(g)
+    g, force = g[used], force[used]
+    needed = {"linear": 1, "power": 2, "cubic": 3, "table": 2}[kind]
+    if np.unique(force).size < needed:
+        raise LawError(f"law {kind} needs {needed} loads of different force, {np.unique(force).size} given")
+    if kind == "power":
+        # Relative errors first, since a logarithm is linear in the unknowns; then errors in newtons.
+        slope, level = np.polyfit(np.log(g), np.log(force), 1)
+        for _ in range(20):
+            made = np.exp(level + slope * np.log(g))
+            matrix = made[:, None] * np.stack([np.ones_like(g), np.log(g)], axis=1)
+            step = np.linalg.lstsq(matrix, force - made, rcond=None)[0]
+            level, slope = level + step[0], slope + step[1]
+        if slope <= 0:
+            raise LawError("force falls with conductance")
+        return Curve("power", True, np.zeros(1), np.array([[level, slope, 0.0, 0.0]]))
+    if kind == "table":
+        return _table(g, force, points)
+    scale = g.max()
+    powers = np.arange(1, 2 if kind == "linear" else 4)
+    a = np.linalg.lstsq((g[:, None] / scale) ** powers, force, rcond=None)[0] / scale**powers
+    curve = _polynomial(kind, a)
+    if (np.diff(curve.force_n(np.linspace(0, scale, 200))) < 0).any():
+        raise LawError(f"the {kind} fit falls with conductance within the loads: use law power or table")
+    if kind == "cubic":
+        # Beyond the loads the tangent: a cubic may turn.
+        end = np.polynomial.Polynomial([0.0, *a])
+        rows = np.array([[0.0, *a], [end(scale), end.deriv()(scale), 0.0, 0.0]])
+        return Curve(kind, False, np.array([0.0, scale]), rows)
+    return curve
+
+
+def _table(g: Floats, force: Floats, points: int) -> Curve:
+    order = np.argsort(g)
+    means = [(g[part].mean(), force[part].mean()) for part in np.array_split(order, min(points, g.size))]
+    knots, values = np.array([(0.0, 0.0), *means]).T
+    means, values = values, isotonic_regression(values).x
+    if np.abs(means - values).max() > CONTRADICTION * values.max():
+        raise LawError(f"loads contradict each other: force falls with conductance near {means.max():.4g} N")
+    keep = np.concatenate([[True], (np.diff(knots) > 1e-12 * knots[-1]) & (np.diff(values) > 0)])
+    knots, values = knots[keep], values[keep]
+    if knots.size < 2:
+        raise LawError("force does not rise with conductance")
+    spline = PchipInterpolator(knots, values)
+    slope = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
+    rows = np.vstack([spline.c[::-1].T, [values[-1], slope, 0.0, 0.0]])
+    return Curve("table", False, knots, np.ascontiguousarray(rows))
+
+
+def rms_error_n(curve: Curve, conductance_s: Floats, force_n: Floats) -> float:
+    """Return the rms difference in newtons between a curve and loads."""
+    return float(np.sqrt(np.mean((curve.force_n(conductance_s) - force_n) ** 2)))

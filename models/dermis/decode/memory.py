@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hysteresis and creep of a sheet as a stream: put in, and taken back frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dermis.errors import InputError
+from dermis.files import atomic
+from dermis.scene.sensor import creep_rates
+
+Floats = NDArray[np.float64]
+
+LOG_OPEN = -80.0
+"""Logarithm of the conductance that stands for an open taxel: 1e-35 S."""
+ROUNDING = 1e-9
+"""Relative conductance that is not a movement: rounding of the creep factor and of logarithms."""
+HISTORY = 256
+"""Frames that are kept to guess a return: returns that take up to 128 frames."""
+SLOW = 8
+"""A force that came through less than a flat piece in this many frames is slow."""
+LONGEST_S = 1e7
+"""Time over which creep is followed; a load of four months adds 1 part in 1e4 of a decade after that."""
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryLaw:
+    """What a sheet remembers.
+
+    Hysteresis is a Prandtl-Ishlinskii operator on x, the logarithm of the conductance by the law: a mean of play
+    operators, z = clip(z, x - radius, x + radius), with weights that sum to 1. It is shifted so that a first rise
+    follows the law. One radius of -log(1 - h) / 2 is `sensor.play` of the width h. Creep is that of
+    `sensor.creep_decades`: conductance times 1 + creep_per_decade * decades under load.
+
+    Attributes
+    ----------
+    radius, weight : ndarray
+        [n]; n = 0 is no hysteresis.
+    creep_per_decade : float
+        Relative.
+    creep_start_s : float
+        Time at which the first decade starts.
+    """
+
+    radius: Floats
+    weight: Floats
+    creep_per_decade: float = 0.0
+    creep_start_s: float = 10e-3
+
+    @classmethod
+    def of_effects(cls, hysteresis: float, creep_per_decade: float, creep_start_s: float) -> MemoryLaw:
+        """Return the law of a scene's effects; hysteresis is the width of the loop, relative to the resistance."""
+        size = 1 if hysteresis else 0
+        return cls(np.full(size, -np.log1p(-hysteresis) / 2), np.ones(size), creep_per_decade, creep_start_s)
+
+    @property
+    def active(self) -> bool:
+        """Whether there is anything to remember."""
+        return bool(self.radius.size or self.creep_per_decade)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _value(x, z, radius, weight):
+    """Mean of play operators at x in the states z [n], less the shift of a first rise."""
+    y = 0.0
+    for k in range(radius.size):
+        y += weight[k] * (min(max(z[k], x - radius[k]), x + radius[k]) + radius[k])
+    return y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(y, z, radius, weight):
+    """Highest x whose value is y; the value rises with x along straight pieces."""
+    best, at, first = -np.inf, 0.0, np.inf
+    for k in range(radius.size):
+        for side in (-1.0, 1.0):
+            b = z[k] + side * radius[k]
+            value = _value(b, z, radius, weight)
+            first = min(first, b)
+            if value <= y and b > best:
+                best, at = b, value
+    if best == -np.inf:
+        return first - (_value(first, z, radius, weight) - y)
+    slope = 0.0
+    for k in range(radius.size):
+        if best < z[k] - radius[k] or best >= z[k] + radius[k]:
+            slope += weight[k]
+    return best + (y - at) / max(slope, 1e-6)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lowest(y, z, radius, weight):
+    """Lowest x whose value is y."""
+    best, at, last = np.inf, 0.0, -np.inf
+    for k in range(radius.size):
+        for side in (-1.0, 1.0):
+            b = z[k] + side * radius[k]
+            value = _value(b, z, radius, weight)
+            last = max(last, b)
+            if value >= y and b < best:
+                best, at = b, value
+    if best == np.inf:
+        return last + (y - _value(last, z, radius, weight))
+    slope = 0.0
+    for k in range(radius.size):
+        if best <= z[k] - radius[k] or best > z[k] + radius[k]:
+            slope += weight[k]
+    return best - (at - y) / max(slope, 1e-6)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move(x, z, radius):
+    for k in range(radius.size):
+        z[k] = min(max(z[k], x - radius[k]), x + radius[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_creep(creep, loaded, rate, weight, dt_s):
+    """Move the creep states [taxels, rates] on by a time in which `loaded` [taxels] taxels carried load."""
+    for m in range(rate.size):
+        kept = np.exp(-rate[m] * dt_s)
+        gained = (1.0 - kept) * weight[m]
+        for t in range(loaded.size):
+            creep[t, m] = kept * creep[t, m] + (gained if loaded[t] else 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _log(g):
+    return np.log(g) if g > 1.9e-35 else LOG_OPEN
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
+    """Turn conductances by the law `g` [taxels] into those of the sheet."""
+    for t in range(g.size):
+        value = g[t]
+        if radius.size and value < np.inf:
+            x = _log(g[t])
+            if fresh:
+                z[0, t, :] = x - radius
+            y = _value(x, z[0, t], radius, weight)
+            _move(x, z[0, t], radius)
+            value = np.exp(y) if y > LOG_OPEN + 1.0 else 0.0
+        if per_decade:
+            value *= 1.0 + per_decade * creep[t].sum()
+        out[t] = value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def undo_frame(
+    low, g, high, z, past, moved, band, frame, creep, loaded, fresh, g_open, radius, weight, per_decade
+):
+    """Turn conductances of the sheet [taxels] and their ends into those by the law, in place.
+
+    `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the frame of the last movement and the
+    frames between the last two, `band` [taxels, 2] the values that explain all readings since.
+    """
+    for t in range(g.size):
+        if per_decade:
+            factor = 1.0 / (1.0 + per_decade * creep[t].sum())
+            low[t] *= factor
+            g[t] *= factor
+            high[t] *= factor
+        if radius.size and g[t] < np.inf:
+            y = _log(g[t])
+            y_low, y_high = min(_log(low[t]), y - ROUNDING), max(_log(min(high[t], 1e300)), y + ROUNDING)
+            if fresh:
+                z[0, t, :], z[1, t, :], z[2, t, :] = y - radius, y_low - radius, y_high - radius
+                past[t, :] = y
+                moved[t, 0], moved[t, 1] = frame, 1
+                band[t, 0], band[t, 1] = y_low, y_high
+            # Two sheets that started lower and higher stay lower and higher: play operators keep the order.
+            x_low = _lowest(y_low, z[2, t], radius, weight)
+            x_high = _highest(y_high, z[1, t], radius, weight)
+            last = moved[t, 0]
+            still = frame - last
+            x = past[t, last % HISTORY]
+            returning = 2 * still > 3 * moved[t, 1]
+            # A moving taxel whose next code just overlaps moves on; one that rests may drift over a threshold.
+            room = 0.0 if returning else 0.2 * (y_high - y_low)
+            if max(y_low, band[t, 0]) + room <= min(y_high, band[t, 1]):
+                # One constant value explains all readings since the last movement.
+                band[t, 0], band[t, 1] = max(y_low, band[t, 0]), min(y_high, band[t, 1])
+                # A slow force that turned goes back as it came; one that should have been seen a third of that time
+                # ago rests. A fast one leaves the flat piece at once.
+                if returning and 2 * still < HISTORY:
+                    late = past[t, (last - 3 * still // 4) % HISTORY]
+                    slow = past[t, (last - SLOW) % HISTORY]
+                    if x_low < late < x_high and x_low < slow < x_high:
+                        x = past[t, (last - still) % HISTORY]
+            else:
+                # The states that are certain to be behind the movement put the taxel on a steep piece.
+                if y_low + y_high > band[t, 0] + band[t, 1]:
+                    x = _highest(y, z[1, t], radius, weight)
+                else:
+                    x = _lowest(y, z[2, t], radius, weight)
+                moved[t, 0], moved[t, 1] = frame, min(still, HISTORY)
+                band[t, 0], band[t, 1] = y_low, y_high
+            x = min(max(x, x_low), x_high)
+            _move(x, z[0, t], radius)
+            _move(x_low, z[1, t], radius)
+            _move(x_high, z[2, t], radius)
+            if radius.size == 1:
+                # The state of a single play is what is read.
+                z[1, t, 0] = max(z[1, t, 0], y_low - radius[0])
+                z[2, t, 0] = min(z[2, t, 0], y_high - radius[0])
+            past[t, frame % HISTORY] = x
+            g[t] = np.exp(x) if x > LOG_OPEN + 1.0 else 0.0
+            low[t] = np.exp(x_low) if x_low > LOG_OPEN + 1.0 else 0.0
+            if high[t] < np.inf:
+                high[t] = np.exp(x_high) if x_high > LOG_OPEN + 1.0 else high[t]
+        loaded[t] = g[t] > g_open
+
+
+class SheetMemory:
+    """Hysteresis and creep of every taxel of one sheet, frame by frame.
+
+    An object serves one stream in one direction. Its state can be saved and loaded, so that a stream goes on in
+    another process.
+
+    Parameters
+    ----------
+    law : MemoryLaw
+    taxels : int
+    g_open_s : float
+        A taxel at or below this conductance by the law carries no load.
+    """
+
+    def __init__(self, law: MemoryLaw, taxels: int, g_open_s: float = 0.0) -> None:
+        self.law = law
+        self._g_open_s = g_open_s
+        self._rate, self._weight = creep_rates(law.creep_start_s, LONGEST_S)
+        if not law.creep_per_decade:
+            self._rate = self._weight = np.empty(0)
+        self._z = np.zeros((3, taxels, law.radius.size))
+        self._past = np.zeros((taxels, HISTORY))
+        self._moved = np.zeros((taxels, 2), dtype=np.int64)
+        self._band = np.zeros((taxels, 2))
+        self._frame = 0
+        self._creep = np.zeros((taxels, self._rate.size))
+        self._loaded = np.zeros(taxels, dtype=np.bool_)
+        self._fresh = True
+
+    def _step(self, dt_s: float) -> None:
+        if not dt_s >= 0:
+            raise ValueError(f"time runs backwards: a step of {dt_s} s")
+        if self._rate.size and not self._fresh:
+            advance_creep(self._creep, self._loaded, self._rate, self._weight, dt_s)
+
+    def apply(self, conductance_s: Floats, dt_s: float) -> Floats:
+        """Return the sheet's conductances for those by the law, [taxels], dt_s after the frame before."""
+        g = np.ascontiguousarray(conductance_s, dtype=float)
+        out = np.empty_like(g)
+        self._step(dt_s)
+        memory = self._z, self._creep, self._loaded, self._fresh
+        apply_frame(g, out, *memory, self.law.radius, self.law.weight, self.law.creep_per_decade)
+        np.greater(g, self._g_open_s, out=self._loaded)
+        self._fresh = False
+        return out
+
+    def undo(self, low_s: Floats, conductance_s: Floats, high_s: Floats, dt_s: float) -> None:
+        """Turn the sheet's conductances and their ends [taxels] into those by the law, in place.
+
+        Where the loop has a flat piece no reading tells where on it a taxel is. The ends cover the piece. The estimate
+        is a force that goes back as it came, and then one that rests where it was last seen to move.
+        """
+        self._step(dt_s)
+        memory = (
+            self._z,
+            self._past,
+            self._moved,
+            self._band,
+            self._frame,
+            self._creep,
+            self._loaded,
+            self._fresh,
+        )
+        law = self.law
+        parameters = self._g_open_s, law.radius, law.weight, law.creep_per_decade
+        undo_frame(low_s, conductance_s, high_s, *memory, *parameters)
+        self._fresh = False
+        self._frame += 1
+
+    def arrays(self) -> tuple:
+        """Return the state and the creep kernel for a compiled loop over frames; `passed` follows it."""
+        state = self._z, self._past, self._moved, self._band, self._creep, self._loaded
+        return (*state, self._frame, self._fresh, self._rate, self._weight)
+
+    def passed(self, frames: int) -> None:
+        """Note that a compiled loop has gone through some frames."""
+        self._frame += frames
+        self._fresh = self._fresh and frames == 0
+
+    def save(self, path: Path) -> None:
+        """Write the state to an npz file, whole or not at all."""
+        with atomic(path) as file:
+            np.savez(file, **self._state())
+
+    def load(self, path: Path) -> None:
+        """Go on from a state that was saved.
+
+        Raises
+        ------
+        InputError
+            The file is not a state of this law and this number of taxels.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                given = {name: data[name] for name in self._state()}
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise InputError(path, "file", str(error), "a state that SheetMemory.save wrote") from None
+        for name, mine in self._state().items():
+            same = given[name].shape == mine.shape and given[name].dtype == mine.dtype
+            if not same or (name == "law" and (given[name] != mine).any()):
+                allowed = "the state of the same sheet and calibration"
+                raise InputError(path, name, f"of shape {given[name].shape}", allowed)
+        self._z, self._past = given["z"], given["past"]
+        self._moved, self._band = given["moved"], given["band"]
+        self._creep, self._loaded = given["creep"], given["loaded"]
+        self._fresh, self._frame = bool(given["fresh"]), int(given["frame"])
+
+    def _state(self) -> dict[str, NDArray]:
+        law = self.law
+        said = [*law.radius, *law.weight, law.creep_per_decade, law.creep_start_s]
+        return {
+            "law": np.array(said),
+            "z": self._z,
+            "past": self._past,
+            "moved": self._moved,
+            "band": self._band,
+            "frame": np.array(self._frame),
+            "creep": self._creep,
+            "loaded": self._loaded,
+            "fresh": np.array(self._fresh),
+        }

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Codes to newtons with intervals, and the file that says how: laws, calibrations, decoders."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dermis import plan as planning
+from dermis import records
+from dermis.decode import calibration, law
+from dermis.decode.decoder import SATURATED, SHORT, ZERO, Decoder
+from dermis.engines import closed
+from dermis.errors import InputError
+from dermis.scene import scene, sensor
+
+CHIP = {
+    "row_driver": {"r_ohm": 2.0}, "column_input": {"r_ohm": 1.0}, "lateral": True, "column_offset": {"v_v": 3e-4},
+    "mirror_ratio": {"ratio_error": 0.01, "spread": 0.01}, "sensor_spread": True,
+}  # fmt: skip
+TOUCH = {
+    "kind": "ramp",
+    "shape": "spherical",
+    "force_n": [0.0, 12.0, 0.0],
+    "frames": 41,
+    "width": 9,
+    "length": 9,
+}
+
+
+def made(stimulus: dict[str, Any] = TOUCH, effects: dict[str, Any] = CHIP, **tables: Any) -> records.Plan:
+    data = {"stimulus": stimulus, "effects": effects, **tables}
+    return planning.make(scene.from_data(data, Path("made.toml")), "closed")
+
+
+def decoder_of(plan: records.Plan) -> Decoder:
+    return Decoder(calibration.Calibration.of_plan(plan), plan.drive.t_frame_s)
+
+
+@given(force=st.floats(0, 50))
+@settings(max_examples=100, deadline=None)
+def test_curves_are_the_laws_of_the_scene(force: float) -> None:
+    inverse = sensor.InverseSensor(7500.0)
+    power = sensor.PowerSensor((0.2, 1.0, 10.0, 100.0), (30e3, 6e3, 1e3, 250.0), 0.2, 1e7)
+    for made_by in (inverse, power):
+        ohm = made_by.resistance_ohm(force)
+        with np.errstate(divide="ignore"):
+            g = 1 / ohm
+        assert law.of_sensor(made_by).force_n(g) == pytest.approx(float(made_by.force_n(ohm)), rel=1e-12)
+
+
+def test_brimacombes_laws_are_found_in_their_own_data() -> None:
+    """Brimacombe 2009: a cubic fits what a power law misses, and a line misses most."""
+    g = np.linspace(1e-5, 2e-3, 40)
+    own = {"linear": 7500 * g, "power": 3e4 * g**1.3, "cubic": 5e3 * g - 1e6 * g**2 + 6e8 * g**3}
+    for kind, force in own.items():
+        curve = law.fit(kind, g, force)
+        assert law.rms_error_n(curve, g, force) < 1e-9 * force.max()
+        assert curve.conductance_s(force) == pytest.approx(g, rel=1e-9)
+    assert law.rms_error_n(law.fit("table", g, own["cubic"], 20), g, own["cubic"]) < 0.01 * own["cubic"].max()
+    errors = [
+        law.rms_error_n(law.fit(kind, g, own["cubic"]), g, own["cubic"])
+        for kind in ("linear", "power", "cubic")
+    ]
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_a_table_stays_monotone_between_unequal_loads() -> None:
+    g = np.array([1e-4, 2e-4, 3e-4, 8e-4, 9e-4])
+    curve = law.fit("table", g, np.array([1.0, 1.1, 5.0, 5.1, 12.0]))
+    assert (np.diff(curve.force_n(np.linspace(0, 1.2e-3, 500))) >= 0).all()
+    assert curve.force_n(g) == pytest.approx([1.0, 1.1, 5.0, 5.1, 12.0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "force"), [("power", [3.0, 2.0, 1.0]), ("table", [3.0, 2.0, 1.0]), ("cubic", [1.0, 1.0, 1.0])]
+)
+def test_loads_that_no_law_fits_are_refused(kind: str, force: list[float]) -> None:
+    with pytest.raises(law.LawError):
+        law.fit(kind, [1e-4, 2e-4, 3e-4], force)
+
+
+def test_every_force_lies_in_its_interval_and_most_are_two_codes_wide() -> None:
+    plan = made()
+    found = decoder_of(plan).decode(closed.run(plan).codes)
+    slack = 1 + 1e-9
+    assert (found.low_n <= plan.force_n * slack).all()
+    assert (plan.force_n <= found.high_n * slack).all()
+    lsb_n = 15 / 255
+    pressed = plan.force_n > lsb_n
+    assert np.sqrt(np.mean((found.force_n - plan.force_n)[pressed] ** 2)) < 0.4 * lsb_n
+    assert np.median((found.high_n - found.low_n)[pressed]) < 1.2 * lsb_n
+    uncorrected = 15 / 255 * closed.run(plan).codes
+    assert np.sqrt(np.mean((uncorrected - plan.force_n)[pressed] ** 2)) > 3 * lsb_n
+
+
+def test_a_saturated_taxel_has_an_open_end_and_its_row_is_still_covered() -> None:
+    plan = made({"kind": "ramp", "shape": "spherical", "force_n": [0.0, 40.0], "frames": 30})
+    codes = closed.run(plan).codes
+    found = decoder_of(plan).decode(codes)
+    full = codes == 255
+    assert full.sum() > 50
+    assert ((found.flags & SATURATED > 0) == full).all()
+    assert np.isinf(found.high_n[full]).all()
+    assert np.isfinite(found.high_n[~full]).all()
+    assert ((found.low_n <= plan.force_n * (1 + 1e-9)) & (plan.force_n <= found.high_n * (1 + 1e-9))).all()
+    assert ((found.flags & ZERO > 0) == (codes == 0)).all()
+
+
+def test_currents_that_no_sheet_makes_are_flagged() -> None:
+    plan = made(effects={"row_driver": {"r_ohm": 100.0}})
+    found = decoder_of(plan).decode(np.full((1, 16, 16), 200))
+    assert (found.flags & SHORT).any()
+    assert np.isinf(found.high_n[found.flags & SHORT > 0]).all()
+
+
+def test_traces_are_decoded_as_well() -> None:
+    plan = made(effects=CHIP | {"trace": {"r_row_ohm": 0.2, "r_column_ohm": 0.2}})
+    found = decoder_of(plan).decode(closed.run(plan).codes)
+    error = np.abs(found.force_n - plan.force_n)
+    assert error.max() < 0.62 * 15 / 255 * 1.1
+    assert not (found.flags & 8).any()
+
+
+def test_a_reference_taxel_tells_the_temperature() -> None:
+    """20 K of 0.3 % a kelvin are 6 % of every force; the corner carries 5 N in every frame."""
+    force = np.zeros((20, 16, 16))
+    force[:, 4:9, 4:9] = np.linspace(0, 10, 20)[:, None, None]
+    force[:, 0, 0] = 5.0
+    effects = {"row_driver": True, "sensor_temperature": {"delta_k": 20}}
+    cold = made(effects={"row_driver": True})
+    warm = made(effects=effects)
+    codes = closed.run(
+        dataclasses.replace(warm, resistance_ohm=cold.sensor.resistance_ohm(force) / 1.06, force_n=force)
+    ).codes
+    known = calibration.Calibration.of_plan(cold)
+    blind = Decoder(known, 2e-3).decode(codes)
+    seeing = Decoder(dataclasses.replace(known, reference=((0, 0, 5 / 7500),)), 2e-3).decode(codes)
+    assert np.abs(blind.force_n - force).max() > 0.5
+    # Half a code of the reference's 90 adds to half a code.
+    assert np.abs(seeing.force_n - force).max() < 0.1
+    assert ((seeing.low_n <= force) & (force <= seeing.high_n)).all()
+
+
+def test_worn_sheets_are_decoded_frame_by_frame_as_in_one_go() -> None:
+    plan = planning.load("models/scenes/worn_fsr_sheet.toml", "closed")
+    codes = closed.run(plan).codes
+    whole = decoder_of(plan).decode(codes)
+    stream = decoder_of(plan)
+    each = np.array([stream.decode(frame).force_n for frame in codes])
+    assert (each == whole.force_n).all()
+    assert ((whole.low_n <= plan.force_n) & (plan.force_n <= whole.high_n * (1 + 1e-9))).mean() > 0.999
+
+
+def test_a_calibration_survives_its_file(tmp_path: Path) -> None:
+    plan = planning.load("models/scenes/worn_fsr_sheet.toml", "closed")
+    known = dataclasses.replace(
+        calibration.Calibration.of_plan(plan), noise_code=0.2, reference=((0, 1, 1e-4),)
+    )
+    known.save(tmp_path / "sheet.toml")
+    again = calibration.load(tmp_path / "sheet.toml")
+    assert again.to_toml() == known.to_toml()
+    codes = closed.run(plan).codes
+    assert (Decoder(again, 2e-3).decode(codes).high_n == Decoder(known, 2e-3).decode(codes).high_n).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("format = 1", "format = 9", "format = 9"),
+        ("rows = 16", "rows = 15", "sheet.factor = shape"),
+        ("code_max = 255", "", "chip.code_max"),
+        ("v_bias_v = 0.5", 'v_bias_v = "half"', "chip.v_bias_v"),
+        ("[network]", "[network]\nr_wire_ohm = 1.0", "network.r_wire_ohm"),
+        ("r_row_driven_ohm = 2.0", "r_row_driven_ohm = -2.0", "network = its values"),
+        ("[chip]", "[chip", "file = "),
+    ],
+)
+def test_a_broken_calibration_is_named_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    text = calibration.Calibration.of_plan(made()).to_toml()
+    assert old in text
+    path = tmp_path / "sheet.toml"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        calibration.load(path)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_frames_of_another_array_are_refused() -> None:
+    decoder = decoder_of(made())
+    with pytest.raises(InputError, match="16 x 16"):
+        decoder.calibration.check(8, 8, "touch.csv")
+    for codes in (np.zeros((1, 8, 8), int), np.zeros((1, 16, 16)), np.full((16, 16), 256)):
+        with pytest.raises(ValueError, match="codes must be"):
+            decoder.decode(codes)
+
+
+def test_noise_widens_the_interval_so_far_that_it_holds() -> None:
+    """The share outside of a million readings with noise, against the share that half_width_code allows."""
+    rng = np.random.default_rng(0)
+    plan = made()
+    for noise in (0.0, 0.05, 0.2, 1.0):
+        cal = dataclasses.replace(calibration.Calibration.of_plan(plan), noise_code=noise)
+        exact = rng.uniform(20, 200, 1_000_000)
+        read = np.round(exact + noise * rng.standard_normal(exact.size))
+        outside = np.mean(np.abs(read - exact) > cal.half_width_code())
+        # Three standard deviations of a count of 500.
+        assert outside <= calibration.MISSED * 1.15
