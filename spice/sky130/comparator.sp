@@ -2,7 +2,8 @@
 * Comparator: out = vdd where v(inp) > v(inn), else vss: a pair of 40 uA on a mirror, a common source and an inverter.
 * Only the pair sees small signals. A folded-cascode amplifier, open-loop from rail to rail, does no better here, and its cascodes going
 * in and out of saturation cost Newton's method 90 iterations a decision instead of 20: half the time of a frame.
-.subckt comparator inp inn out ibias vdd vss
+* t_delay_s is taken and not used: without a parameter of its own ngspice refuses those that a behavioural vfc passes.
+.subckt comparator inp inn out ibias vdd vss params: t_delay_s=0
 xn_tail v_tail v_own vss vss nmos w=5 l=2 k=8
 xn_inp v_load inp v_tail vss nmos w=20 l=1 k=2
 xn_inn v_pair inn v_tail vss nmos w=20 l=1 k=2
