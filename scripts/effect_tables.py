@@ -24,9 +24,6 @@ NONE = "-"
 _SIZE = 3
 _CODES = [100, 120]
 
-# Effects that act only together with another one, which is on in both samples then.
-ONLY_WITH = {"mirror_output": "integrator_gain"}
-
 # Fields of Converter that change what flows in, not what is done with it.
 _DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
 
@@ -40,9 +37,14 @@ def _topology(effect: Effect) -> str:
     return "conveyor_mirror" if "conveyor_mirror" in effect.topologies else effect.topologies[0]
 
 
-def sample(name: str | None, engine: str = "closed", design: Design | None = None) -> Plan:
-    """The plan of a small scene with one effect on, with its defaults; None for the bare scene."""
-    names = [n for n in (ONLY_WITH.get(name or ""), name) if n]
+def sample(
+    name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
+) -> Plan:
+    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare scene.
+
+    What the effect needs is on in both cases, at its defaults as well.
+    """
+    names = [*EFFECTS[name].needs, *([name] if itself else [])] if name else []
     data: dict[str, Any] = {
         "array": {"rows": _SIZE, "cols": _SIZE},
         "stimulus": {"kind": "uniform", "code": _CODES},
@@ -90,7 +92,7 @@ def deck(name: str) -> str:
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE
-    before = {line.split(maxsplit=1)[0]: line for line in _deck(sample(ONLY_WITH.get(name), "cosim"))}
+    before = {line.split(maxsplit=1)[0]: line for line in _deck(sample(name, "cosim", False))}
     found: dict[str, dict[str, None]] = {}
     for line in _deck(on):
         element, *words = line.split()
@@ -146,7 +148,7 @@ def meanings(design: Design | None = None) -> str:
         for effect in EFFECTS.values():
             absent = [t for t in TOPOLOGIES if t not in effect.topologies]
             more = [f"not for {', '.join(absent)}"] if absent else []
-            more += [f"only with {ONLY_WITH[effect.name]}"] if effect.name in ONLY_WITH else []
+            more += [f"acts only with {' and '.join(effect.needs)}"] if effect.needs else []
             more += ["random"] if effect.random else []
             text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
             yield [f"`{effect.name}`", text, parameters(effect.name, design)]

@@ -88,6 +88,12 @@ class Effect:
     considered : bool
         Whether auto considers it without its being named; not where it changes what the scene is, rather than how
         well it is read.
+    needs : mapping
+        Effects and parameters that must be on as well, or this one moves no code.
+    examples : mapping
+        By topology: parameters that take the place of those of `example`.
+
+    The parameters of the table carry the rest: meaning, what is allowed, example and range (schema.entry).
     """
 
     name: str
@@ -100,6 +106,36 @@ class Effect:
     bound: bounds.Bounding = bounds.unknown
     cost_ns: float = 0.0
     considered: bool = True
+    needs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    examples: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def example(self, topology: str = "conveyor_mirror") -> dict[str, Any]:
+        """Return parameters that move codes, alone (with `needs`) and among the examples of all effects."""
+        fields = self.table.model_fields
+        return {name: fields[name].json_schema_extra["example"] for name in fields} | dict(  # type: ignore[index]
+            self.examples.get(topology, {})
+        )
+
+    def range(self) -> dict[str, tuple[float, float]]:
+        """Return the smallest and the largest magnitude of each parameter in random scenes."""
+        fields = self.table.model_fields
+        return {name: fields[name].json_schema_extra["range"] for name in fields}  # type: ignore[index]
+
+    def signs(self, parameter: str) -> tuple[int, ...]:
+        """Return the signs that a parameter may have."""
+        limits = {"low": _LOWEST.get((self.name, parameter), (-math.inf, True))[0], "high": math.inf}
+        for limit in self.table.model_fields[parameter].metadata:
+            for name, end in (("ge", "low"), ("gt", "low"), ("le", "high"), ("lt", "high")):
+                limits[end] = getattr(limit, name, limits[end])
+        return (-1,) * (limits["low"] < 0) + (1,) * (limits["high"] > 0)
+
+    def draw(self, rng: np.random.Generator, decades: float = 0.0) -> dict[str, float]:
+        """Draw parameters evenly in powers of ten within `range`, or up to `decades` beyond both ends."""
+        found = {}
+        for name, (low, high) in self.range().items():
+            ratio = high / low * 100.0**decades
+            found[name] = float(rng.choice(self.signs(name)) * low * 10.0**-decades * ratio ** rng.random())
+        return found
 
 
 class _Lateral(Strict):
@@ -109,18 +145,29 @@ class _Lateral(Strict):
         "a finite number > 0",
         default_from="array.r_lateral_ohm",
         gt=0,
+        example=2e3,
+        range=(100.0, 1e4),
     )
 
 
 class _RowDriver(Strict):
     r_ohm: float | None = entry(
-        None, "In series with the driven row, in ohm", _OHM, default_from="row_driver.r_on_ohm", ge=0
+        None,
+        "In series with the driven row, in ohm",
+        _OHM,
+        default_from="row_driver.r_on_ohm",
+        ge=0,
+        example=3.0,
+        range=(0.1, 30.0),
     )
     grounded_r_ohm: Annotated[float, Field(ge=0, allow_inf_nan=True)] | None = entry(
         None,
         "In series with every grounded row, in ohm; inf leaves them floating",
         "a number >= 0 (inf is legal)",
         default_from="r_ohm, or row_driver.r_ground_ohm when r_ohm is left out too",
+        ge=0,
+        example=5.0,
+        range=(0.1, 30.0),
     )
 
 
@@ -130,6 +177,8 @@ class _ColumnInput(Strict):
         "Between every column and its virtual ground, in ohm",
         "a finite number >= 0, or a list of them, one a column",
         default_from="conveyor.r_x_ohm (topology direct: must be given)",
+        example=20.0,
+        range=(0.1, 30.0),
     )
 
 
@@ -139,12 +188,19 @@ class _ColumnOffset(Strict):
         "Voltage of the virtual ground, in V",
         _PER_COLUMN,
         default_from="conveyor.v_offset_v (topology direct: integrator.v_offset_v)",
+        example=2e-4,
+        range=(1e-5, 5e-3),
     )
 
 
 class _MirrorRatio(Strict):
     ratio_error: PerColumn | None = entry(
-        None, "Relative error of the current delivered", _PER_COLUMN, default_from="mirror.ratio_error"
+        None,
+        "Relative error of the current delivered",
+        _PER_COLUMN,
+        default_from="mirror.ratio_error",
+        example=0.02,
+        range=(1e-3, 0.05),
     )
     spread: float = entry(
         0.0,
@@ -152,12 +208,18 @@ class _MirrorRatio(Strict):
         _SMALL,
         ge=0,
         le=0.1,
+        example=0.01,
+        range=(1e-4, 0.05),
     )
 
 
 class _OffsetCurrent(Strict):
     i_a: PerColumn = entry(
-        1e-9, "Adds to the current into the converter, after the mirror, in A", _PER_COLUMN
+        1e-9,
+        "Adds to the current into the converter, after the mirror, in A",
+        _PER_COLUMN,
+        example=3e-7,
+        range=(1e-10, 3e-7),
     )
 
 
@@ -168,6 +230,8 @@ class _IntegratorGain(Strict):
         "a finite number >= 1",
         default_from="integrator.gain_dc",
         ge=1,
+        example=100.0,
+        range=(100.0, 1e5),
     )
     r_in_ohm: float | None = entry(
         None,
@@ -175,6 +239,8 @@ class _IntegratorGain(Strict):
         "a finite number > 0",
         default_from="integrator.r_in_ohm",
         gt=0,
+        example=1e4,
+        range=(1e5, 1e9),
     )
 
 
@@ -185,6 +251,8 @@ class _IntegratorRange(Strict):
         "a finite number > 0",
         default_from="integrator.v_out_max_v",
         gt=0,
+        example=0.7,
+        range=(0.55, 1.6),
     )
     v_min_v: float | None = entry(
         None,
@@ -192,6 +260,8 @@ class _IntegratorRange(Strict):
         "a finite number < 0",
         default_from="integrator.v_out_min_v",
         lt=0,
+        example=-0.6,
+        range=(0.55, 1.6),
     )
 
 
@@ -201,6 +271,8 @@ class _ComparatorOffset(Strict):
         "Decision level, in V of the integrator; plus needs more charge",
         _PER_COLUMN,
         default_from="comparator.v_offset_v",
+        example=0.3,
+        range=(1e-3, 0.3),
     )
 
 
@@ -211,6 +283,8 @@ class _ComparatorHysteresis(Strict):
         "a finite number >= 0, below one packet",
         default_from="comparator.v_hysteresis_v",
         ge=0,
+        example=0.3,
+        range=(1e-4, 0.3),
     )
 
 
@@ -221,51 +295,103 @@ class _ComparatorDelay(Strict):
         "a finite number >= 0, below one clock",
         default_from="comparator.t_delay_s",
         ge=0,
+        example=1.3e-7,
+        range=(1e-10, 2e-8),
     )
 
 
 class _ChargePacket(Strict):
     packet_error: PerColumn | None = entry(
-        None, "Relative error of every packet", _PER_COLUMN, default_from="charge.packet_error"
+        None,
+        "Relative error of every packet",
+        _PER_COLUMN,
+        default_from="charge.packet_error",
+        example=0.03,
+        range=(1e-4, 0.05),
     )
 
 
 class _PresetError(Strict):
     v_v: PerColumn = entry(
-        1e-3, "Error of the preset, in V of the integrator; plus is more charge", _PER_COLUMN
+        1e-3,
+        "Error of the preset, in V of the integrator; plus is more charge",
+        _PER_COLUMN,
+        example=0.2,
+        range=(1e-4, 0.3),
     )
 
 
 class _Trace(Strict):
     r_row_ohm: float | None = entry(
-        None, "Of a row line, a pitch, in ohm", _OHM, default_from="array.r_trace_row_ohm", ge=0
+        None,
+        "Of a row line, a pitch, in ohm",
+        _OHM,
+        default_from="array.r_trace_row_ohm",
+        ge=0,
+        example=1.0,
+        range=(0.01, 5.0),
     )
     r_column_ohm: float | None = entry(
-        None, "Of a column line, a pitch, in ohm", _OHM, default_from="array.r_trace_column_ohm", ge=0
+        None,
+        "Of a column line, a pitch, in ohm",
+        _OHM,
+        default_from="array.r_trace_column_ohm",
+        ge=0,
+        example=1.0,
+        range=(0.01, 5.0),
     )
 
 
 class _LineCapacitance(Strict):
     c_row_f: float | None = entry(
-        None, "Of every row line to ground, in F", _FARAD, default_from="array.c_row_f", ge=0
+        None,
+        "Of every row line to ground, in F",
+        _FARAD,
+        default_from="array.c_row_f",
+        ge=0,
+        example=1e-8,
+        range=(1e-11, 1e-8),
     )
     c_column_f: float | None = entry(
-        None, "Of every column line to ground, in F", _FARAD, default_from="array.c_column_f", ge=0
+        None,
+        "Of every column line to ground, in F",
+        _FARAD,
+        default_from="array.c_column_f",
+        ge=0,
+        example=1e-8,
+        range=(1e-11, 1e-8),
     )
     c_taxel_f: float | None = entry(
-        None, "Across every taxel, in F", _FARAD, default_from="array.c_taxel_f", ge=0
+        None,
+        "Across every taxel, in F",
+        _FARAD,
+        default_from="array.c_taxel_f",
+        ge=0,
+        example=1e-10,
+        range=(1e-13, 1e-10),
     )
 
 
 class _MuxLeakage(Strict):
     i_a: PerColumn | None = entry(
-        None, "Into every column, in A", _PER_COLUMN, default_from="row_driver.i_leak_a"
+        None,
+        "Into every column, in A",
+        _PER_COLUMN,
+        default_from="row_driver.i_leak_a",
+        example=2e-5,
+        range=(1e-10, 1e-5),
     )
 
 
 class _MirrorOutput(Strict):
     r_out_ohm: float | None = entry(
-        None, "Across the mirror's output, in ohm", _POSITIVE, default_from="mirror.r_out_ohm", gt=0
+        None,
+        "Across the mirror's output, in ohm",
+        _POSITIVE,
+        default_from="mirror.r_out_ohm",
+        gt=0,
+        example=1e4,
+        range=(1e5, 1e8),
     )
 
 
@@ -276,6 +402,8 @@ class _MirrorLag(Strict):
         _POSITIVE,
         default_from="mirror.q_lag_c",
         gt=0,
+        example=4e-11,
+        range=(1e-15, 1e-11),
     )
 
 
@@ -286,21 +414,41 @@ class _RangeSwitch(Strict):
         _OHM,
         default_from="mirror.r_switch_ohm",
         ge=0,
+        example=100.0,
+        range=(0.01, 10.0),
     )
     v_overdrive_v: float | None = entry(
-        None, "Overdrive of those devices, in V", _POSITIVE, default_from="mirror.v_overdrive_v", gt=0
+        None,
+        "Overdrive of those devices, in V",
+        _POSITIVE,
+        default_from="mirror.v_overdrive_v",
+        gt=0,
+        example=0.3,
+        range=(0.1, 0.4),
     )
 
 
 class _IntegratorBandwidth(Strict):
     gbw_hz: float | None = entry(
-        None, "Gain-bandwidth product, in Hz", _POSITIVE, default_from="integrator.gbw_hz", gt=0
+        None,
+        "Gain-bandwidth product, in Hz",
+        _POSITIVE,
+        default_from="integrator.gbw_hz",
+        gt=0,
+        example=3e5,
+        range=(1e6, 1e8),
     )
 
 
 class _ComparatorNoise(Strict):
     v_v: float | None = entry(
-        None, "Of every decision, rms in V", _RMS, default_from="comparator.v_noise_v", ge=0
+        None,
+        "Of every decision, rms in V",
+        _RMS,
+        default_from="comparator.v_noise_v",
+        ge=0,
+        example=0.05,
+        range=(2e-6, 6e-3),
     )
 
 
@@ -311,15 +459,27 @@ class _Metastability(Strict):
         "a finite number >= 0, below one clock",
         default_from="comparator.t_aperture_s",
         ge=0,
+        example=1e-7,
+        range=(1e-14, 1e-7),
     )
 
 
 class _ReferenceDrift(Strict):
     tc_per_k: float | None = entry(
-        None, "Relative change of i0 a kelvin", _FINITE, default_from="charge.tc_per_k"
+        None,
+        "Relative change of i0 a kelvin",
+        _FINITE,
+        default_from="charge.tc_per_k",
+        example=1e-3,
+        range=(1e-5, 1e-3),
     )
     delta_k: float | None = entry(
-        None, "How far the chip is from where i0 was set, in K", _FINITE, default_from="ambient.delta_k"
+        None,
+        "How far the chip is from where i0 was set, in K",
+        _FINITE,
+        default_from="ambient.delta_k",
+        example=40.0,
+        range=(1.0, 60.0),
     )
 
 
@@ -330,6 +490,8 @@ class _ClockJitter(Strict):
         "a finite number >= 0, at most a tenth of a clock",
         default_from="converter.t_jitter_s",
         ge=0,
+        example=5e-9,
+        range=(1e-13, 1.5e-8),
     )
 
 
@@ -340,6 +502,8 @@ class _ThermalNoise(Strict):
         _CELSIUS,
         default_from="ambient.temperature_c",
         gt=-273.15,
+        example=27.0,
+        range=(1.0, 125.0),
     )
     factor: float | None = entry(
         None,
@@ -347,11 +511,20 @@ class _ThermalNoise(Strict):
         "a finite number >= 0",
         default_from="ambient.noise_factor",
         ge=0,
+        example=2e5,
+        range=(0.02, 60.0),
     )
 
 
 class _ShotNoise(Strict):
-    factor: float = entry(1.0, "Noise power over that of single electrons", "a finite number >= 0", ge=0)
+    factor: float = entry(
+        1.0,
+        "Noise power over that of single electrons",
+        "a finite number >= 0",
+        ge=0,
+        example=3e3,
+        range=(0.01, 30.0),
+    )
 
 
 class _KtcNoise(Strict):
@@ -361,6 +534,8 @@ class _KtcNoise(Strict):
         _CELSIUS,
         default_from="ambient.temperature_c",
         gt=-273.15,
+        example=27.0,
+        range=(1.0, 125.0),
     )
 
 
@@ -372,6 +547,8 @@ class _FlickerNoise(Strict):
         default_from="charge.flicker",
         ge=0,
         le=0.1,
+        example=5e-3,
+        range=(5e-7, 2e-3),
     )
 
 
@@ -383,11 +560,21 @@ class _SupplyRipple(Strict):
         default_from="ripple.relative",
         ge=0,
         le=1,
+        example=0.05,
+        range=(1e-4, 0.05),
     )
     frequency_hz: float | None = entry(
-        None, "Of the ripple, in Hz", _POSITIVE, default_from="ripple.frequency_hz", gt=0
+        None,
+        "Of the ripple, in Hz",
+        _POSITIVE,
+        default_from="ripple.frequency_hz",
+        gt=0,
+        example=3e3,
+        range=(1e3, 1e6),
     )
-    phase_deg: float = entry(0.0, "At the first clock of the first frame, in degrees", _FINITE)
+    phase_deg: float = entry(
+        0.0, "At the first clock of the first frame, in degrees", _FINITE, example=30.0, range=(1.0, 360.0)
+    )
 
 
 class _Motion(Strict):
@@ -402,6 +589,8 @@ class _SensorHysteresis(Strict):
         default_from="sensor.hysteresis",
         ge=0,
         lt=1,
+        example=0.2,
+        range=(1e-3, 0.9),
     )
 
 
@@ -412,15 +601,27 @@ class _SensorCreep(Strict):
         _RMS,
         default_from="sensor.creep_per_decade",
         ge=0,
+        example=0.1,
+        range=(5e-4, 0.5),
     )
 
 
 class _SensorTemperature(Strict):
     tc_per_k: float | None = entry(
-        None, "Relative change of conductance a kelvin", _FINITE, default_from="sensor.tc_per_k"
+        None,
+        "Relative change of conductance a kelvin",
+        _FINITE,
+        default_from="sensor.tc_per_k",
+        example=3e-3,
+        range=(3e-5, 5e-3),
     )
     delta_k: float | None = entry(
-        None, "How far the sheet is from where it was measured, in K", _FINITE, default_from="ambient.delta_k"
+        None,
+        "How far the sheet is from where it was measured, in K",
+        _FINITE,
+        default_from="ambient.delta_k",
+        example=30.0,
+        range=(1.0, 60.0),
     )
 
 
@@ -432,6 +633,8 @@ class _SensorSpread(Strict):
         default_from="sensor.spread",
         ge=0,
         lt=1,
+        example=0.1,
+        range=(1e-3, 0.5),
     )
 
 
@@ -469,6 +672,7 @@ EFFECTS: dict[str, Effect] = {
             _Lateral,
             lambda d, t: {"r_ohm": d.array.r_lateral_ohm},
             _lateral,
+            needs={"column_input": {"r_ohm": 5.0}},
             bound=bounds.lateral,
         ),
         Effect(
@@ -521,6 +725,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorGain,
             lambda d, t: {"gain_dc": d.integrator.gain_dc, "r_in_ohm": d.integrator.r_in_ohm},
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
+            examples={"direct": {"gain_dc": 6e3}},
             bound=bounds.integrator_gain,
             cost_ns=50.0,
         ),
@@ -530,6 +735,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorRange,
             lambda d, t: {"v_max_v": d.integrator.v_out_max_v, "v_min_v": d.integrator.v_out_min_v},
             lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
+            examples={"direct": {"v_max_v": 1.6, "v_min_v": -1.6}},
             bound=bounds.integrator_range,
             cost_ns=300.0,
         ),
@@ -596,6 +802,9 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(
                 {"c_row_f": p.c_row_f, "c_column_f": p.c_column_f, "c_taxel_f": p.c_taxel_f}
             ),
+            needs={"row_driver": {"r_ohm": 1e3}, "column_input": {"r_ohm": 1e3}},
+            # Columns that saturate would move the others by more than a count: engine cosim alone takes that.
+            examples={"direct": {"c_row_f": 2e-9, "c_column_f": 0.0, "c_taxel_f": 0.0}},
             bound=bounds.line_capacitance,
             cost_ns=450.0,
         ),
@@ -615,6 +824,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_out_ohm": d.mirror.r_out_ohm},
             lambda p, s: Contribution(converter={"g_in_s": 1.0 / p.r_out_ohm}),
             _MIRRORED,
+            needs={"integrator_gain": {"gain_dc": 100.0}},
             bound=bounds.mirror_output,
             cost_ns=50.0,
         ),
@@ -643,6 +853,7 @@ EFFECTS: dict[str, Effect] = {
             _IntegratorBandwidth,
             lambda d, t: {"gbw_hz": d.integrator.gbw_hz},
             lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
+            examples={"direct": {"gbw_hz": 2e6}},
             bound=bounds.integrator_bandwidth,
             cost_ns=200.0,
         ),

@@ -22,32 +22,8 @@ from dermis.errors import InputError
 from dermis.records import Plan
 from dermis.scene.design import TOPOLOGIES
 
-# Powers of ten are drawn evenly between the two limits, from far below the physical default to far above.
-RANGES: dict[str, dict[str, tuple[float, float]]] = {
-    "lateral": {"r_ohm": (100, 1e4)},
-    "row_driver": {"r_ohm": (0.1, 30), "grounded_r_ohm": (0.1, 30)},
-    "column_input": {"r_ohm": (0.1, 30)},
-    "column_offset": {"v_v": (1e-5, 5e-3)},
-    "mirror_ratio": {"ratio_error": (1e-3, 5e-2)},
-    "offset_current": {"i_a": (1e-10, 3e-7)},
-    "integrator_gain": {"gain_dc": (100, 1e5), "r_in_ohm": (1e5, 1e9)},
-    "integrator_range": {},
-    "comparator_offset": {"v_v": (1e-3, 0.3)},
-    "comparator_hysteresis": {"v_v": (1e-4, 0.3)},
-    "comparator_delay": {"t_s": (1e-10, 2e-8)},
-    "charge_packet": {"packet_error": (1e-4, 5e-2)},
-    "preset_error": {"v_v": (1e-4, 0.3)},
-    "trace": {"r_row_ohm": (0.01, 5), "r_column_ohm": (0.01, 5)},
-    "line_capacitance": {"c_row_f": (1e-11, 1e-8), "c_column_f": (1e-11, 1e-8), "c_taxel_f": (1e-13, 1e-10)},
-    "mux_leakage": {"i_a": (1e-10, 1e-5)},
-    "mirror_output": {"r_out_ohm": (1e5, 1e8)},
-    "mirror_lag": {"q_c": (1e-15, 1e-11)},
-    "range_switch": {"r_ohm": (0.01, 10), "v_overdrive_v": (0.1, 0.4)},
-    "integrator_bandwidth": {"gbw_hz": (1e6, 1e8)},
-    "reference_drift": {"tc_per_k": (1e-5, 1e-3), "delta_k": (1, 60)},
-    "supply_ripple": {"relative": (1e-4, 5e-2), "frequency_hz": (1e3, 1e6), "phase_deg": (1, 360)},
-    "motion": {},
-}
+# What a deck can have: no random numbers, and the sheet is not in it.
+NAMES = [e.name for e in effects.EFFECTS.values() if not e.random and not e.name.startswith("sensor_")]
 
 
 def scene(number: int, folder: Path) -> Plan:
@@ -58,8 +34,8 @@ def scene(number: int, folder: Path) -> Plan:
     ohm = 450 * 100 ** rng.random((frames, rows, cols))
     often = rng.choice([0.15, 0.5, 0.9])
     lines = []
-    for name, ranges in RANGES.items():
-        values = {key: low * (high / low) ** rng.random() for key, (low, high) in ranges.items()}
+    for name in NAMES:
+        values = effects.EFFECTS[name].draw(rng)
         if rng.random() < often and topology in effects.EFFECTS[name].topologies:
             inside = ", ".join(f"{key} = {value!r}" for key, value in values.items())
             lines.append(f"{name} = " + (f"{{ {inside} }}" if values else "true"))
@@ -102,7 +78,7 @@ COSTLY += ("integrator_range", "supply_ripple")
 def print_costs() -> None:
     """Print what one frame of 16 x 16 taxels costs with an effect at its default, and with all of them."""
     ohm = 510 * 60 ** np.random.default_rng(1).random((1, COST_SIZE, COST_SIZE))
-    mirrored = [name for name in RANGES if "conveyor_mirror" in effects.EFFECTS[name].topologies]
+    mirrored = [name for name in NAMES if "conveyor_mirror" in effects.EFFECTS[name].topologies]
     sets = {"none": [], **{name: [name] for name in COSTLY}, "all but trace": mirrored, "all": mirrored}
     sets["all but trace"] = [name for name in mirrored if name != "trace"]
     print("| on | steps a clock | iterations a step | us an iteration | s a frame | LSB from event |")

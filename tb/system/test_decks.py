@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -36,48 +36,36 @@ def names(count: int, *stems: str) -> Counter[str]:
     return Counter(dict.fromkeys(stems, count))
 
 
-# By effect: what it says in the scene, and how many of which elements and parameters it adds to the deck, each name
-# with # for its numbers. A parameter is written element.parameter. `.options` says that the steps must follow a pole.
+# By effect: the number of elements and parameters that it adds to the deck, each name with # for its numbers. A
+# parameter is written element.parameter; `.options` limits the steps to a pole. An effect without a row adds anything.
 MIRRORED = ("conveyor_mirror", "conveyor_mirror_inverted")
-ADDS: dict[str, tuple[str, Counter[str]]] = {
-    "lateral": ("{ r_ohm = 2e3 }", names(ROWS * (COLS - 1), "rlat_r#c#")),
-    "row_driver": (
-        "{ r_ohm = 3.0, grounded_r_ohm = 5.0 }",
-        names(ROWS, "xrow#.r_on_ohm", "xrow#.r_ground_ohm"),
-    ),
-    "column_input": ("{ r_ohm = 2.0 }", names(COLS, "xch#.conv_r_x_ohm")),
-    "column_offset": ("{ v_v = 2e-4 }", names(COLS, "xch#.conv_v_offset_v")),
-    "mirror_ratio": ("{ ratio_error = 0.01 }", names(COLS, "xch#.mir_ratio_error")),
-    "offset_current": ("{ i_a = 2e-9 }", names(COLS, "ioffset#")),
-    "integrator_gain": ("true", names(COLS, "xch#.int_gain_dc", "xch#.int_r_in_ohm")),
-    "integrator_range": (
-        "true",
-        names(COLS, "xch#.int_v_out_max_v", "xch#.int_v_out_min_v") + names(1, ".options"),
-    ),
-    "comparator_offset": ("true", names(COLS, "xch#.comp_v_offset_v")),
-    "comparator_hysteresis": ("true", names(COLS, "xch#.comp_v_hysteresis_v") + names(1, ".options")),
-    "comparator_delay": ("true", names(COLS, "xch#.comp_t_delay_s") + names(1, ".options")),
-    "charge_packet": ("true", names(COLS, "xch#.packet_error")),
-    "preset_error": ("true", names(COLS, "xch#.v_preset_v")),
-    "trace": (
-        "true",
-        names(ROWS * COLS, "rtrace_row_r#c#", "rtrace_col_r#c#") + names(TAXELS, "rtaxel_r#c#"),
-    ),
-    "line_capacitance": (
-        "true",
-        names(ROWS, "crow#")
-        + names(COLS, "ccolumn#")
-        + names(ROWS * COLS, "ctaxel_r#c#")
-        + names(1, ".options"),
-    ),
-    "mux_leakage": ("true", names(COLS, "ileak#")),
-    "mirror_output": ("true", names(COLS, "xch#.int_r_in_ohm")),
-    "mirror_lag": ("true", names(COLS, "xch#.out_q_lag_c") + names(1, ".options")),
-    "range_switch": ("true", names(COLS, "xch#.out_inv_i_range_a")),
-    "integrator_bandwidth": ("true", names(COLS, "xch#.int_t_gbw_s") + names(1, ".options")),
-    "reference_drift": ("true", names(COLS, "xch#.packet_error")),
-    "supply_ripple": ("true", names(1, "vbias") + names(ROWS, "xrow#.follow")),
-    "motion": ("true", names(MOVING, "btaxel_r#c#")),
+ADDS: dict[str, Counter[str]] = {
+    "lateral": names(ROWS * (COLS - 1), "rlat_r#c#"),
+    "row_driver": names(ROWS, "xrow#.r_on_ohm", "xrow#.r_ground_ohm"),
+    "column_input": names(COLS, "xch#.conv_r_x_ohm"),
+    "column_offset": names(COLS, "xch#.conv_v_offset_v"),
+    "mirror_ratio": names(COLS, "xch#.mir_ratio_error"),
+    "offset_current": names(COLS, "ioffset#"),
+    "integrator_gain": names(COLS, "xch#.int_gain_dc", "xch#.int_r_in_ohm"),
+    "integrator_range": names(COLS, "xch#.int_v_out_max_v", "xch#.int_v_out_min_v") + names(1, ".options"),
+    "comparator_offset": names(COLS, "xch#.comp_v_offset_v"),
+    "comparator_hysteresis": names(COLS, "xch#.comp_v_hysteresis_v") + names(1, ".options"),
+    "comparator_delay": names(COLS, "xch#.comp_t_delay_s") + names(1, ".options"),
+    "charge_packet": names(COLS, "xch#.packet_error"),
+    "preset_error": names(COLS, "xch#.v_preset_v"),
+    "trace": names(ROWS * COLS, "rtrace_row_r#c#", "rtrace_col_r#c#") + names(TAXELS, "rtaxel_r#c#"),
+    "line_capacitance": names(ROWS, "crow#")
+    + names(COLS, "ccolumn#")
+    + names(ROWS * COLS, "ctaxel_r#c#")
+    + names(1, ".options"),
+    "mux_leakage": names(COLS, "ileak#"),
+    "mirror_output": names(COLS, "xch#.int_r_in_ohm"),
+    "mirror_lag": names(COLS, "xch#.out_q_lag_c") + names(1, ".options"),
+    "range_switch": names(COLS, "xch#.out_inv_i_range_a"),
+    "integrator_bandwidth": names(COLS, "xch#.int_t_gbw_s") + names(1, ".options"),
+    "reference_drift": names(COLS, "xch#.packet_error"),
+    "supply_ripple": names(1, "vbias") + names(ROWS, "xrow#.follow"),
+    "motion": names(MOVING, "btaxel_r#c#"),
 }
 
 # There in every deck, at the ideal value or between other nodes where nothing departs from it.
@@ -111,20 +99,23 @@ def kinds(some: Counter[str]) -> Counter[str]:
     return found
 
 
-def scene_of(on: dict[str, str]) -> str:
-    return "\n".join(f"{name} = {value}" for name, value in on.items())
+def scene_of(on: Mapping[str, object]) -> str:
+    """Effects as a scene has them: tables of numbers, true or false."""
+
+    def text(value: object) -> str:
+        if isinstance(value, Mapping):
+            return "{ " + ", ".join(f"{key} = {number!r}" for key, number in value.items()) + " }"
+        return str(value).lower()
+
+    return "\n".join(f"{name} = {text(value)}" for name, value in on.items())
 
 
-def effects_of(topology: str) -> dict[str, str]:
-    """Every effect that a deck honours and a topology has."""
-    on = {name: text for name, (text, _) in ADDS.items() if topology in effects.EFFECTS[name].topologies}
-    if topology == "direct":
-        on["column_input"] = "{ r_ohm = 2.0 }"
-    return on
-
-
-def test_the_table_above_has_every_effect_that_is_not_random() -> None:
-    assert ADDS.keys() == effects.EFFECTS.keys() - RANDOM - SENSOR
+def effects_of(topology: str) -> dict[str, object]:
+    """Every effect that a deck honours and a topology has, as its example."""
+    chosen = [
+        e for e in effects.EFFECTS.values() if e.name not in RANDOM | SENSOR and topology in e.topologies
+    ]
+    return {effect.name: effect.example(topology) for effect in chosen}
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
@@ -132,21 +123,22 @@ def test_effects_named_and_switched_off_leave_the_deck_as_it_is_without_them(
     resistance_plan: MakePlan, topology: str
 ) -> None:
     bare = [frame_deck(resistance_plan(OHM, topology), f, LEVELS) for f in (0, 1)]
-    off = resistance_plan(OHM, topology, scene_of(dict.fromkeys(effects.EFFECTS, "false")))
+    off = resistance_plan(OHM, topology, scene_of(dict.fromkeys(effects.EFFECTS, False)))
     assert [frame_deck(off, f, LEVELS) for f in (0, 1)] == bare
 
 
 @pytest.mark.parametrize("topology", MIRRORED)
-@pytest.mark.parametrize("name", ADDS)
+@pytest.mark.parametrize("name", sorted(effects.EFFECTS.keys() - RANDOM - SENSOR))
 def test_an_effect_alone_adds_exactly_its_own_elements(
     resistance_plan: MakePlan, topology: str, name: str
 ) -> None:
-    text, expected = ADDS[name]
     bare, got = (
         atoms(resistance_plan(OHM, topology)),
-        atoms(resistance_plan(OHM, topology, f"{name} = {text}")),
+        atoms(resistance_plan(OHM, topology, scene_of({name: effects.EFFECTS[name].example(topology)}))),
     )
-    assert kinds(got - bare) == expected
+    added = kinds(got - bare)
+    assert added == ADDS.get(name, added)
+    assert added, "no element and no parameter"
     # what goes is replaced: a value that is always written, the taxels that trace and motion write in another way
     gone = kinds(bare - got)
     assert gone.keys() <= ({"rtaxel_r#c#"} if name in ("trace", "motion") else ALWAYS - {"rtaxel_r#c#"})
@@ -162,10 +154,10 @@ def test_an_effect_switched_off_among_all_takes_every_element_of_its_own_along(
     on = effects_of(topology)
     full = atoms(resistance_plan(OHM, topology, scene_of(on)))
     for name in on:
-        rest = {n: text for n, text in on.items() if n != name}
+        rest = {n: value for n, value in on.items() if n != name}
         without = atoms(resistance_plan(OHM, topology, scene_of(rest)))
-        others = set().union(*(ADDS[n][1] for n in rest)) | ALWAYS
-        own = {kind for kind in ADDS[name][1] if kind not in others}
+        others = set().union(*(ADDS.get(n, {}) for n in rest)) | ALWAYS
+        own = {kind for kind in ADDS.get(name, {}) if kind not in others}
         assert not own & kinds(without).keys(), name
         assert full - without, f"{name}: no element and no value of it in the deck of all"
 

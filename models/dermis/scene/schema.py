@@ -55,7 +55,16 @@ def _sized(value: Any) -> bool:
     return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
 
 
-def entry(default: Any, meaning: str, allowed: str, *, default_from: str = "", **limits: Any) -> Any:
+def entry(
+    default: Any,
+    meaning: str,
+    allowed: str,
+    *,
+    default_from: str = "",
+    example: Any = None,
+    range: tuple[float, float] | None = None,
+    **limits: Any,
+) -> Any:
     """Declare one key of a scene.
 
     Parameters
@@ -67,10 +76,14 @@ def entry(default: Any, meaning: str, allowed: str, *, default_from: str = "", *
         One line each: for the table in docs/scenes.md and for the error that quotes what may stand there.
     default_from : str
         Where the default comes from when it is not a constant, e.g. "interface.k".
+    example : object
+        A value that tests, tables and pages use (parameters of effects).
+    range : (float, float)
+        Magnitudes between which random scenes draw, evenly in powers of ten (parameters of effects).
     limits
         ge, gt, le, lt, min_length ... as pydantic takes them.
     """
-    extra = {"allowed": allowed, "default_from": default_from}
+    extra = {"allowed": allowed, "default_from": default_from, "example": example, "range": range}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
 
 

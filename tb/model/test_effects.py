@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each entry of the registry: its example acts, alone and among all others, and its range is one a scene may have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_plans import made
+
+from dermis.effects import EFFECTS
+from dermis.engines import event
+from dermis.errors import InputError
+from dermis.scene.design import TOPOLOGIES, load
+
+OHM = 510 * 60 ** np.random.default_rng(5).random((3, 3, 4))
+
+
+def examples(topology: str, *names: str) -> dict[str, Any]:
+    return {name: EFFECTS[name].example(topology) for name in names if topology in EFFECTS[name].topologies}
+
+
+def at_thresholds() -> np.ndarray:
+    """Duties a millionth of a packet below that of the next code: any noise moves some of them."""
+    codes = np.random.default_rng(6).integers(1, 255, OHM.shape)
+    design = load()
+    unit_ohm = design.interface.v_bias_v / (design.interface.k * design.converter.i0_a)
+    return unit_ohm * design.timing.gate_clocks / (codes - 0.5 - 1e-6)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_example_moves_a_code(name: str, tmp_path: Path) -> None:
+    effect = EFFECTS[name]
+    ohm = at_thresholds() if effect.random else OHM
+    without = event.run(made(tmp_path, ohm, {**effect.needs})).codes.astype(int)
+    got = event.run(made(tmp_path, ohm, {**effect.needs, name: effect.example()})).codes
+    assert np.abs(got - without).max() >= 1
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_all_examples_go_together(topology: str, tmp_path: Path) -> None:
+    event.run(made(tmp_path, OHM, examples(topology, *EFFECTS), topology))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_range_holds_what_a_scene_may_have(name: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    effect = EFFECTS[name]
+    for _ in range(20):
+        drawn = effect.draw(rng)
+        for key, value in drawn.items():
+            low, high = effect.range()[key]
+            # Products of powers of ten round.
+            assert 0.999 * low <= abs(value) <= 1.001 * high
+        made(tmp_path, OHM, {name: drawn}, effect.topologies[-1])
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_sign_that_no_draw_has_is_refused(name: str, tmp_path: Path) -> None:
+    effect = EFFECTS[name]
+    for key in effect.range():
+        if len(signs := effect.signs(key)) == 1:
+            wrong = effect.example() | {key: -signs[0] * effect.range()[key][1]}
+            with pytest.raises(InputError, match=key):
+                made(tmp_path, OHM, {name: wrong}, effect.topologies[-1])
