@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help docs setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -109,6 +109,9 @@ liberty: setup ## Liberty timing of the SKY130 cells in use, measured in ngspice
 
 calc: setup ## design calculator: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)
+
+docs: setup ## the documentation as a site, in build/site
+	@$(dermis) docs $(ARGS)
 
 generate: setup ## write every file that follows from models/design.toml
 	@$(dermis) generate $(ARGS)

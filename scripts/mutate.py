@@ -25,13 +25,13 @@ import click
 from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic, write_between
+from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
-from dermis.scene.design import ROOT
 from scripts import formal
 
 SAMPLE = 12
-"""Default number of mutants per module, also in docs/mutation.md."""
+"""Default number of mutants per module."""
 # Time limit of the tests on a mutant: this multiple of their time on the unchanged module, and a minimum.
 TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
 CONTROL_LIMIT_S = 300.0
@@ -500,7 +500,7 @@ BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
 
 
 def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
-    """Return the table of docs/mutation.md and the survivors; `every` is the number of mutants per module."""
+    """Return the table of all results and the survivors; `every` is the number of mutants per module."""
     lines = [
         "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
     ]
@@ -555,7 +555,7 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
     show_default=True,
     help="Time limit in seconds; the next call continues.",
 )
-@click.option("--docs", is_flag=True, help="Write the table of docs/mutation.md from all results.")
+@click.option("--docs", is_flag=True, help="Write the table of all results to build/mutation.md.")
 @click.option("--fresh", is_flag=True, help="Discard earlier results.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Parallel runs.")
 @click.option(
@@ -650,7 +650,7 @@ def mutate_command(
     if docs:
         texts = {name: (source / f"{name}.v").read_text() for name in chosen}
         every = {name: len(mutants(name, text)) for name, text in texts.items()}
-        write_between(ROOT / "docs" / "mutation.md", BEGIN, END, table(every, every_one))
+        write_between(BUILD / "mutation.md", BEGIN, END, table(every, every_one))
     verdict.write_rows("mutate", rows)
     verdict.print_rows(rows, f"Mutants (seed {seed})")
     return verdict.exit_code(rows)

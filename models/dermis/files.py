@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from dermis.errors import InputError
+from dermis.places import BUILD
 
 _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP)
 """What file systems over a network answer, some of them for directories alone."""
@@ -82,7 +83,7 @@ def text_of(path: Path, allowed: str) -> str:
 
 
 def write_between(path: Path, begin: str, end: str, content: str) -> None:
-    """Put text between two marks of a file, each on a line of its own.
+    """Put text between two marks of a file, each on a line of its own; a file of build/ gets its marks here.
 
     Raises
     ------
@@ -90,6 +91,8 @@ def write_between(path: Path, begin: str, end: str, content: str) -> None:
         The marks are not there, once each and in this order.
     """
     text = path.read_text(encoding="utf-8") if path.exists() else ""
+    if path.is_relative_to(BUILD) and begin not in text and end not in text:
+        text += f"{begin}\n{end}\n"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise InputError(path, "table", "(its marks)", f"once each, in this order: {begin} {end}")
     head, rest = text.split(begin)

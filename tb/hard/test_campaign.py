@@ -29,7 +29,7 @@ from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World, random_scene
 
 FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
-# Defects that are not cured yet (docs/campaign.md); a cured case moves to FOUND.
+# Defects that are not cured yet (docs/verification.md); a cured case moves to FOUND.
 OPEN = sorted((ROOT / "tb" / "hard" / "open").glob("*.toml"))
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 

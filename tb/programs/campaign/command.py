@@ -16,9 +16,9 @@ import click
 
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
+from dermis.places import BUILD, ROOT
 from dermis.report import verdict
 from dermis.report.progress import slots
-from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.campaign import laws
@@ -28,7 +28,7 @@ from tb.reference.scenes import PROFILES, World, random_scene
 STATE = ROOT / "build" / "campaign"
 FOUND = ROOT / "tb" / "hard" / "found"
 CODE = ROOT / "tb" / "programs" / "campaign", ROOT / "tb" / "reference"
-DOCS = ROOT / "docs" / "campaign.md"
+DOCS = BUILD / "campaign.md"
 # Seconds to shrink one example, and examples stored of each law.
 _SHRINK_S, _EXAMPLES = 120.0, 4
 
@@ -226,7 +226,7 @@ def record(engines: str, seed: int, scenes: int, total: Tally, found: Sequence[v
 @click.option(
     "--processes", default=2, show_default=True, type=click.IntRange(1, 256), help="Worker processes."
 )
-@click.option("--docs", is_flag=True, help="Write the record into docs/campaign.md.")
+@click.option("--docs", is_flag=True, help="Write the record to build/campaign.md.")
 @click.option("--short", is_flag=True, help="Run a few scenes.")
 @click.option("--found", type=click.Path(file_okay=False), default=str(FOUND), help="Directory of new cases.")
 def campaign_command(

@@ -23,7 +23,7 @@ from scripts.checkpoint import Checkpoint
 from tb.programs.faults.bench import Bench
 from tb.programs.faults.trials import Trial, every
 
-DOCS = "docs/faults.md"
+DOCS = "build/faults.md"
 MARKS = "<!-- begin: faults (written by dermis faults --docs) -->", "<!-- end: faults -->"
 PLACE = ROOT / "build" / "faults"
 

@@ -22,17 +22,17 @@ import click
 from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic, write_between
+from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
-from dermis.scene.design import ROOT
 from scripts.checkpoint import Checkpoint
 from tb.programs.fuzz import worker
 from tb.programs.fuzz.target import GUIDES, NAMES
 
 WORK = ROOT / "build" / "fuzz"
 FOUND = ROOT / "tb" / "fuzz" / "found"
-DOCS = ROOT / "docs" / "fuzz.md"
+DOCS = BUILD / "fuzz.md"
 BEGIN, END = "<!-- begin: fuzz (written by dermis fuzz --docs) -->", "<!-- end: fuzz -->"
 
 INPUTS = {
@@ -284,7 +284,7 @@ def rows_of(
 
 
 def docs_table(done: dict[str, Progress], faults: dict[str, dict[str, Any]]) -> str:
-    """The two tables of docs/fuzz.md."""
+    """Return the tables of inputs and of seeded faults."""
     from tb.programs.fuzz.faults import FAULTS
 
     lines = [
@@ -353,7 +353,7 @@ def missing() -> str:
 @click.option(
     "--faults/--no-faults", "seed_faults", default=True, help="Also show that every seeded fault is seen."
 )
-@click.option("--docs", is_flag=True, help="Write the tables of docs/fuzz.md.")
+@click.option("--docs", is_flag=True, help="Write the tables to build/fuzz.md.")
 def fuzz_command(
     only: tuple[str, ...],
     inputs: int | None,

@@ -18,7 +18,7 @@ from scripts import workers
 from tb.programs import hard
 from tb.programs.hard import Case, Measured
 
-DOCS = "docs/hard_cases.md"
+DOCS = "build/hard_cases.md"
 BEGIN, END = "<!-- begin: hard (written by dermis hard --docs) -->", "<!-- end: hard -->"
 
 PREPARE_LIMIT_S = 900.0

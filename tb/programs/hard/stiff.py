@@ -33,7 +33,7 @@ from tb.programs.hard.stiff_circuits import CIRCUITS, StiffCircuit
 
 Floats = NDArray[np.float64]
 
-DOCS = "docs/stiff.md"
+DOCS = "build/stiff.md"
 BEGIN, END = "<!-- begin: stiff (written by dermis stiff --docs) -->", "<!-- end: stiff -->"
 
 OPTIONS = {
@@ -144,9 +144,7 @@ def prepare(cases: Sequence[Case]) -> None:
             reference(circuit)
 
 
-_PUBLISHED = (
-    "end values of the IVP test set, and a solution of our own at tolerances of 1e-12 (docs/stiff.md)"
-)
+_PUBLISHED = "end values of the IVP test set, and a solution of our own at tolerances of 1e-12"
 _WHY = {
     "transistor_amplifier": "exponential laws and a singular capacitance matrix: an algebraic part of index 1",
     "nand_gate": "charges that depend on voltage, laws with kinks, time constants of 0.2 ps in a span of 80 ns",
@@ -236,7 +234,7 @@ def cases() -> list[Case]:
             probes=("i",),
             refused={
                 "trap": "on the last edge the trapezoidal current alternates about the right one by 1 to 3 mA at any "
-                "step: it does not damp what has index 2 (docs/stiff.md)"
+                "step: it does not damp what has index 2"
             },
         ),
         published(

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Builds the documentation as a site: the pages of docs/, and pages made from commands, library, design and results."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from click.testing import CliRunner
+
+import dermis
+from dermis import cli
+from dermis.errors import SimulatorError
+from dermis.places import BUILD, ROOT
+from dermis.processes import children
+from dermis.scene import design as designs
+from dermis.scene.design import Design
+from scripts import generate
+
+SOURCE, SITE = BUILD / "site_source", BUILD / "site"
+CONFIG = ROOT / "mkdocs.yml"
+LIMIT_S = 300.0
+
+# Rows of the datasheet by section: name of a row, and its meaning. A name without a row of its own stands for those
+# that continue it.
+MEASURED: dict[str, dict[str, str]] = {
+    "error": {
+        "frame.code_error_lsb": "Code error of whole frames, ideal blocks in ngspice",
+        "sky130.chain_code_inl_lsb.k80": "Bend of the code over the range, conveyor and mirror in transistors",
+        "sky130.chain_gain_error.k80": "Gain error of conveyor and mirror, before calibration",
+        "sky130.conveyor_r_x_ohm.k80": "Input resistance of the conveyor",
+        "sky130.conveyor_v_offset_v.k80": "Offset of the virtual ground",
+        "sky130.mismatch.chain_gain_error.k80": "Gain error by mismatch",
+        "sky130.noise_lsb.full": "Noise of a code at full scale, rms",
+        "sky130.noise_lsb.low": "Noise of a code at the low end, rms",
+        "sky130.noise_lsb.packet": "Noise of the packets, rms",
+        "sky130.settling_lsb.low_5mhz": "Error that is left when the gate opens, at the low end",
+        "sky130.settling_lsb.high_5mhz": "Error that is left when the gate opens, at full scale",
+    },
+    "area": {
+        "synth.area_um2.sky130.16x16": "Standard cells of the digital core, 130 nm",
+        "synth.cells.sky130.16x16": "Number of cells",
+        "synth.flops.sky130.16x16": "Flip-flops",
+        "synth.highest_mhz.clk.sky130.16x16": "Highest clock of the core, slow corner",
+        "synth.highest_mhz.sck.sky130.16x16": "Highest SPI clock, slow corner",
+    },
+    "power": {
+        "sky130.supply_channel_a.conveyor_mirror": "Supply current of a channel",
+        "sky130.supply_array_a.conveyor_mirror": "Supply current of sixteen channels with their bias",
+        "accuracy_chip.energy_nj": "Energy of a conversion, sensor included",
+        "accuracy_chip.energy_per_step_pj": "Energy a conversion step, where it is least",
+    },
+}
+
+# Pins of dermis_top.
+PINS = {
+    "clk_i": "Clock",
+    "rst_ni": "Reset, low active; asserted at once, released on a clock",
+    "enable_i": "Scans while high",
+    "comp_async_i": "Comparators, one a column; not synchronous to the clock",
+    "row_sense_i": "Levels of the row lines, read by the self-test",
+    "row_select_o": "Row drivers, at most one of them high",
+    "preset_o": "Presets the integrators to minus half a packet",
+    "charge_o": "Charge switches, one a column",
+    "range_o": "Ratio of the mirror, two bits a column",
+    "test_current_o": "Switches the test current on, one a column",
+    "frame_start_o": "High for one clock as a frame begins",
+    "spi_sck_i": "SPI clock, mode 0",
+    "spi_cs_ni": "SPI select, low active",
+    "spi_copi_i": "SPI data into the chip",
+    "spi_cipo_o": "SPI data out of the chip",
+    "spi_cipo_oe_o": "High while spi_cipo_o drives",
+    "frame_ready_o": "A frame waits that has not been read",
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One measured row: its values as text, and the file that it was read from."""
+
+    least: str
+    typical: str
+    most: str
+    unit: str
+    status: str
+    source: str
+
+
+def _build_rows() -> Iterator[tuple[str, Measured]]:
+    """Rows of build/*.json."""
+    for path in sorted(BUILD.glob("*.json")):
+        data = json.loads(path.read_text(encoding="utf-8"))
+        for row in data if isinstance(data, list) else []:
+            if isinstance(row, dict) and isinstance(row.get("value"), int | float):
+                value = f"{row['value']:.6g}"
+                yield row["name"], Measured("", value, "", row["unit"], row["status"], f"build/{path.name}")
+
+
+def _page_rows() -> Iterator[tuple[str, Measured]]:
+    """Rows of the tables that commands wrote into pages of docs/."""
+    for path in sorted((ROOT / "docs").glob("*.md")):
+        head: list[str] = []
+        for line in path.read_text(encoding="utf-8").splitlines():
+            cells = [cell.strip().strip("`") for cell in line.strip("|").split(" | ")] if "|" in line else []
+            cells = [cell.strip(" `|") for cell in cells]
+            if not cells:
+                head = []
+            elif not head:
+                head = cells
+            elif len(cells) >= len(head) > 2 and head[0] in ("name", "row") and set(line) - set("|-: "):
+                row = dict(zip(head, cells, strict=False))
+                value = next((row[key] for key in ("value", "typical", "result") if key in row), "")
+                number, _, unit = value.partition(" ")
+                name = (
+                    row[head[0]] if "." in row[head[0]] and "least" not in row else f"sky130.{row[head[0]]}"
+                )
+                yield (
+                    name,
+                    Measured(
+                        row.get("least", ""),
+                        number,
+                        row.get("most", ""),
+                        row.get("unit", unit),
+                        row.get("status", ""),
+                        f"docs/{path.name}",
+                    ),
+                )
+
+
+def measured() -> dict[str, Measured]:
+    """Return measured rows by name: those of build/, else those that were recorded in docs/."""
+    return {**dict(_page_rows()), **dict(_build_rows())}
+
+
+def rows_table(section: str) -> str:
+    """Return the measured rows of a section of the datasheet, each with its file and the command behind it."""
+    found, limits = measured(), designs.spec()
+    lines = ["| quantity | least | typical | most | unit | limit | read from | measured by |"]
+    lines += ["|---|--:|--:|--:|---|---|---|---|"]
+    for name, meaning in MEASURED[section].items():
+        rule = limits.get(name) or limits.get(name.rpartition(".")[0])
+        limit = ""
+        if rule is not None:
+            low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
+            limit = f"{low} .. {high}".strip()
+        command = f"`{rule.command}`" if rule else f"`{_COMMANDS[name.partition('.')[0]]}`"
+        matches = [row for key, row in found.items() if key == name] or [
+            row for key, row in found.items() if key.startswith(name + ".")
+        ]
+        if not matches:
+            lines.append(f"| {meaning} | | not measured here | | | {limit} | | {command} |")
+        for row in matches[:3]:
+            cells = (meaning, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command)
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+_COMMANDS = {
+    "frame": "make sim",
+    "sky130": "make characterise",
+    "synth": "make synth TECH=sky130",
+    "accuracy_chip": "make accuracy-chip",
+}
+
+
+def pins_table() -> str:
+    """Return the pins of the core from the ports of rtl/dermis_top.v.
+
+    Raises
+    ------
+    SimulatorError
+        A port has no meaning in `PINS`, or a pin of `PINS` is no port.
+    """
+    text = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
+    ports = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", text, re.M)
+    if {name for _, _, name in ports} != set(PINS):
+        raise SimulatorError("the pins of scripts/website.py are not the ports of rtl/dermis_top.v")
+    lines = ["| pin | direction | width | meaning |", "|---|---|---|---|"]
+    for direction, width, name in ports:
+        bits = width.replace("-1:0", "") if width else "1"
+        lines.append(f"| `{name}` | {direction} | {bits} | {PINS[name]} |")
+    return "\n".join(lines)
+
+
+def key_values(design: Design) -> str:
+    """Return the values on the first page of the datasheet."""
+    clock, timing = design.converter.f_clk_hz, design.timing
+    k_ohm = design.interface.v_bias_v / (design.interface.k * design.converter.i0_a)
+    rows = [
+        ("Array", f"{design.array.rows} x {design.array.cols} taxels, one converter a column"),
+        ("Clock", f"{clock / 1e6:g} MHz"),
+        ("Frame", f"{timing.frame_s * 1e3:g} ms, {1 / timing.frame_s:g} frames a second"),
+        (
+            "Row slot",
+            f"{timing.slot_clocks} clocks: {timing.settle_clocks} to settle, {timing.gate_clocks} to count",
+        ),
+        ("Code", f"{timing.code_bits} bits, 0 to {timing.code_max}; floor({timing.gate_clocks} x + 1/2)"),
+        ("Duty", f"x = {k_ohm:g} ohm / R with {design.interface.k}:1 in the mirror"),
+        ("Full scale", f"{design.sensor.force_max_n:g} N, {design.sensor.r_min_ohm:g} ohm"),
+        ("Step", f"{design.sensor.force_max_n / timing.code_max * 1e3:.3g} mN"),
+        ("Ranges", ", ".join(f"{k}:1" for k in design.interface.k_options)),
+        ("Bias of the driven row", f"{design.interface.v_bias_v:g} V"),
+        ("Supply", f"{design.supply.vdd_v - design.supply.vss_v:g} V"),
+    ]
+    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+
+
+def timing_diagram(design: Design, path: Path) -> None:
+    """Draw one row slot, to the scale of models/design.toml except for its ends."""
+    from matplotlib.figure import Figure
+
+    timing, clock = design.timing, design.converter.f_clk_hz
+    breaks, settle, slot = timing.break_clocks, timing.settle_clocks, timing.slot_clocks
+    # The break is a clock of hundreds: it is drawn wider.
+    shown = max(breaks, 12)
+    nets = {
+        "row_select_o[n]": [(shown, slot)],
+        "preset_o": [(0, settle)],
+        "gate": [(settle, slot)],
+        "row_select_o[n+1]": [(slot + shown, slot + 120)],
+    }
+    figure = Figure(figsize=(9, 2.6), layout="constrained")
+    axes = figure.subplots()
+    for level, (net, spans) in enumerate(reversed(nets.items())):
+        edges, values = [-40.0], [0]
+        for begin, end in spans:
+            edges += [begin, end]
+            values += [1, 0]
+        edges.append(slot + 120)
+        axes.stairs([1.5 * level + v for v in values], edges, baseline=None, color="black")
+        axes.text(-50, 1.5 * level + 0.3, net, ha="right", family="monospace")
+    marks = {0: "0", shown: f"{breaks}", settle: f"{settle}", slot: f"{slot}"}
+    axes.set_xticks(list(marks), list(marks.values()))
+    axes.set_xlabel(f"clocks of {1e9 / clock:g} ns from the start of the slot of row n")
+    axes.set_yticks([])
+    axes.set_xlim(-40, slot + 120)
+    for side in ("left", "right", "top"):
+        axes.spines[side].set_visible(False)
+    axes.grid(axis="x", color="0.85")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Date": None})
+
+
+def commands_page() -> str:
+    """Return the help of every command."""
+    lines = ["# Commands", ""]
+    lines += ["`dermis NAME` from the checkout or the wheel; `make` lists the targets that call them.", ""]
+    lines += ["| exit code | |", "|---|---|", "| 0 | done |", "| 1 | a check missed |"]
+    lines += ["| 2 | the input is wrong: one line with file, key, value and what is allowed |"]
+    lines += ["| 3 | a simulator failed: one line with what it did, and its log |", ""]
+    programs = set(cli.elsewhere()) - set(cli.LATER)
+    context = click.Context(cli.cli)
+    for name in cli.cli.list_commands(context):
+        said = CliRunner().invoke(cli.cli, [name, "--help"], terminal_width=90, prog_name="dermis").output
+        where = " (of a checkout)" if name in programs else ""
+        lines += [f"## {name}", "", f"`dermis {name}`{where}", "", "```text", said.rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def _docstring(text: str) -> list[str]:
+    """Turn a numpy docstring into Markdown."""
+    lines: list[str] = []
+    source = inspect.cleandoc(text).splitlines()
+    for number, line in enumerate(source):
+        following = source[number + 1] if number + 1 < len(source) else ""
+        if set(line) == {"-"}:
+            continue
+        if following and set(following) == {"-"}:
+            lines += [f"**{line}**", ""]
+        elif lines and re.match(r"[\w*, ]+( : .+)?$", line) and following.startswith("    "):
+            name, _, kind = line.partition(" : ")
+            lines.append(f"- `{name}`" + (f" ({kind}):" if kind else ":"))
+        elif line.startswith("    "):
+            lines.append("  " + line.strip())
+        else:
+            lines.append(line)
+    return lines
+
+
+def api_page() -> str:
+    """Return the public names of the package with their docstrings."""
+    lines = ["# Library", "", inspect.cleandoc(dermis.__doc__ or ""), ""]
+    for name in sorted(set(dermis.__all__) - {"__version__"}, key=lambda n: (n[0].isupper(), n)):
+        thing = getattr(dermis, name)
+        lines += [f"## {name}", ""]
+        if not inspect.isclass(thing):
+            lines += ["```python", f"dermis.{name}{_signature(thing)}", "```", ""]
+        lines += [*_docstring(thing.__doc__ or ""), ""]
+        own = vars(thing) if inspect.isclass(thing) else {}
+        members = {n: v for n, v in own.items() if not n.startswith("_") and getattr(v, "__doc__", None)}
+        for member, value in members.items():
+            if isinstance(value, property) or inspect.isfunction(value):
+                shown = "()" if inspect.isfunction(value) else ""
+                lines += [f"### {name}.{member}{shown}", "", *_docstring(value.__doc__ or ""), ""]
+    return "\n".join(lines)
+
+
+def _signature(function: Callable[..., object]) -> str:
+    parameters, lines = inspect.signature(function).parameters.values(), []
+    for parameter in parameters:
+        if parameter.kind is parameter.KEYWORD_ONLY and "*" not in lines:
+            lines.append("*")
+        kind = parameter.annotation
+        shown = parameter.replace(annotation=parameter.empty)
+        equals = f" = {parameter.default!r}" if parameter.default is not parameter.empty else ""
+        lines.append(f"{str(shown).partition('=')[0]}: {kind}{equals}")
+    return "(\n    " + ",\n    ".join(lines) + ",\n)" if lines else "()"
+
+
+def write_source(source: Path | None = None) -> None:
+    """Copy docs/ and add the pages and tables of the site alone."""
+    source = SOURCE if source is None else source
+    design = designs.load()
+    shutil.rmtree(source, ignore_errors=True)
+    shutil.copytree(ROOT / "docs", source)
+    (source / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (source / "library.md").write_text(api_page(), encoding="utf-8")
+    timing_diagram(design, source / "figures" / "timing.svg")
+    tables = {
+        "key values": key_values(design),
+        "pins": pins_table(),
+        "range": generate.range_table(design, ROOT),
+        **{name: rows_table(name) for name in MEASURED},
+    }
+    page = source / "datasheet.md"
+    text = page.read_text(encoding="utf-8")
+    for name, table in tables.items():
+        mark = f"<!-- table: {name} -->"
+        if text.count(mark) != 1:
+            raise SimulatorError(f"docs/datasheet.md has no single mark {mark}")
+        text = text.replace(mark, table)
+    page.write_text(text, encoding="utf-8")
+
+
+def build(write: Callable[[], None] = write_source) -> None:
+    """Write the source of the site and build it.
+
+    Raises
+    ------
+    SimulatorError
+        A link leads nowhere, or a page is in no menu; the log says which.
+    """
+    write()
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--clean", "-f", CONFIG]
+    children.run_logged(command, ROOT, BUILD / "site.log", LIMIT_S, "mkdocs", {"NO_MKDOCS_2_WARNING": "1"})
+
+
+@click.command("docs")
+def docs_command() -> int:
+    """Build the documentation as a site in build/site; a broken link is an error."""
+    build()
+    click.echo(f"the site begins at {SITE / 'index.html'}")
+    return 0

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The site is built from the tree as it is: every link leads somewhere, every name and number comes from its source."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import dermis
+from dermis import cli
+from dermis.errors import SimulatorError
+from dermis.scene.design import ROOT
+from scripts import website
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the pages, and a place for the site, of a test's own."""
+    config = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for name in ("site_source", "site"):
+        config = config.replace(f"build/{name}", str(tmp_path / name))
+    (tmp_path / "mkdocs.yml").write_text(config)
+    monkeypatch.setattr(website, "CONFIG", tmp_path / "mkdocs.yml")
+    monkeypatch.setattr(website, "SOURCE", tmp_path / "site_source")
+    monkeypatch.setattr(website, "SITE", tmp_path / "site")
+    monkeypatch.setattr(website, "BUILD", tmp_path)
+    return tmp_path
+
+
+def test_the_site_builds_and_loads_nothing_from_elsewhere(place: Path) -> None:
+    result = CliRunner().invoke(website.docs_command, standalone_mode=False)
+    assert result.exception is None, result.exception
+    pages = list((place / "site").rglob("*.html"))
+    assert len(pages) > 25
+    for page in pages:
+        assert not re.findall(
+            r'src="(?:https?:)?//|rel="stylesheet" href="http', page.read_text(encoding="utf-8")
+        )
+    datasheet = (place / "site" / "datasheet.html").read_text(encoding="utf-8")
+    assert "<!-- table" not in datasheet
+    assert "test_current_o" in datasheet
+
+
+@pytest.mark.parametrize("fault", ["[x](nowhere.md)", "[x](index.md#nowhere)", "![x](figures/nowhere.png)"])
+def test_a_broken_link_is_an_error(place: Path, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        website.write_source(place / "site_source")
+        with (place / "site_source" / "index.md").open("a") as page:
+            page.write(f"\n{fault}\n")
+
+    with pytest.raises(SimulatorError, match="mkdocs"):
+        website.build(broken)
+    assert "nowhere" in (place / "site.log").read_text()
+
+
+def test_every_command_and_every_public_name_has_its_entry() -> None:
+    commands, library = website.commands_page(), website.api_page()
+    assert all(f"\n## {name}\n" in commands for name in cli.elsewhere())
+    assert "--engine" in commands
+    assert all(f"\n## {name}\n" in library for name in set(dermis.__all__) - {"__version__"})
+
+
+def test_a_number_of_the_datasheet_is_the_one_that_was_measured(place: Path) -> None:
+    name = "synth.area_um2.sky130.16x16"
+    recorded = website.measured()[name]
+    assert recorded.source == "docs/synthesis.md"
+    row = {
+        "name": name,
+        "value": 123.5,
+        "unit": "um2",
+        "min": None,
+        "max": None,
+        "status": "PASS",
+        "note": "",
+    }
+    (place / "synth.json").write_text(json.dumps([row]))
+    assert website.measured()[name] == website.Measured("", "123.5", "", "um2", "PASS", "build/synth.json")
+    assert "| 123.5 |" in website.rows_table("area").replace("  ", " ")
+
+
+def test_a_pin_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(website.PINS, "charge_o")
+    with pytest.raises(SimulatorError, match="not the ports"):
+        website.pins_table()
