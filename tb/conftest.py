@@ -8,6 +8,33 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from dermis.scene import design
+
+PAPER = {
+    "array.rows": 16,
+    "array.cols": 16,
+    "sensor.force_max_n": 15.0,
+    "sensor.r_min_ohm": 500.0,
+    "interface.v_bias_v": 0.5,
+    "interface.k": 80,
+    "converter.i0_a": 25e-6,
+    "converter.c_int_f": 5e-12,
+    "converter.f_clk_hz": 5e6,
+    "timing.frame_s": 2e-3,
+    "timing.gate_clocks": 510,
+    "timing.code_bits": 8,
+}
+"""Design values that the numbers of tests with the mark `paper` belong to."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests of the paper's values where models/design.toml holds another design."""
+    stored = design.load().stored()
+    if unlike := [f"{key} = {stored[key]!r}" for key, value in PAPER.items() if stored[key] != value]:
+        for item in items:
+            if item.get_closest_marker("paper"):
+                item.add_marker(pytest.mark.skip(reason=f"values of the paper; here {unlike[0]}"))
+
 
 @pytest.fixture(autouse=True)
 def _strict_numbers() -> Iterator[None]:

@@ -169,6 +169,7 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
     )
 
 
+@pytest.mark.paper
 def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) -> None:
     """Event at the end of the gates, cosim at every clock, with ngspice's own options and with worse ones."""
     made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)

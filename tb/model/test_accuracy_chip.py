@@ -30,6 +30,7 @@ def test_an_ideal_quantiser_is_worth_its_bits(bits: int) -> None:
     assert chip.judge(duty, read).bits == pytest.approx(bits, abs=0.05)
 
 
+@pytest.mark.paper
 def test_full_scale_counts_to_the_highest_code_in_the_gate_of_its_bits() -> None:
     assert PAPER == load().timing.gate_clocks
     duty = np.full((1, 1, 1), 0.5)

@@ -281,6 +281,7 @@ def test_parts_of_a_run_report_together() -> None:
     assert joined.info["array"] == one | {"solves": 6, "residual": 3e-16, "refinement_steps": 1}
 
 
+@pytest.mark.paper
 def test_a_code_that_rounding_may_move_is_refused_by_name(write_scene: Callable[..., Path]) -> None:
     # 1 V from column to column through 1e-12 ohm: 1e12 A into the middle one and out of it again, where 2 uA are a
     # code.

@@ -139,6 +139,7 @@ def test_what_is_not_considered_says_why() -> None:
     assert why["motion"] == "not named, and not considered unless it is"
 
 
+@pytest.mark.paper
 def test_the_cheapest_engine_that_can_is_chosen() -> None:
     assert made({"auto": {}}).engine == "closed"
     assert made({"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}).engine == "event"
@@ -150,6 +151,7 @@ def test_the_cheapest_engine_that_can_is_chosen() -> None:
     assert made({"auto": {}}, run={"engine": "event"}).engine == "event"
 
 
+@pytest.mark.paper
 def test_an_engine_asked_for_that_cannot_is_refused_by_name() -> None:
     plan = made({"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}, engine="closed")
     with pytest.raises(InputError, match="not possible with engine closed"):
@@ -201,6 +203,7 @@ def test_a_bare_network_is_solved_only_where_it_matters() -> None:
     assert not plan.network(0).active_fields()
 
 
+@pytest.mark.paper
 def test_the_resolved_scene_gives_the_same_plan() -> None:
     for effects in (
         {"auto": {}},
@@ -254,6 +257,7 @@ def test_a_bound_at_the_end_of_doubles_is_infinite_in_small_packets_without_an_o
     assert weighing.alone("offset_current", set()) == np.inf
 
 
+@pytest.mark.paper
 def test_what_couples_columns_need_not_be_kept_where_virtual_grounds_stand_still() -> None:
     """What makes them give way is left out by a bound that holds all that comes of it."""
     weak = {"gain_dc": 1e7, "r_in_ohm": 1e9}
@@ -291,6 +295,7 @@ def test_certified_codes_hold_the_codes_of_every_seed(effects: dict[str, Any]) -
         assert ((result.low <= codes) & (codes <= result.high)).all()
 
 
+@pytest.mark.paper
 def test_certified_codes_are_those_of_thresholds_moved_by_the_margin() -> None:
     plan = made({"auto": {}}, stimulus={"kind": "ramp", "force_n": [0.0, 16.0], "frames": 20})
     result = certified(plan)
@@ -302,6 +307,7 @@ def test_certified_codes_are_those_of_thresholds_moved_by_the_margin() -> None:
             assert (run.codes == codes).all()
 
 
+@pytest.mark.paper
 def test_certified_codes_from_the_duty_of_a_run_are_those_of_whole_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -350,6 +356,7 @@ def test_auto_and_everything_on_agree_within_the_budget_and_the_certificate(tmp_
     assert {o.engine for o in outcomes} == {"closed", "event"}
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("name", ["row_driver", "charge_packet", "trace"])
 def test_a_bound_a_hundred_times_too_small_is_caught(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

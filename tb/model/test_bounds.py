@@ -160,6 +160,7 @@ def network_misses(tmp_path: Path, trials: int, factor: float = 1.0) -> tuple[in
     return misses, ratios
 
 
+@pytest.mark.paper
 def test_no_network_effect_moves_a_current_beyond_its_bound_whatever_else_is_on(tmp_path: Path) -> None:
     misses, ratios = network_misses(tmp_path, 250)
     assert misses == 0
@@ -172,6 +173,7 @@ def test_a_bound_a_hundred_times_too_small_is_noticed(tmp_path: Path) -> None:
     assert network_misses(tmp_path, 20, factor=0.01)[0] > 1000
 
 
+@pytest.mark.paper
 def test_row_driver_on_an_even_frame_is_bounded_closely() -> None:
     plan = whole_plan({"stimulus": {"kind": "uniform", "code": 200}, "effects": {"row_driver": True}})
     moved = N * np.abs(duty(plan, ["row_driver"]) - duty(plan, []))
@@ -327,6 +329,7 @@ def certified(
     return int(((codes < low) | (codes > high)).sum()), int((codes != bare.codes).sum())
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("name", STRONG)
 def test_codes_with_an_effect_lie_within_its_bound_of_those_without(name: str, tmp_path: Path) -> None:
     alone = (
@@ -351,6 +354,7 @@ def test_flicker_is_bounded_in_packets_of_the_size_they_are(packet_error: float,
     assert changed > 0, "too weak to test anything"
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     "what",
     [

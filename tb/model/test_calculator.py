@@ -39,6 +39,7 @@ PAPER_TARGETS = {
 }
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("targets", [{}, PAPER_TARGETS])
 def test_the_papers_targets_give_exactly_the_papers_design(targets: dict[str, Any]) -> None:
     answer = solve(make_targets(**targets))
@@ -55,6 +56,7 @@ def test_the_papers_targets_give_exactly_the_papers_design(targets: dict[str, An
     assert answer.design() == dd.load()
 
 
+@pytest.mark.paper
 def test_eq6_taken_literally_gives_516_clocks_and_code_258() -> None:
     answer = solve()
     full_scale_hz = answer.f_clk_hz * (answer.duty(answer.r_min_ohm) - answer.duty(answer.r_max_ohm))
@@ -63,12 +65,14 @@ def test_eq6_taken_literally_gives_516_clocks_and_code_258() -> None:
     assert vfc.count_rational(answer.duty(answer.r_min_ohm), clocks) == 258
 
 
+@pytest.mark.paper
 def test_without_k_the_papers_full_scale_would_be_40_kohm() -> None:
     answer = solve()
     assert 2 * answer.v_bias_v / answer.i0_a == 40_000
     assert 2 * answer.v_bias_v / (answer.k * answer.i0_a) == 500
 
 
+@pytest.mark.paper
 def test_resolution_follows_the_square_of_resistance_and_is_constant_in_force() -> None:
     table = solve().range_table()
     for r, force, x, rate, _code, _eq3, d_r, d_force in table:
@@ -199,6 +203,7 @@ IMPOSSIBLE = [
 ]
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(("name", "targets", "said"), IMPOSSIBLE)
 def test_impossible_targets_name_the_limit_and_the_nearest_ones_meet_it(
     name: str, targets: dict[str, Any], said: str
@@ -242,6 +247,7 @@ def test_the_nearest_targets_meet_each_missed_limit(targets: dict[str, Any], mor
         assert row["status"] == "PASS", (name, nearest, row["note"])
 
 
+@pytest.mark.paper
 def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
     # Widest plateau of the leaky integrator, width lam^(q-2) (1-lam)^2 / (1-lam^q): one LSB of 510 at 51 us.
     def width(q: int, tau_s: float) -> float:
@@ -268,9 +274,10 @@ def test_the_direct_interface_has_k_times_the_charge_and_less_noise_on_it() -> N
         rows = solve(make_targets(topology=topology)).rows
         return next(row["value"] for row in rows if row["name"] == "calculator.kt_c_lsb")
 
-    assert noise("direct") == pytest.approx(noise("conveyor_mirror") / math.sqrt(80))
+    assert noise("direct") == pytest.approx(noise("conveyor_mirror") / math.sqrt(dd.load().interface.k))
 
 
+@pytest.mark.paper
 def test_edges_get_shorter_with_the_clock_and_never_longer() -> None:
     # 20 MHz: a 200th of 50 ns; 500 kHz: the 1 ns of design.toml stays.
     fast = solve(make_targets(frame_s=5e-4)).design().converter
@@ -330,6 +337,7 @@ def test_the_command_prints_the_design_and_exits_by_the_verdict(
     assert [row["status"] for row in rows].count("FAIL") == code
 
 
+@pytest.mark.paper
 def test_write_changes_values_and_keeps_every_comment(tmp_path: Path) -> None:
     path = tmp_path / "design.toml"
     shutil.copy(dd.DESIGN_FILE, path)
@@ -349,6 +357,7 @@ def test_write_changes_values_and_keeps_every_comment(tmp_path: Path) -> None:
     assert calculator.write_design(solve(base=dd.load(path)), path) == []
 
 
+@pytest.mark.paper
 def test_write_refuses_what_misses_a_limit_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -50,6 +50,7 @@ def test_the_true_force_lies_in_the_interval_of_its_code(force: float, k: int, v
         assert abs(decoded.force_n[0, 0, 0] - force) <= decoded.d_force_n[0, 0, 0]
 
 
+@pytest.mark.paper
 def test_intervals_tile_the_whole_range_without_gap_or_overlap() -> None:
     plan = made(EVERY)
     decoded = decode(plan, np.arange(256).reshape(-1, 1, 1))
@@ -58,6 +59,7 @@ def test_intervals_tile_the_whole_range_without_gap_or_overlap() -> None:
     assert np.isinf(decoded.force_high_n[-1]).all()
 
 
+@pytest.mark.paper
 def test_resolution_of_the_paper_sensor() -> None:
     # dR = R^2 / (510 * 250 ohm): 1.96 ohm at 500 ohm and about 32 kohm at 64 kohm; one code is 15 N / 255 everywhere
     plan = made(EVERY)
@@ -70,6 +72,7 @@ def test_resolution_of_the_paper_sensor() -> None:
     assert decoded.d_force_n.ravel()[1:] == pytest.approx([15 / 255] * 3)
 
 
+@pytest.mark.paper
 def test_no_pulse_and_full_scale_are_flagged() -> None:
     plan = made(EVERY)
     decoded = decode(plan, np.array([0, 1, 254, 255]).reshape(-1, 1, 1))
@@ -79,6 +82,7 @@ def test_no_pulse_and_full_scale_are_flagged() -> None:
     assert decoded.force_n[0] == 0
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     "codes", [np.full((1, 1, 1), 256), np.full((1, 1, 1), -1), np.zeros((1, 2, 1), int), np.zeros((1, 1, 1))]
 )
@@ -128,6 +132,7 @@ def test_exact_duties_come_back_exactly() -> None:
     assert np.abs(seen - x).max() > 0.01
 
 
+@pytest.mark.paper
 def test_converter_errors_that_are_known_are_taken_out() -> None:
     effects = {
         "mirror_ratio": {"ratio_error": 0.02}, "charge_packet": {"packet_error": -0.01},

@@ -27,6 +27,7 @@ def load_changed(tmp_path: Path, old: str, new: str) -> dd.Design:
     return dd.load(path)
 
 
+@pytest.mark.paper
 def test_the_paper_gives_its_own_derived_values() -> None:
     design = dd.load()
     assert design.timing.slot_clocks == 625
@@ -52,6 +53,7 @@ def test_the_paper_gives_its_own_derived_values() -> None:
     assert design.duty(math.inf) == 0.0
 
 
+@pytest.mark.paper
 def test_every_paper_number_of_facts_is_stored() -> None:
     stored = dd.load().stored()
     paper = {
@@ -86,6 +88,7 @@ def test_no_derived_value_is_stored() -> None:
     assert derived_keys - {"swing_v"} <= dd._DERIVED_KEYS
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -169,6 +172,7 @@ def test_a_design_cannot_be_changed_in_place(section: str) -> None:
         setattr(part, key, 1)
 
 
+@pytest.mark.paper
 def test_replace_derives_anew_and_checks() -> None:
     design = dd.load().replace(timing={"frame_s": 4e-3})
     assert (design.timing.slot_clocks, design.timing.settle_clocks) == (1250, 740)

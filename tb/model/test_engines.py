@@ -149,6 +149,7 @@ def test_every_code_is_read_back_in_every_topology(topology: str) -> None:
         assert (engine.run(plan).codes == np.arange(256)[:, None, None]).all()
 
 
+@pytest.mark.paper
 def test_shorts_read_255_and_opens_read_0() -> None:
     plan = planning.load(ROOT / "models" / "scenes" / "extremes.toml")
     for engine in (closed, event):
@@ -158,6 +159,7 @@ def test_shorts_read_255_and_opens_read_0() -> None:
         assert (codes[plan.resistance_ohm <= 500] == 255).all()
 
 
+@pytest.mark.paper
 def test_real_frames_are_read_back_as_they_are(gait_csv: Path, tmp_path: Path) -> None:
     path = tmp_path / "gait.toml"
     path.write_text(f'[stimulus]\nkind = "frames"\nfile = "{gait_csv}"\nunit = "codes"\n')
@@ -175,6 +177,7 @@ def test_engines_honour_only_fields_that_exist_and_event_honours_all() -> None:
     assert closed.HONOURS < event.HONOURS
 
 
+@pytest.mark.paper
 def test_progress_ends_at_the_last_row_slot() -> None:
     plan = made({"stimulus": {"kind": "uniform", "code": [5] * 300}})
     for engine in (closed, event):
@@ -355,6 +358,7 @@ def test_both_synchronizers_give_equal_codes_for_ideal_converters() -> None:
     assert (count_cells(cells, 510, 1.0)[0] == count_cells(cells, 510, 0.5)[0]).all()
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_converters_become_cells_as_their_formulas_say(topology: str) -> None:
     effects = {
@@ -437,11 +441,13 @@ def test_mirror_and_packet_errors_are_gain_errors() -> None:
     assert steps[-1] - packet[-1] == 3  # 1 % of mismatch is 2.5 codes at full scale
 
 
+@pytest.mark.paper
 def test_offset_current_adds_its_share_of_i0() -> None:
     # 1 nA of 25 uA over 510 clocks is 0.02 count; 100 nA are 2
     assert (codes({"offset_current": {"i_a": 1e-7}}, code=[0, 100]).max(axis=(1, 2)) == [2, 102]).all()
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("small", "large"),
     [
@@ -461,6 +467,7 @@ def test_threshold_delay_and_preset_only_shift_the_start(small: dict, large: dic
     assert np.abs(shift).max() == 1
 
 
+@pytest.mark.paper
 def test_range_below_a_packet_loses_charge_and_a_wide_one_does_nothing() -> None:
     steps = np.arange(0, 256, 5)[:, None, None]
     assert (codes({"integrator_range": True}) == steps).all()
@@ -479,6 +486,7 @@ def test_direct_interface_leaks_through_its_column_and_conveyors_do_not() -> Non
     assert (codes({"integrator_gain": {"gain_dc": 1e5}}, "direct") == steps).all()
 
 
+@pytest.mark.paper
 def test_direct_interface_needs_a_gain_of_about_4000_on_a_full_column() -> None:
     # 16 taxels of 500 ohm hang on the virtual ground. Plateaus of one LSB ask for R_leak C >= 51 us.
     def worst(gain: float) -> int:
@@ -508,6 +516,7 @@ def test_columns_of_the_direct_interface_that_move_each_other_by_counts_are_refu
     event.run(made(data))
 
 
+@pytest.mark.paper
 def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> None:
     for volt in (-2.3, -0.7, 0.5, 0.7, 3.1):
         effects = {"preset_error": {"v_v": volt}, "comparator_offset": {"v_v": 0.3 * volt}}

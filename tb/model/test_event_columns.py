@@ -141,6 +141,7 @@ def close_columns(rng: np.random.Generator, tmp_path: Path) -> records.Plan:
     return made(tmp_path, 250.0 / np.maximum(x, 1e-4), on, "direct")
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("scenes", [60, pytest.param(1500, marks=pytest.mark.long)])
 def test_close_columns_that_are_taken_count_as_their_common_equation_whatever_is_on(
     tmp_path: Path, scenes: int
@@ -160,6 +161,7 @@ def test_close_columns_that_are_taken_count_as_their_common_equation_whatever_is
     assert min(taken, refused) > scenes / 5
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("ohm", "r_ohm", "gain", "on", "apart"),
     [
@@ -186,6 +188,7 @@ def test_what_moves_the_mean_charge_of_close_columns_is_refused(
     event.run(made(tmp_path, np.array([ohm]), coupled_by | on | {"lateral": {"r_ohm": 1e8}}, "direct"))
 
 
+@pytest.mark.paper
 def test_close_columns_that_move_in_a_gate_are_refused(tmp_path: Path) -> None:
     """A column that saturates within its gate: event read 64 beside it where ngspice reads 74."""
     ohm = np.full((3, 2, 2), 1e5)
@@ -203,6 +206,7 @@ def test_bandwidth_that_lets_columns_move_each_other_by_counts_is_refused(tmp_pa
     event.run(made(tmp_path, ohms(0, 1, 4, 4), effects | {"integrator_bandwidth": True}, "direct"))
 
 
+@pytest.mark.paper
 def test_columns_beside_a_range_that_bites_are_refused_where_their_coupling_decides_what_is_lost(
     tmp_path: Path,
 ) -> None:

@@ -110,6 +110,7 @@ def test_motion_through_a_network_is_solved_at_both_ends_and_in_the_middle_of_a_
                 assert np.abs(got[frame, row] - expected).max() / unit < 1e-7
 
 
+@pytest.mark.paper
 def test_motion_that_bends_is_counted_as_the_integral_of_its_current(tmp_path: Path) -> None:
     # i = V G / (1 + G R) bends: a single row of 22 ohm moves through the whole range in one slot.
     plan = made(
@@ -126,6 +127,7 @@ def test_motion_that_bends_is_counted_as_the_integral_of_its_current(tmp_path: P
     assert found.info["x"][0, 0, 0] * plan.timing.gate_clocks == pytest.approx(mean / unit * 510, abs=0.02)
 
 
+@pytest.mark.paper
 def test_motion_from_an_open_taxel_to_a_short_is_solved_row_by_row(tmp_path: Path) -> None:
     ohm = np.full((2, 3, 2), 1e4)
     ohm[0, 1, 1], ohm[1, 0, 0] = np.inf, 0.0
@@ -135,6 +137,7 @@ def test_motion_from_an_open_taxel_to_a_short_is_solved_row_by_row(tmp_path: Pat
     assert codes[0, 1, 1] < codes[1, 1, 1]
 
 
+@pytest.mark.paper
 def test_a_force_that_moves_past_is_counted_at_its_mean_over_the_gate(tmp_path: Path) -> None:
     # 100 counts at the beginning of the frame, 200 at its end; a single row is read for 510 of 625 clocks
     ohm = np.array([250 * 510 / 100, 250 * 510 / 200]).reshape(2, 1, 1)
@@ -145,6 +148,7 @@ def test_a_force_that_moves_past_is_counted_at_its_mean_over_the_gate(tmp_path: 
     assert event.run(plan).codes[1, 0, 0] == 200
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("changing", [{"supply_ripple": RIPPLE}, {"motion": True}, {"mirror_lag": True}])
 def test_a_short_drowns_packets_of_any_size_where_the_input_changes(tmp_path: Path, changing: dict) -> None:
     # Twice 1e12 packets of the ideal size are no packet of these; what engine closed counts is every second clock.
@@ -155,6 +159,7 @@ def test_a_short_drowns_packets_of_any_size_where_the_input_changes(tmp_path: Pa
 # --- slow mirror ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("extra", [{}, {"supply_ripple": RIPPLE}, {"offset_current": {"i_a": 1e-7}}])
 def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -> None:
     ohm = np.array([[[5e3, 3e5]], [[8e5, 6e2]], [[2e5, np.inf]]]).reshape(1, 3, 2)
@@ -213,6 +218,7 @@ def test_slow_mirror_is_exact_however_far_its_input_jumps(far: float, kappa: flo
             y = after(y, asked, 1 / slow)
 
 
+@pytest.mark.paper
 def test_slow_mirror_carries_a_bright_row_into_a_dark_one_and_wakes_up_late(tmp_path: Path) -> None:
     rows = [[600.0], [np.inf], [1e5], [1e5]]
     plan = made(tmp_path, np.array(rows).reshape(1, 4, 1), {"mirror_lag": {"q_c": 1e-12}})
@@ -400,6 +406,7 @@ def test_the_slow_mirror_has_the_same_floor_in_every_engine(file: str, floor: st
     assert [float(f) for f in found] == [Y_MIN]
 
 
+@pytest.mark.paper
 def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_path: Path) -> None:
     ohm = ohms(3, 2, 3, 3)
     series = {"row_driver": {"r_ohm": 1.0}, "column_input": {"r_ohm": 0.5}}
@@ -456,6 +463,7 @@ EVERY = {
 }
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("topology", "counts"),
     [

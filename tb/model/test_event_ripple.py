@@ -50,6 +50,7 @@ def compressed(h: float) -> dict[str, float]:
     return {"r_ohm": h * 50.0, "v_overdrive_v": 0.1}
 
 
+@pytest.mark.paper
 def test_a_fast_ripple_beside_a_compression_is_refused_by_name(tmp_path: Path) -> None:
     plan = rippling(tmp_path, 250 / 530, 0.8, 4.1e6, range_switch={"r_ohm": 30.0, "v_overdrive_v": 0.1})
     said = "effects.supply_ripple = on together with range_switch: a ripple whose course within a clock is known to "
@@ -60,6 +61,7 @@ def test_a_fast_ripple_beside_a_compression_is_refused_by_name(tmp_path: Path) -
         event.run(plan)
 
 
+@pytest.mark.paper
 def test_every_frame_is_asked_for_its_ripple(tmp_path: Path) -> None:
     """Dim sheets in front and a full one, whose cells are at full scale: the frame in between is refused in the run."""
     ohm = np.array([1e5, 530.0, 1e-3]).reshape(3, 1, 1)
@@ -82,6 +84,7 @@ def test_a_slower_or_smaller_ripple_beside_a_compression_is_taken(
     assert abs(int(event.run(plan).codes[0, 0, 0]) - counted_in_small_steps(plan)) <= 1
 
 
+@pytest.mark.paper
 def test_what_a_ripple_s_course_does_beyond_its_mean_is_within_its_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,6 +118,7 @@ def test_the_variance_within_the_clocks_of_a_gate_is_bounded_at_any_frequency(tm
         assert 0.98 * most < max(found) < 1.002 * most
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("delay", [1.0, 0.5])
 def test_a_ripple_within_a_clock_changes_nothing_at_a_range_unless_the_charge_turns_there(
     tmp_path: Path, delay: float

@@ -53,6 +53,7 @@ def test_the_tree_is_up_to_date() -> None:
     assert tuple(generate.generate_all()) == GENERATED
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("path", "old", "new"),
     [
@@ -89,6 +90,7 @@ def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old:
     assert generate.drift(tree) == {}
 
 
+@pytest.mark.paper
 def test_a_changed_value_makes_every_file_that_holds_it_drift(tree: Path) -> None:
     """All but docs/scenes.md, which has keys and no values, and the registers in Verilog, which have parameters."""
     toml = tree / "models" / "design.toml"
@@ -130,6 +132,7 @@ def test_a_doc_that_lost_the_mark_of_a_table_is_refused(tree: Path) -> None:
         generate.generate_all(tree)
 
 
+@pytest.mark.paper
 def test_the_command_fails_on_drift_and_writes_only_without_check(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -166,7 +169,8 @@ def test_the_header_is_legal_verilog_with_the_design_values(tmp_path: Path) -> N
     said = subprocess.run(["vvp", "-n", out], check=True, capture_output=True, text=True).stdout.split()
     array, timing = dd.load().array, dd.load().timing
     clocks = (timing.gate_clocks, timing.settle_clocks, timing.slot_clocks)
-    assert said == [str(v) for v in (array.rows, array.cols, timing.code_bits, *clocks, 200_000)]
+    period_ps = round(1e12 / dd.load().converter.f_clk_hz)
+    assert said == [str(v) for v in (array.rows, array.cols, timing.code_bits, *clocks, period_ps)]
 
 
 def spice_op(tmp_path: Path, deck: str, *vectors: str) -> dict[str, float]:
@@ -210,6 +214,7 @@ def array_deck(
     return "\n".join(lines)
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("subckt", ["array", "array_lateral"])
 def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subckt: str) -> None:
     include = f".include {dd.ROOT / 'spice/array/array.sp'}"
@@ -221,6 +226,7 @@ def test_each_taxel_of_the_array_file_is_its_own_parameter(tmp_path: Path, subck
         assert got[f"i(vc{c})"] == pytest.approx(1 / 500 if c == 4 else 1 / 64250, rel=1e-9), c
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(("subckt", "coupled"), [("array", False), ("array_lateral", True)])
 def test_lateral_resistors_join_neighbouring_columns_of_every_row(
     tmp_path: Path, subckt: str, coupled: bool

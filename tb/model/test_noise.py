@@ -243,6 +243,7 @@ def monte_carlo(
     return count
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("effect", "reference"),
     [
@@ -275,6 +276,7 @@ def test_codes_beside_a_step_scatter_as_in_a_plain_monte_carlo_run(effect: dict,
         assert away or found.var() > 0.1, "noise must be seen"
 
 
+@pytest.mark.paper
 def test_noise_of_a_count_is_as_large_as_first_principles_say() -> None:
     # Standard deviation in counts, from how the mean code passes over a step: a probit of it is straight.
     def sigma(effects: dict[str, object], code: float, guess: float) -> float:
@@ -304,6 +306,7 @@ def test_noise_of_a_count_is_as_large_as_first_principles_say() -> None:
     assert sigma({"flicker_noise": {"relative": 1e-4}}, 250, 0.025) == pytest.approx(250 * 1e-4, rel=0.1)
 
 
+@pytest.mark.paper
 def test_a_coin_decides_inside_the_aperture_and_costs_at_most_one_clock() -> None:
     # One clock away from the threshold at every second clock: x = 1/2 exactly meets it again and again.
     aperture = 1.9e-7

@@ -66,6 +66,7 @@ def assert_same_plan(a: records.Plan, b: records.Plan) -> None:
             assert np.array_equal(getattr(one, field), getattr(two, field)), field
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -> None:
     plan = planning.load(path)
@@ -77,6 +78,7 @@ def test_resolved_scene_loads_to_an_identical_plan(path: Path, tmp_path: Path) -
     assert again.resolved_toml(resolved.parent) == plan.resolved_toml(resolved.parent)
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_each_scene_runs_in_the_closed_engine_or_is_told_which_one_can(path: Path) -> None:
     plan = planning.load(path, "closed")
@@ -95,6 +97,7 @@ def test_each_scene_runs_in_the_closed_engine_or_is_told_which_one_can(path: Pat
         assert result.codes.any()
 
 
+@pytest.mark.paper
 def test_a_ramp_inside_a_gate_counts_its_mean() -> None:
     """A slot of 625 clocks, a gate of the last 510: a straight line counts its value at (115 + 625) / 1250."""
     plan = planning.load(ROOT / "models" / "scenes" / "ramp_inside_gate.toml")
@@ -145,6 +148,7 @@ def test_resolved_scene_keeps_the_engine_that_was_asked_for(write_scene: Write) 
     assert 'engine = "event"' in plan.resolved_toml()
 
 
+@pytest.mark.paper
 def test_resolved_scene_names_every_default(write_scene: Write) -> None:
     text = planning.load(
         write_scene(UNIFORM + "[effects]\nrow_driver = { r_ohm = 3.0 }\nlateral = true\n")
@@ -308,6 +312,7 @@ WRONG = [
 ]
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(("text", "key", "allowed"), WRONG)
 def test_a_wrong_scene_is_one_line_that_names_key_and_what_is_allowed(
     text: str, key: str, allowed: str, write_scene: Write

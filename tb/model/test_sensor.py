@@ -127,6 +127,7 @@ def scene(law: str, forces: str) -> str:
     return f'[array]\nrows = 1\ncols = 1\n[sensor]\nlaw = "{law}"\n[stimulus]\nkind = "uniform"\nforce_n = {forces}\n'
 
 
+@pytest.mark.paper
 def test_decoding_follows_the_law(write_scene: Write) -> None:
     forces = [0.0, 0.1, 0.2, 0.5, 1, 3, 7, 15, 30]
     plan = planning.load(write_scene(scene("power", str(forces))))
@@ -143,6 +144,7 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     assert slope == pytest.approx(0.60, abs=0.01)
 
 
+@pytest.mark.paper
 def test_codes_stand_for_resistances_under_every_law(write_scene: Write) -> None:
     text = '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\ncode = ' + str(list(range(256)))
     for law in ("inverse", "power"):

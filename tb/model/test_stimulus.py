@@ -67,6 +67,7 @@ def complaint(write_scene: Write, text: str, **files: str | bytes) -> InputError
     return caught.value
 
 
+@pytest.mark.paper
 def test_flat_presses_evenly_inside_and_not_outside(write_scene: Write) -> None:
     force = forces(write_scene, indenter("flat", "width = 8\nlength = 4\n"))[0]
     assert (force[6:10, 4:12] == 10.0).all()
@@ -103,6 +104,7 @@ def test_a_right_angle_turns_rows_into_columns_exactly(shape: str, write_scene: 
     assert (turned > 0).sum() == (straight > 0).sum()
 
 
+@pytest.mark.paper
 def test_an_angle_turns_the_width_towards_rising_rows(write_scene: Write) -> None:
     force = forces(write_scene, indenter("flat", "width = 8\nlength = 1.2\nangle_deg = 45\n"))[0]
     # 8 pitches across the diagonal reach 2.8 rows and columns to either side of (7.5, 7.5)
@@ -172,6 +174,7 @@ def centre_of_pressure(force: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[(g * f).sum() / f.sum() for g in grid] for f in force])
 
 
+@pytest.mark.paper
 def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write) -> None:
     more = "speed_pitch_per_s = 50\ndirection_deg = 30\nstart_s = 0.01\nduration_s = 0.05\nsamples = 16\n"
     wide = slip(more, "spherical").replace("width = 2\nlength = 2", "width = 6\nlength = 6")
@@ -185,6 +188,7 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
     assert (force[:6] == force[0]).all()  # it rests until it starts
 
 
+@pytest.mark.paper
 def test_slip_by_whole_pitches_is_the_same_body_elsewhere(write_scene: Write) -> None:
     force = forces(write_scene, slip("speed_pitch_per_s = 500\nframes = 9\n", "cylindrical"))
     for n in range(7):
@@ -193,6 +197,7 @@ def test_slip_by_whole_pitches_is_the_same_body_elsewhere(write_scene: Write) ->
     assert not force[8, :, :14].any()
 
 
+@pytest.mark.paper
 def test_a_body_that_slips_off_the_sheet_leaves_nothing_behind(write_scene: Write) -> None:
     text = slip("speed_pitch_per_s = 1000\nframes = 10\n", force="total_force_n = 8.0")
     total = forces(write_scene, text).sum(axis=(1, 2))
@@ -212,6 +217,7 @@ def tapping(more: str) -> str:
     return f'[stimulus]\nkind = "tapping"\nshape = "round"\nforce_n = 10.0\n{more}'
 
 
+@pytest.mark.paper
 def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -> None:
     force = forces(write_scene, tapping("frequency_hz = 25\nduty = 0.4\nduration_s = 0.2\n")).max(axis=(1, 2))
     assert force.size == 100
@@ -229,6 +235,7 @@ def test_tapping_is_a_half_sine_in_its_share_of_the_period(write_scene: Write) -
     assert fine.sum() * T / 16 == pytest.approx(10 * 0.25 * 2 / math.pi, rel=1e-3)
 
 
+@pytest.mark.paper
 def test_square_taps_of_several_heights_follow_each_other(write_scene: Write) -> None:
     text = tapping('frequency_hz = 50\nduty = 0.5\nprofile = "square"\nframes = 40\n')
     force = forces(write_scene, text.replace("force_n = 10.0", "force_n = [10.0, 4, 7]")).max(axis=(1, 2))
@@ -239,6 +246,7 @@ def ramp(more: str) -> str:
     return f'[stimulus]\nkind = "ramp"\n{more}'
 
 
+@pytest.mark.paper
 def test_a_ramp_runs_straight_from_force_to_force(write_scene: Write) -> None:
     two = forces(write_scene, ramp("force_n = [2, 12]\n"))
     assert two[:, 3, 5].tolist() == [2, 12]
@@ -288,6 +296,7 @@ def test_forces_of_several_bodies_add_and_the_shorter_holds(write_scene: Write) 
         assert force[n] == pytest.approx(alone + press[n])
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("text", "key", "allowed"),
     [
@@ -331,6 +340,7 @@ def recorded(more: str) -> str:
     return f'[stimulus]\nkind = "uniform"\nforce_n = [0, 4, 12]\n{more}'
 
 
+@pytest.mark.paper
 def test_frames_are_the_chips_own_unless_they_say_when(write_scene: Write) -> None:
     plan = planning.load(write_scene(recorded("")))
     assert plan.drive.t_frame_s == plan.timing.frame_s == T
@@ -339,6 +349,7 @@ def test_frames_are_the_chips_own_unless_they_say_when(write_scene: Write) -> No
     assert (same.resistance_ohm == plan.resistance_ohm).all()
 
 
+@pytest.mark.paper
 def test_a_slow_recording_is_read_once_a_frame(write_scene: Write) -> None:
     plan = planning.load(write_scene(recorded("t_frame_s = 0.032\n")))
     assert plan.frames == 3
@@ -346,6 +357,7 @@ def test_a_slow_recording_is_read_once_a_frame(write_scene: Write) -> None:
     assert plan.timing.frame_s == T
 
 
+@pytest.mark.paper
 def test_a_slow_recording_is_held_or_followed(write_scene: Write) -> None:
     hold = planning.load(write_scene(recorded("t_frame_s = 0.008\nresample = 'hold'\n")))
     assert hold.drive.t_frame_s == T
@@ -359,6 +371,7 @@ def test_a_slow_recording_is_held_or_followed(write_scene: Write) -> None:
     assert np.diff(g[:5]) == pytest.approx([g[4] / 4] * 4, rel=1e-3)
 
 
+@pytest.mark.paper
 def test_a_fast_recording_must_say_how_it_is_read(write_scene: Write) -> None:
     error = complaint(write_scene, recorded("t_frame_s = 0.001\n"))
     assert error.key == "stimulus.t_frame_s"
@@ -367,6 +380,7 @@ def test_a_fast_recording_must_say_how_it_is_read(write_scene: Write) -> None:
     assert hold.force_n[:, 0, 0].tolist() == [0, 12]
 
 
+@pytest.mark.paper
 def test_shorts_and_opens_are_followed_too(write_scene: Write) -> None:
     text = '[stimulus]\nkind = "uniform"\nr_ohm = [inf, 1000, inf, 0, 500]\nt_frame_s = 0.004\nresample = "linear"\n'
     plan = planning.load(write_scene(text))
@@ -379,6 +393,7 @@ def test_resampling_stops_at_the_same_size(write_scene: Write) -> None:
     )
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("topology", ["direct", "conveyor_mirror", "conveyor_mirror_inverted"])
 @pytest.mark.parametrize(("k", "v_bias_v"), [(80, 0.5), (20, 0.3), (160, 1.1)])
 def test_a_code_means_the_force_whose_duty_is_c_over_510(
@@ -415,6 +430,7 @@ def test_force_is_k_over_r_with_its_limits() -> None:
     assert sensor.force_n([500.0, np.inf, 0.0, -0.0]).tolist() == [15.0, 0.0, np.inf, np.inf]
 
 
+@pytest.mark.paper
 def test_csv_with_a_frame_a_line_and_with_a_row_a_line_read_the_same(write_scene: Write) -> None:
     a = forces(write_scene, frames(), frames__csv="0,1,2,3,4,255\n6,7,8,9,10,11\n")
     b = forces(write_scene, frames(), frames__csv="0,1,2\n3,4,255\n\n6, 7 ,8\r\n9,10,11")
@@ -451,6 +467,7 @@ def test_resistance_frames_are_taken_as_they_are(write_scene: Write) -> None:
     assert plan.resistance_ohm[0].ravel().tolist() == [0, np.inf, 500, 1e3, 1e9, 0.5]
 
 
+@pytest.mark.paper
 def test_real_frames_read_one_a_line(gait_csv: Path, tmp_path: Path) -> None:
     path = tmp_path / "gait.toml"
     path.write_text(f'[stimulus]\nkind = "frames"\nfile = "{gait_csv}"\nunit = "codes"\n')
@@ -604,6 +621,7 @@ def test_too_many_values_are_refused_before_they_are_made(write_scene: Write) ->
     assert "at most" in error.allowed
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("effects", ["", "motion = true", "auto = {}\nmotion = true"])
 @pytest.mark.parametrize("file", ["r.csv", "r.npy"])
 def test_a_resistance_of_minus_zero_is_a_short(write_scene: Write, effects: str, file: str) -> None:

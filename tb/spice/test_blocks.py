@@ -189,6 +189,7 @@ def logistic(settled: float, start: float, charge: float, t_s: float) -> float:
     return settled / (1 + (settled / start - 1) * math.exp(-settled * t_s / charge))
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("q_lag_c", [5e-14, 2e-13])
 def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, q_lag_c: float) -> None:
     got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})

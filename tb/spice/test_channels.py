@@ -87,6 +87,7 @@ def test_ideal_channels_are_exact_at_any_step_and_method(
     check_exact(got, duty(design, 500.0), 60)
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("step_s", [10e-9, 1e-6])
 @pytest.mark.parametrize(
     "options",
@@ -129,6 +130,7 @@ def test_channels_survive_short_open_and_rail_and_are_preset_again(
             assert got[f"comp_end_{name}"] == pytest.approx(1.65)
 
 
+@pytest.mark.paper
 def test_physical_direct_interface_cannot_be_preset_through_1_kohm(measure: Measure, design: Design) -> None:
     got = measure("channel__tran", dut=physical(design), params={"r_taxel": 500.0})
     # 1 mA through 1 kohm: what is left of the preset is 0.5 V - 1 V, the loss a k times smaller switch would avoid

@@ -10,11 +10,15 @@ pytestmark = pytest.mark.timeout(120)
 
 
 def count(simulator: str, levels: list[list[int]], code_bits: int = 8) -> list[int]:
-    parameters = {"CODE_BITS": code_bits} if code_bits != 8 else {}
-    scenario = {"levels": levels}
-    return simulate(simulator, "bench_gated_counter", "dermis_gated_counter", "levels", parameters, scenario)[
-        "counts"
-    ]
+    made = simulate(
+        simulator,
+        "bench_gated_counter",
+        "dermis_gated_counter",
+        "levels",
+        {"CODE_BITS": code_bits},
+        {"levels": levels},
+    )
+    return made["counts"]
 
 
 def test_counter_saturates_at_full_scale(simulator: str) -> None:

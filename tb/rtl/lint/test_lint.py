@@ -56,7 +56,8 @@ def test_rtl_is_clean_in_every_tool() -> None:
     assert latches["lint.yosys.sync_latch.latches"] == lint.header_values()["DERMIS_COLS"]
     assert latches["lint.yosys.1x16_16bit.latches"] == 16
     bits = {row["name"]: row["value"] for row in rows if row["name"].endswith(".memory_bits")}
-    assert bits["lint.yosys.8x8.memory_bits"] == 2 * 8 * (10 + 12 * (1 + 8 + 1))
+    bytes_, over = (lint.header_values()["DERMIS_CODE_BITS"] + 7) // 8, 1
+    assert bits["lint.yosys.8x8.memory_bits"] == 2 * 8 * (10 + 12 * (1 + 8 * bytes_ + over))
     assert bits["lint.yosys.1x16_16bit.memory_bits"] == 2 * 8 * (10 + 5 * (1 + 2 * 16 + 2))
 
 

@@ -70,6 +70,7 @@ def random_duties(rows: int, cols: int, seed: int, top: float = 0.5) -> list[lis
     return [[duty() for _ in range(cols)] for _ in range(rows)]
 
 
+@pytest.mark.paper
 @SYNCHRONIZERS
 def test_duty_c_over_510_reads_code_c_for_every_code(simulator: str, sync_latch: int) -> None:
     values = random.Random(2).sample(range(256), 256)  # no code stands beside its neighbour
@@ -78,6 +79,7 @@ def test_duty_c_over_510_reads_code_c_for_every_code(simulator: str, sync_latch:
     assert counts(result) == table
 
 
+@pytest.mark.paper
 @SYNCHRONIZERS
 def test_random_duties_read_the_exact_charge_balance(simulator: str, sync_latch: int) -> None:
     x = random_duties(16, 16, seed=3)
@@ -86,6 +88,7 @@ def test_random_duties_read_the_exact_charge_balance(simulator: str, sync_latch:
     assert counts(result) == expected(x, DEFAULT)
 
 
+@pytest.mark.paper
 @SYNCHRONIZERS
 def test_half_a_count_either_side_of_each_code_boundary_is_resolved(simulator: str, sync_latch: int) -> None:
     """x = (c - 1/2)/510 is the lowest duty that reads c; a ten-millionth of a count below it reads c - 1."""
@@ -98,6 +101,7 @@ def test_half_a_count_either_side_of_each_code_boundary_is_resolved(simulator: s
     assert counts(result) == [wanted[16 * r : 16 * r + 16] for r in range(16)]
 
 
+@pytest.mark.paper
 @SYNCHRONIZERS
 def test_taxels_below_500_ohm_read_full_scale_and_leave_the_next_row_alone(
     simulator: str, sync_latch: int
@@ -278,6 +282,7 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
     assert [b - a for a, b in pairwise(edges)] == [60, 60, *[59] * 6]
 
 
+@pytest.mark.paper
 @SYNCHRONIZERS
 def test_dropped_enable_ends_the_slot_at_once_and_starts_again_at_row_0(
     simulator: str, sync_latch: int
@@ -326,6 +331,7 @@ def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sy
         assert outputs == ["000", "1", "00000", "00000", "0", "0" * 10, "000"], what
 
 
+@pytest.mark.paper
 def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_idle(simulator: str) -> None:
     """Comparators that are always high give a pulse every second clock: 32768 in 65535 clocks."""
     seen = simulate(simulator, "bench_reader", "dermis_reader", "long_gate", SMALL)
