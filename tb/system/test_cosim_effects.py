@@ -49,6 +49,7 @@ STRONGER: dict[str, tuple[int, Parameters, dict[str, Parameters]]] = {
         {"c_row_f": 1e-6, "c_column_f": 1e-6, "c_taxel_f": 1e-8},
         {"row_driver": {"r_ohm": 50.0, "grounded_r_ohm": 50.0}, "column_input": {"r_ohm": 50.0}},
     ),
+    "trace": (5, {"r_row_ohm": 5.0, "r_column_ohm": 7.0}, {}),
     "integrator_bandwidth": (1, {"gbw_hz": 5e4}, {}),  # an eighth of the settle time
 }
 OF_TOPOLOGY: dict[tuple[str, str], Parameters] = {
@@ -87,7 +88,7 @@ def test_an_effect_alone_reads_as_in_the_event_engine(
 # By effect: a line of its deck as it is, and wrong.
 FAULTS = {
     "trace_from_the_far_end": ("trace", r"(rtrace_row_r(\d)c0) r\d u_r\dc0", r"\1 r\2 u_r\2c3"),
-    "trace_of_columns_missing": ("trace", r"(rtrace_col\S+ \S+ \S+) 1\.0", r"\1 1e-9"),
+    "trace_of_columns_missing": ("trace", r"(rtrace_col\S+ \S+ \S+) 7\.0", r"\1 1e-9"),
     "mirror_of_a_third_of_the_charge": ("mirror_lag", r"out_q_lag_c=4e-11", "out_q_lag_c=1e-11"),
     "mirror_in_time": ("mirror_lag", r"out_q_lag_c=4e-11", ""),
     "leak_outwards": ("mux_leakage", r"(ileak\d) 0 (col\d)", r"\1 \2 0"),
