@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import effects
+from dermis import effects, fields
 from dermis.array.array import Network
 from dermis.converter.vfc import Converter
 from dermis.scene.scene import Scene
@@ -72,8 +72,12 @@ class Drive:
         return (frame * per_frame + clocks * per_clock) % whole / whole
 
     def active_fields(self) -> frozenset[str]:
-        """Names of the fields that make something change inside a frame."""
-        return frozenset(n for n in ("ripple", "motion") if getattr(self, n))
+        """Return the names of the fields that make something change inside a frame."""
+        return fields.active(self, _DRIVE_GIVEN)
+
+
+# Fields of Drive that move nothing by themselves.
+_DRIVE_GIVEN = frozenset({"t_frame_s", "f_ripple_hz", "phase_ripple_rad"})
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, make_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dermis import engines, records
 from dermis import plan as planning
-from dermis import records
 from dermis.array.array import Network, NoSolution
 from dermis.converter import loops
 from dermis.converter.vfc import Converter, count
 from dermis.effects import EFFECTS
-from dermis.engines import closed, event
+from dermis.engines import closed, event, rtl
 from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
 from dermis.errors import InputError
 from dermis.records import Drive
@@ -169,12 +169,35 @@ def test_real_frames_are_read_back_as_they_are(gait_csv: Path, tmp_path: Path) -
     assert (event.run(plan).codes == expected).all()
 
 
-def test_engines_honour_only_fields_that_exist_and_event_honours_all() -> None:
-    network = {f.name for f in fields(Network)} - {"g_taxel_s", "v_bias_v"}
-    converter = {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
-    drive = {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
-    assert event.HONOURS == network | converter | drive
+def test_engines_list_only_fields_that_exist() -> None:
+    there = {f.name for record in (Network, Converter, Drive) for f in fields(record)}
+    for engine in records.ENGINES:
+        assert engines.honours(engine) < there
     assert closed.HONOURS < event.HONOURS
+    assert rtl.HONOURS == event.HONOURS - event.RANDOM
+
+
+@pytest.mark.parametrize("engine", records.ENGINES)
+@pytest.mark.parametrize("record", ["network", "converter", "drive"])
+def test_every_engine_refuses_a_new_field_of_a_record_by_name(
+    record: str, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = replace(made({"stimulus": {"kind": "uniform", "code": 5}}), engine=engine)
+    of = {"network": Network, "converter": Converter, "drive": Drive}[record]
+    wider = make_dataclass("Wider", [("q_new_c", float, 0.25)], bases=(of,), frozen=True, eq=False)
+    if record == "network":
+        monkeypatch.setattr(records, "Network", wider)
+    else:
+        old = getattr(plan, record)
+        plan = replace(plan, **{record: wider(**{f.name: getattr(old, f.name) for f in fields(old)})})
+    engines.check(plan)  # the new field is at its default
+    if record == "network":
+        on = replace(plan, surrounding=plan.surrounding | {"q_new_c": 1.0})
+    else:
+        on = replace(plan, **{record: replace(getattr(plan, record), q_new_c=1.0)})
+    for ask in (engines.check, engines.run):
+        with pytest.raises(InputError, match=f"q_new_c = not possible with engine {engine}"):
+            ask(on)
 
 
 @pytest.mark.paper

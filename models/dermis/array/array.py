@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import fields
 from dermis.array import solve_error
 from dermis.errors import SimulatorError
 
@@ -96,9 +97,12 @@ class Network:
         return self.g_taxel_s.shape[1]
 
     def active_fields(self) -> frozenset[str]:
-        """Names of the fields that are away from "not there"."""
-        named = (f.name for f in dataclasses.fields(self) if f.name not in ("g_taxel_s", "v_bias_v"))
-        return frozenset(n for n in named if bool(np.any(np.asarray(getattr(self, n)) != 0)))
+        """Return the names of the fields that are away from the ideal."""
+        return fields.active(self, _GIVEN)
+
+
+# Fields of Network that a scene always sets.
+_GIVEN = frozenset({"g_taxel_s", "v_bias_v"})
 
 
 def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Floats:

@@ -20,6 +20,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dermis import fields
+
 W_PRESET = -0.5
 # Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
 # and so does a charge that is summed up clock by clock; beyond, neither is left to grow.
@@ -35,7 +37,7 @@ X_INFINITE = 1e100
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
 
 # Structural: they say what converter it is, not how it departs from the ideal one.
-_STRUCTURE = ("k", "i0_a", "c_int_f", "f_clk_hz", "v_sign")
+_STRUCTURE = frozenset({"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,16 +128,11 @@ class Converter:
             return (self.gain * i_column + self.k * self.i_offset_a) / (self.k * self.i0_a)
 
     def active_fields(self) -> frozenset[str]:
-        """Names of the fields that are away from the ideal."""
-        active = {n for n, v in _IDEAL.items() if bool(np.any(getattr(self, n) != v))}
+        """Return the names of the fields that are away from the ideal."""
+        active = set(fields.active(self, _STRUCTURE))
         if "inv_gain_dc" not in active and "t_gbw_s" not in active:
             active.discard("g_in_s")  # no voltage across it, no current in it
         return frozenset(active)
-
-
-_IDEAL: dict[str, float] = {
-    f.name: f.default for f in dataclasses.fields(Converter) if f.name not in _STRUCTURE
-}
 
 
 def count_exact(

@@ -21,23 +21,16 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array.array import Network, column_currents
+from dermis.array.array import column_currents
 from dermis.converter import currents, injection, loops, noise
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
 from dermis.converter.currents import Slots, groups
 from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
 from dermis.engines import Result, code_type
 from dermis.errors import InputError, SimulatorError
-from dermis.records import Drive, Plan
+from dermis.records import Plan
 
 Floats = NDArray[np.float64]
-
-# Every field of the records: what one cell does, this engine does.
-HONOURS = frozenset(
-    {f.name for f in fields(Network)} - {"g_taxel_s", "v_bias_v"}
-    | {f.name for f in fields(Converter)} - {"k", "i0_a", "c_int_f", "f_clk_hz", "v_sign"}
-    | {f.name for f in fields(Drive)} - {"t_frame_s", "f_ripple_hz", "phase_ripple_rad"}
-)
 
 # Counts by which a capacitance may move a code in a way that this engine does not follow, as `event_columns.coupling`.
 _DISPLACED = 1.0
@@ -53,6 +46,40 @@ RANDOM = frozenset(
         "packet_flicker",
     }
 )
+
+HONOURS = RANDOM | frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "g_lateral_row_s",
+        "g_lateral_column_s",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+        "i_leak_a",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
+        "gain",
+        "i_offset_a",
+        "inv_gain_dc",
+        "g_in_s",
+        "v_int_max_v",
+        "v_int_min_v",
+        "packet_error",
+        "preset_error_v",
+        "v_comp_offset_v",
+        "v_hysteresis_v",
+        "t_comp_delay_s",
+        "inv_i_range_a",
+        "q_mirror_c",
+        "t_gbw_s",
+        "ripple",
+        "motion",
+    }
+)
+"""Record fields that this engine simulates; a field that is not named here is refused."""
 
 # Of these, what is drawn once a slot and leaves no decision open.
 _SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})

@@ -32,8 +32,39 @@ from dermis.scene.design import TOPOLOGIES
 
 Floats = NDArray[np.float64]
 
-# Everything that is not random: what a real-number model would draw is drawn by engine event alone.
-HONOURS = event.HONOURS - event.RANDOM
+HONOURS = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "g_lateral_row_s",
+        "g_lateral_column_s",
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+        "i_leak_a",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
+        "gain",
+        "i_offset_a",
+        "inv_gain_dc",
+        "g_in_s",
+        "v_int_max_v",
+        "v_int_min_v",
+        "packet_error",
+        "preset_error_v",
+        "v_comp_offset_v",
+        "v_hysteresis_v",
+        "t_comp_delay_s",
+        "inv_i_range_a",
+        "q_mirror_c",
+        "t_gbw_s",
+        "ripple",
+        "motion",
+    }
+)
+"""Record fields that the models have, none of them random; a field that is not named here is refused."""
 MODELS = ROOT / "models" / "verilog"
 
 _VALUES_AT_ONCE = 1 << 19
