@@ -2,8 +2,8 @@
 """Mixed-signal readout of piezoresistive artificial skin: simulator and models of the read-out chip.
 
 `simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
-forces, and `scene_names` lists the scenes that come with the package. Errors are `InputError` and
-`SimulatorError`; both are a `DermisError`.
+forces, `Skin` does both in compiled loops for a robot simulator, and `scene_names` lists the scenes
+that come with the package. Errors are `InputError` and `SimulatorError`; both are a `DermisError`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dermis.api import Result, newtons, scene_names, simulate
     from dermis.errors import DermisError, InputError, SimulatorError
+    from dermis.skin import Skin
 
 __version__ = "0.1.0"
 
 _NAMES = {
     **dict.fromkeys(("DermisError", "InputError", "SimulatorError"), "dermis.errors"),
     **dict.fromkeys(("Result", "newtons", "scene_names", "simulate"), "dermis.api"),
+    "Skin": "dermis.skin",
 }
 
 __all__ = [
@@ -26,6 +28,7 @@ __all__ = [
     "InputError",
     "Result",
     "SimulatorError",
+    "Skin",
     "__version__",
     "newtons",
     "scene_names",

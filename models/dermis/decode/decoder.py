@@ -42,49 +42,49 @@ class Forces:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread(g, down, up, e_down, e_up, u, total, v_bias, r_driven, r_column, g_lateral):
+def _spread(g, down, up, e_down, e_up, u, total, v_bias, r_driven, g_ground, r_column, g_lateral, through):
     """Fill in how far conductances `g` may lie below and above, [rows, cols], for errors of the currents.
 
     First order in the errors, and an upper bound in the signs (docs/decode.md). Traces count in full.
     """
     rows, cols = g.shape
-    for side in range(2):
-        e, d = (e_down, down) if side == 0 else (e_up, up)
-        other = e_up if side == 0 else e_down
-        for r in range(rows):
-            for c in range(cols):
-                d[r, c] = e[r, c] / v_bias
+    for r in range(rows):
         for c in range(cols):
-            column_g, column_d = 0.0, 0.0
-            for i in range(rows):
-                column_g += g[i, c]
-                column_d += d[i, c]
-            # Other rows take their share of a column's voltage: known to the error of the column's own current.
-            for r in range(rows):
-                span = abs(u[r, c])
-                out = e[r, c] * (1.0 + r_column[c] * (column_g - g[r, c] + 2.0 * g_lateral))
-                # A neighbour's voltage takes current away.
-                if c > 0:
-                    out += g_lateral * r_column[c - 1] * other[r, c - 1]
-                if c + 1 < cols:
-                    out += g_lateral * r_column[c + 1] * other[r, c + 1]
-                e[r, c] = out + 2.0 * span * (column_d - e[r, c] / v_bias)
+            down[r, c], up[r, c] = e_down[r, c] / v_bias, e_up[r, c] / v_bias
+    for side in range(2):
+        e, other, d = (e_down, e_up, down) if side == 0 else (e_up, e_down, up)
         for r in range(rows):
-            row_e, row_current = 0.0, 0.0
+            low, high = 0.0, 0.0
             for c in range(cols):
-                row_e += e[r, c]
+                low, high = min(low, u[r, c]), max(high, u[r, c])
+                # A neighbour's voltage takes current away.
+                through[c] = e[r, c] * (1.0 + 2.0 * g_lateral * r_column[c])
+                if c > 0:
+                    through[c] += g_lateral * r_column[c - 1] * other[r, c - 1]
+                if c + 1 < cols:
+                    through[c] += g_lateral * r_column[c + 1] * other[r, c + 1]
+            # So do the taxels of other rows: by their own error, and by those of the voltages at both ends.
+            for i in range(rows):
+                if i == r or total[i] == 0.0:
+                    continue
+                lift = 0.0
+                for c in range(cols):
+                    lift += (
+                        g[i, c] * r_column[c] * other[r, c]
+                        + (high - low) * (e_down[i, c] + e_up[i, c]) / v_bias
+                    )
+                lift /= total[i] + g_ground
+                for c in range(cols):
+                    through[c] += g[i, c] * (lift + r_column[c] * e[r, c]) + (high - low) * d[i, c]
+            row_error, row_current = 0.0, 0.0
+            for c in range(cols):
+                row_error += through[c]
                 row_current += g[r, c] * (v_bias - u[r, c])
-            row_current /= 1.0 + r_driven * total[r]
-            p = v_bias - r_driven * row_current
+            p = v_bias - r_driven * row_current / (1.0 + r_driven * total[r])
             for c in range(cols):
-                across = p - u[r, c]
-                lost = r_driven * row_e + r_column[c] * e[r, c]
-                if side == 1:
-                    across -= lost
-                if across > 0.0:
-                    d[r, c] = (e[r, c] + g[r, c] * lost) / across
-                else:
-                    d[r, c] = np.inf
+                lost = r_driven * row_error + r_column[c] * e[r, c]
+                across = p - u[r, c] - (lost if side == 1 else 0.0)
+                d[r, c] = (through[c] + g[r, c] * lost) / across if across > 0.0 else np.inf
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -174,8 +174,10 @@ def _decode_frames(
             total,
             v_bias,
             r_driven + r_row_end,
+            g_ground,
             r_column_far,
             g_lateral,
+            through,
         )
         warm, warm_part = 1.0, 0.0
         for m in range(reference.shape[0]):
