@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What accuracy costs: the references, the order of convergence, and the choice that is made from the curve."""
+"""Accuracy against time: the references, the order of convergence, and the command."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ from dermis.effects import AutoTable
 from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.scene import scene
-from tb.programs.accuracy import chip, command, converter, exact, frames, probe, transistors
-from tb.programs.accuracy.point import Point, from_csv, pareto, to_csv
-from tb.programs.bench import bench_vfc
-from tb.programs.bench.bench_engines import random_plan
+from tb.programs.accuracy import chip, command, converter, frames
+from tb.programs.bench import circuit as circuits
+from tb.programs.bench import measure
+from tb.programs.bench.measure import Method, Outcome, Point, from_csv, pareto, random_plan, to_csv
+from tb.reference import frame as exact
 
 
 def test_trapezoids_are_of_second_order_behind_a_pole(tmp_path: Path) -> None:
@@ -38,7 +39,14 @@ def test_backward_euler_would_miss_the_gate(tmp_path: Path) -> None:
     assert min(orders) < 1.5, "a method of order 1 has to show"
 
 
-@pytest.mark.parametrize(("cuts", "order"), [((1,), 2), ((1, 2), 4), ((1, 2, 3), 6)])
+@pytest.mark.parametrize(
+    ("cuts", "order"),
+    [
+        ((1,), 2),
+        pytest.param((1, 2), 4, marks=pytest.mark.long),
+        pytest.param((1, 2, 3), 6, marks=pytest.mark.long),
+    ],
+)
 def test_runs_of_the_same_pulses_extrapolate_by_two_orders_each(
     cuts: tuple[int, ...], order: int, tmp_path: Path
 ) -> None:
@@ -47,16 +55,16 @@ def test_runs_of_the_same_pulses_extrapolate_by_two_orders_each(
     # 10 and 20 steps a clock; a wrong weight leaves order 2. Order 6 comes down to 1e-12 V, rounding leaves a tenth.
     for step in (100e-9, 50e-9):
         where = tmp_path / f"{step:g}"
-        error, miscount, _ = converter.extrapolated("icarus", step, cuts)(circuit, where)
-        assert miscount == 0
-        errors.append(error)
+        found = converter.extrapolated("icarus", step, cuts, circuit, where)
+        assert found.largest_lsb == 0
+        errors.append(found.error)
     assert np.log2(errors[0] / errors[1]) > order - 0.3, errors
 
 
 def test_cut_steps_are_equal_from_corner_to_corner(tmp_path: Path) -> None:
     circuit = replace(converter.IDEAL, gate_clocks=4, t_gbw_s=converter.T_GBW_S)
     half = NgspiceHalf(
-        bench_vfc.deck(circuit),
+        circuits.deck(circuit),
         t_edge_s=circuit.t_edge_s,
         t_max_step_s=300e-9,
         t_stop_s=12e-6,
@@ -65,7 +73,7 @@ def test_cut_steps_are_equal_from_corner_to_corner(tmp_path: Path) -> None:
         use_ic=True,
         cuts=3,
     )
-    bench_vfc.walk(half, circuit, [0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0])
+    circuits.walk(half, circuit, [0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0])
     half.close()
     times, _ = half.waveform()
     # The charge switch moves at 3 us: its ramp has 3 steps, the 999 ns behind it 3 times 4, 999 / 300 rounded up.
@@ -132,7 +140,7 @@ def test_a_cut_step_that_is_rejected_ends_the_run(
 def test_steps_are_not_cut_in_less_than_none(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="cuts = -1: 0 or more"):
         NgspiceHalf(
-            bench_vfc.deck(converter.IDEAL),
+            circuits.deck(converter.IDEAL),
             t_edge_s=1e-9,
             t_max_step_s=1e-7,
             t_stop_s=1e-6,
@@ -144,7 +152,7 @@ def test_steps_are_not_cut_in_less_than_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize("quick", [False, True])
 @pytest.mark.parametrize("name", converter.CIRCUITS)
 def test_every_method_of_a_circuit_has_a_name_of_its_own(name: str, quick: bool) -> None:
-    methods = [(m.name, m.setting) for m in converter.methods(converter.CIRCUITS[name], quick)]
+    methods = [(who, how) for who, how, _ in converter.methods(converter.CIRCUITS[name], quick)]
     assert len(methods) == len(set(methods))
     assert {n.split(",")[0].split(":")[0] for n, _ in methods} == {"rtl", "cosim", "peer"}
 
@@ -155,14 +163,14 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
     effects = {"integrator_bandwidth": {"gbw_hz": 1e6}} if circuit.t_gbw_s else {}
     duty = np.full((1, 1, 1), float(circuit.duty))
     made = chip.plan_at(duty, effects, circuit.f_clk_hz, 60, 9e-6)
-    result, output, charge = probe.run(made, "icarus", tmp_path / "run")
+    result, output, charge = converter.probed(made, "icarus", tmp_path / "run")
     assert abs(int(result.codes[0, 0, 0]) - int(charge.sum())) <= 1, "the last packet may not have begun"
     # Packets of this engine have no ramps.
-    exact_v = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge[0, 0])
+    exact_v = circuits.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge[0, 0])
     # 60 roundings of 0.1 V.
     assert -circuit.packet_v * output[0, 0] == pytest.approx(exact_v[1:], abs=1e-13)
     # With the ramps of the circuit they are off by half of one while a packet runs, and by nothing else.
-    ramped = bench_vfc.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])
+    ramped = circuits.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])
     off = np.max(np.abs(-circuit.packet_v * output[0, 0] - ramped[1:]))
     assert off == pytest.approx(0.5 * circuit.t_edge_s * circuit.f_clk_hz * circuit.packet_v, rel=0.01), (
         "an amplifier of 1 MHz takes less than a hundredth of it away by the end of the clock"
@@ -203,36 +211,51 @@ def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) ->
     )
 
 
-def test_what_fails_is_an_error_row_and_nothing_certified_is_no_pass(
+def test_a_failure_is_an_error_row_and_nothing_certified_is_no_pass(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object) -> tuple[float, float, float]:
+    def broken(*_: object) -> dict[str, Outcome]:
         raise SimulatorError("it fell over")
 
-    monkeypatch.setattr(converter, "CIRCUITS", {"converter, no pole": converter.IDEAL})
-    monkeypatch.setattr(converter, "methods", lambda *_: [converter.Method("cosim", "s", broken)])
-    points, rows = converter.measure(tmp_path, 1, True, lambda words: None)
+    points, rows = measure.measure("frames, x", [Method("cosim", "s", broken)], 1, lambda words: None)
     assert points == []
-    assert [(row["status"], row["note"]) for row in rows] == [("ERROR", "it fell over")]
-
+    assert [(row["name"], row["status"], row["note"]) for row in rows] == [
+        ("accuracy.frames.x.cosim.s", "ERROR", "it fell over")
+    ]
     made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)
     monkeypatch.setattr(frames, "random_plan", lambda *_, **__: made)
-    monkeypatch.setattr(frames, "methods", lambda *_: [frames.Method("event", "s", broken)])
-    points, rows = frames.measure(tmp_path, 1, True, lambda words: None)
-    assert points == []
+    monkeypatch.setattr(frames.Frames, "methods", lambda *_: [Method("event", "s", broken)])
+    _, rows = frames.measured(tmp_path, 1, True, lambda words: None)
     assert {row["name"]: row["status"] for row in rows} == {
         "accuracy.frames.eight_effects.event.s": "ERROR",
         "accuracy.outside_certified": "ERROR",
     }
-
-    monkeypatch.setattr(transistors, "channel_plan", lambda *_: broken())
-    assert transistors.measure(tmp_path, lambda words: None)[1][0]["status"] == "ERROR"
+    monkeypatch.setattr(frames, "channel_plan", broken)
+    assert frames.channel(tmp_path, lambda words: None)[1][0]["status"] == "ERROR"
 
     def missing(*_: object) -> None:
         raise InputError("PATH", "ngspice", "missing", "ngspice")
 
-    monkeypatch.setattr(transistors, "channel_plan", missing)
-    assert transistors.measure(tmp_path, lambda words: None)[1][0]["status"] == "SKIP"
+    monkeypatch.setattr(frames, "channel_plan", missing)
+    assert frames.channel(tmp_path, lambda words: None)[1][0]["status"] == "SKIP"
+
+
+def test_methods_run_in_turns_and_slow_ones_once() -> None:
+    order: list[str] = []
+
+    def method(name: str, slow: bool) -> Method:
+        def run() -> dict[str, Outcome]:
+            order.append(name)
+            return {"w": Outcome(1e-3, 1.0, float(len(order))), "v": Outcome(2.0, 1.0, 0.5, "LSB")}
+
+        return Method(name, "s", run, slow)
+
+    points, rows = measure.measure("w", [method("a", False), method("b", True)], 3, lambda words: None)
+    assert rows == []
+    assert order == ["a", "b", "a", "a"]
+    assert {(p.work, p.method, len(p.seconds), p.unit) for p in points} == {
+        ("w", "a", 3, "V"), ("v", "a", 3, "LSB"), ("w", "b", 1, "V"), ("v", "b", 1, "LSB"),
+    }  # fmt: skip
 
 
 def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
@@ -242,15 +265,20 @@ def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
         AutoTable(budget_lsb=3.0),
     )
     everything = engines.run(plan.whole(made.scene, "event")).codes[0].astype(int)
-    found = frames.certified(made)
-    assert (np.abs(found.codes - everything) <= found.bound).all()
-    assert found.bound.max() > 0
+    truth = exact.Frame(everything, np.zeros(everything.shape), np.zeros(everything.shape))
+    every = frames.Frames(tmp_path, truth)
+    found = every.bound(made)[frames.WORK]
+    assert (every.certified, every.outside) == (1, 0)
+    assert found.largest_lsb > 0
+    wrong = frames.Frames(tmp_path, exact.Frame(everything + 100, truth.w_end, truth.x))
+    wrong.bound(made)
+    assert wrong.outside == everything.size, "a code outside its bound is counted"
 
 
 def test_the_exact_voltage_behind_a_pole_solves_its_equation() -> None:
     circuit = replace(converter.IDEAL, gate_clocks=12, t_gbw_s=2e-7)
     told = [0, 0, 1, 1, 0, 0, 0, 1, 0, 1, 0, 0]
-    found = bench_vfc.exact_voltage(circuit, np.array(told))
+    found = circuits.exact_voltage(circuit, np.array(told))
 
     def rates(t: float, y: np.ndarray, n: int) -> list[float]:
         s = t * circuit.f_clk_hz - n
@@ -313,15 +341,16 @@ def point(time: float, error: float) -> Point:
 def test_the_front_holds_what_nothing_beats() -> None:
     points = [point(1.0, 0.5), point(2.0, 0.6), point(3.0, 0.1), point(0.5, 0.9), point(4.0, 0.1)]
     assert [p.time_s for p in pareto(points)] == [0.5, 1.0, 3.0]
-    assert to_csv(points).count("\n") == 6
-    assert pareto(from_csv(to_csv(points)))[0].time_s == 0.5
+    text = to_csv([p.columns() for p in points])
+    assert text.count("\n") == 6
+    assert pareto(from_csv(text))[0].time_s == 0.5
 
 
 def test_between_two_methods_no_setting_is_made_up() -> None:
     fast, slow = point(1.0, 1e-2), point(100.0, 1e-6)
-    assert command._at([fast, slow], 1e-4) == pytest.approx(10.0)
-    assert command._at([replace(fast, method="another"), slow], 1e-4) == 100.0
-    assert command._at([fast, slow], 1e-7) is None
+    assert command.time_at([fast, slow], 1e-4) == pytest.approx(10.0)
+    assert command.time_at([replace(fast, method="another"), slow], 1e-4) == 100.0
+    assert command.time_at([fast, slow], 1e-7) is None
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------
@@ -343,10 +372,10 @@ def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
     """--docs would write a quick run's figures, or nothing, and both ended with 0."""
     for place, name in (
         (command, "draw"),
-        (command, "order_rows"),
-        (converter, "measure"),
-        (frames, "measure"),
-        (transistors, "measure"),
+        (converter, "order_row"),
+        (converter, "measured"),
+        (frames, "measured"),
+        (frames, "channel"),
         (command, "write_between"),
     ):
         monkeypatch.setattr(place, name, pytest.fail)
@@ -359,13 +388,10 @@ def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
 def test_what_an_option_is_for_goes_through(words: str, done: str, monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[str] = []
     monkeypatch.setattr(command, "draw", lambda *_: steps.append("drawn"))
-    monkeypatch.setattr(command, "_copy_figures", lambda docs: steps.extend(["copied"] if docs else []))
+    monkeypatch.setattr(command, "_copy_figures", lambda: steps.append("copied"))
     went = CliRunner().invoke(command.accuracy_command, words.split(), standalone_mode=False)
     assert went.exception is None
     assert " and ".join(steps) == done
-
-
-# ---- run.accuracy_lsb and run.time_s ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("key", ["accuracy_lsb", "time_s"])

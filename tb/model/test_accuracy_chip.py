@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Resolution of the chip against conversion time: the ruler is right, and each way to read is worth what is said."""
+"""Resolution of the chip against conversion time: the measure is right, and each reader gains its bits."""
 
 from __future__ import annotations
 
 import csv
 import io
-import itertools
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ import pytest
 from dermis.records import Plan
 from dermis.scene.design import load
 from tb.programs.accuracy import chip
+from tb.programs.bench.measure import to_csv
 
 PAPER = chip.gate_of(chip.PAPER_BITS)
 
@@ -81,6 +80,7 @@ def test_a_residue_that_forgets_the_packet_under_way_is_seen() -> None:
     assert bits(forgets) < bits(chip.counts)
 
 
+@pytest.mark.long
 def test_residue_holds_with_noise_at_the_threshold() -> None:
     noisy = chip.NOISE | {"comparator_noise": {"v_v": 5e-3}}
     # The noise itself, 5e-3 packet at the last decision only, is below a sixteenth.
@@ -112,12 +112,18 @@ def test_the_end_of_waiting_is_found() -> None:
     assert chip.waiting_ends(points, 1e6).gate_clocks == 2**6
 
 
-def test_a_slot_is_divided_without_a_clock_too_many() -> None:
-    for slot_s, f in itertools.product(chip.SLOTS_S.values(), (5e6, 50e6)):
-        for settle_s in chip.shares(slot_s, f):
-            assert settle_s > 0
-            assert int((slot_s - settle_s) * f) >= chip.gate_of(3) - 1
-    assert chip.shares(2e-6, 5e6) == []
+def test_a_slot_is_divided_without_a_clock_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[float, float, int, float]] = []
+    monkeypatch.setattr(
+        chip, "measured", lambda curve, on, f, gate, settle_s, seeds: asked.append((f, gate, settle_s))
+    )
+    list(chip.split())
+    slots = set(chip.SLOTS_S.values())
+    assert len(asked) == 2 * len(slots) * 3 * 9
+    for f, gate, settle_s in asked:
+        assert gate >= chip.gate_of(3) - 1
+        # The rest of a clock that a gate leaves is lost.
+        assert any(0 <= (slot_s - settle_s) * f - gate < 1 + 1e-9 for slot_s in slots)
 
 
 def test_the_floor_of_energy_is_that_of_the_declared_currents() -> None:
@@ -164,10 +170,10 @@ def test_a_gate_beyond_the_register_is_refused() -> None:
         chip.plan_at(np.full((1, 1, 1), 0.1), {}, gate_clocks=65537)
 
 
-def test_the_table_holds_every_point(tmp_path: Path) -> None:
+def test_the_table_holds_every_point() -> None:
     point = chip.measured("a, b", {}, chip.PAPER_HZ, PAPER, seeds=(1,))
-    chip.write(tmp_path / "t.csv", [point, replace(point, gate_clocks=14)])
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "t.csv").read_text())))
+    text = to_csv([chip.cells(p, None) for p in (point, replace(point, gate_clocks=14))])
+    rows = list(csv.DictReader(io.StringIO(text)))
     assert [r["curve"] for r in rows] == ["a, b", "a, b"]
     assert float(rows[0]["frames_per_s_16x16"]) == pytest.approx(500.0)
     assert math.isclose(float(rows[0]["bits"]), point.bits, abs_tol=5e-4)  # three decimals

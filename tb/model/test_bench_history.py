@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from dermis.errors import InputError
 from dermis.report import verdict
-from tb.programs.bench import bench, bench_history
+from tb.programs.bench import bench, history
 
 MACHINE = "some processor, 2 cores"
 
@@ -37,13 +37,13 @@ def _run(**changed: Any) -> list[verdict.Row]:
 
 
 def _blessed() -> dict[str, Any]:
-    return bench_history.record(_run(), MACHINE, "0123", {})
+    return history.record(_run(), MACHINE, "0123", {})
 
 
 def _worse(**changed: Any) -> dict[str, list[str]]:
     """Names by kind of what a run with these changes is told to have lost."""
     found: dict[str, list[str]] = {}
-    for change in bench_history.changes(_run(**changed), _blessed()):
+    for change in history.changes(_run(**changed), _blessed()):
         found.setdefault(change.kind, []).append(change.name)
     return found
 
@@ -97,7 +97,7 @@ def test_errors_stand_before_ratios_and_those_before_times() -> None:
             "cosim.edge_error_v.step_1u": 1e-6,
         }
     )
-    assert [change.name for change in bench_history.changes(rows, _blessed())] == [
+    assert [change.name for change in history.changes(rows, _blessed())] == [
         "cosim.edge_error_v.step_1u",
         "cosim.speed_ratio.xspice",
         "event.certificate_time_ratio",
@@ -107,20 +107,20 @@ def test_errors_stand_before_ratios_and_those_before_times() -> None:
 
 def test_the_words_name_row_factor_and_both_machines() -> None:
     rows = _run(**{"cosim.edge_error_v.step_1u": 3e-9, "closed.frames_per_s": [500.0]})
-    said = "\n".join(bench_history.report(rows, "another processor", _blessed(), whole=True))
+    said = "\n".join(history.report(rows, "another processor", _blessed(), whole=True))
     assert "less exact: \n    cosim.edge_error_v.step_1u: 1e-12 -> 3e-09 1 (3e+03 times worse)" in said
     assert "slower, by ratios that were measured in pairs: nothing" in said
     assert "closed.frames_per_s: 1000 -> 500 1 (2 times worse)" in said
     assert MACHINE in said
     assert "another processor" in said
     assert "not measured now" not in said
-    lost = "\n".join(bench_history.report(rows[1:], MACHINE, _blessed(), whole=True))
+    lost = "\n".join(history.report(rows[1:], MACHINE, _blessed(), whole=True))
     assert "not measured now: cosim.edge_error_v.step_1u" in lost
     assert "Another machine" not in lost
 
 
 def test_a_loss_informs_and_fails_nothing() -> None:
-    rows = bench_history.summary(_run(**{"cosim.edge_error_v.step_1u": 3e-9}), _blessed())
+    rows = history.summary(_run(**{"cosim.edge_error_v.step_1u": 3e-9}), _blessed())
     assert [(row["name"], row["value"]) for row in rows] == [
         ("blessed.less_exact", 1),
         ("blessed.slower_by_ratio", 0),
@@ -128,29 +128,29 @@ def test_a_loss_informs_and_fails_nothing() -> None:
     ]
     assert "cosim.edge_error_v.step_1u" in rows[0]["note"]
     assert verdict.exit_code(rows) == 0
-    assert {row["status"] for row in bench_history.summary(_run(), None)} == {"SKIP"}
+    assert {row["status"] for row in history.summary(_run(), None)} == {"SKIP"}
 
 
 def test_every_row_that_the_benchmark_promises_has_a_meaning() -> None:
     for section in bench.SECTIONS:
         for name in section.names:
-            bench_history.meaning(name)
+            history.meaning(name)
     with pytest.raises(KeyError, match="MEANINGS"):
-        bench_history.meaning("nonsense.rows")
+        history.meaning("nonsense.rows")
 
 
 def test_a_run_is_kept_blessed_and_read_back(tmp_path: Path) -> None:
     rows, path = _run(), tmp_path / "blessed.json"
-    run = bench_history.record(rows, MACHINE, "0123", {"quick": False})
-    places = [bench_history.keep(run, tmp_path / "history") for _ in range(2)]
+    run = history.record(rows, MACHINE, "0123", {"quick": False})
+    places = [history.keep(run, tmp_path / "history") for _ in range(2)]
     assert places[0] != places[1]
-    assert [kept["rows"] for kept in bench_history.history(tmp_path / "history")] == [run["rows"]] * 2
-    assert bench_history.blessed(path) is None
-    bench_history.bless(run, rows, path)
-    assert bench_history.blessed(path) == run
-    assert bench_history.changes(rows, bench_history.blessed(path)) == []
-    with pytest.raises(InputError, match="nothing is FAIL or ERROR"):
-        bench_history.bless(run, [*rows, verdict.error("cosim.frame_s", "it broke")], path)
+    assert [kept["rows"] for kept in history.history(tmp_path / "history")] == [run["rows"]] * 2
+    assert history.blessed(path) is None
+    history.bless(run, rows, path)
+    assert history.blessed(path) == run
+    assert history.changes(rows, history.blessed(path)) == []
+    with pytest.raises(InputError, match="without FAIL or ERROR"):
+        history.bless(run, [*rows, verdict.error("cosim.frame_s", "it broke")], path)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"rows": {"cosim.frame_s": {"value": "fast"}}}'])
@@ -158,7 +158,7 @@ def test_a_blessed_file_that_is_broken_is_one_line(text: str, tmp_path: Path) ->
     path = tmp_path / "blessed.json"
     path.write_text(text)
     with pytest.raises(InputError, match=r"blessed\.json"):
-        bench_history.blessed(path)
+        history.blessed(path)
 
 
 def test_the_command_keeps_compares_and_blesses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,9 +172,9 @@ def test_the_command_keeps_compares_and_blesses(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(bench, "SECTIONS", (section,))
     monkeypatch.setattr(bench, "ROOT", tmp_path)
     monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
-    monkeypatch.setattr(bench_history, "ROOT", tmp_path)
-    monkeypatch.setattr(bench_history, "HISTORY", tmp_path / "history")
-    monkeypatch.setattr(bench_history, "BLESSED", tmp_path / "blessed.json")
+    monkeypatch.setattr(history, "ROOT", tmp_path)
+    monkeypatch.setattr(history, "HISTORY", tmp_path / "history")
+    monkeypatch.setattr(history, "BLESSED", tmp_path / "blessed.json")
     (tmp_path / "history").mkdir()
 
     def run(*words: str) -> str:

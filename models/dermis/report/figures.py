@@ -48,10 +48,11 @@ def end_labels(axes: Any, curves: Sequence[tuple[float, float, str, str]], gap: 
     heights: list[float] = []
     for height, *_ in ends:
         heights.append(max(height, heights[-1] + gap) if heights else height)
-    over = max(0.0, heights[-1] - 0.98) if heights else 0.0
-    for (_, _, name, colour), height in zip(ends, heights, strict=True):
+    top = 0.98
+    for (_, _, name, colour), height in reversed(list(zip(ends, heights, strict=True))):
         place = {"transform": axes.transAxes, "va": "center", "fontsize": 8, "clip_on": False}
-        axes.text(1.012, height - over, name, color=colour, **place)
+        axes.text(1.012, min(height, top), name, color=colour, **place)
+        top = min(height, top) - gap
 
 
 def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:

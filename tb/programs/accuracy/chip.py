@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What resolution costs in conversion time on the chip: bits and newtons against gate length, clock and frame rate.
+"""Resolution of the chip against conversion time: bits and newtons against gate length, clock and frame rate.
 
-Every resolution is measured, not reckoned: random forces are read by engine event (clock by clock, with effects of
-the design and noise from seeds), a straight line takes gain and offset out as a calibration would, and what is left
-is compared with what an ideal quantiser leaves: a step / sqrt(12). Formulas stand beside the simulation.
+Every resolution is simulated: engine event reads random forces clock by clock with effects and seeded noise, a straight
+line removes gain and offset as a calibration would, and the rest is compared with that of an ideal quantiser, a
+step / sqrt(12). Formulas are drawn next to the simulation.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 import shutil
@@ -28,11 +26,13 @@ from dermis.decode.force import taxels_alone
 from dermis.engines import closed, event
 from dermis.errors import DermisError
 from dermis.files import write_atomic, write_between
+from dermis.places import ROOT
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
-from dermis.scene.design import ROOT, Design
+from dermis.scene.design import Design
+from tb.programs.bench.measure import markdown, to_csv
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ SETTLE_S = 23e-6
 """Of the paper's slot: 115 clocks at 5 MHz."""
 PAPER_BITS, PAPER_HZ = 8, 5e6
 BITS = range(3, 16)
-"""Codes of so many bits: gates of 2 (2^n - 1) clocks, 14 to 65534."""
+"""Bits of a code: gates of 2 (2^n - 1) clocks, 14 to 65534."""
 CLOCKS_HZ = (1e6, 2e6, 5e6, 10e6, 20e6, 50e6)
 SIZES = (8, 16, 32, 64)
 SEEDS = (1, 2, 3)
@@ -70,7 +70,7 @@ BENDS: dict[str, Any] = dict.fromkeys(
 RANGE_SWITCH: dict[str, Any] = {"range_switch": True}
 
 STEPS: dict[str, dict[str, Any]] = {}
-"""What is on, from curve to curve: each adds to the one before."""
+"""Effects of each curve; each adds to the one before."""
 for _name, _more in (
     ("quantisation", {}),
     ("+ noise", NOISE),
@@ -83,7 +83,7 @@ for _name, _more in (
 
 
 class Resolution(NamedTuple):
-    """Root mean square error of calibrated readings over full scale, and what it is worth."""
+    """Root mean square error of calibrated readings over full scale, in bits and newtons."""
 
     error: float
 
@@ -118,12 +118,12 @@ class Point:
 
 
 def gate_of(bits: int) -> int:
-    """Clocks in which full scale counts to the highest code of so many bits, whatever the phase."""
+    """Return the clocks in which full scale counts to the highest code of `bits`, whatever the phase."""
     return 2 * (2**bits - 1)
 
 
 def design_at(f_clk_hz: float, base: Design | None = None) -> Design:
-    """The design at another clock; the capacitor keeps a packet at its voltage, as `dermis calc` sizes it."""
+    """Return the design at another clock; the capacitor keeps a packet at its voltage, as in `dermis calc`."""
     base = base or design_module.load()
     slot_s = base.timing.slot_clocks / f_clk_hz
     return base.replace(
@@ -140,7 +140,7 @@ def plan_at(
     settle_s: float = SETTLE_S,
     seed: int = 0,
 ) -> Plan:
-    """A plan that reads ideal duties [frames, rows, cols] with any gate and any time to settle.
+    """Return a plan that reads ideal duties [frames, rows, cols] with any gate and any time to settle.
 
     Raises
     ------
@@ -169,19 +169,19 @@ def plan_at(
 
 
 def random_duty(seed: int, frames: int = 2, rows: int = 8, cols: int = 32) -> Floats:
-    """Forces spread evenly over the range, as duties [frames, rows, cols]."""
+    """Return forces spread evenly over the range, as duties [frames, rows, cols]."""
     return np.random.default_rng([seed, 5]).uniform(*(HALF * r for r in RANGE), (frames, rows, cols))
 
 
 def judge(duty: Floats, read: Floats) -> Resolution:
-    """Resolution of readings: what a straight line through them, a calibration of gain and offset, leaves."""
+    """Return the resolution of readings after a straight line has removed gain and offset."""
     slope, offset = np.polyfit(duty.ravel(), read.ravel(), 1)
     miss = (read.ravel() - offset) / slope - duty.ravel()
     return Resolution(float(np.sqrt(np.mean(miss**2))) / HALF)
 
 
 def counts(made: Plan) -> Floats:
-    """Readings of the plain counter as duties."""
+    """Return readings of the plain counter as duties."""
     return event.run(made).codes / made.timing.gate_clocks
 
 
@@ -195,7 +195,7 @@ def measured(
     read: Callable[[Plan], Floats] = counts,
     duty_of: Callable[[int], Floats] = random_duty,
 ) -> Point:
-    """One point of a curve: the median over seeds, each with its own forces and its own noise."""
+    """Return one point of a curve: the median over seeds, each with its own forces and noise."""
     found = []
     for seed in seeds:
         duty = duty_of(seed)
@@ -211,7 +211,7 @@ def measured(
 
 
 def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
-    """Quantisation, white noise and slow noise of the reference by their formulas, added as powers.
+    """Add quantisation, white noise and slow noise of the reference as powers, by their formulas.
 
     In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet twice over,
     the comparator at the last decision, the reference r m.
@@ -228,21 +228,20 @@ def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
 
 
 def drifted(delta_k: float) -> Resolution:
-    """By formula: what a reference does that was calibrated `delta_k` kelvin away, all else exact."""
+    """Return the resolution of a reference that was calibrated `delta_k` kelvin away, by formula."""
     share = np.linspace(*RANGE, 200)
     return Resolution(design_module.load().charge.tc_per_k * delta_k * float(np.sqrt(np.mean(share**2))))
 
 
-# --- what buys accuracy without time ---------------------------------------------------------------------------------
+# --- accuracy without time ---------------------------------------------------------------------------------
 
 
 def with_residue(bits: int) -> Callable[[Plan], Floats]:
-    """A reader that also measures the charge left in the integrator, to 2^-bits of a packet.
+    """Return a reader that also measures the charge left in the integrator, to 2^-bits of a packet.
 
-    Behind the gate the input is off and a packet under way is completed, so what is left lies in one packet below the
-    threshold: N x = ones + residue - start. Whether one is under way the last two bits say, which the chip has; here
-    they are the ones that a gate two clocks shorter, with the same noise, does not count. A ramp of 2^bits parts of a
-    packet takes as many clocks.
+    After the gate the input is off and a packet under way is completed, so the rest lies within one packet below the
+    threshold: N x = ones + residue - start. The chip knows a packet under way from its last two bits; here they are the
+    ones that a gate two clocks shorter, with the same noise, does not count. A ramp takes 2^bits clocks.
     """
 
     def read(made: Plan) -> Floats:
@@ -257,7 +256,7 @@ def with_residue(bits: int) -> Callable[[Plan], Floats]:
 
 
 def by_period(made: Plan) -> Floats:
-    """A reader that counts the clocks from the first pulse to the last: one clock in all, whatever the rate.
+    """Count the clocks from the first pulse to the last: an error of one clock, whatever the rate.
 
     Pulse k comes at the first clock n with n x >= k + 1/2 (the ideal converter, noise apart), so the clocks are those
     of the closed formula; engine event has no trace of single pulses.
@@ -271,14 +270,14 @@ def by_period(made: Plan) -> Floats:
 
 
 def without_preset(made: Plan) -> Floats:
-    """A reader whose integrator goes on from slot to slot: it starts anywhere in its packet."""
+    """Read with an integrator that continues from slot to slot: it starts anywhere in its packet."""
     x = made.duty_ideal()
     start = np.random.default_rng([made.seed, 9]).uniform(x - 1.0, x)
     return count(x, made.timing.gate_clocks, w0=start) / made.timing.gate_clocks
 
 
 def ways(gates: Sequence[int]) -> Iterator[Point]:
-    """The plain counter at the paper's clock, and beside it what reads more out of the same gate."""
+    """Yield the plain counter at the paper's clock, and readers that get more out of the same gate."""
     noise = NOISE | DRIFT
     for gate in gates:
         yield measured("counter, preset (adopted)", {}, PAPER_HZ, gate)
@@ -295,7 +294,7 @@ LOSSES: dict[str, Any] = {"row_driver": True, "column_input": True}
 
 
 def droop(gates: Sequence[int]) -> Iterator[Point]:
-    """16x16 frames behind the design's drivers and inputs, as read and with `decode.taxels_alone`."""
+    """Yield 16x16 frames with the design's drivers and inputs, as read and with `decode.taxels_alone`."""
 
     def frames(seed: int) -> Floats:
         return random_duty(seed, frames=4, rows=16, cols=16)
@@ -322,7 +321,7 @@ PEDESTAL = 0.05
 
 
 def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
-    """A slow mirror with and without a bias that keeps it alive, against the time to settle: light rows.
+    """Yield light rows through a slow mirror with and without a bias, against the time to settle.
 
     The pedestal is a current into every column, ahead of the mirror, which flows whether a row is driven or not.
     """
@@ -337,12 +336,12 @@ def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
 
 
 def light_duty(seed: int) -> Floats:
-    """Duties of light touches, a fiftieth of the range."""
+    """Return duties of light touches, a fiftieth of the range."""
     return 0.02 * random_duty(seed, rows=4)
 
 
 def light_rows(made: Plan) -> Floats:
-    """Read light rows, each behind one that is pressed anyhow: what it leaves behind is no offset to calibrate."""
+    """Read light rows, each after a random one, whose remainder no calibration of an offset removes."""
     light = made.duty_ideal()
     heavy = np.random.default_rng([made.seed, 7]).uniform(0.0, 0.45, light.shape)
     between = np.stack([heavy, light], axis=2).reshape(light.shape[0], -1, light.shape[2])
@@ -354,23 +353,22 @@ def light_rows(made: Plan) -> Floats:
 
 
 def frame_hz(rows: int, slot_s: float) -> float:
-    """Frames a second of an array with so many rows."""
+    """Return frames a second of an array of `rows`."""
     return 1.0 / (rows * slot_s)
 
 
-def shares(slot_s: float, f_clk_hz: float, number: int = 9) -> list[float]:
-    """Times to settle, from two clocks to all but a gate of 14."""
-    least, most = 4 / f_clk_hz, slot_s - gate_of(3) / f_clk_hz
-    return [] if most <= least else [float(s) for s in np.geomspace(least, most, number)]
-
-
-def split(slot_s: float, f_clk_hz: float, q_c: float) -> Iterator[Point]:
-    """One slot divided between settling and gate: where waiting longer to settle begins to cost bits."""
-    effects = STEPS["+ non-linearity of the converter"] | {"mirror_lag": {"q_c": q_c}}
-    for settle_s in shares(slot_s, f_clk_hz):
-        gate = int((slot_s - settle_s) * f_clk_hz)
-        if gate <= LONGEST_GATE:
-            yield measured(f"{1e6 * slot_s:g} us a row", effects, f_clk_hz, gate, settle_s, seeds=SEEDS[:1])
+def split() -> Iterator[Point]:
+    """Yield the slots of `SLOTS_S` divided between settling and gate, at three clocks, with two mirrors."""
+    straight = STEPS["+ non-linearity of the converter"]
+    for (name, q_c), (rate, slot_s), f_clk_hz in itertools.product(
+        (("fast mirror", 50e-15), ("slow mirror", 500e-15)), SLOTS_S.items(), (5e6, 20e6, 50e6)
+    ):
+        # From two clocks to all but a gate of 14.
+        for settle_s in np.geomspace(4 / f_clk_hz, slot_s - gate_of(3) / f_clk_hz, 9):
+            gate = int((slot_s - settle_s) * f_clk_hz)
+            effects = straight | {"mirror_lag": {"q_c": q_c}}
+            curve = f"{rate}, {1e-6 * f_clk_hz:g} MHz, {name}"
+            yield measured(curve, effects, f_clk_hz, gate, float(settle_s), seeds=SEEDS[:1])
 
 
 # --- energy ----------------------------------------------------------------------------------------------------------
@@ -390,7 +388,7 @@ class ChannelCurrent:
 
 
 def channel_current() -> ChannelCurrent:
-    """The one place where a measured supply current comes from: the bench of `dermis characterise`, in ngspice.
+    """Measure the supply current of a channel by the bench of `dermis characterise`, in ngspice.
 
     Raises
     ------
@@ -412,11 +410,10 @@ def channel_current() -> ChannelCurrent:
 
 
 def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) -> float:
-    """Energy of one conversion in joule, from what both supplies deliver through a slot.
+    """Return the energy of one conversion in joule, delivered by both supplies through a slot.
 
-    That is the sensor's current (through driver and conveyor), its copy through the mirror and the reference i0 of the
-    charge source, which runs to vss from the 0 V rail, as design.toml declares them; and with them what a channel takes
-    from vdd without a signal, `channel_a`. Without it this is a floor: amplifier, comparator and conveyor take more.
+    It adds the sensor's current, its copy through the mirror and the reference i0 of the charge source, as design.toml
+    declares them, and `channel_a`, the current of a channel from vdd without a signal. Without that it is a floor.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
@@ -425,7 +422,7 @@ def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) 
 
 
 def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
-    """Energy of a conversion and of a bit at the paper's point, and the least a step of the quantiser takes."""
+    """Return energy of a conversion and of a bit at the paper's point, and the least energy of a step."""
     name = "accuracy_chip.energy"
     note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
     slot_s = SETTLE_S + gate_of(PAPER_BITS) / PAPER_HZ
@@ -453,32 +450,17 @@ def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason:
     ]  # fmt: skip
 
 
-def table(points: Sequence[Point], channel_a: float | None = None) -> str:
-    """The csv of some points, with frame rates of every size and the energy of a conversion at a quarter duty.
-
-    `energy_j` is empty where no supply current was measured.
-    """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    sizes = [f"frames_per_s_{n}x{n}" for n in SIZES]
-    writer.writerow(
-        ["curve", "engine", "f_clk_hz", "gate_clocks", "settle_s", "slot_s", "bits", "bits_least", "bits_most",
-         "step_n", "energy_floor_j", "energy_j", *sizes]
-    )  # fmt: skip
-    for p in points:
-        rates = [f"{frame_hz(n, p.slot_s):.5g}" for n in SIZES]
-        writer.writerow(
-            [p.curve, p.engine, f"{p.f_clk_hz:g}", p.gate_clocks, f"{p.settle_s:.6g}", f"{p.slot_s:.6g}",
-             f"{p.bits:.3f}", f"{p.bits_least:.3f}", f"{p.bits_most:.3f}", f"{p.newtons:.4g}",
-             f"{energy_j(p.slot_s):.4g}",
-             "" if channel_a is None else f"{energy_j(p.slot_s, channel_a):.4g}", *rates]
-        )  # fmt: skip
-    return out.getvalue()
-
-
-def write(path: Path, points: Sequence[Point], channel_a: float | None = None) -> None:
-    """Write the csv of some points, whole or not at all."""
-    write_atomic(path, table(points, channel_a).encode())
+def cells(point: Point, channel_a: float | None) -> dict[str, Any]:
+    """Return the cells of the csv by heading; `energy_j` is empty where no supply current was measured."""
+    p = point
+    head = {
+        "curve": p.curve, "engine": p.engine, "f_clk_hz": f"{p.f_clk_hz:g}", "gate_clocks": p.gate_clocks,
+        "settle_s": f"{p.settle_s:.6g}", "slot_s": f"{p.slot_s:.6g}", "bits": f"{p.bits:.3f}",
+        "bits_least": f"{p.bits_least:.3f}", "bits_most": f"{p.bits_most:.3f}", "step_n": f"{p.newtons:.4g}",
+        "energy_floor_j": f"{energy_j(p.slot_s):.4g}",
+        "energy_j": "" if channel_a is None else f"{energy_j(p.slot_s, channel_a):.4g}",
+    }  # fmt: skip
+    return head | {f"frames_per_s_{n}x{n}": f"{frame_hz(n, p.slot_s):.5g}" for n in SIZES}
 
 
 # --- the study -------------------------------------------------------------------------------------------------------
@@ -486,30 +468,19 @@ def write(path: Path, points: Sequence[Point], channel_a: float | None = None) -
 FULL = "+ range switch"
 """The curve with everything on."""
 SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31.25e-6}
-"""Row slots of 16 rows: the paper's, and what robots ask for."""
+"""Row slots of 16 rows: the paper's, and two that robots ask for."""
 
 
 def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
-    """Resolution against gate length: each step at the paper's clock, everything on at the others."""
+    """Return resolution against gate length: each step at the paper's clock, all effects at the others."""
     found = [measured(name, on, PAPER_HZ, gate_of(n)) for name, on in STEPS.items() for n in bits]
     others = [f for f in CLOCKS_HZ if f != PAPER_HZ]
     found += [measured(FULL, STEPS[FULL], f, gate_of(n), seeds=SEEDS[:1]) for f in others for n in bits]
     return found
 
 
-def split_points() -> list[Point]:
-    """The slots of `SLOTS_S` at three clocks, divided in many ways, with the fast mirror and with the slow one."""
-    return [
-        replace(point, curve=f"{rate}, {1e-6 * f:g} MHz, {name}")
-        for name, q_c in (("fast mirror", 50e-15), ("slow mirror", 500e-15))
-        for rate, slot_s in SLOTS_S.items()
-        for f in (5e6, 20e6, 50e6)
-        for point in split(slot_s, f, q_c)
-    ]
-
-
 def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
-    """The longest gate of everything on whose last doubling still bought a quarter of a bit."""
+    """Return the longest gate with all effects whose last doubling still gained a quarter of a bit."""
     curve = sorted(
         (p for p in points if p.curve == FULL and p.f_clk_hz == f_clk_hz), key=lambda p: p.gate_clocks
     )
@@ -522,7 +493,7 @@ def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
 
 
 def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
-    """Clocks in which a curve reaches so many bits, straight in the logarithm between its points; None for never."""
+    """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None for never."""
     own = sorted(
         (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
     )
@@ -534,7 +505,7 @@ def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float =
 
 
 def bits_at(points: Sequence[Point], curve: str, gate_clocks: float, f_clk_hz: float = PAPER_HZ) -> float:
-    """Bits of a curve at a gate between its points."""
+    """Return the bits of a curve at a gate between its points."""
     own = sorted(
         (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
     )
@@ -543,12 +514,12 @@ def bits_at(points: Sequence[Point], curve: str, gate_clocks: float, f_clk_hz: f
 
 
 def at(points: Sequence[Point], curve: str, gate_clocks: int, f_clk_hz: float = PAPER_HZ) -> Point:
-    """One point of a curve."""
+    """Return one point of a curve."""
     return next(p for p in points if (p.curve, p.gate_clocks, p.f_clk_hz) == (curve, gate_clocks, f_clk_hz))
 
 
 def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence[Point]) -> list[verdict.Row]:
-    """What the study found, and the checks that it is right."""
+    """Return the results of the study, and its checks."""
     paper = gate_of(PAPER_BITS)
     name = "accuracy_chip."
     white = [p for p in gates if p.curve == "+ slow noise of the reference"]
@@ -584,12 +555,18 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
 
 DOCS = ROOT / "docs" / "accuracy.md"
 BEGIN, END = "<!-- begin: chip (written by dermis accuracy-chip --docs) -->", "<!-- end: chip -->"
+SHOWN = (
+    *(f"accuracy_chip.{name}" for name in ("paper_point_bits", "formula_difference_bits", "droop_cost_bits")),
+    *(f"accuracy_chip.{name}" for name in ("residue_gain_bits", "waiting_ends_clocks.5mhz")),
+    *(f"accuracy_chip.energy{name}" for name in ("_nj", "_per_bit_nj")),
+)
+"""Rows of the table in the documentation; build/accuracy_chip.json has all."""
 FIGURES = ("chip_resolution.png", "chip_frame_rates.png", "chip_without_time.png", "chip_energy.png")
 
 
 def run(out: Path) -> list[verdict.Row]:
-    """Make every curve, the csv behind each figure and the figures in a directory; return the rows."""
-    from tb.programs.accuracy import chip_figures
+    """Make every curve, the csv of each and the figures in a directory; return the rows."""
+    from tb.programs.accuracy import figures
 
     out.mkdir(parents=True, exist_ok=True)
     current, reason = None, ""
@@ -599,16 +576,17 @@ def run(out: Path) -> list[verdict.Row]:
         reason = f"no supply current was measured: {error}"
     every = [gate_of(n) for n in BITS]
     gates, reading, drooping = gate_points(), list(ways(every)), list(droop(every))
-    waiting, settled = split_points(), list(pedestal(np.geomspace(1e-6, 100e-6, 9)))
+    settled = list(pedestal(np.geomspace(1e-6, 100e-6, 9)))
     for name, points in (
-        ("gate", gates), ("ways", reading), ("droop", drooping), ("split", waiting), ("pedestal", settled),
+        ("gate", gates), ("ways", reading), ("droop", drooping), ("pedestal", settled), ("split", list(split())),
     ):  # fmt: skip
-        write(out / f"chip_{name}.csv", points, current and current.typical)
+        text = to_csv([cells(p, current and current.typical) for p in points])
+        write_atomic(out / f"chip_{name}.csv", text)
     resolution, frame_rates, without_time, energy = (out / name for name in FIGURES)
-    chip_figures.resolution(gates, resolution)
-    chip_figures.frame_rates(gates, waiting, frame_rates)
-    chip_figures.without_time(reading, drooping, settled, without_time)
-    chip_figures.energy(gates, current, energy)
+    figures.resolution(gates, resolution)
+    figures.frame_rates(gates, frame_rates)
+    figures.without_time(reading, drooping, settled, without_time)
+    figures.energy(gates, current, energy)
     return rows_of(gates, reading, drooping) + energy_rows(gates, current, reason)
 
 
@@ -618,17 +596,15 @@ def run(out: Path) -> list[verdict.Row]:
 )
 @click.option("--docs", is_flag=True, help="Also write the table and the figures of docs/accuracy.md.")
 def accuracy_chip_command(out: Path | None, docs: bool) -> int:
-    """What resolution costs in conversion time on the chip: curves, csv and figures."""
+    """Measure resolution against conversion time on the chip: curves, csv and figures."""
     out = ROOT / "build" / "accuracy" if out is None else out
     rows = run(out)
     verdict.write_rows("accuracy_chip", rows)
     verdict.print_rows(rows, "Conversion time against resolution")
     if docs:
-        told = ["| what | | |", "|---|---:|---|"]
-        for row in rows:
-            value = row["status"] if row["value"] is None else f"{row['value']:.4g} {row['unit']}"
-            told.append(f"| `{row['name']}` | {value} | {row['note']} |")
-        write_between(DOCS, BEGIN, END, "\n".join(told))
+        write_between(DOCS, BEGIN, END, markdown(rows, SHOWN))
         for name in FIGURES:
-            shutil.copyfile(out / name, ROOT / "docs" / "figures" / f"accuracy_{name}")
+            target = ROOT / "docs" / "figures" / f"accuracy_{name}"
+            if target.exists():  # the pages show some of them
+                shutil.copyfile(out / name, target)
     return verdict.exit_code(rows)

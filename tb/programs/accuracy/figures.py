@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work-precision diagrams: error against time, log-log, Pareto front and the lines of 1 and 1/2 LSB."""
+"""Figures of error against time: work-precision diagrams of the simulator, and resolution curves of the chip."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullLocator
 
-from dermis.report.figures import BLUE, GREEN, GREY, ORANGE, RED, save
-from tb.programs.accuracy.point import Point, pareto
+from dermis.report.figures import BLUE, COLOURS, GREY, RED, end_labels, save
+from dermis.scene import design
+from tb.programs.accuracy import chip
+from tb.programs.bench.measure import Point, pareto
 
-_COLOURS = (BLUE, GREEN, ORANGE, RED, "#CC79A7", "#56B4E9", "#000000", "#8B6F00", GREY)
 _MARKERS = "osD^vP*X<>"
 
 
-def draw(
+# ---- the simulator ----------------------------------------------------------------------------------------------
+
+
+def work_precision(
     points: Sequence[Point],
     path: Path,
     *,
@@ -29,144 +34,246 @@ def draw(
     floor_words: str,
     wanted: float | None = None,
 ) -> None:
-    """Draw the points of one work.
+    """Draw error against time of the points of one work, with the Pareto front.
 
     Parameters
     ----------
-    points : those of one work
+    points : points of one work; peers have open markers
     path : where the PNG goes
-    title, time_label, error_label : words, labels with their units
+    title, time_label, error_label : texts, labels with their units
     lsb : one LSB in the unit of the error
-    floor : error 0 is drawn here, and the reference's own error is said to lie below
-    floor_words : what lies there
-    wanted : an error in LSB; the time that it takes, and what a tenth of that time leaves, are said in the picture
+    floor : place of error 0; the reference's own error lies below
+    floor_words : meaning of the floor
+    wanted : an error in LSB; the subtitle gives its time, and the error at a tenth of that time
     """
-    figure = Figure(figsize=(10.5, 6.2), layout="constrained")
+    figure = Figure(figsize=(11.5, 6.2), layout="constrained")
     axes = figure.add_subplot()
-    names = list(dict.fromkeys(p.method for p in points))
-    for i, name in enumerate(names):
-        own = sorted((p for p in points if p.method == name), key=lambda p: p.time_s)
-        x, y = [p.time_s for p in own], [max(p.error, floor) for p in own]
-        peer = name.startswith("peer")
-        falls = all(a >= b for a, b in itertools.pairwise(y))
+    for i, name in enumerate(dict.fromkeys(p.method for p in points)):
+        own = [p for p in points if p.method == name]
         axes.plot(
-            x,
-            y,
-            marker=_MARKERS[i % len(_MARKERS)],
-            color=_COLOURS[i % len(_COLOURS)],
-            linestyle="--" if peer else "-" if falls else "",  # a line that turns back says nothing
-            linewidth=1.2,
-            markersize=7,
-            markerfacecolor="none" if peer else None,
-            label=name,
-        )
+            [p.time_s for p in own], [max(p.error, floor) for p in own], _MARKERS[i % len(_MARKERS)],
+            color=COLOURS[i % len(COLOURS)], ms=7, mfc="none" if name.startswith("peer") else None, label=name,
+        )  # fmt: skip
     front = pareto(points)
-    axes.plot(
-        [p.time_s for p in front],
-        [max(p.error, floor) for p in front],
-        drawstyle="steps-post",
-        color="#444444",
-        linewidth=6,
-        alpha=0.18,
-        label="Pareto front",
-        zorder=0,
-    )
-    for point in _apart(front, floor):
-        axes.annotate(
-            point.setting,
-            (point.time_s, max(point.error, floor)),
-            textcoords="offset points",
-            xytext=(8, 8),
-            fontsize=8,
-            color="#333333",
-        )
-    for share, words in ((1.0, "1 LSB"), (0.5, "1/2 LSB")):
-        axes.axhline(share * lsb, color=GREY, linewidth=0.9, linestyle=":")
-        axes.text(
-            0.995,
-            share * lsb,
-            words,
-            transform=axes.get_yaxis_transform(),
-            ha="right",
-            va="bottom",
-            fontsize=9,
-        )
-    if wanted is not None:
-        _tenth(axes, front, wanted, lsb)
+    steps = {"drawstyle": "steps-post", "color": "#444444", "linewidth": 6, "alpha": 0.18, "zorder": 0}
+    axes.plot([p.time_s for p in front], [max(p.error, floor) for p in front], label="Pareto front", **steps)
+    for share, words in (
+        (1.0, "1 LSB"),
+        (0.5, "1/2 LSB"),
+        *([(wanted, f"{wanted:g} LSB")] if wanted else []),
+    ):
+        colour = RED if share == wanted else GREY
+        axes.axhline(share * lsb, color=colour, linewidth=0.9, linestyle=":")
+        place = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "bottom", "fontsize": 9}
+        axes.text(0.995, share * lsb, words, color=colour, **place)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
     least = min(p.error for p in points)
     bottom = floor / 6 if least < 30 * floor else least / 10
     if bottom < floor:
         axes.axhspan(floor / 10, floor, color="#DDDDDD", alpha=0.6, zorder=-1)
-        across = axes.get_yaxis_transform()
-        axes.text(0.005, 0.7 * floor, floor_words, transform=across, va="top", fontsize=8, color="#444444")
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+        place = {"transform": axes.get_yaxis_transform(), "va": "top", "fontsize": 8, "color": "#444444"}
+        axes.text(0.005, 0.7 * floor, f"0: {floor_words}", **place)
     axes.set_ylim(bottom, max(4 * lsb, 4 * max(p.error for p in points)))
     axes.set_xlabel(time_label)
     axes.set_ylabel(error_label)
-    axes.set_title(title, fontsize=11)
+    axes.set_title(
+        "\n".join([title, *(_tenth(front, wanted, lsb) if wanted else [])]), fontsize=10, loc="left"
+    )
     axes.grid(which="major", linewidth=0.4, alpha=0.6)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     save(figure, path)
 
 
-def _tenth(axes: Any, front: Sequence[Point], wanted: float, lsb: float) -> None:
-    """Say what an accuracy takes, what a tenth of that time leaves, and the same for no error at all."""
+def _tenth(front: Sequence[Point], wanted: float, lsb: float) -> list[str]:
+    """Return the time of an accuracy, and of exact codes, with the error that a tenth of that time leaves."""
     said = []
     for words, error in ((f"{wanted:g} LSB", wanted * lsb), ("every code exact", 0.0)):
         enough = [p for p in front if p.error <= error]
-        if not enough:
-            continue
-        took = enough[0]
-        said.append(f"{words}: {seconds_words(took.time_s)} ({took.method}; {took.setting})")
-        within = [p for p in front if p.time_s <= took.time_s / 10.0]
-        if within:
-            said.append(f"   a tenth of that time: {within[-1].error / lsb:.2g} LSB")
-        else:
-            fast = front[0]
-            said.append(
-                f"   a tenth of that time: nothing runs so fast; the fastest, {seconds_words(fast.time_s)}, "
-                f"is {fast.error / lsb:.2g} LSB off"
-            )
-    axes.axhline(wanted * lsb, color=RED, linewidth=1, linestyle="--")
-    across = axes.get_yaxis_transform()
-    axes.text(
-        0.995,
-        wanted * lsb,
-        f"{wanted:g} LSB",
-        transform=across,
-        ha="right",
-        va="bottom",
-        fontsize=9,
-        color=RED,
-    )
-    box = {"boxstyle": "round", "facecolor": "white", "edgecolor": RED, "alpha": 0.9}
-    axes.text(
-        0.985,
-        0.36,
-        "\n".join(said),
-        transform=axes.transAxes,
-        ha="right",
-        va="bottom",
-        ma="left",
-        fontsize=8.5,
-        bbox=box,
-    )
+        if enough:
+            took = enough[0]
+            within = [p for p in front if p.time_s <= took.time_s / 10.0]
+            left = f"{within[-1].error / lsb:.2g} LSB" if within else "no method is so fast"
+            said.append(f"{words}: {seconds_words(took.time_s)} ({took.setting}); in a tenth of that: {left}")
+    return said
 
 
 def seconds_words(seconds: float) -> str:
-    """A time in two digits, in s, ms, us or ns."""
+    """Return a time in two digits, in s, ms, us or ns."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if seconds >= size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
     return f"{float(f'{seconds / 1e-9:.2g}'):g} ns"
 
 
-def _apart(front: Sequence[Point], floor: float) -> list[Point]:
-    """Points of a front whose words do not run into each other: one of those close together."""
-    named: list[Point] = []
-    for point in front:
-        near = named and point.time_s < 2.0 * named[-1].time_s
-        if not (near and max(point.error, floor) > 0.5 * max(named[-1].error, floor)):
-            named.append(point)
-    return named
+# ---- the chip ---------------------------------------------------------------------------------------------------
+
+
+def _curves(
+    axes: Any, points: Sequence[chip.Point], x: Callable[[chip.Point], float], by_clock: bool = False
+) -> None:
+    """Draw bits of each curve with its spread over seeds, its name at its end; or of each clock, with a legend."""
+
+    def name(p: chip.Point) -> str:
+        return f"{1e-6 * p.f_clk_hz:g} MHz" if by_clock else p.curve
+
+    ends = []
+    points = sorted(points, key=lambda p: p.f_clk_hz)
+    for colour, kind in zip(COLOURS, dict.fromkeys(map(name, points)), strict=False):
+        own = sorted((p for p in points if name(p) == kind), key=x)
+        at, bits = [x(p) for p in own], np.array([p.bits for p in own])
+        around = [bits - [p.bits_least for p in own], [p.bits_most for p in own] - bits]
+        style = {"marker": "o", "markersize": 3, "linewidth": 1.2, "capsize": 1.5, "color": colour}
+        axes.errorbar(at, bits, yerr=around, label=kind, **style)
+        ends.append((at[-1], float(bits[-1]), kind, colour))
+    axes.grid(True, alpha=0.3)
+    axes.set_ylabel("effective resolution / bits")
+    if by_clock:  # all end at one height
+        axes.legend(fontsize=8, loc="lower right", frameon=False)
+        return
+    axes.figure.draw_without_rendering()
+    end_labels(axes, ends)
+
+
+def _star(axes: Any, x: float) -> None:
+    axes.plot(x, chip.PAPER_BITS, "*", markersize=15, color=RED, zorder=5)
+    place = {"textcoords": "offset points", "xytext": (10, -12), "fontsize": 8, "color": RED}
+    axes.annotate("the paper", (x, chip.PAPER_BITS), **place)
+
+
+def resolution(points: Sequence[chip.Point], path: Path) -> None:
+    """Draw bits against gate length at the paper's clock, effect by effect, and against row time by clock."""
+    figure = Figure(figsize=(15, 5.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for axes in (left, right):
+        axes.set_ylim(2.5, 15.5)
+    left.set_xscale("log", base=2)
+    right.set_xscale("log")
+    _curves(left, [p for p in points if p.f_clk_hz == chip.PAPER_HZ], lambda p: p.gate_clocks)
+    gates = [chip.gate_of(n) for n in chip.BITS]
+    by_formula = [chip.formula(chip.PAPER_HZ, g).bits for g in gates]
+    left.plot(gates, by_formula, "x", color=GREY, ms=5)
+    left.text(gates[-1], 2.8, "x: quantisation and noise by formula", fontsize=8, color=GREY, ha="right")
+    wanted = chip.PAPER_BITS + np.log2(10.0)
+    for bits, words, colour in (
+        (wanted, "0.1 LSB of 8 bits", RED),
+        *((chip.drifted(k).bits, f"reference {k} K off its calibration (formula)", GREY) for k in (1, 30)),
+    ):
+        left.axhline(bits, color=colour, linestyle=":", linewidth=1)
+        left.text(14, bits + 0.08, words, fontsize=8, color=colour)
+    left.set_title("\n".join(["Gate at 5 MHz, engine event, median of three seeds", *_gates(points, wanted)]),
+                   fontsize=9, loc="left")  # fmt: skip
+    left.set_xlabel("gate / clocks")
+    full = [p for p in points if p.curve == chip.FULL]
+    _curves(right, full, lambda p: 1e6 * p.slot_s, by_clock=True)
+    for name, slot_s in chip.SLOTS_S.items():
+        right.axvline(1e6 * slot_s, color=GREY, linestyle=":", linewidth=1)
+        right.text(1e6 * slot_s, 15.3, name + " ", rotation=90, fontsize=8, ha="right", va="top", color=GREY)
+    right.set_title("All effects, by clock (frame rates: 16 rows)", fontsize=9, loc="left")
+    right.set_xlabel("time of one row / us: 23 us to settle and the gate")
+    _star(left, chip.gate_of(chip.PAPER_BITS))
+    _star(right, 125)
+    save(figure, path)
+
+
+def _gates(points: Sequence[chip.Point], wanted: float) -> list[str]:
+    """Return the gate that `wanted` bits take, and the error that a tenth of it leaves."""
+    said = []
+    straight = list(chip.STEPS)[list(chip.STEPS).index(chip.FULL) - 1]
+    for words, curve in (("without the range switch", straight), ("all effects", chip.FULL)):
+        gate = chip.gate_for(points, curve, wanted)
+        if gate is None:
+            best = max(p.bits for p in points if (p.curve, p.f_clk_hz) == (curve, chip.PAPER_HZ))
+            said.append(f"0.1 LSB, {words}: never; at best {2.0 ** (chip.PAPER_BITS - best):.2f} LSB")
+            continue
+        lsb = 2.0 ** (chip.PAPER_BITS - chip.bits_at(points, curve, gate / 10.0))
+        time = seconds_words(gate / chip.PAPER_HZ)
+        said.append(f"0.1 LSB, {words}: {gate:.0f} clocks, {time}; in a tenth of that: {lsb:.2g} LSB")
+    return said
+
+
+def frame_rates(points: Sequence[chip.Point], path: Path) -> None:
+    """Draw bits against frame rate for each array size, one panel a clock."""
+    figure = Figure(figsize=(15, 5), layout="constrained")
+    full_n = design.load().sensor.force_max_n
+    for axes, f in zip(figure.subplots(1, 3, sharey=True), (5e6, 20e6, 50e6), strict=True):
+        curve = sorted(
+            (p for p in points if p.curve == chip.FULL and p.f_clk_hz == f), key=lambda p: p.slot_s
+        )
+        for colour, size in zip(COLOURS, chip.SIZES, strict=False):
+            rate = [chip.frame_hz(size, p.slot_s) for p in curve]
+            axes.plot(rate, [p.bits for p in curve], color=colour, label=f"{size}x{size}", linewidth=1.3)
+        axes.set_xscale("log")
+        axes.set_xlabel("frames a second, 23 us to settle")
+        axes.set_title(f"{1e-6 * f:g} MHz", fontsize=10)
+        axes.grid(True, alpha=0.3)
+        if f == chip.PAPER_HZ:
+            axes.set_ylabel("effective resolution / bits, all effects")
+            axes.legend(fontsize=8, loc="lower left", frameon=False)
+            _star(axes, 500)
+    right = axes.secondary_yaxis(
+        "right", functions=(lambda b: full_n / 2.0**b, lambda n: np.log2(full_n / np.maximum(n, 1e-9)))
+    )
+    right.set_ylabel("step of the equivalent quantiser / N")
+    right.yaxis.set_minor_locator(NullLocator())
+    right.set_yticks([1, 0.3, 0.1, 0.03, 0.01])
+    right.yaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:g}"))
+    save(figure, path)
+
+
+def without_time(
+    reading: Sequence[chip.Point], drooping: Sequence[chip.Point], settled: Sequence[chip.Point], path: Path
+) -> None:
+    """Draw gains of accuracy without time: other ways to read, correction of row droop, a pedestal."""
+    figure = Figure(figsize=(19, 5.2), layout="constrained")
+    for axes, points, title in zip(
+        figure.subplots(1, 3),
+        (reading, drooping, settled),
+        (
+            "One converter, 5 MHz",
+            "16x16 with 1 ohm drivers, 0.5 ohm inputs",
+            "Light rows after others, 510 clocks",
+        ),
+        strict=True,
+    ):
+        axes.set_xscale("log", base=10 if points is settled else 2)
+        _curves(axes, points, (lambda p: 1e6 * p.settle_s) if points is settled else lambda p: p.gate_clocks)
+        axes.set_xlabel("time to settle / us" if points is settled else "gate / clocks")
+        axes.set_title(title, fontsize=10, loc="left")
+    save(figure, path)
+
+
+def energy(points: Sequence[chip.Point], current: chip.ChannelCurrent | None, path: Path) -> None:
+    """Draw energy of a conversion and of a bit against gate length, and of a step of the quantiser against bits."""
+    figure = Figure(figsize=(13.5, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    own = sorted(
+        (p for p in points if p.curve == chip.FULL and p.f_clk_hz == chip.PAPER_HZ),
+        key=lambda p: p.gate_clocks,
+    )
+    gates, bits = [p.gate_clocks for p in own], np.array([p.bits for p in own])
+    kinds = [("declared currents alone: a floor", None, GREY)]
+    if current is not None:
+        kinds.append((f"with the channel's {1e6 * current.typical:.0f} uA, measured", current.typical, BLUE))
+    for words, channel_a, colour in kinds:
+        joule = np.array([chip.energy_j(p.slot_s, channel_a) for p in own])
+        style = {"color": colour, "ms": 4}
+        left.plot(gates, 1e9 * joule, "o-", label=f"a conversion, {words}", **style)
+        left.plot(gates, 1e9 * joule / bits, "s-", mfc="none", label=f"a bit, {words}", **style)
+        right.plot(bits, 1e12 * joule / 2.0**bits, "o-", label=words, **style)
+    left.set_xscale("log", base=2)
+    left.set_xlabel("gate / clocks at 5 MHz (23 us to settle before it)")
+    left.set_ylabel("energy / nJ")
+    right.set_xlabel("effective resolution with all effects / bits")
+    right.set_ylabel("energy over 2^bits / pJ")
+    source = "not measured" if current is None else "measured in ngspice, SKY130 transistors"
+    left.set_title(
+        f"One column at a quarter of the clock rate; supply current {source}", fontsize=9, loc="left"
+    )
+    right.set_title("Energy of a step", fontsize=9, loc="left")
+    for axes, paper in ((left, chip.gate_of(chip.PAPER_BITS)), (right, chip.PAPER_BITS)):
+        axes.set_yscale("log")
+        axes.axvline(paper, color=RED, linestyle=":", label="the paper")
+        axes.grid(True, alpha=0.3)
+        axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+    save(figure, path)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Benchmarks that last: every run is kept, one is blessed, and what became slower or less exact since then is named.
+"""Every run of the benchmark is kept, one is blessed, and later runs name the rows that became worse.
 
-A comparison informs and fails nothing: the correctness of a run is judged by the limits of models/spec.toml. Errors and
-ratios, whose two sides were measured in turns in one run, can be compared across machines; times and speeds cannot, and
-stand apart with both machines named.
+A comparison informs and fails nothing: models/spec.toml judges. Errors and ratios of times measured in turns compare
+across machines; times and speeds do not, and are listed apart with both machines named.
 """
 
 from __future__ import annotations
@@ -13,9 +12,8 @@ import json
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -23,49 +21,48 @@ from rich.table import Table
 
 from dermis.errors import InputError
 from dermis.files import write_atomic
+from dermis.places import ROOT
 from dermis.report import verdict
 from dermis.report.verdict import Row
-from dermis.scene.design import ROOT
 
 BLESSED = ROOT / "models" / "bench_blessed.json"
 HISTORY = ROOT / "build" / "bench_history"
 MADE_BY = "make bench ARGS=--bless"
 
-Kind = Literal["error", "ratio", "absolute"]
+KINDS = {
+    "error": ("less_exact", "less exact"),
+    "ratio": ("slower_by_ratio", "slower, by ratios that were measured in pairs"),
+    "absolute": ("slower", "times and memory, for information"),
+}
+"""Kinds of rows: the name of their summary row and their heading."""
 
 
-@dataclass(frozen=True)
-class Meaning:
-    """What a row says: `worse_by` is the factor from which on a change to the worse is named."""
+class Meaning(NamedTuple):
+    """Kind of a row, its good direction, and the factor from which on a change to the worse is named."""
 
-    kind: Kind
+    kind: str
     higher_is_better: bool
     worse_by: float
 
 
-# An error repeats to the last digit on one machine; another's rounding moves one that is rounding by less than 2.
+# An error repeats to the last digit on one machine; rounding on another moves one that is rounding by less than 2.
 _ERROR = Meaning("error", False, 2.0)
-# Two orders 2 % apart are 1.95 and 1.91, and the gate is 1.9.
-_ORDER = Meaning("error", True, 1.02)
-# Medians of a few runs of the same tree differ by some per cent; nobody looks for the cause of less than a tenth.
+# Medians of a few runs of the same tree differ by some per cent.
 _LESS, _MORE = Meaning("ratio", False, 1.1), Meaning("ratio", True, 1.1)
 _TIME, _SPEED = Meaning("absolute", False, 1.1), Meaning("absolute", True, 1.1)
 
 MEANINGS: dict[str, Meaning | None] = {
-    "accuracy.order": _ORDER,
+    "accuracy.order": Meaning("error", True, 1.02),  # 2 % are 1.95 and 1.91, and the gate is 1.9
     "array.exponent": _LESS,
     "batch.speed_ratio": _MORE,
     "closed.difference": _ERROR,
     "closed.frames_per_s": _SPEED,
     "closed.speed_ratio": _MORE,
-    "cosim.clock_us": _TIME,
     "cosim.clocks_per_s": _SPEED,
     "cosim.count_error": _ERROR,
     "cosim.edge_error_v": _ERROR,
-    "cosim.error_ratio": None,  # says nothing that the error itself does not
     "cosim.frame_code_error_lsb": _ERROR,
     "cosim.frame_s": _TIME,
-    "cosim.ngspice_share": None,  # neither more nor less of it is better
     "cosim.speed_ratio": _MORE,
     "effects_off.time_ratio": _LESS,
     "event.certificate_time_ratio": _LESS,
@@ -77,43 +74,42 @@ MEANINGS: dict[str, Meaning | None] = {
     "rtl.frames_per_s": _SPEED,
     "setup.second_call_s": _TIME,
 }
-"""By the beginning of a row's name."""
+"""By the beginning of a row's name; None is not compared."""
 
 
 def meaning(name: str) -> Meaning | None:
-    """What a row says, by the longest beginning of its name that is known; None if it is not compared.
+    """Return the meaning of a row, by the longest beginning of its name; None if it is not compared.
 
     Raises
     ------
     KeyError
-        Nobody has said what becomes better or worse about it.
+        `MEANINGS` has no entry for it.
     """
     parts = name.split(".")
     for end in range(len(parts), 0, -1):
         if (head := ".".join(parts[:end])) in MEANINGS:
             return MEANINGS[head]
-    raise KeyError(f"bench_history.MEANINGS has no entry for {name}")
+    raise KeyError(f"history.MEANINGS has no entry for {name}")
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """A row that became worse by `factor`; None where an error was exactly 0."""
 
     name: str
-    kind: Kind
+    kind: str
     unit: str
     before: float
     now: float
     factor: float | None
 
     def __str__(self) -> str:
-        """In words."""
+        """Return the change in words."""
         by = "was exact" if self.factor is None else f"{self.factor:.3g} times worse"
         return f"{self.name}: {self.before:.4g} -> {self.now:.4g} {self.unit} ({by})"
 
 
 def _worse(before: Mapping[str, Any], now: Mapping[str, Any], what: Meaning) -> tuple[bool, float | None]:
-    """Whether a row became worse, and by what factor."""
+    """Return True if a row became worse, and by what factor."""
     a, b = float(before["value"]), float(now["value"])
     if what.kind == "error" and not what.higher_is_better and a == 0.0:
         return b > 0.0, None
@@ -122,37 +118,30 @@ def _worse(before: Mapping[str, Any], now: Mapping[str, Any], what: Meaning) -> 
     factor = a / b if what.higher_is_better else b / a
     if not factor > what.worse_by:
         return False, factor
-    # Runs that overlap with the blessed ones are no change, however far the medians are apart.
+    # Runs that overlap with the blessed ones are no change, however far apart the medians are.
     runs_a, runs_b = before.get("runs") or [a], now.get("runs") or [b]
-    apart = max(runs_b) < min(runs_a) if what.higher_is_better else min(runs_b) > max(runs_a)
-    return apart, factor
+    return (max(runs_b) < min(runs_a) if what.higher_is_better else min(runs_b) > max(runs_a)), factor
+
+
+def _compared(rows: Sequence[Row], blessed: Mapping[str, Any]) -> Iterator[tuple[Row, Any, Meaning]]:
+    for row in rows:
+        before, what = blessed["rows"].get(row["name"]), meaning(row["name"])
+        if what is not None and before is not None and row["value"] is not None:
+            yield row, before, what
 
 
 def changes(rows: Sequence[Row], blessed: Mapping[str, Any]) -> list[Change]:
-    """What became worse than the blessed result: errors first, then ratios, then times; the largest factor first."""
+    """Return the rows worse than blessed: errors, then ratios, then times; the largest factor first."""
     found = []
-    for row in rows:
-        before, what = blessed["rows"].get(row["name"]), meaning(row["name"])
-        if what is None or before is None or row["value"] is None:
-            continue
+    for row, before, what in _compared(rows, blessed):
         worse, factor = _worse(before, row, what)
         if worse:
             found.append(Change(row["name"], what.kind, row["unit"], before["value"], row["value"], factor))
-    order = {"error": 0, "ratio": 1, "absolute": 2}
-    return sorted(found, key=lambda c: (order[c.kind], -(c.factor or math.inf)))
-
-
-def unmeasured(rows: Sequence[Row], blessed: Mapping[str, Any]) -> list[str]:
-    """Blessed rows that a run has no value of."""
-    have = {row["name"] for row in rows if row["value"] is not None}
-    return [name for name in blessed["rows"] if name not in have and meaning(name) is not None]
-
-
-# ---- files ------------------------------------------------------------------------------------------------------
+    return sorted(found, key=lambda c: (list(KINDS).index(c.kind), -(c.factor or math.inf)))
 
 
 def record(rows: Sequence[Row], machine: str, tree: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """A run as it is kept: when, where, which tree (a hash of what decides about results), how, and its values."""
+    """Return a run as it is kept: time, machine, hash of the tree, options and values."""
     kept = {
         row["name"]: {key: row[key] for key in ("value", "unit", "status", "runs") if key in row}
         for row in rows
@@ -163,24 +152,23 @@ def record(rows: Sequence[Row], machine: str, tree: str, options: Mapping[str, A
 
 
 def keep(run: Mapping[str, Any], directory: Path | None = None) -> Path:
-    """Write a run into the history and return where; two of one second have names of their own."""
+    """Write a run into the history and return its path; two of one second get different names."""
     directory = HISTORY if directory is None else directory
     stem = run["made"].replace(":", "").replace("+0000", "Z")
-    path = next(
-        p for n in range(1000) if not (p := directory / f"{stem}{f'_{n}' if n else ''}.json").exists()
-    )
+    names = (directory / f"{stem}{f'_{n}' if n else ''}.json" for n in range(1000))
+    path = next(path for path in names if not path.exists())
     write_atomic(path, json.dumps(run, indent=1, allow_nan=False) + "\n")
     return path
 
 
 def history(directory: Path | None = None) -> list[dict[str, Any]]:
-    """The runs that were kept, the oldest first."""
+    """Return the runs that were kept, the oldest first."""
     found = [_read(path) for path in (HISTORY if directory is None else directory).glob("*.json")]
     return sorted(found, key=lambda run: run["made"])
 
 
 def blessed(path: Path | None = None) -> dict[str, Any] | None:
-    """The blessed run; None if there is none."""
+    """Return the blessed run; None if there is none."""
     path = BLESSED if path is None else path
     return _read(path) if path.exists() else None
 
@@ -194,63 +182,59 @@ def _read(path: Path) -> dict[str, Any]:
         if wrong:
             raise ValueError(wrong[0])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(path, "file", f"{type(error).__name__}: {error}", f"what {MADE_BY} writes") from None
+        raise InputError(
+            path, "file", f"{type(error).__name__}: {error}", f"the output of {MADE_BY}"
+        ) from None
     return run
 
 
 def bless(run: Mapping[str, Any], rows: Sequence[Row], path: Path | None = None) -> None:
-    """Make a run the one that others are compared with.
+    """Make a run the one that later runs are compared with.
 
     Raises
     ------
     InputError
         A row of it is FAIL or ERROR.
     """
-    path = BLESSED if path is None else path
     if wrong := [row["name"] for row in rows if row["status"] in ("FAIL", "ERROR")]:
-        raise InputError("command line", "--bless", wrong[0], "a run in which nothing is FAIL or ERROR")
-    write_atomic(path, json.dumps(run, indent=1, allow_nan=False) + "\n")
-
-
-# ---- words ------------------------------------------------------------------------------------------------------
-
-_HEADINGS: dict[Kind, str] = {
-    "error": "less exact",
-    "ratio": "slower, by ratios that were measured in pairs",
-    "absolute": "times and memory, for information",
-}
+        raise InputError("command line", "--bless", wrong[0], "a run without FAIL or ERROR")
+    write_atomic(BLESSED if path is None else path, json.dumps(run, indent=1, allow_nan=False) + "\n")
 
 
 def report(rows: Sequence[Row], machine: str, before: Mapping[str, Any] | None, whole: bool) -> Iterator[str]:
-    """The comparison in lines; `whole` if the run was to measure everything."""
+    """Yield the comparison in lines; `whole` if the run was to measure everything."""
     if before is None:
         yield f"no blessed result to compare with; {MADE_BY} writes {BLESSED.relative_to(ROOT)}"
         return
-    found = changes(rows, before)
-    compared = sum(
-        row["value"] is not None and row["name"] in before["rows"] and meaning(row["name"]) is not None
-        for row in rows
-    )
+    found, compared = changes(rows, before), len(list(_compared(rows, before)))
     yield f"Against the result blessed {before['made']}, tree {before['tree']}: {compared} rows compared."
     if before["machine"] != machine:
         yield f"  Another machine: blessed on {before['machine']}; now on {machine}."
-    for kind, heading in _HEADINGS.items():
+    for kind, (_, heading) in KINDS.items():
         own = [change for change in found if change.kind == kind]
-        yield f"  {heading}: {'nothing' if not own else ''}"
+        yield f"  {heading}: {'' if own else 'nothing'}"
         yield from (f"    {change}" for change in own)
-    if whole and (lost := unmeasured(rows, before)):
+    have = {row["name"] for row in rows if row["value"] is not None}
+    lost = [name for name in before["rows"] if name not in have and _known(name)]
+    if whole and lost:
         yield f"  not measured now: {', '.join(lost)}"
 
 
+def _known(name: str) -> bool:
+    """Return True for a row that is compared; a file may hold rows of an earlier program."""
+    try:
+        return meaning(name) is not None
+    except KeyError:
+        return False
+
+
 def summary(rows: Sequence[Row], before: Mapping[str, Any] | None) -> list[Row]:
-    """The comparison as rows of the table: how many entries became worse, and their names. They fail nothing."""
-    names: dict[Kind, str] = {"error": "less_exact", "ratio": "slower_by_ratio", "absolute": "slower"}
+    """Return the comparison as rows: how many rows became worse, and their names. They fail nothing."""
     if before is None:
-        return [verdict.skip(f"blessed.{name}", "nothing is blessed") for name in names.values()]
-    found = changes(rows, before)
+        return [verdict.skip(f"blessed.{name}", "nothing is blessed") for name, _ in KINDS.values()]
     made = []
-    for kind, name in names.items():
-        own = [change for change in found if change.kind == kind]
+    for kind, (name, _) in KINDS.items():
+        own = [change for change in changes(rows, before) if change.kind == kind]
         note = "; ".join(str(change) for change in own) or "none"
         note += f"; against {before['made']}" + (f" on {before['machine']}" if kind == "absolute" else "")
         made.append(verdict.report(f"blessed.{name}", len(own), "rows", note))
@@ -258,20 +242,18 @@ def summary(rows: Sequence[Row], before: Mapping[str, Any] | None) -> list[Row]:
 
 
 def print_history(runs: Sequence[Mapping[str, Any]], most: int = 6) -> None:
-    """The last runs beside each other, and the median of all, for the rows that are compared."""
-    shown = runs[-most:]
+    """Print the last runs in columns, and the median of all, for the rows that are compared."""
     table = Table(title="History of the benchmark", box=box.SIMPLE_HEAD, title_justify="left")
     table.add_column("name")
     table.add_column("unit")
-    for run in shown:
+    for run in runs[-most:]:
         table.add_column(f"{run['made'][:16]}\n{run['tree']}", justify="right")
     table.add_column(f"median of {len(runs)}", justify="right")
-    names = dict.fromkeys(name for run in runs for name in run["rows"] if meaning(name) is not None)
-    for name in names:
+    for name in dict.fromkeys(name for run in runs for name in run["rows"] if _known(name)):
         every = [run["rows"].get(name) for run in runs]
-        measured = [row for row in every if row is not None]
-        middle = statistics.median(row["value"] for row in measured)
+        present = [row for row in every if row is not None]
         cells = ["" if row is None else f"{row['value']:.4g}" for row in every[-most:]]
-        table.add_row(name, measured[-1]["unit"], *cells, f"{middle:.4g}")
+        middle = statistics.median(row["value"] for row in present)
+        table.add_row(name, present[-1]["unit"], *cells, f"{middle:.4g}")
     console = Console()
     (console if console.is_terminal else Console(width=170)).print(table)

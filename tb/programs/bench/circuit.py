@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One converter for the benchmark: dermis_top with one column, in lock-step with a circuit whose solution is known.
+"""One converter: dermis_top with one column in lock-step with a circuit whose exact solution is known.
 
-Started as `python -m tb.programs.bench.bench_vfc JOB` it runs the HDL simulator, which loads this module again as
-the cocotb test; a job without a simulator drives ngspice alone. A job is a directory:
-job.json in; result.npz or error.txt, and logs out.
+A job runs in a process of its own, in a directory: job.pickle in; result.pickle or error.txt, and logs out. The HDL
+simulator loads this module again as the cocotb test; a job without a simulator drives ngspice alone.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import os
+import pickle
 import sys
 import time
 import traceback
@@ -267,28 +265,26 @@ def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
         last = told
 
 
-# ---- the child process ------------------------------------------------------------------------------------------
+# ---- a run in a process of its own -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Job:
-    """What the child does: `frames` runs of the circuit.
+    """Work of the child: `frames` runs of the circuit.
 
-    `simulator` None drives ngspice alone with the charge bits of replay.npz; `replay` puts a half in ngspice's place
-    that costs nothing and answers with the comparator bits of replay.npz; `keep` returns what crossed the bridge.
+    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns what crossed the bridge.
     `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
 
-    The last two are faults, for the test that they are found: ngspice is given packets that are too large by
-    `packet_error`, or hears of the 50th switching of the charge `late_s` too late.
+    The last two are faults, for the test that they are found: packets in ngspice are too large by `packet_error`,
+    or the 50th switching of the charge reaches it `late_s` too late.
     """
 
     circuit: Circuit
     frames: int
     t_max_step_s: float = 1e-6
     simulator: str | None = "icarus"
-    replay: bool = False
     keep: bool = False
-    build: str = ""
+    charge: NDArray[Any] | None = None
     packet_error: float = 0.0
     late_s: float = 0.0
     options: str = OPTIONS
@@ -297,32 +293,43 @@ class Job:
 
 @dataclass(frozen=True)
 class Run:
-    """What a job measured, one entry or row a frame; bits and voltages only where it was told to keep them.
+    """Result of a job, one entry or row a frame; bits and voltages only where the job keeps them.
 
     `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge` [frames, clocks] is
-    what the charge switch was told at clocks 1.., `comparator` [frames, clocks] what the Verilog was told at clocks
-    1.., `voltage` [frames, clocks + 1] the integrator at clocks 0.. (without a preset, ngspice gives none at 0).
+    the state of the charge switch at clocks 1.., `voltage` [frames, clocks + 1] the integrator at clocks 0.. (without
+    a preset, ngspice gives none at 0).
     """
 
-    codes: NDArray[np.int64]
+    codes: NDArray[Any]
     seconds: Floats
     cpu_seconds: Floats
-    charge: NDArray[np.int64] | None = None
-    comparator: NDArray[np.int64] | None = None
+    charge: NDArray[Any] | None = None
     voltage: Floats | None = None
 
-    def rates(self, circuit: Circuit) -> Floats:
-        """Clocks a second of each frame."""
-        return circuit.clocks / self.seconds
+    def rate(self, circuit: Circuit) -> float:
+        """Clocks a second, median of the frames."""
+        return float(np.median(circuit.clocks / self.seconds))
+
+    def cpu_per_clock_s(self, circuit: Circuit) -> float:
+        """Processor seconds a clock, median of the frames."""
+        return float(np.median(self.cpu_seconds)) / circuit.clocks
+
+    def miscount(self, circuit: Circuit) -> int:
+        """Largest difference of a code from the exact count."""
+        return int(np.max(np.abs(self.codes - circuit.pulses))) if len(self.codes) else 0
+
+    def error_v(self, circuit: Circuit) -> float:
+        """Largest error of the integrator in the first frame of a job that keeps its voltages."""
+        assert self.voltage is not None
+        assert self.charge is not None
+        return edge_error_v(circuit, self.voltage[0], self.charge[0])
 
 
 class _Watched:
     """An analog half with a stop watch from its first answer to its end."""
 
     def __init__(self, inner: Any, job: Job) -> None:
-        self._inner = inner
-        self._job = job
-        self._switched = 0
+        self._inner, self._job, self._switched = inner, job, 0
         self.voltage: list[float] = []
         self.seconds = self.cpu_seconds = 0.0
 
@@ -331,7 +338,7 @@ class _Watched:
         if self._job.keep:
             self.voltage.append(float(sample[1]))
         elif not self._job.late_s:
-            self.advance = self._inner.advance  # type: ignore[method-assign]  # nothing in between from now on
+            self.advance = self._inner.advance  # type: ignore[method-assign]  # no detour from now on
         if to == 0.0:
             self._start = time.perf_counter(), time.process_time()
         return sample
@@ -350,40 +357,9 @@ class _Watched:
         self._inner.close()
 
 
-class _Replay:
-    """Answers with recorded comparator bits, at no cost: what is left is the HDL simulator, cocotb and the bridge."""
-
-    def __init__(self, comparator: NDArray[np.int64]) -> None:
-        samples = np.where(np.concatenate([[0], comparator]) > 0, 1.0, -1.0)
-        self._next = iter(samples.reshape(-1, 1)).__next__
-
-    def advance(self, to: float, edges: Sequence[Edge]) -> Floats:
-        return self._next()
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def _load(where: Path) -> Job:
-    said = json.loads((where / "job.json").read_text())
-    return Job(**{**said, "circuit": Circuit(**said["circuit"])})
-
-
-def _replay(where: Path) -> dict[str, NDArray[Any]]:
-    with np.load(where / "replay.npz") as data:
-        return dict(data)
-
-
-def _write(where: Path, **arrays: Any) -> None:
-    scratch = where / "result.partial.npz"
-    np.savez(scratch, **arrays)
-    scratch.replace(where / "result.npz")
-
-
-def ngspice_half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0)) -> NgspiceHalf:
-    """The circuit of a job, ready to be advanced."""
+def _half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0)) -> _Watched:
     circuit = job.circuit
-    return NgspiceHalf(
+    inner = NgspiceHalf(
         deck(circuit, levels, job.packet_error, job.options),
         t_edge_s=circuit.t_edge_s,
         t_max_step_s=job.t_max_step_s,
@@ -392,66 +368,62 @@ def ngspice_half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0
         use_ic=not circuit.preset,
         cuts=job.cuts,
     )
+    return _Watched(inner, job)
 
 
-async def _frames(dut: Any, where: Path) -> None:
-    job = _load(where)
-    circuit = job.circuit
+def _run(codes: Any, halves: Sequence[_Watched], charge: Any) -> Run:
+    voltage = None if charge is None else np.array([half.voltage for half in halves])
+    seconds, cpu = (np.array([getattr(half, n) for half in halves]) for n in ("seconds", "cpu_seconds"))
+    return Run(np.asarray(codes), seconds, cpu, None if charge is None else np.asarray(charge), voltage)
+
+
+async def _frames(dut: Any, job: Job, where: Path) -> Run:
     halves: list[_Watched] = []
 
     def make_half(frame: int, levels: list[float]) -> Any:
-        if job.replay:
-            half: Any = _Replay(_replay(where)["comparator"])
-        else:
-            half = ngspice_half(job, where, levels)
-        halves.append(_Watched(half, job))
+        halves.append(_half(job, where, levels))
         return halves[-1]
 
-    chip = bridge.Bridge(dut, circuit.timing, 1, trace=job.keep)
+    chip = bridge.Bridge(dut, job.circuit.timing, 1, trace=job.keep)
     codes = await chip.run(job.frames, make_half)
-    arrays: dict[str, Any] = {
-        "codes": codes.ravel(),
-        "seconds": [half.seconds for half in halves],
-        "cpu_seconds": [half.cpu_seconds for half in halves],
-    }
+    charge = None
     if chip.trace is not None:
-        for name in ("charge", "comparator"):
-            bits = getattr(chip.trace, name)
-            arrays[name] = np.array([bits[begin : begin + circuit.clocks] for begin in chip.trace.begins])
-        arrays["voltage"] = np.array([half.voltage for half in halves])
-    _write(where, **arrays)
+        bits = chip.trace.charge
+        charge = [bits[begin : begin + job.circuit.clocks] for begin in chip.trace.begins]
+    return _run(codes.ravel(), halves, charge)
 
 
-def _alone(job: Job, where: Path) -> None:
-    charge = _replay(where)["charge"]
-    halves = []
-    for _ in range(job.frames):
-        halves.append(_Watched(ngspice_half(job, where), job))
-        walk(halves[-1], job.circuit, charge.tolist())
-        halves[-1].close()
-    arrays: dict[str, Any] = {"codes": [], "seconds": [h.seconds for h in halves]}
-    arrays["cpu_seconds"] = [h.cpu_seconds for h in halves]
-    if job.keep:
-        arrays |= {"charge": [charge] * job.frames, "voltage": [h.voltage for h in halves]}
-    _write(where, **arrays)
+def _alone(job: Job, where: Path) -> Run:
+    assert job.charge is not None
+    halves = [_half(job, where) for _ in range(job.frames)]
+    for half in halves:
+        walk(half, job.circuit, job.charge.tolist())
+        half.close()
+    return _run([], halves, [job.charge] * job.frames if job.keep else None)
 
 
-def main(where: Path) -> int:
-    """Run a job; its exit code says nothing, the files it leaves do."""
-    job = _load(where)
+def _leave(where: Path, name: str, value: Any) -> None:
+    write_atomic(where / name, pickle.dumps(value))
+
+
+def main(where: Path) -> None:
+    """Run the job of a directory and leave result.pickle or error.txt there."""
+    job, build = pickle.loads((where / "job.pickle").read_bytes())
     try:
         if job.simulator is None:
-            _alone(job, where)
-            return 0
-        told = {JOB_VARIABLE: str(where)}
-        hdl.run_cocotb(
-            job.simulator, Path(job.build), "dermis_top", "tb.programs.bench.bench_vfc", where, told
-        )
+            _leave(where, "result.pickle", _alone(job, where))
+        else:
+            hdl.run_cocotb(
+                job.simulator,
+                build,
+                "dermis_top",
+                "tb.programs.bench.circuit",
+                where,
+                {JOB_VARIABLE: str(where)},
+            )
     except (SimulatorError, RuntimeError, SystemExit) as error:
         if not (where / "error.txt").exists():
             write_atomic(where / "error.txt", f"{error}\n")
-        return 1
-    return 0
 
 
 if JOB_VARIABLE in os.environ:
@@ -459,23 +431,21 @@ if JOB_VARIABLE in os.environ:
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the frames of the job; what goes wrong is left as error.txt for the parent."""
+        """Run the frames of the job; a failure is left as error.txt for the parent."""
         where = Path(os.environ[JOB_VARIABLE])
         try:
-            await _frames(dut, where)
+            job, _ = pickle.loads((where / "job.pickle").read_bytes())
+            _leave(where, "result.pickle", await _frames(dut, job, where))
         except Exception as error:
             write_atomic(where / "error.txt", f"{type(error).__name__}: {error}\n")
             (where / "traceback.log").write_text(traceback.format_exc())
             raise
 
 
-# ---- the parent -------------------------------------------------------------------------------------------------
-
-
 def call(
     command: Sequence[str | Path], where: Path, limit_s: float, log: str = "console.log", **environment: str
 ) -> int:
-    """Run a command in a directory until it ends; its output goes to a log there. Returns its exit code.
+    """Run a command in a directory, its output into a log there, and return its exit code.
 
     Raises
     ------
@@ -484,50 +454,45 @@ def call(
     """
     (where / log).unlink(missing_ok=True)
     words = [str(word) for word in command]
-    code = children.run_child(
-        words, where, where / log, limit_s, {"OPENBLAS_NUM_THREADS": "1", **environment}
-    )
+    environment = {"OPENBLAS_NUM_THREADS": "1", **environment}
+    code = children.run_child(words, where, where / log, limit_s, environment)
     if code is None:
         raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log)
     return code
 
 
-def measure(job: Job, where: Path, limit_s: float, replay: Run | None = None) -> Run:
-    """Run a job in a process of its own, in a new directory.
-
-    Parameters
-    ----------
-    job : Job
-        `build` may be left empty.
-    where : Path
-    limit_s : float
-        After this the process is ended.
-    replay : Run, optional
-        Where the recorded bits come from.
+def result(where: Path) -> Any:
+    """Return the result that a child left in a directory.
 
     Raises
     ------
     SimulatorError
-        It failed, took too long or left no result.
+        It left an error, or no result.
     """
-    where.mkdir(parents=True)
-    if job.simulator is not None:
-        build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-        job = dataclasses.replace(job, build=str(build))
-    if replay is not None:
-        assert replay.charge is not None
-        assert replay.comparator is not None
-        np.savez(where / "replay.npz", charge=replay.charge[0], comparator=replay.comparator[0])
-    (where / "job.json").write_text(json.dumps(dataclasses.asdict(job)))
-    call([sys.executable, "-m", "tb.programs.bench.bench_vfc", where], where, limit_s)
     if (where / "error.txt").exists():
         raise SimulatorError((where / "error.txt").read_text().strip(), where)
     try:
-        with np.load(where / "result.npz") as data:
-            return Run(**data)
-    except (OSError, ValueError):
+        return pickle.loads((where / "result.pickle").read_bytes())
+    except OSError:
         raise SimulatorError("the process ended without a result", where) from None
 
 
-if __name__ == "__main__":
-    raise SystemExit(main(Path(sys.argv[1])))
+def measure(job: Job, where: Path, limit_s: float) -> Run:
+    """Run a job in a process of its own, in a new directory.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, took longer than `limit_s` or left no result.
+    """
+    where.mkdir(parents=True)
+    build = None
+    if job.simulator is not None:
+        build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
+    _leave(where, "job.pickle", (job, build))
+    # Not -m: the classes of the pickle belong to this module by its name.
+    program = (
+        "import sys, pathlib; from tb.programs.bench import circuit; circuit.main(pathlib.Path(sys.argv[1]))"
+    )
+    call([sys.executable, "-c", program, where], where, limit_s)
+    return result(where)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmark's converter in other people's mixed-signal simulators; none of their code is in this tree.
+"""The converter of the benchmark in other mixed-signal simulators; none of their code is in this tree.
 
-Each gets the same circuit, the same flip-flops and the same solver options, and is held against the same exact
-solution, which takes the charge pulses that its own digital side gave. ngspice's XSPICE is always there; the other
-two are measured where they can be imported.
+Each gets the same circuit, flip-flops and solver options, and is compared with the same exact solution, which takes
+the charge pulses of its own digital side. XSPICE comes with ngspice; the other two are measured where they import.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import dataclasses
 import importlib.util
 import json
 import os
+import pickle
 import re
 import shutil
 import sys
@@ -29,18 +29,18 @@ from dermis.chip.sources import rtl_sources
 from dermis.converter.vfc import count_rational
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
-from tb.programs.bench import bench_vfc
-from tb.programs.bench.bench_vfc import Circuit, Floats
+from tb.programs.bench import circuit as circuits
+from tb.programs.bench.circuit import Circuit, Floats
 
 AMS_VARIABLE = "DERMIS_BENCH_AMS"
 
 PIP = {"spicebind": "spicebind==0.0.2", "cocotbext_ams": "cocotbext-ams==0.1.0"}
-"""What the two were tried with; `pip install --no-deps` puts them into .venv, `pip uninstall` takes them out."""
+"""Versions that were measured; `pip install --no-deps` adds them to .venv."""
 
 
 @dataclass(frozen=True)
 class PeerRun:
-    """Voltage error in volt, |pulses - exact|, and wall time of so many clocks; NaN seconds where not timed."""
+    """Voltage error in volt, |pulses - exact|, and wall time of the clocks; NaN seconds where not timed."""
 
     error_v: float
     count_error: int
@@ -54,7 +54,7 @@ class PeerRun:
 
 
 def missing(name: str) -> str | None:
-    """Why a peer cannot be measured here; None if it can."""
+    """Return why a peer cannot be measured here; None if it can."""
     module = {"spicebind": "spicebind", "cocotbext_ams": "cocotbext.ams"}[name]
     try:
         found = importlib.util.find_spec(module)
@@ -66,7 +66,7 @@ def missing(name: str) -> str | None:
 
 
 def short(circuit: Circuit, clocks: int) -> Circuit:
-    """The circuit without clocks before the gate: what a peer starts with."""
+    """Return the circuit without clocks before the gate, as a peer starts it."""
     return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks, preset=False)
 
 
@@ -83,16 +83,15 @@ def _judge(
             f"the waveform ends at {time_s[-1] if time_s.size else 0:g} s, or its pulses are no bits"
         )
     at_edges = np.interp(np.arange(1, told.size + 1) / circuit.f_clk_hz, time_s, voltage)
-    error = np.abs(at_edges - bench_vfc.exact_voltage(circuit, told, late_s)[1:])
+    error = np.abs(at_edges - circuits.exact_voltage(circuit, told, late_s)[1:])
     # A decision reaches the switch one clock later, and none can fall on clock 0.
     return float(error.max()), abs(int(told.sum()) - count_rational(circuit.duty, told.size - 2))
 
 
 # ---- ngspice with XSPICE ----------------------------------------------------------------------------------------
 
-_T_GATE_S = (
-    1e-12  # the least that XSPICE takes; three of them lie between a clock edge and the ramp of the charge
-)
+# The least that XSPICE takes; three of them lie between a clock edge and the ramp of the charge.
+_T_GATE_S = 1e-12
 
 
 def xspice(
@@ -101,7 +100,7 @@ def xspice(
     clocks: int,
     where: Path,
     limit_s: float,
-    options: str = bench_vfc.OPTIONS,
+    options: str = circuits.OPTIONS,
 ) -> PeerRun:
     """Plain ngspice: bridges, two d_dff and a gate in event-driven code models, clock edges from a d_source file."""
     where.mkdir(parents=True)
@@ -112,8 +111,8 @@ def xspice(
     delays = " ".join(f"{name}={_T_GATE_S}" for name in ("rise_delay", "fall_delay"))
     lines = [
         "one converter with event-driven code models",
-        *bench_vfc.blocks(circuit, options=options),
-        *bench_vfc.start_lines(circuit),
+        *circuits.blocks(circuit, options=options),
+        *circuits.start_lines(circuit),
         "aclk [clk] ticks",
         '.model ticks d_source(input_file="clock.txt")',
         "acmp [comp0] [comp] adc",
@@ -142,7 +141,7 @@ def xspice(
     tool = shutil.which("ngspice")
     if tool is None:
         raise InputError("PATH", "ngspice", "missing", "ngspice; `make setup` installs it")
-    bench_vfc.call([tool, "-b", "deck.cir"], where, limit_s)
+    circuits.call([tool, "-b", "deck.cir"], where, limit_s)
     try:
         begin, end = (float(t) for t in re.findall(r"BENCH_(\d+\.\d+)", (where / "console.log").read_text()))
         time_s, v_int, _, charge = np.loadtxt(where / "waves.dat").T
@@ -209,22 +208,27 @@ def _compile(circuit: Circuit, clocks: int, where: Path, *options: str) -> Path:
     needed = [path for path in rtl_sources() if path.stem in ("dermis_sync_ff", "dermis_tech_dff")]
     options = (f"-Pbench_peer.CLOCKS={clocks}", *options)
     command = [tool, "-g2012", "-s", "bench_peer", *options, "-o", "sim.vvp", "bench_peer.v", *needed]
-    bench_vfc.call(command, where, 60, "compile.log")
+    circuits.call(command, where, 60, "compile.log")
     if not (where / "sim.vvp").exists():
         raise SimulatorError("Icarus does not build the test bench", where / "compile.log")
     return where / "sim.vvp"
 
 
-def _told(where: Path, clocks: int) -> NDArray[np.int64]:
-    """Switch states from clocks 0, 1, ... on: each line is what was there when the next clock came."""
+def _judged(
+    circuit: Circuit, clocks: int, where: Path, seconds: float, wave: tuple[Floats, Floats] | None
+) -> PeerRun:
+    """Judge a run by its waveform and by the pulses that the test bench wrote; without a waveform only time it."""
     try:
-        lines = (where / "told.txt").read_text().split()
-        told = np.array([int(line) for line in lines])
+        # Switch states from clock 0 on: each line is the state when the next clock came.
+        told = np.array([int(line) for line in (where / "told.txt").read_text().split()])
     except (OSError, ValueError) as error:
         raise SimulatorError(f"the test bench left no pulses: {error}", where) from None
     if told.size < clocks:
         raise SimulatorError(f"the run ended after {told.size} of {clocks} clocks", where)
-    return told[:clocks]
+    if wave is None:
+        return PeerRun(np.nan, 0, clocks, seconds)
+    error_v, count_error = _judge(circuit, *wave, told[:clocks], late_s=0.0)
+    return PeerRun(error_v, count_error, clocks, seconds)
 
 
 def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
@@ -248,7 +252,7 @@ def spicebind(
     where: Path,
     limit_s: float,
     waves: bool = True,
-    options: str = bench_vfc.OPTIONS,
+    options: str = circuits.OPTIONS,
 ) -> PeerRun:
     """SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the process."""
     import spicebind as package
@@ -258,8 +262,8 @@ def spicebind(
     program = _compile(circuit, clocks, where)
     lines = [
         "one converter",
-        *bench_vfc.blocks(circuit, options=options),
-        *bench_vfc.start_lines(circuit),
+        *circuits.blocks(circuit, options=options),
+        *circuits.start_lines(circuit),
         "vd_charge d_charge 0 external",
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
         f".tran {circuit.t_edge_s} {(clocks + 2) / circuit.f_clk_hz:.12e} 0 {t_max_step_s} uic",
@@ -271,14 +275,9 @@ def spicebind(
         environment["SPICE_DUMP_RAW"] = "1"
     plugin = Path(package.__file__).parent
     begin = time.perf_counter()
-    bench_vfc.call(["vvp", "-M", plugin, "-m", "spicebind_vpi", program], where, limit_s, **environment)
+    circuits.call(["vvp", "-M", plugin, "-m", "spicebind_vpi", program], where, limit_s, **environment)
     seconds = time.perf_counter() - begin
-    told = _told(where, clocks)
-    if not waves:
-        return PeerRun(np.nan, 0, clocks, seconds)
-    time_s, v_int = _raw(where / "dump.raw", "v_int")
-    error_v, count_error = _judge(circuit, time_s, v_int, told, late_s=0.0)
-    return PeerRun(error_v, count_error, clocks, seconds)
+    return _judged(circuit, clocks, where, seconds, _raw(where / "dump.raw", "v_int") if waves else None)
 
 
 # ---- cocotbext-ams ----------------------------------------------------------------------------------------------
@@ -291,7 +290,7 @@ def cocotbext_ams(
     where: Path,
     limit_s: float,
     waves: bool = True,
-    options: str = bench_vfc.OPTIONS,
+    options: str = circuits.OPTIONS,
 ) -> PeerRun:
     """cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
     where.mkdir(parents=True)
@@ -301,7 +300,7 @@ def cocotbext_ams(
     # It wants a subckt with the pins in its own order, and writes the sources itself.
     inner = [
         ".subckt bench_analog d_charge comp vdd_unused vss_unused",
-        *(line for line in bench_vfc.blocks(circuit) if not line.startswith((".include", ".options"))),
+        *(line for line in circuits.blocks(circuit) if not line.startswith((".include", ".options"))),
         "vhold d_hold 0 0",
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
         ".ends",
@@ -314,25 +313,15 @@ def cocotbext_ams(
         "waves": waves,
         "lines": [f".ic v(x1.xvfc.{node})={circuit.v_start_v!r}" for node in starts] + [options],
     }
-    (where / "limits.json").write_text(json.dumps(told))
-    command = [sys.executable, "-m", "tb.programs.bench.bench_peers", where]
-    bench_vfc.call(command, where, limit_s, **{AMS_VARIABLE: str(where)})
-    if (where / "error.txt").exists():
-        raise SimulatorError((where / "error.txt").read_text().strip(), where)
-    try:
-        with np.load(where / "result.npz") as data:
-            time_s, v_int, seconds = data["time_s"], data["v_int"], float(data["seconds"])
-    except (OSError, ValueError):
-        raise SimulatorError("the process ended without a result", where) from None
-    told = _told(where, clocks)
-    if not waves:
-        return PeerRun(np.nan, 0, clocks, seconds)
-    error_v, count_error = _judge(circuit, time_s, v_int, told, late_s=0.0)
-    return PeerRun(error_v, count_error, clocks, seconds)
+    write_atomic(where / "limits.json", json.dumps(told))
+    command = [sys.executable, "-m", "tb.programs.bench.peers", where]
+    circuits.call(command, where, limit_s, **{AMS_VARIABLE: str(where)})
+    time_s, v_int, seconds = circuits.result(where)
+    return _judged(circuit, clocks, where, seconds, (time_s, v_int) if waves else None)
 
 
 def _ams_main(where: Path) -> None:
-    hdl.run_cocotb("icarus", where, "bench_peer", "tb.programs.bench.bench_peers", where, {})
+    hdl.run_cocotb("icarus", where, "bench_peer", "tb.programs.bench.peers", where, {})
 
 
 async def _ams_run(dut: Any, where: Path) -> None:
@@ -360,8 +349,8 @@ async def _ams_run(dut: Any, where: Path) -> None:
         vss=-1.65,
         tran_step=f"{step * 1e9:g}n",
         extra_lines=[
-            f'.include "{bench_vfc.netlist.SPICE / "design.inc"}"',
-            f'.include "{bench_vfc.netlist.SPICE / "behavioural" / "blocks.inc"}"',
+            f'.include "{circuits.netlist.SPICE / "design.inc"}"',
+            f'.include "{circuits.netlist.SPICE / "behavioural" / "blocks.inc"}"',
             ".save v(x1.xvfc.v_int)",
             *told["lines"],
         ],
@@ -370,12 +359,11 @@ async def _ams_run(dut: Any, where: Path) -> None:
     points: list[tuple[float, float]] = []
 
     class Watch:
-        """Stands where its waveform writer would."""
+        """Takes the place of its waveform writer."""
 
-        def write_values(self, sim_time: float, analog_values: dict[str, float], digital_values: Any) -> None:
-            points.append(
-                (sim_time, analog_values.get("v(x1.xvfc.v_int)", analog_values.get("x1.xvfc.v_int", np.nan)))
-            )
+        def write_values(self, sim_time: float, analog: dict[str, float], digital: Any) -> None:
+            names = ("v(x1.xvfc.v_int)", "x1.xvfc.v_int")
+            points.append((sim_time, next((analog[name] for name in names if name in analog), np.nan)))
 
         def close(self) -> None:
             pass
@@ -393,7 +381,7 @@ async def _ams_run(dut: Any, where: Path) -> None:
     await chip.start(duration_ns=told["end_s"] * 1e9)
     seconds = time.perf_counter() - begin
     table = np.array(points).reshape(-1, 2)
-    np.savez(where / "result.npz", time_s=table[:, 0], v_int=table[:, 1], seconds=seconds)
+    write_atomic(where / "result.pickle", pickle.dumps((table[:, 0], table[:, 1], seconds)))
 
 
 if AMS_VARIABLE in os.environ and __name__ != "__main__":
@@ -414,26 +402,24 @@ GUESTS: dict[str, Callable[..., PeerRun]] = {
     "spicebind": spicebind,
     "cocotbext_ams": cocotbext_ams,
 }
-"""The peers beside XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; waves off, no error."""
+"""Peers other than XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; no waves, no error."""
 
 
 def rate(
     peer: str, circuit: Circuit, t_max_step_s: float, place: Callable[[], Path], limit_s: float
 ) -> float:
-    """Clocks a second by the difference of a long and a short run: start and end of the process drop out.
-
-    The long run is made longer until the difference is far above what ends of processes differ by.
-    """
+    """Return clocks a second from the difference of a long and a short run, without start and end of the process."""
     few, clocks = 100, 400
 
     def seconds(clocks: int) -> float:
         return GUESTS[peer](circuit, t_max_step_s, clocks, place(), limit_s, waves=False).seconds
 
     short_s = seconds(few)
+    # Ends of processes differ by some 10 ms: the difference must be far longer.
     while (more_s := seconds(clocks) - short_s) < 0.6:
         clocks *= 4
         if clocks > 200_000:
-            raise SimulatorError(f"{peer}: {clocks} clocks are still too short to time")
+            raise SimulatorError(f"{peer}: {clocks} clocks are too short to time")
     return (clocks - few) / more_s
 
 
