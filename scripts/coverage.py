@@ -234,7 +234,8 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
     SimulatorError
         A test failed: its counts say nothing.
     """
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-k", "verilator", "-n", "2"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
+    command += ["-n", "2"]
     log.unlink(missing_ok=True)
     environment = {"DERMIS_COVERAGE": str(place)}
     children.run_logged(

@@ -306,6 +306,8 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
         "scripts.mutate_plugin",
         "-x",
         "-q",
+        "-m",
+        "",
         "-k",
         "not verilator",
         *(str(ROOT / "tb" / "rtl" / test) for test in block.tests),

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The array as the converters see it: the column currents of the driven row, solved beforehand (dermis.array.array), one frame after the other.
-// Interface: row_select_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 what course.sv makes
-// a current of), value[N c + n] run-time value n of column c (values.vh), all as the bits of a double and read from outside by name: Icarus 11 has
-// no ports that are arrays.
-// Timing: i_column changes where a row is driven, which rows never are without a break between them; a frame is read where row 0 is driven.
-// Why the edge of a row and not the clock: whatever hangs on these currents alone is then worked out once a slot, not once a clock.
+// Array as seen by the converters: column currents of the driven row, solved beforehand (dermis.array.array).
+// Interface: row_select_i from the chip; i_column[CELL c] is the current into column c in k i0 (with CELL above 1 the
+// input of course.sv), value[N c + n] run-time value n of column c (values.vh). All are bits of a double, read from
+// outside by name: Icarus 11 has no array ports.
+// Timing: i_column changes at the edge of a row; rows have a break between them. A frame is read with row 0.
+// Why the edge of a row and not the clock: logic that depends only on these currents is evaluated once a slot.
 `include "values.vh"
 `default_nettype none
 

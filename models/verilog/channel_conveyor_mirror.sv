@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conveyor and asymmetrical mirror (Fig. 5a): the conveyor holds the column, the mirror sources 1/k of its current into the integrator.
+// Conveyor and asymmetrical mirror (Fig. 5a): the mirror sources 1/k of the column current into the integrator.
 `include "values.vh"
 `default_nettype none
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Simplified conveyor and mirror (Fig. 5b): mirror, integrator, preset, comparator and charge source all turn round. Charge is
-// counted in the direction in which it is stored, so nothing of that is seen here; the SPICE block of this name has the signs.
+// Simplified conveyor and mirror (Fig. 5b): mirror, integrator, preset, comparator and charge source are inverted.
+// Charge is counted in the direction of its storage, so no sign appears here; the SPICE block has the signs.
 `include "values.vh"
 `default_nettype none
 

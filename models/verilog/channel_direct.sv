@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Direct interface (Fig. 3): the column is the summing node of the integrator; i0 and packet are k times those of the others.
+// Direct interface (Fig. 3): the column is the summing node of the integrator; i0 and packet are k times larger.
 `include "values.vh"
 `default_nettype none
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Multiple-output conveyor (Fig. 6): an output stage 1/k the size of the input's feeds the integrator, no mirror.
+// Multiple-output conveyor (Fig. 6): an output stage of 1/k feeds the integrator; no mirror.
 `include "values.vh"
 `default_nettype none
 

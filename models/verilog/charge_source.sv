@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Charge source: out draws i0 while d_charge is 1, so one clock of it is a packet.
-// Effects: PACKET, the size of a column's packet.
-// Why d_charge is a factor: a choice between two reals becomes a jump that no branch predictor can follow, half the speed of a frame.
+// Charge source: out draws i0 while d_charge is 1; one clock is a packet.
+// Effects: PACKET, the packet size of a column.
+// Why d_charge is a factor: a choice between two reals compiles to an unpredictable branch and halves the speed.
 `include "values.vh"
 `default_nettype none
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Comparator: out is high where in_c, the integrator at the coming clock edge, is at its level or above; see the integrator for in_a and in_b.
-// Effects: RISE, its level; FALL, the level at which a window lets go again; DELAY, out shows what was seen that long before the edge.
-// Why the window is looked at where pieces of a clock end or the input turns, nowhere else: in between it is monotone.
+// Comparator: out is high if in_c, the integrator at the next clock edge, reaches the level; in_a, in_b: integrator.sv.
+// Effects: RISE, the level; FALL, the lower level of the window; DELAY, out is the decision this long before the edge.
+// Why the window is evaluated only where pieces of a clock end or the input turns: between them it is monotone.
 `include "values.vh"
 `default_nettype none
 
@@ -49,7 +49,7 @@ module comparator #(
       assign high_b = PIECE_B ? past(past(high_a, turns_b, turn_b), 1'b1, in_b) : high_a;
       assign high_c = past(past(high_b, turns_c, turn_c), 1'b1, in_c);
 
-      // State of the window once the input has been at a value.
+      // State of the window after the input reached a value.
       function automatic past(input was, input there, input real value);
         past = there ? (value >= rise) | (was & (value >= fall)) : was;
       endfunction

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Second-generation current conveyor: z sources what enters x (means over a clock; _begin: where the slot began).
-// Its input resistance and offset act on the array and are in the column currents already (dermis.array.array); nothing else is left here.
+// Second-generation current conveyor: z sources the current into x (mean over a clock; _begin: at the start of the slot).
+// Its input resistance and offset act on the array and are part of the column currents (dermis.array.array).
 `default_nettype none
 
 module conveyor (

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Multiple-output conveyor: zp sources 1/k of what enters x; its output stages are a mirror, with the effects of one (mirror.sv).
+// Multiple-output conveyor: zp sources 1/k of the current into x; its output stages have the effects of mirror.sv.
 `include "values.vh"
 `default_nettype none
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The course of one column current: its mean over the clock that leads to the coming edge, and its value where the slot began.
-// Interface: cell_i holds TERMS coefficients of the functions of time in basis_i (drive.sv), then MODES charges that the line capacitances still
-// deliver in the first clock of the gate, then what is left of each a clock later. With DARK follow TERMS coefficients for the break behind the row.
-// With FADE the charges are those of the first clock in which the row is driven, and MODES more with what is left of each belong to that break.
-// Why a break is looked at with MEMORY only: the preset holds the integrator, but a slow mirror goes on; without DARK there is no settled current.
+// One column current over time: its mean over the clock before the next edge, and its value at the start of the slot.
+// Interface: cell_i has TERMS coefficients of the functions in basis_i (drive.sv), MODES charges that line capacitances
+// deliver in the first clock of the gate, and the factor of each per clock. With DARK, TERMS coefficients of the break
+// follow. With FADE the charges are of the first clock with the row on, and MODES more with factors are of the break.
+// Why a break matters with MEMORY only: preset holds the integrator, but a slow mirror continues.
 `default_nettype none
 
 module course #(

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What changes in time (supply, motion): the mean of every function of time over each clock of a slot, from basis.bin, which has
-// their values where a row is driven first. A column current is a sum of them with coefficients of its own (course.sv).
-// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock in which row 0 is driven, row_start_o for any row, break_start_o in the first clock
-// of a break, dark_o while no row is driven.
-// Timing: a slot begins with the preset, its row is driven BREAK_CLOCKS later. Of a first slot after a pause only the row is seen.
+// Time dependence (supply, motion): means of all functions of time over each clock of a slot, from basis.bin, preceded
+// by their values at the start of the row. A column current is a sum of them with its own coefficients (course.sv).
+// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o and row_start_o are high in the first clock of
+// row 0 and of any row, break_start_o in the first clock of a break, dark_o while no row is driven.
+// Timing: a slot begins with preset, its row follows BREAK_CLOCKS later. The first slot after a pause has no break.
 `default_nettype none
 
 module drive #(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The real-number models, in front of them what rtl/files.f lists; paths from the project root.
+// Real-number models, after the files of rtl/files.f; paths from the project root.
 +incdir+models/verilog
 models/verilog/two_exponentials.sv
 models/verilog/array.sv

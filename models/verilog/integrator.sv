@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Integrator with preset: iin fills it, icharge empties it, d_preset holds it at half a packet below the comparator's level.
-// Interface: out_c is the charge at the coming clock edge; out_a and out_b are at the ends of pieces a and b of the clock that leads to it,
-// where the build has them, and turns_* says that the output turned at turn_* inside a piece (GBW with FALL). icharge_a, _b, _c is what the charge source draws in each piece; t_clocks counts the clocks since the preset let go.
-// Timing: everything before an edge of clk_i is settled well before it; the state moves at the edge. Exact between edges: no time step.
-// Why iin and icharge are apart (one pin in SPICE): without leak or range the charge is t iin minus what was drawn, each rounded once and never
-// summed up, so a taxel on the boundary of two codes is decided as the formula decides it.
-// Effects: W_PRESET; W_LOW (range: charge beyond it is lost), LEAK (finite gain) and GBW (bandwidth), which make the state a recursion, as VARIES
-// does: iin is then the mean over the clock that leads to the coming edge.
+// Integrator with preset: iin fills it, icharge empties it, d_preset holds it half a packet below the comparator level.
+// Interface: out_c is the charge at the next clock edge; out_a and out_b at the ends of pieces a and b of the clock
+// before it, where built; turns_* is high if the output turned at turn_* in a piece (GBW with FALL). icharge_a, _b, _c
+// are the currents of the charge source in each piece; t_clocks counts the clocks since preset.
+// Timing: inputs settle before an edge of clk_i, the state changes at the edge. Exact between edges: no time step.
+// Why iin and icharge are separate (one pin in SPICE): without leak or range the charge is t iin less the packets, each
+// rounded once, so that a taxel on the boundary of two codes is decided as by the formula.
+// Effects: W_PRESET; W_LOW (range), LEAK (finite gain) and GBW (bandwidth) make the state a recursion, as VARIES does:
+// iin is then the mean over the clock before the next edge.
 `include "values.vh"
 `default_nettype none
 
@@ -35,7 +36,7 @@ module integrator #(
   output real                         turn_c
 );
 
-  // Piece a ends where the comparator is looked at, or half way where the latch opens; piece b exists where both happen.
+  // Piece a ends at the decision of the comparator, or half way where the latch opens; piece b exists if both occur.
   localparam DELAY   = EFFECTS[`DERMIS_DELAY];
   localparam BENT    = EFFECTS[`DERMIS_W_LOW] || EFFECTS[`DERMIS_LEAK] || EFFECTS[`DERMIS_GBW] || (VARIES != 0);
   localparam PIECE_A = DELAY || (SYNC_LATCH != 0);
@@ -123,7 +124,7 @@ module integrator #(
         assign out_c = slow_c;
       end
     end else begin : gen_straight
-      // what the charge source has drawn, the preset included
+      // charge drawn by the charge source, preset included
       real drawn_q;
       real drawn_a;
       real drawn_b;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The charge of an integrator over a piece of a clock in which the current is constant: exact, with leak, bandwidth and range where they are built.
-// Interface: with GBW the output is the sum of two exponentials, slow (the charge) and fast (what the output has not followed yet); else fast is 0.
-// With FALL as well, turns says that the output turns inside the piece, at the value turn: a comparator's window may see that and not the ends.
-// Range: charge beyond it is lost from the instant it gets there, and with GBW the output then follows a charge that stands still.
+// Exact charge of an integrator over a piece of a clock with constant current; leak, bandwidth and range where built.
+// Interface: with GBW the output is a sum of two exponentials, slow (the charge) and fast (the lag of the output).
+// With FALL as well, turns is high if the output turns inside the piece, at the value turn, for the comparator window.
+// Range: charge above the limit is lost, and with GBW the output then follows a constant charge.
 `include "values.vh"
 `default_nettype none
 
@@ -75,7 +75,7 @@ module integrator_piece #(
         assign w           = slow_weight * slow + fast_weight * fast;
         assign limit       = w > w_high ? w_high : w_low;
         assign stopped     = w > w_high || w < w_low;
-        // Beyond a limit it is another course altogether, which takes a search: worked out only where it is needed.
+        // Above a limit the solution needs a search: done only there.
         assign output_to   = stopped ? two_exponentials::after_stop(
             limit, w - limit, slow_from, fast_from, current, length,
             $bitstoreal(values_i[64*`DERMIS_SLOW_RATE +: 64]), $bitstoreal(values_i[64*`DERMIS_FAST_RATE +: 64]),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Asymmetrical current mirror: out sources 1/k of what enters in. In the units of these models (k i0 in front, i0 behind) that is a factor of 1.
-// Interface: in is the mean over the clock that leads to the coming edge, and so is out; in_begin and frame_start_i serve the slow mirror only.
+// Asymmetrical current mirror: out sources 1/k of the input. In units of k i0 before it and i0 after it, the factor is 1.
+// Interface: in and out are means over the clock before the next edge; in_begin and frame_start_i are for the slow mirror.
 // Effects: I_RANGE, a range switch in series compresses; GAIN, the ratio error of a column; Q_MIRROR, out = y follows x by dy/dt = y (x - y) / Q_MIRROR,
 // so 1/y is an exponential, and the charge of a clock is x less Q_MIRROR times the growth of ln y. A frame begins settled.
 `include "values.vh"
@@ -44,7 +44,7 @@ module mirror #(
     end
 
     if (EFFECTS[`DERMIS_Q_MIRROR]) begin : gen_lag
-      // Leakage lets it wake up again; the other end only keeps sums finite.
+      // Leakage, without which it would never rise again; the upper limit only keeps sums finite.
       localparam real FLOOR = 1.0e-6;
       localparam real MOST  = 1.0e12;
       real q_mirror;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole reader: the chip of rtl/ as it is, a channel a column, the array and a host on its SPI pins, reading currents.bin and writing frames.txt.
-// Interface: every change of go_i runs BURST clocks, all at one instant of simulated time; nothing else goes in or out but the two files.
-// frames.txt has a line a frame: what the chip answered, in hex, from the token to the last byte (docs/spi.md).
-// Why the clock is made here: leaving and entering a Verilator model costs as much as a clock of it. Why with nonblocking assignments: each
-// level of the clock has settled before the next, in any simulator.
+// Whole reader: the chip of rtl/, a channel per column, the array and an SPI host; reads currents.bin, writes frames.txt.
+// Interface: every change of go_i runs BURST clocks at one instant of simulated time; the rest goes through the files.
+// frames.txt has one line per frame: the answer of the chip in hex, from the token to the last byte (docs/spi.md).
+// Why the clock is made here: a call of a Verilator model costs as much as a clock. Why nonblocking assignments: each
+// level of the clock settles before the next in any simulator.
 // TERMS, MODES, DARK, FADE: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
 `include "dermis_design.vh"
 `include "values.vh"
@@ -32,7 +32,7 @@ module skin #(
   localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
   localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
 
-  // Ticks of the host a clock of the chip, so that it reads a frame in less than 0.8 of the next one's time.
+  // Ticks of the host per clock of the chip, so that it reads a frame in less than 0.8 of a frame time.
   localparam FRAME_BITS = 8*(24 + ROWS*(1 + COLS*((CODE_BITS > 8) ? 2 : 1) + (COLS + 7)/8));
   localparam TICKS      = 1 + 5*FRAME_BITS/(2*ROWS*(SETTLE_CLOCKS + GATE_CLOCKS));
 
@@ -191,7 +191,7 @@ module skin #(
       wire [64*`DERMIS_VALUES-1:0] values_c;
       real                         i_in;
       real                         i_begin;
-      // Not at once: Icarus 11 writes a program that it cannot read where $bitstoreal takes a word of an array.
+      // In two steps: Icarus 11 writes an unreadable program for $bitstoreal of a word of an array.
       for (v = 0; v < CELL; v = v + 1) begin : gen_cell
         assign i_bits[64*v +: 64] = u_array.i_column[CELL*c + v];
       end

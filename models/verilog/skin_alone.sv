@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The reader for a simulator that runs by itself (Icarus): one burst of clocks after the other, until the reader ends the run.
+// Reader for a stand-alone simulator (Icarus): bursts of clocks until the reader ends the run.
 `include "dermis_design.vh"
 `default_nettype none
 

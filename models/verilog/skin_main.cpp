@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program around the Verilator model: one burst of clocks after the other, until the reader ends the run.
+// Main program of the Verilator model: bursts of clocks until the reader ends the run.
 #include "Vskin.h"
 #include "verilated.h"
 

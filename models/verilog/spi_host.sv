@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPI host that fetches every frame as soon as the chip says that there is one: a FRAME command, then all bytes of the answer but its waits.
+// SPI host that reads every frame when it is ready: a FRAME command, then all bytes of the answer except wait bytes.
 // Interface: sck_o runs at half of clk_i and only while cs_no is low; byte_valid_o pulses with every byte from the token on, done_o with the end.
-// Timing: mode 0; COPI changes with falling edges of sck_o, CIPO is taken where it rises. CS rises a clock after the last falling edge.
-// Why the answer is not judged here: whoever reads the bytes sees a refusal as well as a frame, and says what came.
+// Timing: mode 0; COPI changes at falling edges of sck_o, CIPO is sampled at rising edges. CS rises a clock after the last.
+// Why the answer is not checked here: the reader of the bytes sees refusals as well as frames.
 `default_nettype none
 
 module spi_host (

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Arithmetic of an output that is the sum of two exponentials, slow and fast, driven by a constant current; see integrator_piece.sv.
-// Why a package: the functions are kept whole, once, instead of being written out for every piece of every column.
+// Arithmetic of an output that is a sum of two exponentials, slow and fast, at constant current (integrator_piece.sv).
+// Why a package: one copy of the functions instead of one per piece and column.
 `default_nettype none
 
 package two_exponentials;
@@ -24,8 +24,8 @@ package two_exponentials;
     at_turn = out + slow_slope * grown(slow_rate, t) + fast_slope * grown(fast_rate, t);
   endfunction
 
-  // Output where a piece ends, the charge having stopped at a limit on the way; excess is how far beyond it the charge would have got.
-  // From there the output follows a charge that stands still, with time constant lag.
+  // Output at the end of a piece in which the charge stopped at a limit; excess is the charge above the limit without it.
+  // From there the output follows a constant charge with time constant lag.
   function automatic real after_stop(
     input real limit, input real excess, input real slow, input real fast, input real current, input real length,
     input real slow_rate, input real fast_rate, input real slow_drive, input real fast_drive,
@@ -50,7 +50,7 @@ package two_exponentials;
     slow_t       = slow;
     fast_t       = fast;
     if (beyond_left * beyond_right < 0.0) begin
-      // The charge is close to a straight line: false position with the stale end halved (Illinois) is there in three to five steps.
+      // The charge is nearly a straight line: the Illinois method converges in three to five steps.
       for (n = 0; n < 12; n = n + 1)
         // 1e-14 packet: the rounding of a charge of some packets.
         if (right > left && (beyond > 1.0e-14 || beyond < -1.0e-14)) begin

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The analog half of the synchronized converter: integrator, comparator and charge source; the flip-flops are in rtl/.
-// Interface: iin in i0, with VARIES the mean over the clock that leads to the coming edge; comp is what the synchronizer finds at the coming edge of clk_i; t_clocks counts from the end of the preset.
+// Analog half of the synchronized converter: integrator, comparator and charge source; the flip-flops are in rtl/.
+// Interface: iin in i0, with VARIES its mean over the clock before the next edge; comp is the level at the next edge of
+// clk_i; t_clocks counts from the end of preset.
 // Effects: I_OFFSET, a constant current into the integrator.
 `include "values.vh"
 `default_nettype none
@@ -46,7 +47,7 @@ module vfc #(
 
   charge_source #(.EFFECTS(EFFECTS)) u_charge (.d_charge(d_charge), .values_i(values_i), .out(i_low));
 
-  // Two flops move the charge at rising edges only. The latch moves it half way: what it held while the clock was high flows first.
+  // Two flops switch the charge at rising edges. The latch switches it half way: its previous value comes first.
   generate
     if (SYNC_LATCH != 0) begin : gen_latch
       reg held_q;

@@ -1,6 +1,6 @@
 * SPDX-License-Identifier: Apache-2.0
-* Direct interface (Fig. 3): the column is the summing node of the integrator, so i0_a and c_int_f are k times those of the others.
-* Defaults are the ideal channel with converter_i0_direct_a and converter_c_direct_f; k, conv_, mir_ and out_ are taken and not used.
+* Direct interface (Fig. 3): the column is the summing node of the integrator; i0_a and c_int_f are k times larger.
+* Defaults: ideal, converter_i0_direct_a and converter_c_direct_f; k, conv_, mir_ and out_ are accepted and unused.
 .subckt channel_direct col d_charge d_preset comp ibias vdd vss
 + params: i0_a={converter_i0_direct_a} c_int_f={converter_c_direct_f} v_preset_v={integrator_v_preset_v} packet_error=0
 + int_gain_dc=1e12 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0

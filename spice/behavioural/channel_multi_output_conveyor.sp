@@ -1,6 +1,6 @@
 * SPDX-License-Identifier: Apache-2.0
-* Multiple-output conveyor (Fig. 6): an output stage 1/k the size of the input's feeds the integrator, no mirror; the complement goes to ground.
-* Defaults are the ideal channel with the numbers of design.inc; parameters carry the block they go to (int_, comp_, conv_; out_ to the stage that divides by k; mir_ not used).
+* Multiple-output conveyor (Fig. 6): an output stage of 1/k feeds the integrator; the complement goes to ground.
+* Defaults: ideal, values of design.inc. Prefix of a parameter: its block (int_, comp_, conv_; out_ divides by k; no mir_).
 .subckt channel_multi_output_conveyor col d_charge d_preset comp ibias vdd vss
 + params: i0_a={converter_i0_a} c_int_f={converter_c_int_f} v_preset_v={integrator_v_preset_v} packet_error=0
 + int_gain_dc=1e12 int_t_gbw_s=0 int_v_offset_v=0 int_v_out_max_v=1e9 int_v_out_min_v=-1e9 int_r_in_ohm=1e18 int_r_preset_ohm=0

@@ -5,7 +5,7 @@
 + params: r_x_ohm={conveyor_r_x_ohm} v_offset_v={conveyor_v_offset_v} t_pole_s={conveyor_t_pole_s} r_z_ohm={conveyor_r_z_ohm}
 + i_out_max_a={conveyor_i_out_max_a} gain_error={conveyor_gain_error}
 .if (i_out_max_a < 1e3)
-* Beyond the limit x is let go: 100 kohm in series with the excess.
+* Above the current limit x is released: 100 kohm in series with the excess.
 vx x v_x {v_offset_v}
 bx v_x y v = i(vx) > {i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) - {i_out_max_a})*1e5 :
 + (i(vx) < {-i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) + {i_out_max_a})*1e5 : {r_x_ohm}*i(vx))

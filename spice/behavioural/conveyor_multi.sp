@@ -1,13 +1,13 @@
 * SPDX-License-Identifier: Apache-2.0
-* Multiple-output conveyor: x follows y, zp sources 1/k of what enters x and zn sinks as much; the ratio is in the output stages, so no mirror follows.
+* Multiple-output conveyor: x follows y, zp sources 1/k of the current into x, zn sinks it; no mirror follows.
 * inv_i_range_a: the switches that set k compress the current, i becomes i / (1 + |i| inv_i_range_a). q_lag_c, i_ref_a: see mirror_lag.
-* Defaults are the physical values of design.inc, but no compression and no lag. Ideal: as conveyor, inv_i_range_a = 0, q_lag_c = 0.
+* Defaults: physical values of design.inc without compression and lag. Ideal: as conveyor, inv_i_range_a = q_lag_c = 0.
 .subckt conveyor_multi y x zp zn ibias vdd vss
 + params: k={interface_k} r_x_ohm={conveyor_r_x_ohm} v_offset_v={conveyor_v_offset_v} t_pole_s={conveyor_t_pole_s}
 + r_z_ohm={conveyor_r_z_ohm} i_out_max_a={conveyor_i_out_max_a} gain_error={conveyor_gain_error}
 + inv_i_range_a=0 q_lag_c=0 i_ref_a={converter_i0_a}
 .if (i_out_max_a < 1e3)
-* Beyond the limit x is let go: 100 kohm in series with the excess.
+* Above the current limit x is released: 100 kohm in series with the excess.
 vx x v_x {v_offset_v}
 bx v_x y v = i(vx) > {i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) - {i_out_max_a})*1e5 :
 + (i(vx) < {-i_out_max_a} ? {r_x_ohm}*i(vx) + (i(vx) + {i_out_max_a})*1e5 : {r_x_ohm}*i(vx))

@@ -31,22 +31,22 @@ iofs vcm out {1e9*v_offset_v}
 rin iin vcm {r_in_ohm}
 .endif
 .if (v_range < 1e6)
-* Range: charge that would carry out further is lost in a clamp across cint, so the loop stays closed and nothing winds up. It looks at
-* the charge, that is at what out settles to (times 1 + 1 / gain_dc, less the offset), not at out: a slow out would let it pass the limit, be
-* thrown back as far below it, and codes were 32 off at 1 MHz and +-0.6 V. c_int_f / 50 ps: the overshoot is what out would travel in
-* 50 ps, 0.13 mV at full scale.
+* Range: a clamp across cint takes the excess charge, so that the loop stays closed without wind-up. It senses the
+* charge, the final value of out (times 1 + 1 / gain_dc, less the offset), and not out: a slow out overshoots the
+* limit and swings back as far (32 codes at 1 MHz and +-0.6 V). c_int_f / 50 ps: the overshoot is the travel of out
+* in 50 ps, 0.13 mV at full scale.
 .param v_high = {v_out_max_v*(1 + 1/gain_dc) - v_offset_v} v_low = {v_out_min_v*(1 + 1/gain_dc) - v_offset_v}
 bclamp out iin i = v(out,iin) > ({v_high}) ? (v(out,iin) - ({v_high}))*{c_int_f/50e-12} :
 + (v(out,iin) < ({v_low}) ? (v(out,iin) - ({v_low}))*{c_int_f/50e-12} : 0)
-* The amplifier itself stops 50 mV further out; only a stiff source at iin (a short on the column of channel_direct) takes it there.
+* The amplifier saturates 50 mV further out; only a stiff source at iin (a short in channel_direct) drives it there.
 brange v_amp vcm i = v(v_amp) > ({v_out_max_v + 0.05}) ? (v(v_amp) - ({v_out_max_v + 0.05}))*1e3 :
 + (v(v_amp) < ({v_out_min_v - 0.05}) ? (v(v_amp) - ({v_out_min_v - 0.05}))*1e3 : 0)
 .endif
-* Preset: a conductance over the top twentieth of d_preset. It is gone with the first of the falling edge, so the integral starts at the
-* edge itself, and leaves exactly nothing behind. It closes over 50 ps, not at once: a jump of the charge would stop ngspice ("timestep
-* too small") where truncation error is watched closely; for the same reason r_preset_ohm = 0 is a time constant of 1e-16 s.
-* Not a switch in series with a source: so much conductance on a branch current misses abstol by rounding alone.
-* Newton's first guess of d_preset is 0, which leaves iin without a dc path: a singular matrix and gmin stepping, but for the nodeset.
+* Preset: a conductance over the top 1/20 of d_preset. It ends with the start of the falling edge, so that the
+* integral starts at the edge, and is then exactly 0. It closes over 50 ps: a jump of the charge stops ngspice
+* ("timestep too small") at tight tolerances; for the same reason r_preset_ohm = 0 is a time constant of 1e-16 s.
+* Not a switch in series with a source: with this conductance rounding of a branch current exceeds abstol.
+* Newton's first guess of d_preset is 0, which leaves iin without a dc path (singular matrix) without the nodeset.
 .nodeset v(d_preset)=1
 bpreset out iin i = v(d_preset) > 0.95 ?
 + (v(d_preset) - 0.95)*(v(out,iin) - ({v_preset_v}))*{20/max(r_preset_ohm, 1e-16/c_int_f)} : 0

@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* Asymmetrical current mirror: k equal devices at the input, one at the output, so out sources 1/k of what enters in (polarity = -1: sinks it).
+* Asymmetrical current mirror: k equal input devices, one output device; out sources 1/k (polarity = -1: sinks).
 * k > 0 fixes the ratio; k = 0 takes it from the pins: k_0, k_1, k_2, k_3 for (d_k1, d_k0) = 00, 01, 10, 11.
 * inv_i_range_a: the switches that set k compress the current, i becomes i / (1 + |i| inv_i_range_a). q_lag_c, i_ref_a: see mirror_lag.
 * Defaults are the physical values of design.inc, but no compression and no lag. Ideal: ratio_error = 0, r_out_ohm = 1e18, t_pole_s = 0,
@@ -12,7 +12,7 @@ vin in 0 0
 .if ((k > 0) && (t_pole_s + inv_i_range_a + q_lag_c <= 0))
 fout 0 out vin {polarity*(1 + ratio_error)/k}
 .else
-* Copied as it is or compressed, then divided, then late.
+* Copy or compression, then division, then lag.
 .if (inv_i_range_a > 0)
 bin 0 v_gate i = i(vin)/(1 + {inv_i_range_a}*abs(i(vin)))
 .else

@@ -1,7 +1,7 @@
 * SPDX-License-Identifier: Apache-2.0
-* Row driver: row is driven to vss_ref + v_bias_v through r_on_ohm where d_row is 1 V, held at vss_ref through r_ground_ohm where it is 0 V.
-* v_bias_v is a parameter: the level as a product of d_row and the pin vbias is a nonlinear source for each row, at each step; only a bias
-* that moves needs it (follow = 1).
+* Row driver: row is at vss_ref + v_bias_v through r_on_ohm if d_row is 1 V, at vss_ref through r_ground_ohm if 0 V.
+* v_bias_v is a parameter: a product of d_row and the pin vbias is a nonlinear source per row, evaluated at each
+* step; only a changing bias needs it (follow = 1).
 * Defaults are the physical values of design.inc. Ideal: r_on_ohm = r_ground_ohm = 0.
 .subckt row_driver d_row row vbias vss_ref
 + params: r_on_ohm={row_driver_r_on_ohm} r_ground_ohm={row_driver_r_ground_ohm} v_bias_v={interface_v_bias_v} follow=0

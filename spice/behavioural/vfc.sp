@@ -1,7 +1,7 @@
 * SPDX-License-Identifier: Apache-2.0
 * The analog half of the synchronized converter: integrator, comparator and charge source; the flip-flops are in rtl/.
 * polarity = 1: iin pulls v_int down from +v_preset_v, comp is high where v_int <= 0, a packet is drawn from iin. -1: all opposite (Fig. 5b).
-* The behavioural blocks take no polarity, for it is in the sign of their values; it is there for blocks in transistors.
+* polarity is for blocks in transistors; behavioural blocks have it in the sign of their values.
 * Defaults are the ideal converter with the packet of design.inc.
 .subckt vfc iin d_charge d_preset comp ibias vdd vss
 + params: i0_a={converter_i0_a} c_int_f={converter_c_int_f} v_preset_v={integrator_v_preset_v} packet_error=0

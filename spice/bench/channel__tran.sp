@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* The four channels side by side on the same taxel: integrator after preset, after packets, at the end of its range, and preset again.
+* The four channels on the same taxel: integrator after preset, after packets, at the end of its range, preset again.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: the lines between corners are straight, so truncation error is not watched and the corners set the steps
+* options: lines between corners are straight, so the corners set the steps and not truncation error
 .options reltol=1e-6 abstol=1e-13 vntol=1e-9 trtol=1e9
 * parameters
 .param r_taxel = 500
@@ -12,7 +12,7 @@
 .param t_edge = {converter_t_edge_s}
 .param t_step = 100n
 * stimulus: preset to clock 10; the charge source on for n_packets clocks from 11 on; preset again from clock 200
-* One long pulse and no train: ngspice 46 loses a corner of a periodic PULSE now and then (at 2.6 us here), and with it 2.5 mV.
+* One long pulse, not a train: ngspice 46 sometimes loses a corner of a periodic PULSE (here at 2.6 us: 2.5 mV).
 vdd vdd 0 {supply_vdd_v}
 vss vss 0 {supply_vss_v}
 vrow row 0 {interface_v_bias_v}
@@ -28,7 +28,7 @@ xdut_d v_col_d d_charge d_preset v_comp_d 0 vdd vss channel_direct
 xdut_m v_col_m d_charge d_preset v_comp_m 0 vdd vss channel_conveyor_mirror
 xdut_i v_col_i d_charge d_preset v_comp_i 0 vdd vss channel_conveyor_mirror_inverted
 xdut_o v_col_o d_charge d_preset v_comp_o 0 vdd vss channel_multi_output_conveyor
-* measure: just before the release, one clock after it, as many clocks after the last packet as there were packets, before and after the second preset
+* measure: just before the release, one clock after it, n_packets clocks after the last packet, and around the second preset
 .tran {t_step} {220*t_clk} 0 {t_step}
 .meas tran v_preset_d find v(xdut_d.xvfc.v_int) at={10*t_clk}
 .meas tran v_preset_m find v(xdut_m.xvfc.v_int) at={10*t_clk}

@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* channel_multi_output_conveyor: column current against what reaches the integrator, held in preset, from 16 taxels of 31 ohm down to an open column.
+* channel_multi_output_conveyor: column current against integrator current in preset, from 16 taxels of 31 ohm to an open column.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: currents down to 1e-15 A are measured beside 16 mA; gmin below the 1e-18 S of an open taxel
+* options: currents from 1e-15 A to 16 mA are measured; gmin below the 1e-18 S of an open taxel
 .options reltol=1e-9 abstol=1e-18 vntol=1e-12 gmin=1e-18
 * parameters
 .param v_row = 0.5
@@ -18,7 +18,7 @@ btaxel v_taxel v_col i = v(v_taxel,v_col)*v(g_taxel)
 vg g_taxel 0 0
 * DUT
 xdut v_col d_charge d_preset v_comp 0 vdd vss channel_multi_output_conveyor int_r_preset_ohm=1e3
-* measure: in preset the current into the summing node leaves it again through the preset switch, made 1 kohm to be read without rounding
+* measure: in preset the input current leaves through the preset switch, here 1 kohm to be read without rounding
 .save all @b.xdut.xvfc.xintegrator.bpreset[i]
 .dc vg 0 32e-3 0.5e-3
 .meas dc i_col_open find i(vprobe_col) at=0

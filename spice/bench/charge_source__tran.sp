@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* charge_source: charge of one pulse, of either sign, and what flows when it is off.
+* charge_source: charge of one pulse, of either sign, and the current when it is off.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: a current source into a short: nothing is integrated but by .meas; the operating point is to have six digits
+* options: a current source into a short: only .meas integrates; the operating point needs six digits
 .options reltol=1e-6
 * parameters
 .param t_edge = {converter_t_edge_s}
@@ -17,7 +17,7 @@ vprobe_source v_outn 0 0.3
 * DUT
 xdut d_charge v_out 0 vdd vss charge_source
 xdut_negative d_charge v_outn 0 vdd vss charge_source i0_a={-converter_i0_a}
-* measure: what the source draws comes out of its probe, so minus
+* measure: a current into the source leaves its probe, hence the sign
 .tran 1n 400n 0 1n
 .meas tran q_probe integ i(vprobe_sink) from=50n to=350n
 .meas tran q_probe_negative integ i(vprobe_source) from=50n to=350n

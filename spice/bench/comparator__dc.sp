@@ -7,7 +7,7 @@
 .options reltol=1e-6 gmin=1e-15
 * parameters
 .param v_span = 10e-3
-* stimulus: one sweep; the second comparator sees it turned round, so its output falls
+* stimulus: one sweep; the second comparator gets it inverted, so its output falls
 vdd vdd 0 {supply_vdd_v}
 vss vss 0 {supply_vss_v}
 vin v_in 0 0

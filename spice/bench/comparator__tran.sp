@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: the crossing is wanted to a fiftieth of a step; 1e-18 C is a thousandth of what the pole of 10 fF holds
+* options: the crossing is compared to 1/50 of a step; 1e-18 C is 1/1000 of the charge of the 10 fF pole
 .options reltol=1e-5 chgtol=1e-18 trtol=1
 * parameters
 .param slope = 2.5e6

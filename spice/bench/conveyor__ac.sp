@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: small-signal points are linear; the operating point is to be better than the six digits compared
+* options: small-signal points are linear; the operating point must exceed the six digits compared
 .options reltol=1e-6
 * parameters
 .param f_pole = {conveyor_f_pole_hz}

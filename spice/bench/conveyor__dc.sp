@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* conveyor: offset, input resistance, gain, output resistance and where its current ends.
+* conveyor: offset, input resistance, gain, output resistance and current limit.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: six digits are compared; the default gmin of 1e-12 S would be seen beside 1 Mohm of output
+* options: six digits are compared; the default gmin of 1e-12 S matters at 1 Mohm of output
 .options reltol=1e-6 gmin=1e-18
 * parameters
 .param r_drive = 10

@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* integrator: preset value, slope of the ramp, where the output range ends it, and the preset after that.
+* integrator: preset value, slope of the ramp, end of the output range, and the next preset.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: six digits are compared; the default gmin of 1e-12 S would be seen beside 50 Mohm of output
+* options: six digits are compared; the default gmin of 1e-12 S matters at 50 Mohm of output
 .options reltol=1e-6 gmin=1e-18
 * parameters
 .param i_in = 1e-3

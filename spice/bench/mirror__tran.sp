@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: time constants are wanted to two thousandths; 1e-18 C is a millionth of what the gate holds at 8 ns
+* options: time constants are compared to 0.2 %; 1e-18 C is 1e-6 of the gate charge at 8 ns
 .options reltol=1e-5 trtol=1 chgtol=1e-18
 * parameters
 .param i_step = 1e-3

@@ -1,17 +1,17 @@
 * SPDX-License-Identifier: Apache-2.0
-* mirror_lag: the current after steps of the input up, down and to nothing, and the charge that came late.
+* mirror_lag: current after steps of the input up, down and to zero, and the delayed charge.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: the current falls by five decades: its last one is to be right, and the gate's charge of 5e-14 C to a millionth
+* options: the current falls by five decades, all of which must be right; the gate charge of 5e-14 C to 1e-6
 .options reltol=1e-6 abstol=1e-15 vntol=1e-9 chgtol=1e-20 trtol=1
 * parameters
 .param i_low = 1e-7
 .param i_high = 1e-5
-* four time constants at i_low, so that every look comes on the way
+* four time constants at i_low, so that every sample is in the transient
 .param t_step = 10u
 .param t_edge = 1p
-* stimulus: settled at i_low, up to i_high at 1 us, back at 1 us + t_step, to nothing after another t_step
+* stimulus: settled at i_low, up to i_high at 1 us, back at 1 us + t_step, to zero after another t_step
 iin 0 v_in pwl(0 {i_low} 1u {i_low} {1u + t_edge} {i_high} {1u + t_step} {i_high} {1u + t_step + t_edge} {i_low}
 + {1u + 2*t_step} {i_low} {1u + 2*t_step + t_edge} 0 1 0)
 vprobe v_out 0 0

@@ -3,7 +3,7 @@
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: six digits are compared; the default gmin of 1e-12 S beside 1 ohm would not be seen, beside an open one it would
+* options: six digits are compared; the default gmin of 1e-12 S matters with an open row
 .options reltol=1e-6 gmin=1e-18
 * parameters
 .param i_load = 1e-3

@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* taxel: four cells as a 2 x 2 array with trace resistance in the columns, so that laterals along rows and along columns carry current.
+* taxel: a 2 x 2 array with trace resistance in the columns, so that all laterals carry current.
 * include
 .include ../design.inc
 .include ../array/taxel.sp
-* options: inner nodes hang on 1e18 ohm: gmin far below, and tolerances that do not end Newton before gmin's effect is gone
+* options: inner nodes are at 1e18 ohm: gmin far below, and tolerances tight enough to remove its effect
 .options reltol=1e-9 abstol=1e-18 vntol=1e-12 gmin=1e-18
 * parameters
 .param r_trace = 10

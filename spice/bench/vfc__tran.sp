@@ -1,11 +1,11 @@
 * SPDX-License-Identifier: Apache-2.0
 * vfc: pulses in 512 clocks at R = 510 ohm, in a plain transient with an ideal flip-flop.
-* The flip-flop and its bridges are XSPICE devices: an independent peer of the lock-step, and good for nothing else. Their presence
-* sets trtol from 7 to 1 without a word, and an adc_bridge with in_low < in_high makes half a packet of the unknown level between them.
+* The flip-flop and its bridges are XSPICE devices, an independent peer of the lock-step and nothing more: they
+* silently set trtol from 7 to 1, and an adc_bridge with in_low < in_high makes half a packet of an unknown level.
 * include
 .include ../design.inc
 .include ../behavioural/blocks.inc
-* options: one packet is 5e-12 C: 1e-16 C a step is a fiftieth of a thousandth of a count
+* options: one packet is 5e-12 C: 1e-16 C a step is 2e-5 of a count
 .options reltol=1e-5 chgtol=1e-16
 * parameters
 .param r_taxel = 510
@@ -13,7 +13,7 @@
 .param t_clk = {converter_t_clk_s}
 .param t_edge = {converter_t_edge_s}
 .param i0 = {converter_i0_a}
-* stimulus: edges of the clock at n t_clk; the preset is let go at edge 5, decisions 1 to n_clocks follow
+* stimulus: edges of the clock at n t_clk; the preset ends at edge 5, decisions 1 to n_clocks follow
 vdd vdd 0 {supply_vdd_v}
 vss vss 0 {supply_vss_v}
 itaxel 0 v_sum {interface_v_bias_v/(interface_k*r_taxel)}
@@ -38,7 +38,7 @@ acharge [charge] [d_charge] drive
 .meas tran t_high integ v(d_charge) from={5.5*t_clk} to={(n_clocks + 5.9)*t_clk}
 .meas tran pulses param='t_high/t_clk'
 .meas tran v_end find v(xdut.v_int) at={(n_clocks + 5.9)*t_clk}
-* charge balance: what came in, less what the packets took out, is what is left
+* charge balance: input charge less packets is the stored charge
 .meas tran balance_v param='integrator_v_preset_v - ((n_clocks + 0.9)*t_clk*interface_v_bias_v/(interface_k*r_taxel) - t_high*i0)/converter_c_int_f'
 * control
 .control

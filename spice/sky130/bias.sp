@@ -1,6 +1,6 @@
 * SPDX-License-Identifier: Apache-2.0
-* Reference current: 10 uA = v(vref) over r_ref_ohm, an external resistor; the line ibias makes 5 uA in every cascoded nmos of w=5 l=2 of a block.
-* A 2 uA start through a poly resistor feeds the amplifier; its spread of +-20 % moves nothing but loop gain.
+* Reference current: 10 uA = v(vref) / r_ref_ohm, an external resistor; ibias gives 5 uA per cascoded nmos w=5 l=2.
+* A start current of 2 uA through a poly resistor feeds the amplifier; its spread of +-20 % changes only loop gain.
 .subckt bias vref ibias vdd vss params: r_ref_ohm=50k
 * amplifier: pair, mirror load, tail
 xstart vdd v_start vss sky130_fd_pr__res_xhigh_po w=1 l=600
@@ -19,14 +19,14 @@ xp_copy v_copyc v_gate vdd vdd pmos w=20 l=4 k=2
 xp_copyc ibias v_cp v_copyc vdd pmos w=20 l=1
 rref v_r 0 {r_ref_ohm}
 xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=100 l=100
-* The line's own device has the drain voltage that a cascode gives all those which follow it: 1.5 % at ss else.
+* The device of the line has the drain voltage of the cascoded devices that follow it (1.5 % at ss without).
 xn_line v_line ibias vss vss nmos w=5 l=2 k=2
 xn_linec ibias vcn v_line vss nmos w=5 l=0.5 k=2
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50
 .ends bias
-* The gate lines a block makes from ibias: p for 10 uA in a pmos of w=20 l=2, and those of its cascodes.
+* Gate lines that a block derives from ibias: p for 10 uA in a pmos w=20 l=2, and those of its cascodes.
 .subckt bias_p ibias vbp vdd vss
 xn_b vbp ibias vss vss nmos w=5 l=2 k=2
 xp_b vbp vbp vdd vdd pmos w=20 l=2

@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* Conveyor and asymmetrical mirror (Fig. 5a): the conveyor holds the column, the mirror sources 1/k of its current into the integrator.
+* Conveyor and asymmetrical mirror (Fig. 5a): the mirror sources 1/k of the column current into the integrator.
 .subckt channel_conveyor_mirror col d_charge d_preset comp ibias vdd vss params: k=80
 xnull col v_y d_preset ibias vdd vss offset_null
 xconveyor v_y col v_z ibias vdd vss conveyor

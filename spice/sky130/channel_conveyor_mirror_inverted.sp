@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* Simplified conveyor and mirror (Fig. 5b): the mirror sinks what it copies, so integrator, preset, comparator and charge source all turn round.
+* Simplified conveyor and mirror (Fig. 5b): the mirror sinks; integrator, preset, comparator, charge source are inverted.
 .subckt channel_conveyor_mirror_inverted col d_charge d_preset comp ibias vdd vss params: k=80
 xnull col v_y d_preset ibias vdd vss offset_null
 xconveyor v_y col v_z ibias vdd vss conveyor

@@ -1,7 +1,7 @@
 * SPDX-License-Identifier: Apache-2.0
-* Charge source: out sinks 25 uA while d_charge is 1 V (polarity = -1: sources it); else the current goes to ground, so the source never sleeps.
-* units: of 5 uA. The pair is steered by a swing of 1 V, which keeps its tail still and its charge small; that of the pmos pair lies 0.4 V
-* lower, for their thresholds leave less room to the supply.
+* Charge source: out sinks 25 uA while d_charge is 1 V (polarity = -1: sources); else the current goes to ground.
+* units: of 5 uA. A swing of 1 V steers the pair, which keeps its tail quiet and its charge small; for the pmos pair
+* it is 0.4 V lower, because their thresholds leave less headroom.
 .subckt charge_source d_charge out ibias vdd vss params: polarity=1 units=5
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
@@ -14,9 +14,8 @@ xn_off 0 off v_tail vss nmos w=5 l=0.5 k={units}
 .else
 xlevel d_charge on off logic_level swing_v=1 center_v=-0.4
 xbias_cp ibias vcp vdd vss bias_cascode_p
-* A gate line of its own, made by as many units as it feeds, for their mismatch adds up: mirrors of one width match, and
-* of one drain voltage. Without the two cascodes the unit has 1.4 V at ss where the source has 0.5 V, and the packet is
-* 5 % short.
+* A separate gate line from as many units as it feeds, because their mismatch adds: mirrors match at one width and one
+* drain voltage. Without the two cascodes the unit has 1.4 V at ss, the source 0.5 V, and the packet is 5 % too small.
 xn_unit v_nunit ibias vss vss nmos w=5 l=2 k={units}
 xn_unitc vbu vcn v_nunit vss nmos w=5 l=0.5 k={units}
 xp_unit v_punit vbu vdd vdd pmos w=10 l=2 k={units}

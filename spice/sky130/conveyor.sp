@@ -1,8 +1,8 @@
 * SPDX-License-Identifier: Apache-2.0
 * Second-generation current conveyor for currents into x: x follows y, and z sources what enters x plus the pedestal of 50 uA.
-* The pedestal keeps the pmos at x conducting (and the mirror behind it fast) when no taxel is pressed; the mirror takes it away again.
-* The gate line needs -1.1 V at 1 mA, below what the cascoded amplifier reaches, so a follower stands between. 10 pF make it slower than the
-* pole of x with a column of 400 pF, which the pedestal keeps above 0.4 MHz.
+* The pedestal keeps the pmos at x on (and the mirror fast) when no taxel is pressed; the mirror subtracts it.
+* The gate line needs -1.1 V at 1 mA, out of reach of the cascoded amplifier, hence the follower. 10 pF make it slower
+* than the pole of x with a column of 400 pF, which the pedestal keeps above 0.4 MHz.
 .subckt conveyor y x z ibias vdd vss
 xamp y x v_amp ibias vdd vss ota pairs=1 branches=1
 xc_amp v_amp vss sky130_fd_pr__cap_mim_m3_1 w=70 l=70

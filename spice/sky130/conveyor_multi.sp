@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* Multiple-output conveyor: x follows y, zp sources 1/k of what enters x and zn sinks as much; the ratio is in its output stages, so no mirror follows.
+* Multiple-output conveyor: x follows y, zp sources 1/k of the current into x, zn sinks it; no mirror follows.
 .subckt conveyor_multi y x zp zn ibias vdd vss params: k=80
 xin y x v_in ibias vdd vss conveyor
 xbias_p ibias vbp vdd vss bias_p

@@ -1,10 +1,10 @@
 * SPDX-License-Identifier: Apache-2.0
-* Asymmetrical current mirror: k devices at the input, one at the output; out sources 1/k of what enters in (polarity = -1: sinks it).
-* What a threshold is off is a larger share of a small current than of a large one, so it bends the code: with units of
-* w=5 l=2 and turns of w=20 l=2 by 2.6 LSB in the worst of 100 draws. It goes with one over l, as long as w goes with l.
-* The conveyor's pedestal of 50 uA comes in as well and is taken away at out, by a current of 50 uA / k made the same way.
-* k > 0 fixes the ratio; k = 0 takes 20, 40, 80, 160 from the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices whose gates are let go,
-* so that no switch carries the current.
+* Asymmetrical current mirror: k input devices, one output device; out sources 1/k (polarity = -1: sinks).
+* A threshold error is a larger share of a small current than of a large one, which makes the code nonlinear: with
+* units of w=5 l=2 and turns of w=20 l=2 by 2.6 LSB in the worst of 100 draws. It scales with 1 / l at constant w / l.
+* The pedestal of the conveyor, 50 uA, is part of the input and is subtracted at out by an equally made 50 uA / k.
+* k > 0 fixes the ratio; k = 0 takes 20, 40, 80, 160 from the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices
+* with released gates, so that no switch carries the current.
 .subckt mirror in out d_k0 d_k1 ibias vdd vss params: k=0 polarity=1
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
@@ -50,17 +50,17 @@ vout v_copy out 0
 xturn v_pedcopy out vcp vdd mirror_turn
 .endif
 .ends mirror
-* So many input devices of the mirror, gate by itself.
+* A number of input devices of the mirror with a common gate.
 .subckt mirror_group in gate vcn vss params: units=1
 xn_in v_in gate vss vss nmos w=30 l=12 k={units}
 xn_inc in vcn v_in vss nmos w=5 l=0.5 k={units}
 .ends mirror_group
-* The gate of a group: on it follows the mirror's, off it lies on vss.
+* Gate of a group: that of the mirror if on, vss if off.
 .subckt mirror_gate line gate on off vdd vss
 xswitch line gate on off vdd vss switch
 xn_off gate off vss vss nmos w=2 l=0.5
 .ends mirror_gate
-* 1:1: what is drawn from in is sourced at out.
+* 1:1: the current drawn from in is sourced at out.
 .subckt mirror_turn in out vcp vdd
 xp_in v_in in vdd vdd pmos w=80 l=16 k=2
 xp_inc in vcp v_in vdd pmos w=20 l=0.5

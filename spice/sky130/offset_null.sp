@@ -1,9 +1,9 @@
 * SPDX-License-Identifier: Apache-2.0
-* Offset null: y holds the voltage at which a conveyor's col is on ground, whatever offset mismatch gives the conveyor's amplifier.
-* While d_preset is 1 V (rows change, the column settles) the nulling amplifier stores its own offset and y is held; in the gate, when the
-* column is quiet, it compares col with ground and moves y, 2 us to a factor of e: five times slower than the conveyor.
-* Its output stays within millivolts of ground, so five transistors do; they are long and wide against 1/f noise, which 20 pF sample.
-* xc_y lies on ground, not on a supply whose ripple it would put on the column. Nothing holds y before the first gate but two diodes back to back.
+* Offset null: y holds the voltage that puts col of a conveyor on ground, and so cancels the offset of its amplifier.
+* While d_preset is 1 V the nulling amplifier stores its own offset and y is held; in the gate, when the column is
+* quiet, it compares col with ground and corrects y with a time constant of 2 us, five times slower than the conveyor.
+* Its output stays within millivolts of ground, so five transistors suffice; long and wide against 1/f noise, which
+* 20 pF sample. xc_y is to ground, not to a supply with ripple. Before the first gate only two diodes hold y.
 .subckt offset_null col y d_preset ibias vdd vss
 xlevel d_preset on off logic_level
 xn_tail v_tail ibias vss vss nmos w=1 l=2

@@ -1,6 +1,6 @@
 * SPDX-License-Identifier: Apache-2.0
 * Folded-cascode amplifier, nmos pair: 80 dB; 40 uA a side at pairs=8 branches=6, which gives 34 MHz on 3 pF.
-* pairs: tail in units of 10 uA; branches: current of each output branch in units of 10 uA, the most that out gives or takes.
+* pairs: tail in units of 10 uA; branches: current of each output branch in units of 10 uA, the limit of out.
 .subckt ota inp inn out ibias vdd vss params: pairs=8 branches=6
 xbias_p ibias vbp vdd vss bias_p
 xbias_cp ibias vcp vdd vss bias_cascode_p

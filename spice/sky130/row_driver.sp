@@ -1,5 +1,5 @@
 * SPDX-License-Identifier: Apache-2.0
-* Row driver: row on vbias where d_row is 1 V, on vss_ref where it is 0 V; about 1 ohm either way, with the gates on both supplies.
+* Row driver: row on vbias if d_row is 1 V, on vss_ref if 0 V; about 1 ohm, with the gates on both supplies.
 .subckt row_driver d_row row vbias vss_ref vdd vss
 xlevel d_row on off logic_level
 xs_bias row vbias on off vdd vss row_switch

@@ -362,7 +362,7 @@ def test_write_refuses_what_misses_a_limit_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     before = dd.DESIGN_FILE.read_bytes()
-    monkeypatch.setattr(verdict, "ROOT", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path / "build")
     run = CliRunner().invoke(calculator.calc_command, ["--write", "--bits", "9", "--f-clk-hz", "4e6"])
     assert isinstance(run.exception, InputError)
     assert "gate_margin_clocks" in str(run.exception)

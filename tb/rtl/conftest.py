@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the benches importable by pytest and by the simulators, and runs each RTL test on both of them."""
+"""Import paths of the benches for pytest and simulators; each RTL test runs on Icarus, and with LONG=1 on Verilator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), *(str(d) for d in sorted(HERE.iterdir()) if d.is_dir() and d.name[0] not in "._")]
 
 
-@pytest.fixture(params=SIMULATORS)
+@pytest.fixture(params=[pytest.param(s, marks=[pytest.mark.long] * (s == "verilator")) for s in SIMULATORS])
 def simulator(request: pytest.FixtureRequest) -> str:
-    """Each test that asks for it runs once on Icarus and once on Verilator."""
+    """Name of the simulator. Verilator compiles C++ for each set of parameters, 5 to 15 s, and is `long`."""
     return request.param

@@ -18,6 +18,7 @@ def run(simulator: str, testcase: str, **scenario: Any) -> Any:
     return simulate(simulator, "bench_extremes", "dermis_top", testcase, PARAMETERS, scenario)
 
 
+@pytest.mark.long
 def test_longest_and_shortest_slots_count_exactly(simulator: str) -> None:
     """All 16 bits in Verilator; Icarus would take a minute for the longest."""
     run(simulator, "lengths", longest=0xFFFF if simulator == "verilator" else 0x0FFF)

@@ -119,6 +119,7 @@ def test_a_proof_passes_by_induction() -> None:
     assert "successful proof by k-induction" in log
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("proof", "fault"), QUICK, ids=[f"{p.name}.{f.name}" for p, f in QUICK])
 def test_seeded_fault_gives_a_counterexample(proof: formal.Proof, fault: formal.Fault) -> None:
     (row,) = formal.break_it(proof, fault, where="formal_test")

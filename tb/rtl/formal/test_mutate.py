@@ -122,6 +122,7 @@ def test_a_counter_that_wraps_is_killed() -> None:
     assert fate("if (rising", "&& to ||") == "killed"
 
 
+@pytest.mark.long
 def test_a_reset_value_that_nothing_can_see_is_equivalent() -> None:
     """The first clock of a gate starts from the count, which the reset made 0, or from 0."""
     assert fate("gate_q  <= 1'b0;", "0 to 1") == "equivalent"

@@ -132,6 +132,7 @@ FAULTS: dict[str, tuple[tuple[str, str, str], set[str]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_seeded_fault_fails_the_tools_that_can_see_it(copy: Path, fault: str) -> None:
     change, tools = FAULTS[fault]
@@ -236,6 +237,7 @@ def replace_tool(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, scr
         monkeypatch.setenv("PATH", f"{fake.parent}:{sys.exec_prefix}/bin:/usr/bin:/bin")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", ["iverilog", "verilator_bin", "yosys"])
 @pytest.mark.parametrize(
     ("script", "note"), [("exit 0", "no result"), ("exit 139", "exit 139"), ("sleep 60", "within")]

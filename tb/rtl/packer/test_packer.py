@@ -214,6 +214,7 @@ SEEDED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", SEEDED)
 def test_the_reference_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
     module, old, new = SEEDED[fault]

@@ -82,6 +82,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_wrong_range_shows_in_the_codes(fault: str, tmp_path: Path) -> None:
     module, right, wrong = FAULTS[fault]

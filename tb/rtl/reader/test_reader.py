@@ -88,6 +88,7 @@ def test_random_duties_read_the_exact_charge_balance(simulator: str, sync_latch:
     assert counts(result) == expected(x, DEFAULT)
 
 
+@pytest.mark.long
 @pytest.mark.paper
 @SYNCHRONIZERS
 def test_half_a_count_either_side_of_each_code_boundary_is_resolved(simulator: str, sync_latch: int) -> None:
@@ -235,6 +236,7 @@ def test_a_dark_slot_counts_what_flows_without_a_row(simulator: str, sync_latch:
     assert counts(result) == [dark, *rows, dark]
 
 
+@pytest.mark.long
 @SYNCHRONIZERS
 @pytest.mark.parametrize("rate", [0, 0x4000, 0x5555, 0x8000, 0xFFFF])
 def test_a_self_test_frame_injects_the_same_pulses_everywhere(
@@ -282,6 +284,7 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
     assert [b - a for a, b in pairwise(edges)] == [60, 60, *[59] * 6]
 
 
+@pytest.mark.long
 @pytest.mark.paper
 @SYNCHRONIZERS
 def test_dropped_enable_ends_the_slot_at_once_and_starts_again_at_row_0(

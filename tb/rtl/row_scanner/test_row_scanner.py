@@ -164,6 +164,7 @@ SEEDED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", SEEDED)
 def test_the_reading_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
     right = (ROOT / "rtl" / "dermis_row_scanner.v").read_text()

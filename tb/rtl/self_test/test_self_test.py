@@ -126,6 +126,7 @@ def test_a_test_is_done_when_the_frame_that_was_asked_for_last_is_readable(simul
     assert asked_again(simulator) == [2] * 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -198,6 +199,7 @@ SEEDED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", SEEDED)
 def test_faults_and_table_find_a_seeded_one_in_the_self_test(fault: str, tmp_path: Path) -> None:
     right = (ROOT / "rtl" / "dermis_self_test.v").read_text()

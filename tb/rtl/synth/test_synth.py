@@ -81,6 +81,7 @@ def chip(tmp_path_factory: pytest.TempPathFactory) -> synth.Outcome:
         return synth.synthesise(OSU035, SIZE, blocks=False)
 
 
+@pytest.mark.long
 @needs_osu035
 @needs_sta
 def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(chip: synth.Outcome) -> None:

@@ -80,7 +80,9 @@ SIZES = {
 
 
 @pytest.mark.parametrize("testcase", ["size", "registers", "self_test"])
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [pytest.param(size, marks=[pytest.mark.long] * (size != "8x8")) for size in SIZES]
+)
 def test_every_size_answers_sends_exact_frames_and_tests_itself(
     simulator: str, size: str, testcase: str
 ) -> None:
@@ -93,6 +95,7 @@ def test_every_size_answers_sends_exact_frames_and_tests_itself(
 RATIOS = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
 
 
+@pytest.mark.long
 def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
     waits = run(simulator, "ratios", ratios=RATIOS, repeats=3, frames=2)
     for row in waits:
@@ -100,6 +103,7 @@ def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
             assert max(row["write"][1], row["read"][1], row["frame"][1]) <= 1, row
 
 
+@pytest.mark.long
 def test_a_slow_reader_sees_whole_frames_and_is_told_what_it_missed(simulator: str) -> None:
     # A frame of 4 slots is 38 bytes: at 8 clocks a bit a read lasts 2700 clocks, ten frames.
     run(simulator, "slow_reader", slowness=8, reads=4)
@@ -148,6 +152,7 @@ FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
     module, right, wrong, testcase, scenario = FAULTS[fault]

@@ -91,6 +91,7 @@ def test_510_clocks_read_500_ohm_as_255_at_any_phase_and_511_do_not(simulator: s
     assert first_counts(odd) == [255] * 8 + [256] * 8
 
 
+@pytest.mark.long
 def test_511_clocks_into_a_wrapping_counter_read_255_or_0_by_phase(simulator: str) -> None:
     x = [[HALF] * 16]
     assert first_counts(read(simulator, x, None, 1, EIGHT, w_preset=PHASES)) == [255] * 16
@@ -116,6 +117,7 @@ def rising_edges_with_wrong_gating(x: Duty, gate_clocks: int, first_gates: bool)
 DUTIES: list[Duty] = [HALF, (200, 510), (100, 510), (10, 510)]
 
 
+@pytest.mark.long
 def test_q_bar_of_the_second_flop_halves_the_edges_and_doubles_their_width(simulator: str) -> None:
     right = read(simulator, [DUTIES], None, 1, {})
     assert first_counts(right) == [255, 200, 100, 10]
@@ -126,6 +128,7 @@ def test_q_bar_of_the_second_flop_halves_the_edges_and_doubles_their_width(simul
     assert wrong["charge_clocks"] == [2 * edges for edges in wrong["rising_edges"]]
 
 
+@pytest.mark.long
 def test_q_bar_of_both_flops_caps_the_rate_at_a_third(simulator: str) -> None:
     assert first_counts(read(simulator, [DUTIES], None, 1, {})) == [255, 200, 100, 10]
     wrong = read(simulator, [DUTIES], "sync_both_qbar", 1, {})
@@ -157,6 +160,7 @@ def counts_without_preset(x_rows: list[Duty], gate_clocks: int, settle_clocks: i
     return counts
 
 
+@pytest.mark.long
 def test_charge_of_a_312_ohm_taxel_is_counted_in_the_next_row_without_preset(
     simulator: str, tmp_path: Path
 ) -> None:
@@ -169,6 +173,7 @@ def test_charge_of_a_312_ohm_taxel_is_counted_in_the_next_row_without_preset(
     assert wrong == [255, 98, 2, 255, 133]
 
 
+@pytest.mark.long
 def test_charge_of_a_312_ohm_taxel_fakes_100_counts_with_a_gate_of_512_clocks(
     simulator: str, tmp_path: Path
 ) -> None:
@@ -203,6 +208,7 @@ def test_128_bits_read_at_one_a_clock_are_torn_without_the_second_buffer(simulat
 # (f) the shortest settle
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sync_latch", "counts_of_60"), [(0, [2, 1, 1, 1]), (1, [2, 1, 2, 1])], ids=["sync_ff", "sync_latch"]
 )
