@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The design values of models/design.toml and the limits of models/spec.toml, loaded strictly.
+"""Design values of models/design.toml and limits of models/spec.toml, loaded strictly.
 
-Stored values are pydantic fields; what follows from them (``timing.slot_clocks``, ``sensor.k_force_n_ohm``,
-``converter.packet_v`` ...) is read the same way but cannot be written in the file, so it cannot disagree.
+Stored values are pydantic fields. Derived values (``timing.slot_clocks``, ``sensor.k_force_n_ohm``,
+``converter.packet_v`` ...) are properties; the file cannot hold them, so it cannot contradict them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_ou
 K_BOLTZMANN_J_PER_K = 1.380649e-23
 ELECTRON_C = 1.602176634e-19
 ABSOLUTE_ZERO_C = -273.15
-# Relative: what a value computed elsewhere in doubles may be off and still meet a cross-check.
+# Relative tolerance of cross-checks: rounding of a value that was computed elsewhere in doubles.
 _ROUNDING = 1e-12
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -38,7 +38,7 @@ RelativeError = Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)]
 
 
 def exact(value: float | int | str | Fraction) -> Fraction:
-    """Return the decimal a person wrote as a fraction, so that 2e-3 / 16 * 5e6 is 625 and not nearly so."""
+    """Return the decimal a person wrote as a fraction, so that 2e-3 / 16 * 5e6 is exactly 625."""
     if isinstance(value, (Fraction, int, str)):
         return Fraction(value)
     return Fraction(repr(float(value)))
@@ -49,7 +49,7 @@ class _Strict(BaseModel):
 
 
 class Array(_Strict):
-    """The taxel array and what a deck needs to write it."""
+    """The taxel array and the parameters of its deck."""
 
     rows: int = Field(ge=1, le=1024)
     cols: int = Field(ge=1, le=1024)
@@ -63,7 +63,7 @@ class Array(_Strict):
 
 
 class Sensor(_Strict):
-    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and how far a sheet departs from either."""
+    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a sheet."""
 
     force_max_n: Positive
     r_min_ohm: Positive
@@ -90,7 +90,7 @@ class Sensor(_Strict):
 
 
 class Interface(_Strict):
-    """What stands between a column and its converter."""
+    """The interface between a column and its converter."""
 
     topology: Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"]
     v_bias_v: Positive
@@ -179,7 +179,7 @@ class Supply(_Strict):
 
 
 class Ripple(_Strict):
-    """What a supply leaves on the bias of the driven row."""
+    """Ripple of the supply on the bias of the driven row."""
 
     relative: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
     frequency_hz: Positive
@@ -275,7 +275,7 @@ class Ambient(_Strict):
 
 
 class Design(_Strict):
-    """All of models/design.toml, plus what follows from it."""
+    """All of models/design.toml, plus derived values."""
 
     array: Array
     sensor: Sensor
@@ -372,7 +372,7 @@ class Design(_Strict):
 
     @property
     def i0_direct_a(self) -> float:
-        """Reference current of the direct interface in ampere: k times larger, for nothing divides there."""
+        """Reference current of the direct interface in ampere: k times larger, since no mirror divides."""
         return float(self.interface.k * exact(self.converter.i0_a))
 
     @property
@@ -410,7 +410,7 @@ class Design(_Strict):
         return {f"{s}.{k}": v for s, keys in self.model_dump().items() for k, v in keys.items()}
 
     def derived(self) -> dict[str, float | int]:
-        """Return what follows from the stored values as ``{"section.key": value}``."""
+        """Return the derived values as ``{"section.key": value}``."""
         names = {
             "sensor": ("k_force_n_ohm", "force_min_n"),
             "converter": ("t_clk_s", "packet_c", "packet_v", "f_max_hz"),
@@ -454,7 +454,7 @@ _SAY = {
 def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> InputError:
     """Turn the first complaint of pydantic into the one line a user gets."""
     found = error.errors(include_url=False)
-    # An unknown key says most: it is usually the misspelt twin of the missing one.
+    # Report an unknown key first: it is often the misspelt form of a missing one.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, _Cross):
@@ -491,7 +491,7 @@ def _validated(data: dict[str, Any], file: str) -> Design:
 
 
 def shown(path: Path) -> str:
-    """Return a path as a user reads it: from the project root where it is inside."""
+    """Return a path for messages: relative to the project root if it is inside."""
     try:
         return str(Path(path).resolve().relative_to(ROOT))
     except ValueError:
@@ -504,7 +504,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The file cannot be read or is no TOML.
+        The file cannot be read or is not TOML.
     """
     try:
         return schema.read_toml(Path(path))
@@ -548,7 +548,7 @@ def changed(tables: Mapping[str, Any]) -> Design:
 
 
 class Reason(NamedTuple):
-    """Why a stored value is what it is."""
+    """Reason for a stored value."""
 
     key: str
     mark: str

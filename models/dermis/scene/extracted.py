@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
+"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
 
-One file of models/extracted for each condition, one table in it for each channel, one line for each effect that the
-channel has. `[effects] extracted` of a scene is replaced by these lines while the scene is read, so every engine reads
-them as it reads what a scene says by hand, and none knows where they come from.
+models/extracted has one file for each condition, with a table for each channel and a line for each of
+its effects. These lines replace `[effects] extracted` while a scene is read, so engines treat them like
+effects written by hand.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dermis.scene.schema import Strict, entry, read_toml, validate
 FOLDER = ROOT / "models" / "extracted"
 CIRCUIT = ROOT / "spice" / "sky130"
 AGAIN = "dermis extract"
-"""What writes the files anew."""
+"""Command that writes the files again."""
 
 Effects = Mapping[str, Mapping[str, float]]
 """Effect -> parameter -> value, as in [effects] of a scene."""
@@ -46,7 +46,7 @@ class Measured:
     ----------
     effect, parameter : as in [effects] of a scene; the unit is the end of the parameter's name
     value : in that unit
-    bench : what measured it, in words
+    bench : description of the measurement
     """
 
     effect: str
@@ -56,17 +56,17 @@ class Measured:
 
 
 def path_of(corner: str, temperature_c: float) -> Path:
-    """The file of a condition."""
+    """Return the file of a condition."""
     return FOLDER / f"{corner}_{temperature_c:g}C.toml"
 
 
 def channel(topology: str, k: int) -> str:
-    """Name of the table of a channel; the direct interface divides nothing, but its packet is as large as k says."""
+    """Return the name of a channel's table; in the direct interface k scales the packet."""
     return f"{topology}_k{k}"
 
 
 def circuit_digests(folder: Path = CIRCUIT) -> dict[str, str]:
-    """Digest of what every netlist says; comments, space and case say nothing."""
+    """Return a digest of every netlist, without comments, white space and case."""
 
     def said(path: Path) -> str:
         lines = (line.strip().lower() for line in path.read_text(encoding="utf-8").splitlines())
@@ -77,14 +77,14 @@ def circuit_digests(folder: Path = CIRCUIT) -> dict[str, str]:
 
 
 def models_digest(corner: str) -> str:
-    """Digest of the transistor models of a corner."""
+    """Return a digest of the transistor models of a corner."""
     from dermis.chip import sky130
 
     return hashlib.sha256(sky130.models(corner).read_bytes()).hexdigest()[:12]
 
 
 def stale(path: Path, circuit: Path = CIRCUIT) -> str:
-    """Why the values of a file may no longer be those of the circuit; empty where they are."""
+    """Return the reason why the values of a file may be out of date, or an empty text."""
     source = validate(_Source, read_toml(path).get("source", {}), path, "source")
     have = circuit_digests(circuit)
     changed = sorted(n for n in have.keys() | source.circuit.keys() if have.get(n) != source.circuit.get(n))
@@ -95,7 +95,7 @@ def stale(path: Path, circuit: Path = CIRCUIT) -> str:
 
 
 def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
-    """The text of a file: where it comes from, then for each channel each effect with what measured it."""
+    """Return the text of a file: its sources, then the effects of each channel with their measurements."""
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -121,19 +121,19 @@ def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measu
 
 
 def write(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> Path:
-    """Write the file of a condition."""
+    """Write the file of a condition; return its path."""
     path = path_of(corner, temperature_c)
     write_atomic(path, text_of(corner, temperature_c, channels))
     return path
 
 
 def channels_of(path: Path) -> dict[str, Any]:
-    """The tables of a file by channel, each an [effects] table.
+    """Return the tables of a file by channel, each an [effects] table.
 
     Raises
     ------
     InputError
-        Something in it is no channel, no effect or no value of one.
+        The file holds an unknown channel or effect, or a wrong value.
     """
     data = {name: table for name, table in read_toml(path).items() if name != "source"}
     known = {channel(t, k) for t in TOPOLOGIES for k in (20, 40, 80, 160)}
@@ -144,22 +144,22 @@ def channels_of(path: Path) -> dict[str, Any]:
 
 
 def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
-    """An [effects] table with what `extracted` stands for in its place.
+    """Return an [effects] table in which `extracted` is replaced by its effects.
 
-    An effect that is named beside it is refused: the measured value is the whole of it, and whether another one
-    should add to it, multiply it or take its place is for the scene to say, by writing the number it means.
+    An effect that the scene names as well is refused: it is unclear whether its value should add to the
+    measured one, multiply it or replace it. The scene must write the number it means.
 
     Parameters
     ----------
     table : the [effects] table of a scene, `extracted` given
     interface : its resolved [interface]
-    design : where the chip's own reference current and capacitor come from
-    file : the scene, for errors
+    design : source of the chip's reference current and capacitor
+    file : the scene, named in errors
 
     Raises
     ------
     InputError
-        No such file or channel; the scene changes what was built; an effect is given twice.
+        There is no such file or channel; the scene changes a value of the circuit; or an effect is given twice.
     """
     wanted = table.extracted
     key = "effects.extracted"

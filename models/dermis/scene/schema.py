@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a schema is made of: strict models, keys that carry their documentation, strict TOML in and out."""
+"""Parts of a schema: strict models, keys with their documentation, strict reading and writing of TOML."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from dermis.errors import InputError, quoted
 
-# A scene is written by hand; anything larger is a file given by mistake.
+# A scene is written by hand; a larger file was given by mistake.
 SCENE_BYTES_MAX = 1 << 20
 
 
-# No quantity of this field lies outside, and products and ratios of a few numbers inside stay doubles.
+# Range of every quantity of the field; products and ratios of a few such numbers do not overflow.
 SIZE_MIN, SIZE_MAX = 1e-30, 1e30
 _GONE = dict.fromkeys(
     ("run.accuracy_lsb", "run.time_s"), "removed; use [effects] auto = {}, or auto = { budget_lsb = ... }"
@@ -31,7 +31,7 @@ _SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
 
 
 class Strict(BaseModel):
-    """A table of a scene: unknown keys, text for numbers, NaN, infinity and absurd sizes are all refused."""
+    """A table of a scene; unknown keys, text for numbers, NaN, infinity and absurd sizes are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -44,12 +44,12 @@ class Strict(BaseModel):
 
 
 def _unsigned(value: Any) -> Any:
-    """0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf."""
+    """Return 0.0 for -0.0: a resistance of -0.0 would be a conductance of -inf."""
     return value + 0.0 if isinstance(value, float) else value
 
 
 def _sized(value: Any) -> bool:
-    """Whether a value is no number, 0, or of a sensible size; infinity and NaN are for the key to judge."""
+    """Return True for 0, a number of sensible size or no number; keys check infinity and NaN themselves."""
     if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
         return True
     return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
@@ -70,18 +70,17 @@ def entry(
     Parameters
     ----------
     default : object
-        `...` for a key that must be given; None together with `default_from` for a value that lives in
-        design.toml.
+        `...` for a required key; None with `default_from` for a value of design.toml.
     meaning, allowed : str
         One line each: for the table in docs/scenes.md and for the error that quotes what may stand there.
     default_from : str
-        Where the default comes from when it is not a constant, e.g. "interface.k".
+        Source of a default that is not a constant, such as "interface.k".
     example : object
         A value that tests, tables and pages use (parameters of effects).
     range : (float, float)
         Magnitudes between which random scenes draw, evenly in powers of ten (parameters of effects).
     limits
-        ge, gt, le, lt, min_length ... as pydantic takes them.
+        ge, gt, le, lt, min_length ... of pydantic.
     """
     extra = {"allowed": allowed, "default_from": default_from, "example": example, "range": range}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
@@ -90,23 +89,23 @@ def entry(
 def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
     """Read a regular file of at most `limit` bytes, or raise InputError.
 
-    `told_by` is (file, key, value) of the entry that named it; without it the file itself is blamed.
+    `told_by` is the (file, key, value) of the entry that named it, for errors; without it they name the file.
     """
     file, key, value = told_by or (path, "file", path.name)
     value = quoted(value)
     try:
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
-            # A pipe or a device could block for ever.
+            # Reading a pipe or a device could block.
             raise InputError(file, key, value, "a regular file")
         if status.st_size > limit:
             raise InputError(
                 file, key, value, f"a file of at most {limit} bytes (this one has {status.st_size})"
             )
-        if not status.st_size:  # or none that is told: a read of /proc/kmsg, a regular file, never ends
+        if not status.st_size:  # or of unknown size: reading /proc/kmsg, a regular file, never ends
             return b""
         with open(path, "rb") as stream:
-            # As much as it had a moment ago: room for `limit` bytes would be taken at once, whatever is there.
+            # Only the size seen above: reading `limit` bytes would allocate all of them.
             data = stream.read(status.st_size + 1)
     except OSError as error:
         raise InputError(file, key, value, f"a readable file ({error.strerror or error})") from None
@@ -119,7 +118,7 @@ def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | No
     return data
 
 
-# tomllib takes the square of a dotted key's length: 14 s for 20 000 parts in 40 kB. No table here is five deep.
+# tomllib takes time quadratic in the parts of a dotted key: 14 s for 20 000 parts. No table here is five deep.
 KEY_PARTS_MAX = 32
 _LONG_KEY = re.compile(
     rf"""(?<![A-Za-z0-9_-])(?>(?>[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*+\.[ \t]*+){{{KEY_PARTS_MAX}}}"""
@@ -157,7 +156,7 @@ def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
 
 
 def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = "") -> Any:
-    """Build `model` from `data`; the first thing wrong becomes an InputError that names its key."""
+    """Build `model` from `data`; the first error becomes an InputError that names its key."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -169,9 +168,9 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
             _too_large(data, (prefix,) if prefix else ()), ((prefix or "scene",), "an integer")
         )
         raise InputError(file, ".".join(place), value, _SIZES) from None
-    # Among many, a key that is not known explains most: it is usually the misspelt twin of a missing one.
+    # Report an unknown key first: it is often the misspelt form of a missing one.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-    # Of the alternatives for one value the one that got furthest into it is what was meant.
+    # Among alternative types of one value, report the one that matched furthest.
     place = _place(data, first["loc"])
     inside = [e for e in found if _place(data, e["loc"])[: len(place)] == place]
     first = max(inside, key=lambda e: len(_place(data, e["loc"])))
@@ -179,7 +178,7 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
 
 
 def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], int]]:
-    """Integers that no double can hold, which the checks of numbers trip over, and where they stand."""
+    """Yield integers too large for a double, with their place."""
     if isinstance(data, int) and abs(data) >= 1 << 1023:
         yield place, data
     if isinstance(data, dict | list):
@@ -188,7 +187,7 @@ def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
 
 
 def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The part of an error's location that exists in the data; names of alternatives drop out."""
+    """Return the part of an error's location that exists in the data, without names of alternatives."""
     place, here = [], data
     for part in location:
         in_table = isinstance(here, dict) and part in here
@@ -199,7 +198,7 @@ def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str, prefix: str) -> InputError:
-    # Union tags stand in the location as well; following the data skips them.
+    # The location also contains union tags; following the data skips them.
     names: list[str] = [prefix] if prefix else []
     here: Any = data
     schema: Any = model
@@ -246,7 +245,7 @@ def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str
 
 
 def _models_of(annotation: Any) -> list[type[BaseModel]]:
-    """Every model an annotation may stand for."""
+    """Return every model that an annotation allows."""
     if isinstance(annotation, list):
         return [m for a in annotation for m in _models_of(a)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -257,7 +256,7 @@ def _models_of(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _pick(annotation: Any, tag: Any) -> Any:
-    """Narrow a tagged union to the member that carries `tag`."""
+    """Narrow a tagged union to the member with `tag`."""
     chosen = [
         m for m in _models_of(annotation) for f in m.model_fields.values() if tag in _literals(f.annotation)
     ]
@@ -274,7 +273,7 @@ def _tags(annotation: Any, key: str) -> list[str]:
 
 
 def write_toml(tables: dict[str, Any]) -> str:
-    """Write plain data (numbers, booleans, text, lists, tables) as TOML that reads back to the same data.
+    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same data.
 
     Keys are bare names of the schema; None is left out. Tables within tables are written inline.
     """

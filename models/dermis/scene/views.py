@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which view of the SPICE blocks a co-simulation takes: models or sky130 transistors, by block and by column.
+"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by column.
 
-Names and pins of a block are the same in both, so a view is the folder that its file is included from.
+A block has the same name and pins in both, so a view is the folder from which its file is included.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
 
 BLOCKS = ("row_driver", "conveyor", "integrator", "comparator", "charge_source")
-"""What a view may be chosen for. The mirror goes with its conveyor: they share a pedestal, and a level."""
+"""Blocks with a choice of view. The mirror follows its conveyor: both share a pedestal and a level."""
 
 CONVERTER = ("integrator", "comparator", "charge_source")
 
@@ -32,30 +32,34 @@ def _block(meaning: str) -> Any:
 class ViewsTable(Strict):
     """[run] views = { ... }: a view for each block, and the conditions of the transistors."""
 
-    default: View = entry("sky130", "Of every block that is not named", _VIEWS)
-    row_driver: View | None = _block("Of the switches of the rows")
-    conveyor: View | None = _block("Of the conveyor with its mirror; of nothing in the direct interface")
-    integrator: View | None = _block("Of the integrator with its preset")
-    comparator: View | None = _block("Of the comparator")
-    charge_source: View | None = _block("Of the charge source")
+    default: View = entry("sky130", "View of every block that is not named", _VIEWS)
+    row_driver: View | None = _block("View of the row switches")
+    conveyor: View | None = _block("View of the conveyor and its mirror; no effect in the direct interface")
+    integrator: View | None = _block("View of the integrator and its preset switch")
+    comparator: View | None = _block("View of the comparator")
+    charge_source: View | None = _block("View of the charge source")
     columns: list[int] | None = entry(
         None,
         "Columns whose channels take these views; the others are behavioural",
         "a list of different whole numbers from 0, below array.cols",
         default_from="all of them",
     )
-    corner: Corner = entry("tt", "Of the transistors' process", 'one of "tt", "ff", "ss", "sf", "fs"')
+    corner: Corner = entry("tt", "Process corner of the transistors", 'one of "tt", "ff", "ss", "sf", "fs"')
     temperature_c: float = entry(
-        27.0, "Of the transistors, in degrees C", "a finite number from -40 to 125", ge=-40, le=125
+        27.0,
+        "Temperature of the transistors, in degrees C",
+        "a finite number from -40 to 125",
+        ge=-40,
+        le=125,
     )
     supply_scale: float = entry(
-        1.0, "Times both supplies of the design", "a finite number from 0.9 to 1.1", ge=0.9, le=1.1
+        1.0, "Factor on both supplies of the design", "a finite number from 0.9 to 1.1", ge=0.9, le=1.1
     )
 
 
 @dataclass(frozen=True)
 class Views:
-    """The view of every block; see `ViewsTable`. `columns` is None for all of them."""
+    """View of every block; see `ViewsTable`. `columns` is None for all columns."""
 
     row_driver: View = "behavioural"
     conveyor: View = "behavioural"
@@ -69,7 +73,7 @@ class Views:
 
     @classmethod
     def of(cls, said: str | ViewsTable) -> Views:
-        """The views of a scene, as they stand in its [run]."""
+        """Return the views that [run] of a scene asks for."""
         if isinstance(said, str):
             return cls(**dict.fromkeys(BLOCKS, said))
         values = {name: getattr(said, name) or said.default for name in BLOCKS}
@@ -77,24 +81,24 @@ class Views:
         return cls(**values, columns=columns, **{n: getattr(said, n) for n in _CONDITIONS})
 
     def in_transistors(self, topology: str) -> frozenset[str]:
-        """The blocks of a topology that are transistors; all of them where only some columns are."""
+        """Return the blocks of a topology that are transistors in at least one column."""
         blocks = (b for b in BLOCKS if topology != "direct" or b != "conveyor")
         return frozenset(b for b in blocks if getattr(self, b) == "sky130")
 
     def has_transistors(self, column: int, topology: str) -> bool:
-        """Whether anything of a column's channel is transistors."""
+        """Return True if a block of a column's channel is transistors."""
         listed = self.columns is None or column in self.columns
         return listed and bool(self.in_transistors(topology) - {"row_driver"})
 
     def at(self, columns: tuple[int, ...]) -> Views:
-        """The views of a deck that has these columns, which are all alike."""
+        """Return the views of a deck with these columns, which all have the same."""
         if self.columns is None or set(columns) <= set(self.columns):
             return replace(self, columns=None)
         channel = dict.fromkeys(BLOCKS, "behavioural") | {"row_driver": self.row_driver}
         return replace(self, **channel, columns=None)
 
     def conditions(self) -> Mapping[str, Any]:
-        """Corner, temperature and supply, for reports."""
+        """Return corner, temperature and supply, for reports."""
         return {name: getattr(self, name) for name in _CONDITIONS}
 
 
@@ -109,7 +113,7 @@ def resolve(said: str | ViewsTable, cols: int, path: Path) -> str | ViewsTable:
     Raises
     ------
     InputError
-        A column that the array has not, or one named twice; columns or conditions of transistors without any.
+        A column is outside the array or named twice; or columns or conditions are given, but no transistors.
     """
     if said == "behavioural":
         return said
