@@ -34,6 +34,10 @@ run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
 
+read: setup ## a recording through the chip and back into newtons: FRAMES=file ARGS="--unit newtons --rate 100"
+	@$(if $(FRAMES),,echo 'read: FRAMES is missing: make read FRAMES=file ARGS="--unit newtons --rate 100"' >&2; exit 2)
+	@$(dermis) read '$(FRAMES)' $(ARGS)
+
 plan: setup ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) plan '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)

@@ -26,6 +26,10 @@ from dermis.processes import children
 
 # Commands of the package that are loaded only when they are called, so that each command starts quickly.
 LATER = {
+    "read": (
+        "dermis.report.read",
+        "Read a recording with the chip: codes, and forces with time and intervals.",
+    ),
     "ablate": (
         "dermis.report.ablate",
         "Cost of each effect of a scene, in codes and in time: one off at a time.",

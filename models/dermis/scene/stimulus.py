@@ -706,7 +706,7 @@ def _read_numpy(
     data: bytes, shown: str, suffix: str, table: FramesTable | ResistanceTable, about: Surroundings
 ) -> Floats:
     try:
-        array = _npz_member(data, shown, table.key) if suffix == ".npz" else _npy(data, shown)
+        array = npz_member(data, shown, table.key) if suffix == ".npz" else npy_array(data, shown)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # zip, header and dtype parsers raise whatever they like on garbage
@@ -736,7 +736,7 @@ def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
         return array.astype(float)
 
 
-def _npy(data: bytes, shown: str) -> NDArray[Any]:
+def npy_array(data: bytes, shown: str) -> NDArray[Any]:
     # The header is believed only as far as the bytes behind it reach: a file of 80 bytes can claim a
     # petabyte.
     stream = io.BytesIO(data)
@@ -758,7 +758,7 @@ def _npy(data: bytes, shown: str) -> NDArray[Any]:
     return flat.reshape(shape, order="F" if fortran else "C")
 
 
-def _npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
+def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
     # Each member takes some hundred bytes of memory for the 46 of its entry, before anybody can look at it.
     if (entries := data.count(b"PK\x01\x02")) > NPZ_MEMBERS_MAX:
         raise InputError(shown, "members", entries, f"at most {NPZ_MEMBERS_MAX} arrays")
@@ -783,4 +783,4 @@ def _npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
     if len(unpacked) != member.file_size:
         said = f"the {member.file_size} bytes that its entry says"
         raise InputError(shown, key, f"{len(unpacked)} bytes or more unpacked", said)
-    return _npy(unpacked, shown)
+    return npy_array(unpacked, shown)

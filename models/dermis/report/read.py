@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis read`: a recording through the chip, and back into forces."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import plan as planning
+from dermis.decode import calibration, recording
+from dermis.decode.decoder import Forces
+from dermis.errors import InputError, one_line
+from dermis.files import write_atomic
+from dermis.places import BUILD
+from dermis.records import Plan
+from dermis.report import verdict
+from dermis.scene import scene as scenes
+from dermis.scene.schema import read_toml
+from dermis.skin import Skin
+
+Floats = NDArray[np.float64]
+
+CHIP = {"row_driver": True, "column_input": True, "lateral": True}
+"""Effects of the chip without --scene: the design's drivers, inputs and a sheet that couples columns."""
+SATURATED_MAX = 0.01
+"""Share of the pressed readings that may be at full scale; more is a wrong unit, scale or k."""
+LEAST_CODE = 8
+"""A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
+THRESHOLD = 0.1
+"""Onset: the total force passes this part of its largest value."""
+
+
+def chip_of(rows: int, cols: int, scene: str | None) -> Plan:
+    """Return the plan of a chip and a sheet of this size: the design's, or those of a scene."""
+    data: dict[str, Any] = {"effects": dict(CHIP)}
+    path = Path("default chip")
+    if scene is not None:
+        path = scenes.find(scene)
+        data = read_toml(path)
+    array = data.get("array", {})
+    for name, size in (("rows", rows), ("cols", cols)):
+        if isinstance(array, dict) and array.get(name, size) != size:
+            raise InputError(path, f"array.{name}", array[name], f"{size}, as the recording has")
+    data = data | {"array": {"rows": rows, "cols": cols}, "stimulus": {"kind": "uniform", "force_n": [0.0]}}
+    return planning.make(scenes.from_data(data, path), "closed")
+
+
+def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, scale: float) -> Floats:
+    """Return the forces in newtons of a recording's values, [frames, rows, cols].
+
+    Raises
+    ------
+    InputError
+        Values that the unit does not have, or no area for kPa.
+    """
+    if unit == "codes":
+        code_max = plan.timing.code_max
+        if not ((values >= 0) & (values <= code_max)).all():
+            raise InputError(
+                "recording", "values", f"{values.min():g} .. {values.max():g}", f"codes 0..{code_max}"
+            )
+        force = plan.force_of_duty(values / plan.timing.gate_clocks)
+    elif unit == "ohm":
+        force = plan.sensor.force_n(values)
+    elif unit == "kpa":
+        if area_mm2 is None:
+            raise InputError("command line", "--area", None, "the area of a taxel in mm2, for --unit kpa")
+        force = values * (area_mm2 * 1e-3)
+    else:
+        force = values
+    force = force * scale
+    if not ((force >= 0).all() and np.isfinite(force).all()):
+        allowed = "forces from 0; negative ones need an offset taken off first"
+        raise InputError("recording", "values", f"{values.min():g} .. {values.max():g} {unit}", allowed)
+    return force + 0.0
+
+
+def error_figures(
+    force: Floats, found: Floats, time_s: Floats, pressed: NDArray[np.bool_]
+) -> dict[str, tuple[float, str]]:
+    """Compare decoded forces with the true ones, [frames, rows, cols] each; {name: (value, unit)}.
+
+    Errors by taxel count the readings in `pressed`. The centre of pressure is compared where the total force is above
+    `THRESHOLD` of its largest value; the onset delay is how much later the decoded total passes that value.
+    """
+    error = (found - force)[pressed]
+    total, total_found = force.sum(axis=(1, 2)), found.sum(axis=(1, 2))
+    level = THRESHOLD * total.max(initial=0.0)
+    rows, cols = np.indices(force.shape[1:])
+    loaded = (total > level) & (total_found > 0)
+    apart = np.zeros(1)
+    if loaded.any():
+        centres = [
+            np.stack(
+                [(f[loaded] * axis).sum(axis=(1, 2)) / f[loaded].sum(axis=(1, 2)) for axis in (rows, cols)]
+            )
+            for f in (force, found)
+        ]
+        apart = np.hypot(*(centres[0] - centres[1]))
+    onset = [
+        float(time_s[np.argmax(t > level)]) if (t > level).any() else np.nan for t in (total, total_found)
+    ]
+    return {
+        "rms_error_n": (float(np.sqrt(np.mean(error**2))) if error.size else 0.0, "N"),
+        "largest_error_n": (float(np.abs(error).max(initial=0.0)), "N"),
+        "total_force_error_n": (float(np.abs(total_found - total).max(initial=0.0)), "N"),
+        "centre_error_pitch": (float(apart.max()), "pitches"),
+        "onset_delay_s": (onset[1] - onset[0], "s"),
+    }
+
+
+def taxel_table(frames: Floats, time_s: Floats, kind: str) -> str:
+    """Return frames [frames, rows, cols] as csv: frame,time_s,row,c0,c1,..."""
+    out = io.StringIO()
+    out.write(",".join(["frame", "time_s", "row", *(f"c{c}" for c in range(frames.shape[2]))]) + "\n")
+    for n, (frame, time) in enumerate(zip(frames, time_s, strict=True)):
+        for r, row in enumerate(frame):
+            out.write(f"{n},{time:.9g},{r}," + ",".join(format(v, kind) for v in row) + "\n")
+    return out.getvalue()
+
+
+def _npy(array: NDArray[Any]) -> bytes:
+    out = io.BytesIO()
+    np.save(out, array)
+    return out.getvalue()
+
+
+def read_frames(
+    skin: Skin, rec: recording.Recording, force: Floats
+) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
+    """Send forces through the chip and back; return codes, decoded forces and the rows of the verdict."""
+    dt = np.diff(rec.time_s, prepend=rec.time_s[0])
+    codes = skin.read(force, dt)
+    found = skin.decode(codes, dt)
+    for array in (found.force_n, found.low_n, found.high_n):
+        array[:, ~rec.present] = 0.0
+    plain = skin.plan.force_of_duty(codes / skin.plan.timing.gate_clocks)
+    full = codes >= skin.plan.timing.code_max
+    used = rec.present & (force > 0) & ~full
+    rows = []
+    for name, forces in (("uncorrected", plain), ("corrected", found.force_n)):
+        kept = np.where(rec.present & np.isfinite(forces), forces, 0.0)
+        for key, (value, unit) in error_figures(force, kept, rec.time_s, used).items():
+            rows.append(verdict.report(f"read.{name}.{key}", value, unit, "pressed taxels below full scale"))
+    inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
+    rows.append(verdict.report("read.interval_coverage", float(inside[:, rec.present].mean()), "1"))
+    note = "a wrong --unit or --scale? k of the scene sets the range"
+    pressed = max(int((rec.present & (force > 0)).sum()), 1)
+    share = float((full & rec.present).sum() / pressed)
+    taxels = int((full & rec.present).any(axis=0).sum())
+    rows.append(
+        verdict.within(
+            "read.saturated_share",
+            share,
+            "1",
+            None,
+            SATURATED_MAX,
+            f"{taxels} taxels; {note}" if share else "",
+        )
+    )
+    most = int(codes.max(initial=0))
+    low = f"the recording uses little of the range: {note}" if most < LEAST_CODE else ""
+    rows.append(verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, low))
+    return codes, found, rows
+
+
+@click.command("read")
+@click.argument("file", type=click.Path())
+@click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
+@click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames a second, where the file has no time.")
+@click.option("--rows", type=click.IntRange(1, 256), help="Rows of the array.")
+@click.option("--cols", type=click.IntRange(1, 256), help="Columns of the array.")
+@click.option("--skip", type=click.IntRange(0, 10_000), help="Leading columns that are no taxels.")
+@click.option("--key", help="Array of an npz or HDF5 file.")
+@click.option("--time-key", help="Array, or column of the header, with the times.")
+@click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
+@click.option("--missing", type=float, help="Value of a place that has no taxel in any frame.")
+@click.option("--mask", type=click.Path(), help="csv or npy [rows, cols]: 0 where there is no taxel.")
+@click.option("--area", "area_mm2", type=click.FloatRange(1e-9, 1e9), help="Area of a taxel in mm2, for kPa.")
+@click.option("--scale", type=click.FloatRange(0, 1e9), default=1.0, help="Factor on every force.")
+@click.option("--scene", help="Chip and sheet: a scene whose stimulus is not used.")
+@click.option(
+    "--calibration", "known", type=click.Path(), help="File of `dermis calibrate`, for the way back."
+)
+@click.option("--out", type=click.Path(), help="Directory of the results; default build/read/FILE.")
+@click.option("--hdf5", is_flag=True, help="Also write forces.h5.")
+def read_command(
+    file: str,
+    unit: str | None,
+    rate: float | None,
+    mask: str | None,
+    area_mm2: float | None,
+    scale: float,
+    scene: str | None,
+    known: str | None,
+    out: str | None,
+    hdf5: bool,
+    **layout: Any,
+) -> int:
+    """Read a recording with the chip: codes, and forces with time and intervals."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
+    for said in caught:
+        click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
+    if unit is None:
+        spread = f"{rec.values.min():g} .. {rec.values.max():g}"
+        raise InputError(file, "unit", f"unknown for values {spread}", "--unit " + ", ".join(recording.UNITS))
+    if mask is not None:
+        present = recording.load(mask, recording.Layout(*rec.present.shape, rate_hz=1.0)).values != 0
+        rec = dataclasses.replace(rec, present=rec.present & present[0])
+    frames, rows, cols = rec.values.shape
+    chip = chip_of(rows, cols, scene)
+    force = np.where(
+        rec.present,
+        forces_of(
+            np.where(rec.present, rec.values, 0 if unit != "ohm" else np.inf), unit, chip, area_mm2, scale
+        ),
+        0.0,
+    )
+    if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
+        least_s = chip.timing.frame_s
+        allowed = f"at most {1 / least_s:.4g} frames a second: the chip reads {rows} rows in {least_s:g} s"
+        raise InputError(file, "rate", f"{1 / rec.t_frame_s:.6g}", allowed)
+    skin = Skin(chip, calibration=None if known is None else calibration.load(known))
+    codes, found, judged = read_frames(skin, rec, force)
+    target = BUILD / "read" / Path(file).stem if out is None else Path(out)
+    write(
+        target, rec, codes, found, judged, {"file": str(file), "unit": unit, "scene": scene or "default chip"}
+    )
+    if hdf5:
+        _write_hdf5(target / "forces.h5", rec, codes, found)
+    verdict.write_rows("read", judged)
+    taxels = int(rec.present.sum())
+    title = (
+        f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
+    )
+    verdict.print_rows(judged, title)
+    click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
+    return verdict.exit_code(judged)
+
+
+def write(
+    target: Path,
+    rec: recording.Recording,
+    codes: NDArray[np.unsignedinteger],
+    found: Forces,
+    rows: list[verdict.Row],
+    said: dict[str, Any],
+) -> None:
+    """Write codes and forces with time (csv and npy) and summary.json."""
+    summary = said | {
+        "frames": len(codes),
+        "rows": codes.shape[1],
+        "cols": codes.shape[2],
+        "taxels": int(rec.present.sum()),
+        "t_frame_s": rec.t_frame_s if len(codes) > 1 else None,
+        "time_from": rec.time_from,
+        "verdicts": rows,
+    }
+    files: dict[str, bytes | str] = {
+        "codes.npy": _npy(codes),
+        "forces_n.npy": _npy(found.force_n),
+        "forces_low_n.npy": _npy(found.low_n),
+        "forces_high_n.npy": _npy(found.high_n),
+        "time_s.npy": _npy(rec.time_s),
+        "codes.csv": taxel_table(codes, rec.time_s, "d"),
+        "forces_n.csv": taxel_table(found.force_n, rec.time_s, ".6g"),
+        "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
+    }
+    for name, content in files.items():
+        write_atomic(target / name, content)
+
+
+def _write_hdf5(path: Path, rec: recording.Recording, codes: NDArray, found: Forces) -> None:
+    from dermis.errors import optional
+
+    h5py = optional("h5py", "recordings")
+    held = io.BytesIO()
+    with h5py.File(held, "w") as file:
+        arrays = {
+            "codes": codes,
+            "forces_n": found.force_n,
+            "forces_low_n": found.low_n,
+            "forces_high_n": found.high_n,
+        }
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, compression="gzip")
+        file["time_s"], file["present"] = rec.time_s, rec.present
+    write_atomic(path, held.getvalue())

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis read`: every format gives the same frames, what is missing is asked for, and a wrong unit does not pass."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from dermis.decode import recording
+from dermis.decode.recording import Layout
+from dermis.errors import InputError
+from dermis.report import read, verdict
+
+FRAMES = np.round(np.random.default_rng(0).uniform(0, 9, (7, 4, 6)), 3)
+TIME = 100.0 + 0.02 * np.arange(7)
+
+
+def text(mark: str, header: str | None = None, lead: Callable[[int], list[str]] | None = None) -> str:
+    lines = [] if header is None else [header]
+    for n, frame in enumerate(FRAMES):
+        lines.append(mark.join([*(lead(n) if lead else []), *(f"{v:g}" for v in frame.ravel())]))
+    return "\n".join(lines) + "\n"
+
+
+NAMES = [f"taxel_{k}" for k in range(24)]
+SIZE = {"rows": 4, "cols": 6}
+TEXTS: dict[str, tuple[str, dict]] = {
+    "comma": (text(","), {**SIZE, "rate_hz": 50.0}),
+    "semicolon": (text(";"), {**SIZE, "rate_hz": 50.0}),
+    "tab": (text("\t"), {**SIZE, "rate_hz": 50.0}),
+    "space": (text("  "), {**SIZE, "rate_hz": 50.0}),
+    "decimal comma": (text(";").replace(".", ","), {**SIZE, "rate_hz": 50.0}),
+    "header": (text(",", ",".join(NAMES)), {**SIZE, "rate_hz": 50.0}),
+    "time column": (text(",", None, lambda n: [f"{TIME[n]:.3f}"]), SIZE),
+    "named time": (text(",", "time_s," + ",".join(NAMES), lambda n: [f"{TIME[n]:.3f}"]), {"rows": 4}),
+    "milliseconds": (
+        text(",", "t," + ",".join(NAMES), lambda n: [f"{20 * n}"]), {**SIZE, "time_unit": "ms"},
+    ),
+    "ROS export": (
+        text(
+            ",", "%time,field.header.seq,field.header.frame_id," + ",".join(f"field.data{k}" for k in range(24)),
+            lambda n: [str(1_700_000_000_000_000_000 + 20_000_000 * n), str(n), "palm"],
+        ), SIZE,
+    ),
+    "skipped words": (text(",", None, lambda n: ["left", "palm"]), {**SIZE, "skip": 2, "rate_hz": 50.0}),
+    "a row a line": (
+        "\n".join(",".join(f"{v:g}" for v in row) for frame in FRAMES for row in frame), {**SIZE, "rate_hz": 50.0},
+    ),
+    "blank lines and a byte order mark": ("\ufeff" + text(",").replace("\n", "\r\n\r\n"), {**SIZE, "rate_hz": 50.0}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_every_text_gives_the_same_frames(tmp_path: Path, name: str) -> None:
+    content, layout = TEXTS[name]
+    path = tmp_path / "touch.csv"
+    path.write_text(content, encoding="utf-8")
+    found = recording.load(path, Layout(**layout))
+    assert (found.values == FRAMES).all()
+    assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
+    assert found.present.all()
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "h5"])
+def test_binary_files_give_the_same_frames(tmp_path: Path, suffix: str) -> None:
+    path, layout = tmp_path / f"touch.{suffix}", {"rate_hz": 50.0}
+    if suffix == "npy":
+        np.save(path, FRAMES)
+    elif suffix == "npz":
+        np.savez(path, force=FRAMES.reshape(7, 24), stamp=TIME)
+        layout = {**SIZE, "key": "force", "time_key": "stamp"}
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            file["skin/force"], file["skin/time"] = FRAMES, TIME
+        layout = {"time_key": "skin/time"}
+    found = recording.load(path, Layout(**layout))
+    assert (found.values == FRAMES).all()
+    assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
+
+
+def test_places_without_a_taxel_are_found(tmp_path: Path) -> None:
+    values = FRAMES.copy()
+    values[:, 0, 1], values[:, 3, 3], values[2, 2, 2] = 255, np.nan, 255
+    np.save(tmp_path / "touch.npy", values)
+    found = recording.load(tmp_path / "touch.npy", Layout(missing=255.0, rate_hz=50.0))
+    assert np.argwhere(~found.present).tolist() == [[0, 1], [3, 3]]
+    assert found.values[2, 2, 2] == 255
+
+
+@pytest.mark.parametrize(
+    ("content", "layout", "said"),
+    [
+        (text(","), SIZE, "--rate"),
+        (text(","), {"rate_hz": 50.0}, "--rows and --cols"),
+        (text(","), {"rows": 5, "cols": 6, "rate_hz": 50.0}, "--rows and --cols"),
+        (
+            text(",", None, lambda n: ["left", "palm"]),
+            {"skip": 1, "rows": 5, "cols": 5, "rate_hz": 1.0},
+            "--skip",
+        ),
+        (text(",", "t," + ",".join(NAMES), lambda n: [str(20 * n)]), SIZE, "--time-unit"),
+        (text(",", None, lambda n: [str(-n)]), SIZE, "later than the frame before"),
+        (text(",").replace("\n", ",1\n", 1), {**SIZE, "rate_hz": 1.0}, "line 2"),
+        ("", SIZE, "at least one line"),
+        ("a,b\n", SIZE, "header only"),
+        (text(",").replace("0", "x", 1), {**SIZE, "rate_hz": 1.0}, "a number"),
+        (text(",").replace(FRAMES[1, 0, 1].astype(str), "nan", 1), {**SIZE, "rate_hz": 1.0}, "--missing"),
+    ],
+)
+def test_a_refusal_names_the_option_that_helps(tmp_path: Path, content: str, layout: dict, said: str) -> None:
+    path = tmp_path / "touch.csv"
+    path.write_text(content)
+    with pytest.raises(InputError) as error:
+        recording.load(path, Layout(**layout))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_lost_frames_are_warned_of(tmp_path: Path) -> None:
+    time = np.r_[TIME[:3], TIME[3:] + 0.1]
+    path = tmp_path / "touch.csv"
+    path.write_text(text(",", None, lambda n: [f"{time[n]:.3f}"]))
+    with pytest.warns(UserWarning, match="frames lost"):
+        recording.load(path, Layout(**SIZE))
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(read.read_command, [*arguments], standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done.return_value, done.output
+
+
+@pytest.fixture(autouse=True)
+def _rows_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
+
+
+def test_the_command_writes_codes_and_forces_with_time(tmp_path: Path) -> None:
+    path, out = tmp_path / "touch.csv", tmp_path / "out"
+    path.write_text(text(",", "time_s," + ",".join(NAMES), lambda n: [f"{TIME[n]:.3f}"]))
+    status, said = run(str(path), "--rows", "4", "--cols", "6", "--unit", "newtons", "--out", str(out))
+    assert status == 0, said
+    force, low, high = (np.load(out / f"forces{part}_n.npy") for part in ("", "_low", "_high"))
+    assert np.abs(force - FRAMES).max() < 0.6 * 15 / 255
+    assert ((low <= FRAMES) & (FRAMES <= high)).all()
+    table = np.genfromtxt(out / "forces_n.csv", delimiter=",", names=True)
+    assert table["time_s"][::4] == pytest.approx(0.02 * np.arange(7))
+    assert table["c5"].reshape(7, 4) == pytest.approx(force[:, :, 5], rel=1e-5)
+    columns = np.genfromtxt(out / "codes.csv", delimiter=",", names=True)
+    assert (columns["c0"].reshape(7, 4) == np.load(out / "codes.npy")[:, :, 0]).all()
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["t_frame_s"] == pytest.approx(0.02)
+    values = {row["name"]: row["value"] for row in summary["verdicts"]}
+    assert values["read.corrected.rms_error_n"] < 0.5 * values["read.uncorrected.rms_error_n"]
+
+
+@pytest.mark.parametrize(("factor", "row"), [(1000.0, "read.saturated_share"), (0.001, "read.largest_code")])
+def test_a_wrong_unit_does_not_pass(tmp_path: Path, factor: float, row: str) -> None:
+    np.save(tmp_path / "touch.npy", FRAMES * factor)
+    status, _ = run(
+        str(tmp_path / "touch.npy"), "--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")
+    )
+    assert status == 1
+    verdicts = json.loads((tmp_path / "out/summary.json").read_text())["verdicts"]
+    assert [v["name"] for v in verdicts if v["status"] == "FAIL"] == [row]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "--unit codes"),
+        (["--unit", "kpa"], "--area"),
+        (["--unit", "newtons", "--rate", "5000"], "at most 2000 frames"),
+        (["--unit", "newtons", "--scene", "wide_sheet"], "as the recording has"),
+    ],
+)
+def test_open_questions_are_asked_in_one_line(tmp_path: Path, arguments: list[str], said: str) -> None:
+    np.save(tmp_path / "touch.npy", FRAMES)
+    rate = [] if "--rate" in arguments else ["--rate", "50"]
+    with pytest.raises(InputError) as error:
+        run(str(tmp_path / "touch.npy"), *rate, *arguments)
+    assert said in str(error.value)
+
+
+def test_a_mask_and_hdf5(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    mask = np.ones((4, 6), int)
+    mask[1, 2] = 0
+    np.save(tmp_path / "touch.npy", FRAMES)
+    np.savetxt(tmp_path / "mask.csv", mask, delimiter=",", fmt="%d")
+    mask_option = ["--mask", str(tmp_path / "mask.csv"), "--hdf5", "--out", str(tmp_path / "out")]
+    status, _ = run(str(tmp_path / "touch.npy"), "--unit", "newtons", "--rate", "50", *mask_option)
+    assert status == 0
+    with h5py.File(tmp_path / "out/forces.h5") as file:
+        assert (file["present"][()] == (mask == 1)).all()
+        assert (file["forces_n"][:, 1, 2] == 0).all()
+    found = recording.load(tmp_path / "out/forces.h5", Layout(key="forces_n", time_key="time_s"))
+    assert found.t_frame_s == pytest.approx(0.02)
