@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help docs setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help demo docs setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -113,6 +113,11 @@ liberty: setup ## Liberty timing of the SKY130 cells in use, measured in ngspice
 
 calc: setup ## design calculator: from range, array, frame time and bits to f_clk, i0, k, C
 	@$(dermis) calc $(ARGS)
+
+demo: setup ## one web page with the chip inside, build/demo/demo.html [ARGS=--check: measure it in Chromium]
+	@.venv/bin/python -c 'import selenium, ziglang' 2>/dev/null || \
+	.venv/bin/python -m pip install --quiet --only-binary :all: -r requirements_demo.txt
+	@$(dermis) demo $(ARGS)
 
 docs: setup ## the documentation as a site, in build/site
 	@$(dermis) docs $(ARGS)

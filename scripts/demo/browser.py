@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo in a headless Chromium: a session, and the figures that `dermis demo --check` prints."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import shutil
+import statistics
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dermis import engines, plan
+from dermis.report import verdict
+from dermis.report.verdict import Row
+
+LIMIT_S = 60
+"""Longest wait for a page or a script."""
+
+# No network: the page needs none, and the browser is not to ask for updates of its own.
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+)  # fmt: skip
+
+
+def missing() -> str | None:
+    """Return the reason why no browser can be driven here, or None."""
+    if importlib.util.find_spec("selenium") is None:
+        return "Python package selenium is not installed (pip install .[demo])"
+    if shutil.which("chromium") is None:
+        return "chromium is not installed (Debian packages chromium and chromium-driver)"
+    if shutil.which("chromedriver") is None:
+        return "chromedriver is not installed (Debian package chromium-driver)"
+    return None
+
+
+@contextlib.contextmanager
+def session(
+    width: int = 1440, height: int = 1000, dark: bool = False, home: Path | None = None
+) -> Iterator[Any]:
+    """Yield a WebDriver of a fresh Chromium; its files and processes end with the block.
+
+    `home` is where downloads go.
+    """
+    from selenium import webdriver
+
+    with tempfile.TemporaryDirectory(prefix="dermis_browser_") as scratch:
+        options = webdriver.ChromeOptions()
+        for flag in (*FLAGS, f"--user-data-dir={scratch}/profile", f"--window-size={width},{height}"):
+            options.add_argument(flag)
+        if home is not None:
+            options.add_experimental_option("prefs", {"download.default_directory": str(home)})
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        options.binary_location = shutil.which("chromium") or ""
+        service = webdriver.ChromeService(shutil.which("chromedriver"))
+        driver = webdriver.Chrome(options=options, service=service)
+        try:
+            driver.set_page_load_timeout(LIMIT_S)
+            driver.set_script_timeout(LIMIT_S)
+            scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+            driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            yield driver
+        finally:
+            driver.quit()
+
+
+def visit(driver: Any, page: Path, fragment: str = "") -> None:
+    """Open the page and wait for its first frame."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    driver.get("about:blank")  # a change of the fragment alone would not load the page
+    driver.get(page.resolve().as_uri() + fragment)
+    WebDriverWait(driver, LIMIT_S).until(
+        lambda d: d.execute_script("return !!(window.demo && demo.firstCode)")
+    )
+
+
+def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
+    """Return how many codes of the page differ from engine event, for the scene that the page saves."""
+    scene = folder / "pressed.toml"
+    scene.write_text(driver.execute_script("return demo.toml()"))
+    script = "const done = arguments[1]; demo.codes(arguments[0]).then(done)"
+    answer = driver.execute_async_script(script, frames)
+    made = plan.load(scene, "event")
+    codes = np.array(answer["codes"]).reshape(-1, made.rows, made.cols)[: made.frames]
+    return int((codes != engines.run(made).codes[:frames]).sum()) + (0 if answer["good"] else codes.size)
+
+
+def presses(count: int = 20, seed: int = 0) -> list[str]:
+    """Return links of random scenes: one to three bodies, and effects in three out of four."""
+    draw = np.random.default_rng(seed)
+    shapes = ("spherical", "cylindrical", "triangular", "flat", "round")
+    # Slider: highest value, step.
+    sliders = {
+        "row_ohm": (20, 0.1), "column_ohm": (20, 0.1), "lateral": (40, 1), "offset": (5, 0.05),
+        "mismatch": (5, 0.1), "noise": (500, 5), "flicker": (2, 0.05),
+    }  # fmt: skip
+    links = []
+    for _ in range(count):
+        parts = []
+        for _ in range(draw.integers(1, 4)):
+            size = draw.integers(2, 25, 2) / 2
+            place = draw.uniform(0, 15, 2).round(2)
+            angle = draw.integers(0, 19) * 5
+            force = draw.integers(1, 151) / 10
+            parts.append(f"b={draw.choice(shapes)},{force},{size[0]},{size[1]},{place[0]},{place[1]},{angle}")
+        for name, (most, step) in sliders.items():
+            if draw.random() < 0.75:
+                parts.append(f"{name}={round(draw.integers(1, most / step + 1) * step, 2)}")
+        links.append("#" + "&".join([*parts, f"seed={draw.integers(0, 2**32)}"]))
+    return links
+
+
+def _worker_seconds(driver: Any) -> float | None:
+    """Return the processor time of the worker's thread, None where the system does not tell."""
+    try:
+        pids, ticks = _descendants(driver.service.process.pid), 0
+        for pid in pids:
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                if (task / "comm").read_text().startswith("DedicatedWorker"):
+                    ticks += sum(
+                        int(n) for n in (task / "stat").read_text().rpartition(")")[2].split()[11:13]
+                    )
+        return ticks / os.sysconf("SC_CLK_TCK") if ticks else None
+    except OSError:
+        return None
+
+
+def _descendants(root: int) -> Sequence[int]:
+    found = [root]
+    for pid in found:
+        for children in Path(f"/proc/{pid}/task").glob("*/children"):
+            found += [int(child) for child in children.read_text().split()]
+    return found
+
+
+def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
+    """Return frames per second of processor time (of wall time where that is not known) and of wall time."""
+    script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
+    driver.execute_async_script(script, 300)  # the browser's compiler has seen it all by then
+    before = _worker_seconds(driver)
+    wall = float(driver.execute_async_script(script, frames))
+    after = _worker_seconds(driver)
+    return (wall if before is None or after is None else frames / (after - before)), wall
+
+
+def complaints(driver: Any) -> list[str]:
+    """Return what is hard to read or has no label on the page that is open."""
+    return list(driver.execute_script((Path(__file__).parent / "legible.js").read_text()))
+
+
+def measure(page: Path) -> list[Row]:
+    """Return the rows of the page in a browser, or one SKIP each with the reason."""
+    names = ("demo.wrong_codes", "demo.frames_per_s", "demo.first_code_s")
+    if reason := missing():
+        return [verdict.skip(name, reason) for name in names]
+    links = presses()
+    with session() as driver, tempfile.TemporaryDirectory() as scratch:
+        opened = []
+        for _ in range(3):
+            visit(driver, page)
+            opened.append(float(driver.execute_script("return demo.firstCode / 1000")))
+        cpu, wall = speed(driver)
+        wrong = ramp_wrong(driver)
+        for link in links:
+            visit(driver, page, link)
+            wrong += wrong_codes(driver, Path(scratch))
+    note = f"256 codes against the formula, {len(links)} random presses with effects against engine event"
+    return [
+        verdict.judge("demo.wrong_codes", wrong, note),
+        verdict.judge(
+            "demo.frames_per_s", cpu, f"of the worker's processor time, Chromium; {wall:.0f} by the clock"
+        ),
+        verdict.judge("demo.first_code_s", statistics.median(opened), "from opening the file, median of 3"),
+    ]
+
+
+def ramp_wrong(driver: Any) -> int:
+    """Return how many of the 256 codes are not read from the resistances that mean them."""
+    script = """
+      const done = arguments[0], d = DESIGN, unit = d.v_bias_v / (d.k * d.i0_a);
+      const ohm = Float64Array.from({length: 256}, (_, code) => unit * d.gate_clocks / code);
+      (async () => {
+        await demo.ask("recording", {frames: {ohm, count: 1}, playing: false});
+        const {codes} = await demo.codes();
+        await demo.ask("recording", {frames: null, playing: false});
+        done(codes.filter((code, i) => code !== i).length);
+      })();"""
+    return int(driver.execute_async_script(script))

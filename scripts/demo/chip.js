@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// The compiled chip as an object: settings in, frames out. Runs in a worker; no part of the page is used here.
+"use strict";
+
+const FRAME = 1, BEGUN = 2; // what run() returns: a frame was read; a frame has begun
+
+class Chip {
+  // design: values of models/design.toml, as the build writes them into the page.
+  static async make(bytes, design) {
+    const nothing = () => 0; // the C library may ask for files; nothing here opens one
+    const system = {fd_close: nothing, fd_seek: nothing, fd_write: nothing};
+    const {instance} = await WebAssembly.instantiate(bytes, {wasi_snapshot_preview1: system});
+    instance.exports._initialize();
+    instance.exports.reset(); // takes its memory now: views of it would be lost when it grows
+    return new Chip(instance.exports, design);
+  }
+
+  constructor(wasm, design) {
+    const memory = wasm.memory.buffer, cells = design.rows * design.cols;
+    const floats = (at, length) => new Float64Array(memory, at, length);
+    this.wasm = wasm;
+    this.design = design;
+    this.cells = cells;
+    this.settings = floats(wasm.settings(), 8);
+    this.gain = floats(wasm.gain(), design.cols);
+    this.offset = floats(wasm.offset_v(), design.cols);
+    this.ohm = floats(wasm.resistance_ohm(), cells);
+    this.measured = floats(wasm.measured(), cells);
+    this.ohm.fill(Infinity);
+    this.gain.fill(1);
+  }
+
+  set(effects, seed) {
+    const d = this.design;
+    this.settings.set([
+      d.v_bias_v, d.k * d.i0_a, effects.row_ohm, effects.column_ohm,
+      effects.lateral_ohm > 0 ? 1 / effects.lateral_ohm : 0, effects.noise_v / d.packet_v, effects.flicker, seed,
+    ]);
+    for (let c = 0; c < d.cols; c++) {
+      this.gain[c] = 1 + effects.ratio_error[c];
+      this.offset[c] = effects.offset_v[c];
+    }
+  }
+
+  reset() { this.wasm.reset(); }
+
+  // The latest answer on the SPI pins: its bytes, and what they say.
+  answer() {
+    const bytes = new Uint8Array(this.wasm.memory.buffer, this.wasm.answer(), this.wasm.answer_bytes()).slice();
+    return {bytes, ...parse(bytes, this.design)};
+  }
+
+  // Duties and packets that a frame was made from.
+  inputs(number) {
+    const of = (at) => new Float64Array(this.wasm.memory.buffer, at, this.cells);
+    return {duty: of(this.wasm.duty(number)), packet: of(this.wasm.packet(number))};
+  }
+
+  // Force in newtons of codes: by the ideal law, or with what the array takes put back.
+  force(codes, corrected) {
+    const d = this.design, unit = d.k * d.i0_a;
+    const force = new Float64Array(this.cells);
+    for (let i = 0; i < this.cells; i++) this.measured[i] = codes[i] / d.gate_clocks;
+    if (corrected) this.wasm.correct(d.sweeps);
+    for (let i = 0; i < this.cells; i++) {
+      force[i] = d.k_force_n_ohm * (corrected ? this.measured[i] : this.measured[i] * unit / d.v_bias_v);
+    }
+    return force;
+  }
+
+  // The last `clocks` of the trace, oldest first.
+  trace(clocks) {
+    const {wasm, design} = this, length = wasm.trace_length(), end = wasm.clocks();
+    const all = wasm.memory.buffer, n = Math.min(clocks, length, end);
+    const v = new Float32Array(all, wasm.trace_v(), length * design.cols);
+    const comp = new Uint16Array(all, wasm.trace_comp(), length);
+    const charge = new Uint16Array(all, wasm.trace_charge(), length);
+    const row = new Uint8Array(all, wasm.trace_row(), length);
+    const preset = new Uint8Array(all, wasm.trace_preset(), length);
+    const out = {
+      end, v: new Float32Array(n * design.cols), comp: new Uint16Array(n), charge: new Uint16Array(n),
+      row: new Uint8Array(n), preset: new Uint8Array(n),
+    };
+    for (let i = 0; i < n; i++) {
+      const at = (end - n + i) % length;
+      out.v.set(v.subarray(at * design.cols, (at + 1) * design.cols), i * design.cols);
+      out.comp[i] = comp[at];
+      out.charge[i] = charge[at];
+      out.row[i] = row[at];
+      out.preset[i] = preset[at];
+    }
+    return out;
+  }
+}
+
+// CRC-16/CCITT-FALSE.
+function crc16(bytes, from, to) {
+  let crc = 0xffff;
+  for (let i = from; i < to; i++) {
+    crc ^= bytes[i] << 8;
+    for (let bit = 0; bit < 8; bit++) crc = crc & 0x8000 ? (crc << 1 ^ 0x1021) & 0xffff : crc << 1;
+  }
+  return crc;
+}
+
+// What an answer of the SPI says: token, length, header, slots, CRC (docs/spi.md).
+function parse(bytes, design) {
+  const head = 3, {rows, cols} = design, slot = 1 + cols + Math.ceil(cols / 8);
+  const end = head + 8 + rows * slot;
+  const codes = new Uint8Array(rows * cols);
+  if (bytes[0] !== 0xa5 || bytes.length !== end + 2) return {good: false, number: 0, codes, crc: 0, found: 0};
+  for (let r = 0; r < rows; r++) {
+    const at = head + 8 + r * slot;
+    codes.set(bytes.subarray(at + 1, at + 1 + cols), bytes[at] * cols);
+  }
+  const crc = crc16(bytes, head, end), found = bytes[end] << 8 | bytes[end + 1];
+  return {good: crc === found, number: bytes[head + 2] << 8 | bytes[head + 3], codes, crc, found};
+}
+
+// The code that charge balance gives: packets of `packet` paid for by `duty` in the gate, at most one in two clocks.
+function formula(duty, packet, design) {
+  const gate = design.gate_clocks;
+  let ones;
+  if (!(duty > 0)) return 0;
+  if (2 * duty <= packet) ones = Math.floor((gate * duty - 0.5) / packet) + 1;
+  else {
+    const first = Math.max(1, Math.ceil(0.5 / duty));
+    ones = first > gate ? 0 : Math.floor((gate - first) / 2) + 1;
+  }
+  return Math.min(design.code_max, Math.max(0, ones));
+}

