@@ -17,9 +17,10 @@ import numpy as np
 import tomli_w
 
 from dermis import engines, plan
-from dermis.engines import cosim
+from dermis.engines import certificate, cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
+from dermis.processes import cpu_time
 from dermis.records import Plan
 from dermis.report import figures, output, progress, verdict, waves
 from dermis.report.comparison import compare, fit_residual
@@ -132,7 +133,10 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
     expected = None
     if case.readback:
         expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int)
+    certificate.certify(made, result)
+    begin = cpu_time.cpu_used_s()
     rows = compare(made, result, case.name, expected)
+    result.info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
     chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
     rows = [
         {**row, "note": f"{row['note']}; {chip}" if row["status"] != "SKIP" else row["note"]} for row in rows

@@ -74,7 +74,7 @@ def results(out: Path, code: int = 7) -> None:
     """A whole set of results of one frame of 2 x 3."""
     out.mkdir(parents=True, exist_ok=True)
     codes = np.full((1, 2, 3), code, np.uint8)
-    for name in ("codes.npy", "codes_low.npy", "codes_high.npy"):
+    for name in ("codes.npy", "codes.csv"):
         np.save(out / name, codes)
     (out / "codes.csv").write_text(output.codes_csv(codes))
     (out / "summary.json").write_text("{}\n")

@@ -194,6 +194,8 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
     if any("array" in part.info for part in parts):
         info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
+    if "certify_cpu_s" in info:
+        info["certify_cpu_s"] = sum(part.info["certify_cpu_s"] for part in parts)
     whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
     return Result(**whole, info={name: value for name, value in info.items() if value is not None})
 

@@ -12,6 +12,7 @@ from dermis import engines
 from dermis.bounds import SLOW_CLOCKS
 from dermis.converter import currents
 from dermis.engines import Result, closed, event
+from dermis.processes import cpu_time
 from dermis.records import Plan
 
 
@@ -63,7 +64,12 @@ def _steady(plan: Plan) -> bool:
 
 
 def certify(plan: Plan, result: Result) -> Result:
-    """Fill in the lower and upper codes of a run: where something is random or left out, that is further runs."""
+    """Fill in the lower and upper codes of a run: two more runs where something is random or left out.
+
+    info["certify_cpu_s"] is the processor time that they took.
+    """
     if result.low is None or result.high is None:
+        begin = cpu_time.cpu_used_s()
         result.low, result.high = certified(plan, result)
+        result.info["certify_cpu_s"] = cpu_time.cpu_used_s() - begin
     return result

@@ -80,6 +80,14 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
     return rows
 
 
+def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row]:
+    """Judge as many frames from the first on as hold `taxels`, as `compare` does."""
+    frames = min(made.frames, -(-taxels // (made.rows * made.cols)))
+    first = made.part(0, frames)
+    rows = compare(first, Result(result.codes[:frames]), name)
+    return [{**row, "note": f"{row['note']}; {frames} of {made.frames} frames"} for row in rows]
+
+
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
     """Judge the codes of a run against a neighbouring engine, and a straight line.
 
@@ -94,7 +102,9 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
         return _compare_transistors(made, codes, name)
     rows = []
     reference = _reference(made)
-    if reference is not None:
+    if reference is None:
+        rows.append(verdict.skip(f"frame.code_error_lsb.{name}", "no other engine takes its effects"))
+    else:
         try:
             error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
         except InputError as refusal:  # fields that it honours, with values that it does not take

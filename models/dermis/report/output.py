@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dermis.decode.force import decode
 from dermis.effects import AutoTable
-from dermis.engines import Result, certificate
+from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.files import locked
 from dermis.processes import children
@@ -32,10 +32,10 @@ from dermis.report.verdict import Row
 
 TOOL_LIMIT_S = 10
 
-ALWAYS = ("codes.npy", "codes_low.npy", "codes_high.npy", "codes.csv", "summary.json", "resolved.toml")
+ALWAYS = ("codes.npy", "codes.csv", "summary.json", "resolved.toml")
 
 # Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
-SOMETIMES = ("frame.png", "transient.png", "waves.vcd", "waves.gtkw")
+SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
 
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
@@ -226,8 +226,10 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _certified(plan: Plan, result: Result) -> dict[str, Any]:
-    """How far apart the certified codes are, and what they allow for (docs/auto.md)."""
+def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
+    """Return the width of the certified codes and their margins (docs/auto.md); None without certified codes."""
+    if result.low is None or result.high is None:
+        return None
     width = np.subtract(result.high, result.low, dtype=int)
     auto = plan.scene.table.effects.auto or AutoTable()
     budget_lsb = auto.budget_lsb if plan.scene.table.effects.auto else 0.0
@@ -271,15 +273,14 @@ def write(
     InputError
         They cannot be written; those of an earlier run stay.
     """
-    certificate.certify(plan, result)
     files: dict[str, bytes] = {
         "codes.npy": _npy(result.codes),
-        "codes_low.npy": _npy(result.low),
-        "codes_high.npy": _npy(result.high),
         "codes.csv": codes_csv(result.codes).encode(),
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
+    if result.low is not None and result.high is not None:
+        files |= {"codes_low.npy": _npy(result.low), "codes_high.npy": _npy(result.high)}
     with _writing(out):
         if out.exists():
             _refuse_directories(out)
