@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A short run of every fuzzer, what they once found, and faults that they must see; `make fuzz` is the long run."""
+"""A short run of every fuzzer, stored findings, and seeded faults; `make fuzz` is the long run."""
 
 from __future__ import annotations
 
@@ -12,155 +12,146 @@ from click.testing import CliRunner
 
 from dermis import engines, plan
 from dermis.chip import spi_protocol as spi
-from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import scene, schema, stimulus
-from tb.programs.fuzz import command, grammar, oracle, target, worker
+from scripts import workers
+from scripts.checkpoint import Checkpoint
+from tb.programs.fuzz import command, oracle, session, target
 from tb.programs.fuzz.faults import FAULTS
-from tb.programs.fuzz.target import NAMES
 from tb.reference import chip
 
-QUICK = ("title_in_deck", "room_for_the_limit", "short_answer")
-"""Faults that some of the first inputs meet; `make test LONG=1` and `make fuzz` take all."""
+QUICK = ("title_in_deck", "short_answer")
+"""Seeded faults of the default run."""
 
 
-def test_a_short_run_of_every_parser_finds_nothing() -> None:
-    inputs = {"scene": 100, "frames": 100, "spi": 400, "design": 30}
-    told = command.short(inputs)
-    assert {name: row.get("finding", "") for name, row in told.items()} == dict.fromkeys(inputs, "")
-    assert all(sum(row.values()) == inputs[name] for name, row in told.items())
-    assert all(row["refused"] for row in told.values())
-    assert told["scene"]["taken"] > 10
+@pytest.mark.parametrize(
+    ("name", "inputs"),
+    [
+        ("scene", 60),
+        ("spi", 150),
+        pytest.param("frames", 200, marks=pytest.mark.long),
+        pytest.param("design", 100, marks=pytest.mark.long),
+        pytest.param("command", 100, marks=pytest.mark.long),
+        pytest.param("registers", 1000, marks=pytest.mark.long),
+    ],
+)
+def test_a_short_run_finds_nothing(tmp_path: Path, name: str, inputs: int) -> None:
+    piece = command.alone(session.fuzz, name, inputs, 7, str(tmp_path / "last"))
+    assert piece["found"] == []
+    counts = piece["counts"]
+    assert counts["inputs"] == inputs
+    assert counts["taken"]
+    assert bool(counts.get("refused")) == (name != "registers")
 
 
-def test_what_was_found_once_is_found_no_more() -> None:
-    files = [path for path in command.FOUND.iterdir() if not path.name.startswith("registers")]
+def test_stored_findings_are_cured() -> None:
+    files = [str(path) for path in command.FOUND.iterdir() if not path.name.startswith("registers")]
     assert len(files) > 10
-    assert {path.name.split("_")[0] for path in files} <= set(NAMES)
-    assert command.replay(files) == []
+    assert command.alone(session.replay, files) == []
 
 
-def test_seeded_faults_are_seen() -> None:
-    told = command.seeded(list(QUICK))
-    assert [name for name in QUICK if not told[name]["kind"]] == []
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.long] * (n not in QUICK)) for n in FAULTS]
+)
+def test_a_seeded_fault_is_seen(name: str) -> None:
+    seen = command.alone(session.seeded, name, command.SEEDED_INPUTS, 0)
+    assert seen["kind"] in FAULTS[name].kinds, seen
 
 
-@pytest.mark.long
-@pytest.mark.timeout(1500)
-def test_every_seeded_fault_is_seen() -> None:
-    told = command.seeded(list(FAULTS))
-    assert [name for name in FAULTS if not told[name]["kind"]] == []
-    assert len(FAULTS) >= 10
-
-
-@pytest.mark.long
-def test_the_register_port_answers_as_its_model() -> None:
-    assert command.short({"registers": 2000})["registers"] == {"taken": 2000, "refused": 0}
-
-
-def test_the_place_of_a_finding_hangs_on_no_directory() -> None:
-    """Neither where the clone lies nor a line number: by module and function."""
+def test_the_place_of_a_finding_has_no_directory_and_no_line_number() -> None:
     with pytest.raises(InputError) as caught:
         schema.read_toml(Path("/no/such/dermis/fuzz/file.toml"))
     assert oracle.place_of(caught.value) == "scene.schema.read_bytes"
     assert oracle.place_of(ValueError()) == "the package"
 
 
-def test_a_finding_is_made_small() -> None:
-    wanted = b"needle"
-    hay = b"line one\nsome needle in it\nline three\n" * 3
-    assert worker.smaller(hay, lambda data: wanted in data, lambda: False) == wanted
+class _Made:
+    """A target whose defect is any input with a "!"."""
+
+    @staticmethod
+    def load(name: str) -> target.Target:
+        from hypothesis import strategies as st
+
+        def run(data: bytes, place: Path) -> str:
+            if b"!" in data:
+                raise oracle.Finding("escape", "made.up", repr(data))
+            return "taken"
+
+        texts = st.text(alphabet="ab!", max_size=40).map(str.encode)
+        return target.Target(lambda: texts, lambda place: None, run, ())
 
 
-def test_mutations_are_the_same_for_one_seed() -> None:
-    import random
+def test_a_finding_is_shrunk_and_the_round_runs_all_its_inputs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session.target, "load", _Made.load)
+    monkeypatch.setattr(oracle, "limit_memory", lambda: None)
+    piece = session.fuzz("made", 200, 1, str(tmp_path / "last"))
+    assert [one["data"] for one in piece["found"]] == ["!"]
+    assert piece["counts"]["inputs"] == 200
+    again = session.fuzz("made", 200, 1, str(tmp_path / "last"))
+    assert again["found"] == piece["found"]
+    assert again["counts"]["taken"] == piece["counts"]["taken"]
 
-    one = target.load("scene")
-    data = one.seeds()[0]
-    assert [one.mutate(data, random.Random(n)) for n in range(50)] == [
-        one.mutate(data, random.Random(n)) for n in range(50)
-    ]
-    assert len({one.mutate(data, random.Random(n)) for n in range(50)}) > 40
-    assert max(len(one.mutate(data, random.Random(n))) for n in range(200)) <= grammar.SIZE_MAX
 
-
-@pytest.mark.skipif(bool(command.missing()), reason=command.missing() or "never")
-def test_the_state_of_a_run_is_taken_up_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "WORK", tmp_path / "work")
+def _workers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **fails: str) -> list[str]:
+    """Replace the worker processes; return the list of names that they are asked for."""
+    monkeypatch.setattr(command, "WORK", tmp_path)
     monkeypatch.setattr(command, "FOUND", tmp_path / "found")
-    monkeypatch.setattr(command, "ROUND", 30)
-    counted: list[int] = []
-    half = command.run_target("spi", 30, 0, counted.append)
-    whole = command.run_target("spi", half.inputs + 1, 0, counted.append)
-    assert half.inputs >= 30
-    assert whole.inputs > half.inputs
-    assert (whole.rounds, whole.crashes, whole.findings) == (2, 0, [])
-    assert command._progress(command._kept("spi", 0)) == whole
-    assert command._progress(command._kept("spi", 1)) == command.Progress()
+    monkeypatch.setattr(verdict, "write_rows", lambda target, rows: None)
+    asked: list[str] = []
 
+    def run(tasks: Any, count: int, fresh: bool = False) -> Any:
+        for number, task in enumerate(tasks):
+            asked.append(task.function.__name__)
+            fault = fails.get(task.arguments[0], "") if task.function is session.fuzz else ""
+            value: Any = [3, 4]
+            if task.function is session.fuzz:
+                Path(task.arguments[3]).write_bytes(b"deadly")
+                value = {"counts": {"inputs": task.arguments[1], "taken": 1, "seconds": 1}, "found": []}
+            yield number, workers.Outcome(None if fault else value, fault)
 
-def _with_worker(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int | None, inputs: int, left: bytes = b""
-) -> list[dict[str, int]]:
-    """Put an end of our choice in the place of a worker's; what the workers were asked for."""
-    monkeypatch.setattr(command, "WORK", tmp_path / "work")
-    monkeypatch.setattr(command, "FOUND", tmp_path / "found")
-    (tmp_path / "found").mkdir(exist_ok=True)
-    asked: list[dict[str, int]] = []
-
-    def ends(log: Path, limit_s: float, **more: Any) -> int | None:
-        asked.append(more)
-        log.write_text("the last words")
-        if inputs:
-            (log.parent / "counts").write_bytes(worker.COUNTS.pack(inputs, inputs, 0))
-        if left:
-            (log.parent / "found" / "crash-1").write_bytes(left)
-        return code
-
-    monkeypatch.setattr(command, "_worker", ends)
+    monkeypatch.setattr(workers, "run", run)
     return asked
 
 
-def test_a_state_of_other_code_counts_for_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = _with_worker(tmp_path, monkeypatch, 0, 10)
-    command.run_target("spi", 10, 0, int)
-    command.run_target("spi", 10, 0, int)
-    assert len(asked) == 1
-    monkeypatch.setattr(batch, "fingerprint", lambda: "another")
-    assert command.run_target("spi", 10, 0, int).inputs == 10
-    assert len(asked) == 2
+def _run(*words: str) -> tuple[int, str]:
+    told = CliRunner().invoke(command.fuzz_command, words, standalone_mode=False)
+    return told.return_value, told.output
 
 
-@pytest.mark.parametrize(("code", "said"), [(None, "was ended at 900 s"), (-9, "ended with exit code -9")])
-def test_a_worker_that_dies_and_leaves_no_input_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int | None, said: str
-) -> None:
-    _with_worker(tmp_path, monkeypatch, code, 4)
-    done = command.run_target("spi", 8, 0, int)
-    rows = command.rows_of({"spi": done}, {"spi": 8}, {})
-    row = next(row for row in rows if row["name"] == "fuzz.ends.spi")
-    assert row["status"] == "ERROR"
-    assert f"2 of 2 processes, the first: round 1 {said} after 4 inputs" in row["note"]
-    assert verdict.exit_code(rows) == 1
+def test_a_run_continues_and_other_code_starts_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = _workers(monkeypatch, tmp_path)
+    words = ("--only", "spi", "--inputs", "4001", "--no-faults")
+    code, said = _run(*words)
+    assert (code, asked.count("fuzz")) == (0, 3)
+    assert "every input ran before" not in said
+    assert "every input ran before" in _run(*words)[1]
+    assert asked.count("fuzz") == 3
+    monkeypatch.setattr(command, "stamp", lambda *folders: "another")
+    _run(*words)
+    assert asked.count("fuzz") == 6
 
 
-def test_a_worker_that_dies_on_an_input_leaves_a_finding(
+def test_a_process_that_dies_leaves_its_last_input_and_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _with_worker(tmp_path, monkeypatch, -11, 8, b"deadly")
-    done = command.run_target("spi", 8, 0, int)
-    assert (done.died, len(done.findings)) == ([], 1)
+    _workers(monkeypatch, tmp_path, spi="crashed: SIGSEGV")
+    code, said = _run("--only", "spi", "--inputs", "10", "--no-faults")
+    assert code == 1
+    assert "crash of spi.0.10" in " ".join(said.split())
     assert [path.read_bytes() for path in (tmp_path / "found").iterdir()] == [b"deadly"]
+    wanted, pieces = {"spi": 10}, Checkpoint(tmp_path / "none", "").pieces
+    rows = {r["name"]: r["status"] for r in command.rows_of(wanted, pieces, {"spi.1.10": "hangs"}, {})}
+    assert (rows["fuzz.ends.spi"], rows["fuzz.inputs.spi"]) == ("ERROR", "FAIL")
 
 
-def test_a_target_short_of_its_inputs_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = _with_worker(tmp_path, monkeypatch, 1, 1, b"deadly")
-    done = command.run_target("spi", 1000, 0, int)
-    assert len(asked) == command.RESTARTS + 1
-    row = command.rows_of({"spi": done}, {"spi": 1000}, {})[0]
-    assert (row["name"], row["value"], row["status"]) == ("fuzz.inputs.spi", len(asked), "FAIL")
-    assert command.rows_of({"spi": done}, {"spi": len(asked)}, {})[0]["status"] == "PASS"
+def test_an_unseen_fault_fails() -> None:
+    seen = {"a": {"kind": "line", "inputs": 1}, "b": {"kind": "", "inputs": 9}}
+    row = command.rows_of({}, {}, {}, seen)[-1]
+    assert (row["name"], row["value"], row["status"]) == ("fuzz.seeded_faults_missed", 1, "FAIL")
 
 
 @pytest.mark.parametrize("part", [["--only", "spi"], ["--inputs", "5"], ["--no-faults"]])
@@ -168,25 +159,6 @@ def test_tables_of_a_part_are_not_written(part: list[str]) -> None:
     told = CliRunner().invoke(command.fuzz_command, ["--docs", *part])
     assert isinstance(told.exception, InputError)
     assert str(told.exception).startswith("command line: --docs = with --only")
-
-
-def test_without_atheris_the_command_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None)
-    told = CliRunner().invoke(command.fuzz_command, [])
-    assert isinstance(told.exception, InputError)
-    assert "atheris is not installed" in str(told.exception)
-
-
-def test_a_run_with_nothing_left_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = _with_worker(tmp_path, monkeypatch, 0, 3)
-    monkeypatch.setattr(command, "cover", lambda name, done: None)
-    monkeypatch.setattr(command, "missing", lambda: "")
-    monkeypatch.setattr(verdict, "write_rows", lambda target, rows: None)
-    arguments = ["--only", "spi", "--inputs", "3", "--no-faults"]
-    first, second = (CliRunner().invoke(command.fuzz_command, arguments) for _ in range(2))
-    assert "every input was run before on this code" not in first.output
-    assert "every input was run before on this code" in second.output
-    assert len(asked) == 1
 
 
 def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyPatch) -> None:

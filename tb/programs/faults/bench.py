@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where commands fail: a copy of the tree, commands started in it, and what may be wrong with how one ended."""
+"""Commands in a copy of the tree, and the judge of how a disturbed command ends."""
 
 from __future__ import annotations
 
@@ -27,18 +27,30 @@ from dermis.report import output
 from dermis.scene.design import ROOT
 
 END_LIMIT_S = 240.0
-"""A command that has not ended by then hangs: the longest takes 15 s on an idle core."""
+"""A command that has not ended by then hangs; the longest takes 15 s on an idle core."""
 
 GONE_LIMIT_S = 30.0
-"""As long may what a command started outlive it: the watchdog needs milliseconds, on a loaded machine seconds."""
+"""Processes of a command may outlive it by this time on a loaded machine; the watchdog needs milliseconds."""
 
-PARTS = ("models", "rtl", "spice")
-"""What of the tree commands need; results and builds go to the copy's own build/."""
+PARTS = ("models", "rtl", "spice", "scripts", "tb/programs", "tb/reference")
+"""Parts of the tree that commands need; results and builds go to build/ of the copy."""
+
+ROLES = {
+    "watchdog": r"watchdog\.py",
+    "cosim_child": r"dermis\.engines\.cosim_hdl",
+    "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
+    "worker": r"-m dermis\.processes\.pool|multiprocessing\.spawn|multiprocessing-fork",
+    "dask": r"dask_scheduler|dask_worker",
+    "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",
+    "yosys": r"yosys|abc",
+    "ngspice": r"(^|/)ngspice\b",
+    "parent": r"-m dermis\b|faults\.launch|bin/dermis",
+}
 
 
 @dataclass
 class Ended:
-    """A command that has ended: its exit code, and what it said."""
+    """Exit code and output of a command that has ended."""
 
     code: int
     out: str
@@ -46,16 +58,7 @@ class Ended:
 
 
 class Run:
-    """A command that was started in a tree.
-
-    Parameters
-    ----------
-    command : what is run
-    tree : the tree that it belongs to, and its working directory
-    work : directory for what it says
-    environment : variables beside those of this process
-    options : as for subprocess.Popen
-    """
+    """A command that was started in a tree; its output goes to files in `work`."""
 
     def __init__(
         self,
@@ -67,76 +70,47 @@ class Run:
     ) -> None:
         token = secrets.token_hex(6)
         self.said = work / f"{token}.out", work / f"{token}.err"
-        variables = {"PYTHONPATH": str(tree / "models"), **(environment or {})}
+        variables = {"PYTHONPATH": f"{tree / 'models'}:{tree}", **(environment or {})}
         with self.said[0].open("wb") as out, self.said[1].open("wb") as error:
             where = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": error}
             self.child = children.Child(command, variables, cwd=tree, **(where | options))
 
-    def processes(self) -> list[int]:
-        """What it is and what it started, in whatever session and whoever its parent is now, its watchdogs included."""
-        return sorted(pid for pid, _ in watchdog.marked(self.child.mark))
+    def processes(self, wanted: str = "") -> list[int]:
+        """Return the command and everything it started, its watchdogs too, or those of a role."""
+        pids = sorted(pid for pid, _ in watchdog.marked(self.child.mark))
+        return [pid for pid in pids if not wanted or role(pid) == wanted]
 
     def wait(self, limit_s: float = END_LIMIT_S) -> Ended | None:
-        """Wait for its end; None if it hangs, and then end it."""
+        """Wait for the end; None if it hangs."""
         try:
             code = self.child.wait(limit_s)
         except subprocess.TimeoutExpired:
-            self.end()
+            self.child.end()
             return None
         out, error = (path.read_text(errors="replace") for path in self.said)
         return Ended(code, out, error)
 
     def orphans(self, within_s: float = GONE_LIMIT_S) -> list[str]:
-        """What is left after its end, ended here."""
-        last = time.monotonic() + within_s
-        while (left := self.processes()) and time.monotonic() < last:
-            time.sleep(0.02)
-        names = [role(pid) for pid in left]
-        self.end()
-        return names
-
-    def end(self) -> None:
-        """End it and all it started."""
+        """Return a fault if processes outlive the command, and end them."""
+        poll(lambda: not self.processes(), within_s)
+        names = [role(pid) for pid in self.processes()]
         self.child.end()
+        return [f"leaves {', '.join(names)[:120]}"] if names else []
 
 
 def role(pid: int) -> str:
-    """What a process of a command is, by its command line."""
+    """Return the role of a process by its command line."""
     try:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace").split("\0")
     except OSError:
         return "gone"
-    text = " ".join(words)
-    for name, sign in ROLES.items():
-        if re.search(sign, text):
-            return name
-    return Path(words[0]).name or "forked"
-
-
-ROLES = {
-    "watchdog": r"watchdog\.py",
-    "cosim_child": r"dermis\.engines\.cosim_hdl",
-    "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
-    "worker": r"-m dermis\.pool|-m dermis\.workers|multiprocessing\.spawn|multiprocessing-fork",
-    "dask_scheduler": r"dask_scheduler",
-    "dask_worker": r"dask_worker",
-    "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",
-    "yosys": r"yosys|abc",
-    "ngspice": r"(^|/)ngspice\b",
-    "sta": r"(^|/)sta\b",
-    "parent": r"-m dermis\b|dermis\.faults\.launch|bin/dermis",
-}
+    found = (name for name, sign in ROLES.items() if re.search(sign, " ".join(words)))
+    return next(found, Path(words[0]).name or "forked")
 
 
 @dataclass
 class Bench:
-    """A tree for trials.
-
-    Attributes
-    ----------
-    tree : copy of the project's sources, with its own build/
-    seed : of everything that a trial draws
-    """
+    """A copy of the project's sources with a build/ of its own; `seed` is that of everything that trials draw."""
 
     tree: Path
     seed: int = 0
@@ -145,54 +119,48 @@ class Bench:
     running: list[Run] = field(default_factory=list)
     ended: bool = False
 
-    def copy(self) -> None:
-        """Bring the sources over; builds of an earlier copy stay where their content is the same."""
-        self.tree.mkdir(parents=True, exist_ok=True)
+    def copy(self, to: Path | None = None) -> None:
+        """Copy the sources; builds of an earlier copy stay if their content is the same."""
+        target = to or self.tree
         for part in PARTS:
-            shutil.rmtree(self.tree / part, ignore_errors=True)
-            ignore = shutil.ignore_patterns("__pycache__", ".*")
-            shutil.copytree(ROOT / part, self.tree / part, ignore=ignore)
-
-    def forget_builds(self) -> None:
-        """Take builds of another run away: a trial that disturbs one would find it done."""
-        shutil.rmtree(self.tree / "build" / "models", ignore_errors=True)
+            shutil.rmtree(target / part, ignore_errors=True)
+            shutil.copytree(ROOT / part, target / part, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+        (target / "build").mkdir(exist_ok=True)
 
     def end(self) -> None:
-        """End every command that is running in it, and start no more."""
+        """End every running command, and start no more."""
         self.ended = True
         for run in list(self.running):
-            run.end()
+            run.child.end()
 
     def random(self, name: str) -> random.Random:
-        """Numbers of a trial, whatever other trials draw."""
+        """Return random numbers of a trial, independent of other trials."""
         return random.Random(hashlib.sha256(f"{self.seed} {name}".encode()).digest())
 
     def work(self, name: str) -> Path:
-        """An empty directory for a trial."""
+        """Make an empty directory for a trial."""
         work = self.tree / "trials" / name
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
         return work
 
-    def dermis(
-        self, arguments: Sequence[str], work: Path, changes: Sequence[str] = (), **options: Any
-    ) -> Run:
+    def dermis(self, words: Sequence[str], work: Path, changes: Sequence[str] = (), **options: Any) -> Run:
         """Start the command line, with changes of tb.programs.faults.launch."""
-        head = [sys.executable, "-m", "dermis"]
-        if changes:
-            head = [sys.executable, "-m", "tb.programs.faults.launch", *changes, "--"]
-        return self.start([*head, *arguments], work, **options)
+        launch = [sys.executable, "-m", "tb.programs.faults.launch", *changes, "--"]
+        return self.start(
+            [*(launch if changes else [sys.executable, "-m", "dermis"]), *words], work, **options
+        )
 
-    def start(self, command: Sequence[str], work: Path, **options: Any) -> Run:
-        """Start any command in the tree."""
-        run = Run(command, self.tree, work, **options)
+    def start(self, command: Sequence[str], work: Path, tree: Path | None = None, **options: Any) -> Run:
+        """Start a command in the tree, or in another one."""
+        run = Run(command, tree or self.tree, work, **options)
         self.running.append(run)
         if self.ended:
-            run.end()
+            run.child.end()
         return run
 
 
-# ---- the judge --------------------------------------------------------------------------------------------------
+# ---- the judge: each function returns faults in words
 
 _PROGRESS = re.compile(r"[\w.,\- ]+: (\d+ of \d+ [\w ]+|.* \.\.\.)")
 _BAD_WORDS = re.compile(
@@ -202,97 +170,77 @@ _BAD_WORDS = re.compile(
 
 
 def contents(directory: Path) -> dict[str, str]:
-    """Digest of every file below a directory, by name; empty where there is none."""
-    if not directory.is_dir():
-        return {}
-    return {
-        str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(directory.rglob("*"))
-        if path.is_file()
-    }
+    """Return the digest of every file below a directory."""
+    files = sorted(path for path in directory.rglob("*") if path.is_file()) if directory.is_dir() else []
+    return {str(p.relative_to(directory)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
-def judge_words(ended: Ended, code_is: Iterable[int]) -> list[str]:
-    """What is wrong with an exit code and with what was said.
-
-    Parameters
-    ----------
-    ended : the command
-    code_is : exit codes that are right
-    """
+def judge_words(ended: Ended | None, codes: Iterable[int]) -> list[str]:
+    """Judge exit code and output: one line on standard error, none for codes 0 and 1, no traceback."""
+    if ended is None:
+        return ["hangs"]
     faults = []
-    if ended.code not in code_is:
-        faults.append(f"exit code {ended.code}, not {' or '.join(map(str, sorted(code_is)))}")
+    if ended.code not in codes:
+        faults.append(f"exit code {ended.code}, not {' or '.join(map(str, sorted(codes)))}")
     if bad := _BAD_WORDS.search(ended.error + ended.out):
         faults.append(f"says {bad.group()!r}")
-    lines = [
-        line for line in ended.error.splitlines() if line.strip() and not _PROGRESS.fullmatch(line.strip())
-    ]
-    # A killed command says nothing; one that was interrupted, stopped by a simulator or refuses says one line.
-    wanted = {0: 0, 1: 0}.get(ended.code, 0 if ended.code < 0 else 1)
+    said = [line.strip() for line in ended.error.splitlines()]
+    lines = [line for line in said if line and not _PROGRESS.fullmatch(line)]
+    wanted = 0 if ended.code in (0, 1) or ended.code < 0 else 1
     if len(lines) != wanted:
-        faults.append(f"{len(lines)} lines on standard error in place of {wanted}: {' | '.join(lines)[:160]}")
+        faults.append(f"{len(lines)} lines on standard error instead of {wanted}: {' | '.join(lines)[:160]}")
     return faults
 
 
 def judge_out(out: Path, before: Mapping[str, str], ended: Ended, reference: np.ndarray | None) -> list[str]:
-    """What is wrong with a directory of results: it has all of a run, or what it had before.
-
-    Parameters
-    ----------
-    out : the directory
-    before : its contents before the run
-    ended : the run
-    reference : codes of an undisturbed run, or None where codes are not looked at
-    """
+    """Judge OUT: a whole new set of results, or its contents before the run."""
     now = contents(out)
     hidden = [name for name in now if name.startswith(".")]
     if not hidden and now == dict(before) and ended.code != 0:
         return []
-    # Asked to end while it put its results in place, a command first has all of them there.
+    # A command that is asked to end while it moves its results into place finishes that first.
     if ended.code not in (0, 1, 129, 130, 143) and ended.code >= 0:
         changed = sorted(name for name in {*now, *before} if now.get(name) != before.get(name))
         return [f"exit code {ended.code}, and {', '.join(changed)[:120]} changed"]
-    # Killed outright it may have left what it was writing, by a hidden name, but nothing in the place of results.
-    seen = {name: digest for name, digest in now.items() if name not in hidden}
-    if ended.code < 0 and seen == dict(before):
+    # A killed command may leave hidden files.
+    if ended.code < 0 and {name: now[name] for name in now if name not in hidden} == dict(before):
         return []
     return judge_results(out, reference) + ([f"leaves {hidden[0]}"] if hidden and ended.code >= 0 else [])
 
 
 def judge_results(out: Path, reference: np.ndarray | None) -> list[str]:
-    """What is wrong with a whole set of results."""
-    faults = [f"{name} is missing" for name in output.ALWAYS if not (out / name).is_file()]
-    if faults:
-        return faults
+    """Judge a whole set of results, with codes of an undisturbed run if they are known."""
+    if missing := [f"{name} is missing" for name in output.ALWAYS if not (out / name).is_file()]:
+        return missing
     try:
         codes = np.load(out / "codes.npy")
         json.loads((out / "summary.json").read_text())
         lines = (out / "codes.csv").read_text().splitlines()
     except (ValueError, OSError) as error:
         return [f"half-written: {error}"]
+    faults = []
     if len(lines) != 1 + codes.shape[0] * codes.shape[1]:
-        faults.append("codes.csv and codes.npy are not of one run")
+        faults.append("codes.csv and codes.npy are of different runs")
     if reference is not None and not np.array_equal(codes, reference):
         faults.append("codes differ from those of an undisturbed run")
     return faults
 
 
 def judge_tables(tree: Path) -> list[str]:
-    """What is wrong with the tables in build/."""
+    """Judge the tables in build/."""
     faults = []
     for path in (tree / "build").glob("*.json"):
         try:
             json.loads(path.read_text())
         except ValueError:
             faults.append(f"{path.name} is half-written")
-        except OSError:  # replaced meanwhile by another command
+        except OSError:  # another command replaces it
             continue
     return faults
 
 
-def poll(what: Callable[[], Any], limit_s: float, step_s: float = 0.01) -> Any:
-    """What a function gives, once it gives something; None if it does not within a limit."""
+def poll(what: Callable[[], Any], limit_s: float, step_s: float = 0.02) -> Any:
+    """Return the first true value of a function, None at the limit."""
     last = time.monotonic() + limit_s
     while time.monotonic() < last:
         if found := what():
@@ -302,7 +250,7 @@ def poll(what: Callable[[], Any], limit_s: float, step_s: float = 0.01) -> Any:
 
 
 def send(pid: int, number: signal.Signals) -> bool:
-    """Send a signal; whether the process was there."""
+    """Send a signal; False if the process is gone."""
     try:
         os.kill(pid, number)
     except ProcessLookupError:

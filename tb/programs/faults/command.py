@@ -1,35 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis faults`: faults in the run itself, each a command that is disturbed, judged, and run once more."""
+"""`dermis faults`: commands that are disturbed, judged, and run once more."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import shutil
 import signal
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import click
 
-from dermis.engines import batch
 from dermis.errors import InputError, one_line
 from dermis.files import locked, write_between
 from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts.checkpoint import Checkpoint
+from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.faults.bench import Bench
 from tb.programs.faults.trials import Trial, every
 
 DOCS = "build/faults.md"
 MARKS = "<!-- begin: faults (written by dermis faults --docs) -->", "<!-- end: faults -->"
 PLACE = ROOT / "build" / "faults"
+CODE = Path(__file__).parent, ROOT / "scripts"
 
 
 def chosen(only: Sequence[str], runs: int | None) -> list[Trial]:
-    """Trials with all of some words in their names; at most so many of each kind, spread over them."""
+    """Return the trials with some words in their names, at most `runs`, spread over them."""
     found = [trial for trial in every() if all(word in trial.name.split(".") for word in only)]
     if not found:
         words = sorted({word for trial in every() for word in trial.name.split(".")[:-1]})
@@ -40,27 +42,24 @@ def chosen(only: Sequence[str], runs: int | None) -> list[Trial]:
 
 
 def measure(trial: Trial, bench: Bench) -> Row:
-    """Run a trial; its row counts what was wrong."""
+    """Run a trial; its row counts the faults."""
     start = time.monotonic()
     try:
         faults, note = trial.run(bench, trial.name)
     except PermissionError as error:
-        return verdict.skip(
-            f"faults.{trial.name}", f"needs more rights than this user has: {one_line(str(error))}"
-        )
-    except Exception as error:  # a trial that breaks measured nothing
+        return verdict.skip(f"faults.{trial.name}", f"needs more rights: {one_line(str(error))}")
+    except Exception as error:  # a trial that fails measured nothing
         return verdict.error(f"faults.{trial.name}", f"{type(error).__name__}: {one_line(str(error), 300)}")
-    said = "; ".join([*faults, note] if note else faults)
-    row = verdict.within(f"faults.{trial.name}", len(faults), "faults", None, 0, one_line(said, 400))
+    said = one_line("; ".join([*faults, note] if note else faults), 400)
+    row = verdict.within(f"faults.{trial.name}", len(faults), "faults", None, 0, said)
     return {**row, "seconds": round(time.monotonic() - start, 1)}
 
 
 @contextlib.contextmanager
-def heard() -> Iterator[None]:
-    """Let what this process ignores reach the commands that it starts.
+def signals_reach_commands() -> Iterator[None]:
+    """Let signals that this process ignores reach its commands, which would inherit that.
 
-    A shell has SIGINT ignored by what runs behind it, nohup SIGHUP, and commands inherit that: a trial that sends one
-    would disturb nothing, and pass.
+    A shell ignores SIGINT for background commands, and nohup ignores SIGHUP.
     """
     ignored = [number for number in children.SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
     for number in ignored:
@@ -72,69 +71,57 @@ def heard() -> Iterator[None]:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run(trials: Sequence[Trial], bench: Bench, jobs: int, kept: Checkpoint) -> list[Row]:
-    """Run trials side by side, keep each row as it comes, and take those that are there already."""
-    todo = [trial for trial in trials if trial.name not in kept.pieces]
+def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Checkpoint) -> list[Row]:
+    """Run the trials without a row, `jobs` at a time, and store each row."""
+    todo = [trial for trial in trials if trial.name not in store.pieces]
     with (
         progress.slots("faults", len(trials), "trials") as on_trials,
         children.ending(),
-        heard(),
+        signals_reach_commands(),
         concurrent.futures.ThreadPoolExecutor(jobs) as pool,
     ):
         tasks = {pool.submit(measure, trial, bench): trial for trial in todo}
         try:
-            for number, task in enumerate(
-                concurrent.futures.as_completed(tasks), len(trials) - len(todo) + 1
-            ):
-                kept.put(tasks[task].name, task.result())
+            done = concurrent.futures.as_completed(tasks)
+            for number, task in enumerate(done, len(trials) - len(todo) + 1):
+                store.put(tasks[task].name, task.result())
                 on_trials(number)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             bench.end()
             raise
-    return [kept.pieces[trial.name] for trial in trials]
+    return [store.pieces[trial.name] for trial in trials]
 
 
 def table(rows: Sequence[Row]) -> str:
-    """A line for each group and subject: trials, how they ended, and what was wrong."""
+    """Return a Markdown table with a line for each group and subject."""
     kinds: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         _, group, subject, *_ = row["name"].split(".")
         kinds.setdefault((group, subject), []).append(row)
-    lines = ["| group | subject | what | trials | ended with | faults |", "|---|---|---|--:|---|--:|"]
+    lines = ["| group | subject | trials | ended with | faults |", "|---|---|--:|---|--:|"]
     for (group, subject), own in kinds.items():
-        what = dict.fromkeys(" ".join(row["name"].split(".")[3:]).rstrip("0123456789 ") for row in own)
         ends = Counter(row["note"].rpartition("; ")[2] for row in own)
         how = ", ".join(f"{end} ({count})" if count > 1 else end for end, count in ends.most_common())
         wrong = sum(row["value"] or 0 for row in own) + sum(row["status"] == "ERROR" for row in own)
-        lines.append(f"| {group} | `{subject}` | {', '.join(what)} | {len(own)} | {how} | {wrong} |")
+        lines.append(f"| {group} | `{subject}` | {len(own)} | {how} | {wrong} |")
     kills = sum(row["name"].split(".")[1] == "kill" for row in rows)
-    counts = ", ".join(
-        f"{sum(row['status'] == status for row in rows)} {status}" for status in verdict.COLOURS
-    )
-    seconds = sum(row.get("seconds", 0.0) for row in rows)
-    head = f"{len(rows)} trials, {kills} of them kills: {counts}; {seconds:.0f} s of trials."
-    return "\n".join([head, "", *lines])
+    by_status = Counter(row["status"] for row in rows)
+    counts = ", ".join(f"{by_status[status]} {status}" for status in verdict.COLOURS)
+    return "\n".join([f"{len(rows)} trials, {kills} of them kills: {counts}.", "", *lines])
 
 
 @click.command("faults")
-@click.option(
-    "--only",
-    multiple=True,
-    metavar="WORD",
-    help="Trials with this word in their name, such as a group.",
-)
+@click.option("--only", multiple=True, metavar="WORD", help="Trials with a word in their name (repeatable).")
 @click.option("--subject", metavar="NAME", help="The same as --only NAME.")
-@click.option("--runs", type=click.IntRange(1), help="At most so many trials, spread over those chosen.")
+@click.option("--runs", type=click.IntRange(1), help="Number of trials, spread over those chosen.")
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the moments of faults."
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed for fault times."
 )
 @click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Trials at a time.")
-@click.option(
-    "--fresh", is_flag=True, help="Do not take the rows of a run of the same sources that was broken off."
-)
-@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
-@click.option("--list", "listed", is_flag=True, help="Say what trials there are, and run nothing.")
+@click.option("--fresh", is_flag=True, help="Ignore the rows of an interrupted run.")
+@click.option("--docs", is_flag=True, help=f"Write the table in {DOCS}.")
+@click.option("--list", "listed", is_flag=True, help="Print the names of the trials and run nothing.")
 def faults_command(
     only: tuple[str, ...],
     subject: str | None,
@@ -145,39 +132,29 @@ def faults_command(
     docs: bool,
     listed: bool,
 ) -> int:
-    """Disturb real commands - kill, interrupt, fill, close, cut - and judge what is left; rows in build/faults.json."""
+    """Kill, interrupt, fill, close and cut real commands and judge the result; rows in build/faults.json."""
     words = (*only, *((subject,) if subject else ()))
     if docs and (words or runs):
         raise InputError("command line", "--docs", "with --only, --subject or --runs", "a whole run")
     trials = chosen(words, runs)
     if listed:
-        for trial in trials:
-            click.echo(trial.name)
+        click.echo("\n".join(trial.name for trial in trials))
         return 0
     PLACE.mkdir(parents=True, exist_ok=True)
     with locked(PLACE / "lock", wait=False) as lock:
         if lock is None:
             raise InputError(PLACE, "lock", "held", "one `dermis faults` at a time in a tree")
-        return _faults(trials, seed, jobs, fresh, docs)
-
-
-def _faults(trials: Sequence[Trial], seed: int, jobs: int, fresh: bool, docs: bool) -> int:
-    bench = Bench(PLACE / "tree", seed)
-    bench.copy()
-    kept = Checkpoint(
-        PLACE / f"rows_{seed}.json",
-        batch.fingerprint(bench.tree / "models" / "dermis", bench.tree),
-        fresh=fresh,
-    )
-    if not kept.pieces:
-        bench.forget_builds()
-    rows = run(trials, bench, jobs, kept)
+        bench = Bench(PLACE / "tree", seed)
+        bench.copy()
+        store = Checkpoint(PLACE / f"rows_{seed}.json", stamp(*CODE), fresh=fresh)
+        if not store.pieces:  # a trial that disturbs a build would find it done
+            shutil.rmtree(bench.tree / "build" / "models", ignore_errors=True)
+        rows = run(trials, bench, jobs, store)
     verdict.write_rows("faults", rows)
-    verdict.print_rows(rows, f"Faults in the run itself ({len(rows)} trials)")
+    verdict.print_rows(rows, f"Faults of runs ({len(rows)} trials)")
     broken = [row["name"] for row in rows if row["status"] == "ERROR"]
     if docs and broken:
-        click.echo(f"not written: {DOCS}, for {broken[0]} was not measured")
+        click.echo(f"not written: {DOCS}, for {broken[0]} was not measured", err=True)
     elif docs:
         write_between(ROOT / DOCS, *MARKS, table(rows))
-        click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

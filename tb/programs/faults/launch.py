@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the command line with a changed limit or a fault at a chosen call: `python -m ...launch SET... -- WORDS`.
+"""Run the command line with changes: `python -m tb.programs.faults.launch CHANGE... -- WORDS`.
 
-A SET is `module:NAME=number`, a module's value for this run, or `module:NAME!n=FAULT`: the n-th call of that function
-from the package becomes a fault, `kill`, `term` or the name of an errno such as `ENOSPC`.
+A CHANGE is `module:NAME=number`, a value of a module, or `module:NAME!n=FAULT`: the n-th call of a function becomes
+`kill`, `term` or the name of an errno such as `ENOSPC`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,8 @@ def _fault_at(function: Any, number: int, fault: str) -> Any:
 
     def call(*arguments: Any, **options: Any) -> Any:
         if next(calls) == number:
-            if fault == "kill":
-                os.kill(os.getpid(), signal.SIGKILL)
-            elif fault == "term":
-                os.kill(os.getpid(), signal.SIGTERM)
+            if fault in ("kill", "term"):
+                os.kill(os.getpid(), signal.Signals[f"SIG{fault.upper()}"])
             else:
                 code = getattr(errno, fault)
                 raise OSError(code, os.strerror(code), str(arguments[-1]))
@@ -35,7 +33,7 @@ def _fault_at(function: Any, number: int, fault: str) -> Any:
 
 
 def main(words: list[str]) -> None:
-    """Change what is asked for, and run the command line."""
+    """Apply the changes and run the command line."""
     split = words.index("--")
     for word in words[:split]:
         found = re.fullmatch(r"([\w.]+):(\w+)(?:!(\d+))?=([\w.]+)", word)
@@ -43,10 +41,8 @@ def main(words: list[str]) -> None:
             raise SystemExit(f"not a change: {word}")
         module, name, number, value = found.groups()
         place = importlib.import_module(module)
-        if number is None:
-            setattr(place, name, float(value))
-        else:
-            setattr(place, name, _fault_at(getattr(place, name), int(number), value))
+        changed = float(value) if number is None else _fault_at(getattr(place, name), int(number), value)
+        setattr(place, name, changed)
     sys.argv[1:] = words[split + 1 :]
     from dermis.__main__ import main as command_line
 

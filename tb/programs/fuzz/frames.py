@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Target `frames`: the file of a scene's frames as csv, npy, npz, or as a link, a pipe, a device."""
+
+from __future__ import annotations
+
+import io
+import os
+import socket
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from dermis import plan as planning
+from dermis.scene import scene as scenes
+from tb.programs.fuzz import inputs, oracle, scene
+from tb.programs.fuzz.target import Target
+
+HEAD = 6
+"""Bytes before the content: what is there, ending, table, key, bytes of the repeated end, size after repeats."""
+
+GROWN_MAX = 1 << 22
+"""Bytes of a file whose end repeats: enough for memory that grows faster than the file."""
+
+
+def _link(to: str) -> Callable[[Path, bytes], None]:
+    return lambda path, data: path.symlink_to(to)
+
+
+def _linked_file(path: Path, data: bytes) -> None:
+    (path.parent / "target.bin").write_bytes(data)
+    path.symlink_to("target.bin")
+
+
+def _sparse(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+    os.truncate(path, 1 << 40)
+
+
+def _socket(path: Path, data: bytes) -> None:
+    directory = os.open(path.parent, os.O_RDONLY)
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(f"/proc/self/fd/{directory}/{path.name}")  # the name of a socket has 107 characters at most
+    os.close(directory)
+
+
+_DEVICES = (
+    "/dev/zero", "/dev/null", "/dev/urandom", "/dev/full", "/dev/tty", "/dev/stdin", "/dev/fd/0", "/proc/self/mem",
+    "/proc/self/environ", "/proc/self/maps", "/proc/kmsg", "/", "/etc/shadow", "/nonexistent/x",
+)  # fmt: skip
+THINGS: tuple[Callable[[Path, bytes], Any], ...] = (
+    *[Path.write_bytes] * 40, _linked_file, _sparse, _socket, lambda path, data: path.mkdir(),
+    lambda path, data: os.mkfifo(path), lambda path, data: None, _link("loop.csv"),
+    *(_link(device) for device in _DEVICES),
+)  # fmt: skip
+"""What may be at the place of a frame file, by the first byte of the input."""
+
+NAMES = (
+    *["loop.csv", "loop.npy", "loop.npz"] * 12, "loop.CSV", "loop.txt", "loop", "", ".", "..", "loop.csv/",
+    "loop.csv\x00", "a\nb.csv", "\x1b[2J.npy", "\u202evsc.csv", "n" * 400 + ".csv", "d/" * 3000 + "x.csv", "~/x.csv",
+    "$(touch x).csv", "-.csv", " .csv", "\U0001f9a0.npy",
+)  # fmt: skip
+TABLES: tuple[dict[str, Any], ...] = (
+    {"kind": "frames", "unit": "codes"},
+    {"kind": "frames", "unit": "newtons"},
+    {"kind": "resistance"},
+    {"kind": "frames", "unit": "newtons", "scale": 1e30},
+    {"kind": "frames", "unit": "codes", "select": "last"},
+    {"kind": "frames", "unit": "codes", "select": [2, 0, 10**9]},
+    {"kind": "resistance", "select": [0] * 300, "t_frame_s": 1.0, "resample": "linear"},
+    {"kind": "frames", "unit": "codes", "t_frame_s": 1e9, "resample": "hold"},
+)
+KEYS = (None, None, None, "codes", "other", "", "codes.npy", "../codes", "a\nb", "x" * 500)
+GROWTHS = (0,) * 27 + (12, 16, 18, 20, 22)
+"""Powers of two of the size up to which the end repeats; few, for they take most of the time."""
+
+_TEXTS = (
+    b"1,2\n3,4\n5,6\n", b"1,2,3,4,5,6\n" * 3, b"0.5,inf\n0,1e3\n1,nan\n", b" 1 , 2 \r\n\r\n3,4\r\n5,6", b"1,,\n",
+    b"-1,2\n" * 3, b"1_0,2\n" * 3, b"1e400,1\n" * 3, b"\xef\xbb\xbf1,2\n" * 3, b"row,col\n1,2\n", b"", b"0x1,2\n",
+    b"\x00", b",", b"1" * 3000 + b",2\n",
+)  # fmt: skip
+_SHAPES = (
+    "(3, 2)", "(2, 3)", "(1, 3, 2)", "(6,)", "()", "(-3, -2)", "(3, 2, 1)", "(0, 3, 2)", "(3.0, 2)", "(True, 3, 2)",
+    "(99999999999, 3, 2)", "(1099511627776, 0, 2)", "[3, 2]", "(3, 2)*9", "(None, 2)", "(33554432, 3, 2)",
+    "(" + "9" * 4000 + ",)",
+)  # fmt: skip
+_DTYPES = (
+    "'<f8'", "'<i8'", "'|u1'", "'>f4'", "'<f2'", "'<f16'", "'|b1'", "'<c16'", "'|S9'", "'<U999999999'", "'<M8[ns]'",
+    "'|V0'", "'|V99999999'", "'|O'", "('<f8', (1000,))", "[('a', '<f8'), ('b', '|O')]", "lambda",
+)  # fmt: skip
+_ORDERS = ("False", "False", "False", "True", "0", "None", "__import__('os').mkdir('x')")
+
+
+def _npy(array: Any, version: tuple[int, int] | None = None) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, np.asarray(array), version=version)
+    return stream.getvalue()
+
+
+def _header(dtype: str, order: str, shape: str, length: int) -> bytes:
+    text = f"{{'descr': {dtype}, 'fortran_order': {order}, 'shape': {shape}}}".encode()
+    text = text.ljust(max(0, 118 - 10)) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(range(48))[:length]
+
+
+def _npz(members: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return stream.getvalue()
+
+
+def file_inputs() -> st.SearchStrategy[bytes]:
+    """Draw what is at the place of a file, how a scene names it, and its content."""
+    codes = np.array([[1, 2], [3, 4], [5, 6]])
+    arrays = [_npy(codes.astype(t)) for t in ("u1", "i8", "f8", "f2", "g", "?", "c16", "S3", "M8[s]")]
+    arrays += [_npy(codes[None].repeat(2, 0)), _npy(np.asfortranarray(codes)), _npy(codes, (3, 0)), _npy(3)]
+    arrays += [_npy(np.zeros(0)), _npy(np.full((3, 2), np.nan)), scene.pickled()]
+    headers = st.builds(
+        _header,
+        st.sampled_from(_DTYPES),
+        st.sampled_from(_ORDERS),
+        st.sampled_from(_SHAPES),
+        st.integers(0, 48),
+    )
+    npy = st.sampled_from(arrays) | headers
+    members = st.dictionaries(
+        st.sampled_from(("codes.npy", "codes.npy", "codes", "../x.npy", "a\nb.npy", "other.npy")),
+        npy,
+        max_size=2,
+    )
+    methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+    zips = st.builds(_npz, members, st.sampled_from(methods))
+    zips |= st.just(_npz({"codes.npy": bytes(1 << 22)}, zipfile.ZIP_DEFLATED))
+    phrases = [
+        "1,2\n",
+        ",",
+        "inf",
+        "nan",
+        "1e999",
+        "-0",
+        "0x1",
+        "\r",
+        "PK\x03\x04",
+        "1_0",
+        "+5",
+        "256",
+        "PK\x01\x02",
+    ]
+    body = st.one_of(
+        st.tuples(st.just(0), st.sampled_from(_TEXTS)),
+        st.tuples(st.just(1), npy),
+        st.tuples(st.just(2), zips),
+    )
+
+    @st.composite
+    def one(draw: st.DrawFn) -> bytes:
+        kind, data = draw(body)
+        thing = draw(st.sampled_from((0,) * 6 + tuple(range(40, len(THINGS)))))
+        name = draw(st.sampled_from((kind,) * 8 + tuple(range(len(NAMES)))))
+        table, key = (draw(st.integers(0, len(of) - 1)) for of in (TABLES, KEYS))
+        tail, power = draw(st.integers(0, 16)), draw(st.sampled_from((0,) * 40 + (27, 28, 29, 30, 31)))
+        if draw(st.booleans()):
+            data = draw(inputs.edited(data, phrases))
+        return bytes((thing, name, table, key, tail, power)) + data
+
+    return one()
+
+
+def run(data: bytes, place: Path) -> str:
+    """Put the thing in its place and plan a scene that names it."""
+    thing, name, table, key, tail, power = data[:HEAD].ljust(HEAD, b"\0")
+    body, block = data[HEAD:], data[HEAD:][-max(1, tail) :]
+    if block and (size := GROWTHS[power % len(GROWTHS)]):
+        body = (body + block * ((min(1 << size, GROWN_MAX) - len(body)) // len(block) + 1))[:GROWN_MAX]
+    file = NAMES[name % len(NAMES)]
+    for ending in (".csv", ".npy", ".npz"):
+        path = place / f"loop{ending}"
+        if path.is_dir() and not path.is_symlink():
+            path.rmdir()
+        path.unlink(missing_ok=True)
+    ending = Path(file).suffix if Path(file).suffix in (".csv", ".npy", ".npz") else ".csv"
+    THINGS[thing % len(THINGS)](place / f"loop{ending}", body)
+    stimulus = {"file": file, **TABLES[table % len(TABLES)]}
+    if (word := KEYS[key % len(KEYS)]) is not None:
+        stimulus["key"] = word
+    data_of = {"array": {"rows": 3, "cols": 2}, "stimulus": stimulus}
+
+    def one() -> None:
+        scene.look(planning.make(scenes.from_data(data_of, place / "scene.toml")), place, again=False)
+
+    return oracle.judge(one, lambda path: False)
+
+
+TARGETS = {
+    "frames": Target(file_inputs, scene.prepare, run, ("dermis.scene.stimulus", "dermis.scene.schema"))
+}

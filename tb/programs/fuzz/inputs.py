@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hypothesis strategies of hostile input: TOML tables, text, bytes, and values at the edges of types."""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import tomli_w
+from hypothesis import strategies as st
+
+SIZE_MAX = 1 << 15
+"""Bytes of an input."""
+
+TEXTS = (
+    "", " ", "\n", "\r", "\t", "\x00", "\x1b[31mred", "\x7f", "\x85", "\u2028", "\u202eltr", "\ufeff", "\u00e9",
+    "\U0001f9a0", "\n.control\nshell touch fuzz_was_here\n.endc\n", ".control", ".include /etc/passwd", ".end",
+    "*\n.control\nquit\n.endc", "{shell('touch x')}", "$(touch fuzz_was_here)", "`touch fuzz_was_here`",
+    "; touch fuzz_was_here", "' touch '", "\" touch \"", "%s%n%x", "{0.__class__}", "${HOME}", "~", "~root", "..",
+    ".", "/", "//", "../../../../etc/passwd", "/etc/passwd", "/dev/zero", "/dev/stdin", "/proc/self/mem",
+    "frames.csv/../frames.csv", "frames.csv\x00.npy", "./frames.csv", "frames.csv ", "-", "--out", "-h", "@file",
+    "a" * 300, "a" * 5000, "\u00e9" * 200, "\\", "\\n", "'''", '"""', "#", "[x]", "x = 1", "inf", "nan", "1e400",
+    "0x10", "1_000", "None", "true", "frames.csv", "frames.npy", "frames.npz", "pickled.npy", "deep/none.csv",
+    "link.csv", "pipe.csv", "directory.csv", "codes",
+)  # fmt: skip
+"""Text with a meaning to a shell, to ngspice, to a file system, to a terminal or to a parser."""
+
+NUMBERS: tuple[Any, ...] = (
+    0, 1, -1, 2, 3, 16, 255, 256, 1000, 65535, 65536, 2**25, 2**25 + 1, 2**31, 2**32 - 1, 2**32, 2**53 + 1, 2**63,
+    2**64, 10**30, 10**31, 10**308, 10**400, -(10**400), 10**4000, 0.0, -0.0, 0.5, 1.5, 1e-3, 1e-30, 1e-31, 5e-324,
+    2.2250738585072014e-308, 1e30, 1.1e30, 1.7976931348623157e308, -1e308, math.inf, -math.inf, math.nan,
+    0.9999999999999999, 1.0000000000000002, 510.0, 249.99999999999997, -273.15, 360.1,
+)  # fmt: skip
+"""Numbers at the edges of types, of the sizes that a scene accepts, and beyond."""
+
+LINES = (
+    "[array]\nrows = 1000000\ncols = 1000000", "frames = 1000000000", "a" + ".a" * 3000 + " = 1",
+    "[" + ".".join("abc" * 300) + "]", "x = " + "[" * 3000, "x = " + "{a = " * 800 + "1" + "}" * 800,
+    "x = 1979-13-45", "x = " + "9" * 5000, "x = 1" + "0" * 400 + ".0", "x = 0x" + "f" * 3000, "[[stimulus]]",
+    "[effects]", "'' = 1", '"\\u0000" = 1', '"a\\nb" = 1', "x = '''\n.control\n'''", "stimulus = 1", "=", "]", "'''",
+    "force_n = [" + "1," * 2000 + "1]", "effects.lateral = true",
+)  # fmt: skip
+"""Lines that a scene may not hold, or not twice."""
+
+DATES = (
+    datetime.date(2024, 2, 29),
+    datetime.datetime(1, 1, 1, tzinfo=datetime.UTC),
+    datetime.time(23, 59, 59),
+)
+
+texts = st.sampled_from(TEXTS) | st.text(max_size=8)
+numbers = st.sampled_from(NUMBERS) | st.floats() | st.integers(-(2**64), 2**64)
+values = st.recursive(
+    numbers | texts | st.booleans() | st.sampled_from(DATES),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=2),
+    max_leaves=5,
+)
+Words = Sequence[tuple[tuple[str, ...], str]]
+"""Keys of a TOML file as paths, each with the values that its documentation allows."""
+
+
+def words(rows: Iterable[tuple[str, str]]) -> Words:
+    """Split dotted keys."""
+    return [(tuple(key.split(".")), allowed) for key, allowed in rows]
+
+
+def plausible(allowed: str) -> st.SearchStrategy[Any]:
+    """Return values that the documentation of a key may allow."""
+    if named := re.findall(r'"([^"]*)"', allowed):
+        return st.sampled_from(named)
+    if allowed.startswith("a table"):
+        return st.sampled_from(({}, True, True, False))
+    if "whole" in allowed:
+        return st.sampled_from((1, 2, 2, 3, 4, 5, 16, 80, 255))
+    number = st.sampled_from(
+        (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.01, 0.1, 0.5, 1.0, 2.0, 3, 10.0, 250.0, 1e3, 1e6)
+    )
+    return number | st.lists(number, min_size=1, max_size=3) if "list" in allowed else number
+
+
+def _entries(table: Any) -> list[tuple[dict[str, Any], str]]:
+    """List the tables of a file with each of their keys."""
+    if isinstance(table, list):
+        return [entry for inner in table[:20] for entry in _entries(inner)]
+    if not isinstance(table, dict):
+        return []
+    return [(table, key) for key in table] + [e for inner in table.values() for e in _entries(inner)]
+
+
+def _put(tree: dict[str, Any], path: Sequence[str], value: Any) -> None:
+    for part in path[:-1]:
+        if not isinstance(tree.get(part), dict):
+            tree[part] = {}
+        tree = tree[part]
+    tree[path[-1]] = value
+
+
+@st.composite
+def edited(draw: st.DrawFn, data: bytes, phrases: Sequence[str]) -> bytes:
+    """Draw a text with some pieces replaced, repeated or cut."""
+    pieces = st.sampled_from(phrases).map(_encoded) | texts.map(_encoded) | st.binary(max_size=2)
+    for _ in range(draw(st.sampled_from((0, 1, 1, 2, 4)))):
+        at = draw(st.integers(0, len(data)))
+        if draw(st.booleans()):
+            at = data.rfind(b"\n", 0, at) + 1
+        end = at + draw(st.sampled_from((0, 0, 0, 1, 2, 16, SIZE_MAX)))
+        times = draw(st.sampled_from((1,) * 9 + (8, 100, 3000)))
+        data = (data[:at] + draw(pieces) * times + data[end:])[:SIZE_MAX]
+    return draw(st.sampled_from((bytes,) * 20 + _WHOLE))(data)
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "surrogatepass")
+
+
+_WHOLE = (
+    lambda data: b"\xef\xbb\xbf" + data,
+    lambda data: data.replace(b"\n", b"\r\n"),
+    lambda data: data.replace(b"\n", b"\r"),
+    lambda data: data + data,
+    lambda data: data.decode("utf-8", "replace").encode("utf-16"),
+    lambda data: data.decode("utf-8", "replace").encode("latin-1", "replace"),
+    lambda data: data.upper(),
+)
+
+
+@st.composite
+def toml(draw: st.DrawFn, bases: Sequence[bytes], known: Words) -> bytes:
+    """Draw a TOML file: a known one with entries set, renamed, wrapped or removed, or with its text edited."""
+    data = draw(st.sampled_from(bases))
+    tree = _parsed(data)
+    if tree is not None:
+        for _ in range(draw(st.sampled_from((0, 1, 1, 2, 4)))):
+            path, allowed = draw(st.sampled_from(known))
+            how, present = draw(st.sampled_from("ppppphhdrw")), _entries(tree)
+            if how in "ph" or not present:
+                _put(tree, path, draw(plausible(allowed) if how == "p" else values))
+                continue
+            table, key = draw(st.sampled_from(present))
+            if how == "h":
+                table[key] = draw(values)
+            elif how == "w":
+                table[key] = draw(st.sampled_from(([table[key]], {"x": table[key]}, str(table[key])[:100])))
+            else:
+                value = table.pop(key)
+                if how == "r":
+                    table[draw(texts | st.just(path[-1]))] = value
+        try:
+            data = _encoded(tomli_w.dumps(tree))[:SIZE_MAX]
+        except (ValueError, TypeError, AttributeError):  # a value that TOML cannot hold
+            pass
+    if draw(st.integers(0, 3)):
+        return data
+    return draw(edited(data, [*LINES, *(path[-1] for path, _ in known[:60])]))
+
+
+def _parsed(data: bytes) -> dict[str, Any] | None:
+    if b".a.a.a" in data:  # the parser takes seconds for a key of thousands of parts
+        return None
+    try:
+        return copy.deepcopy(tomllib.loads(data.decode()))
+    except (ValueError, RecursionError):
+        return None
