@@ -376,7 +376,7 @@ def killed_at(number: int, work: Path, out: Path) -> int:
     return os.waitpid(pid, 0)[1]
 
 
-@pytest.mark.parametrize("number", range(1, 9))
+@pytest.mark.parametrize("number", range(1, 8))
 @pytest.mark.parametrize("new", [True, False], ids=["new", "there"])
 def test_a_run_killed_at_any_rename_leaves_the_old_results_or_the_next_one_finds_the_new(
     tmp_path: Path, number: int, new: bool

@@ -13,34 +13,19 @@ import click
 
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_atomic, write_between
-<<<<<<< HEAD
 from dermis.places import BUILD, ROOT
-from dermis.processes import children
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
-from scripts.checkpoint import Checkpoint
-from tb.programs.fuzz import worker
-from tb.programs.fuzz.target import GUIDES, NAMES
-
-WORK = ROOT / "build" / "fuzz"
-FOUND = ROOT / "tb" / "fuzz" / "found"
-DOCS = BUILD / "fuzz.md"
-BEGIN, END = "<!-- begin: fuzz (written by dermis fuzz --docs) -->", "<!-- end: fuzz -->"
-=======
-from dermis.report import progress, verdict
-from dermis.report.verdict import Row
-from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.fuzz import session
 from tb.programs.fuzz.faults import FAULTS
 from tb.programs.fuzz.target import NAMES
 
-WORK = ROOT / "build" / "fuzz"
+WORK = BUILD / "fuzz"
 FOUND = ROOT / "tb" / "fuzz" / "found"
-DOCS = ROOT / "docs" / "fuzz.md"
+DOCS = BUILD / "fuzz.md"
 CODE = Path(__file__).parent, ROOT / "tb" / "reference", ROOT / "scripts"
->>>>>>> 7ae85a5 (fuzz: draw, shrink and repeat inputs with Hypothesis)
 
 INPUTS = {
     "scene": 10_000,
@@ -132,22 +117,8 @@ def rows_of(
     return rows
 
 
-<<<<<<< HEAD
-def docs_table(done: dict[str, Progress], faults: dict[str, dict[str, Any]]) -> str:
-    """Return the tables of inputs and of seeded faults."""
-    from tb.programs.fuzz.faults import FAULTS
-
-    lines = [
-        "| target | inputs | taken | refused | branches | lines of its modules | findings left | s |",
-        "|---|---:|---:|---:|---:|---|---:|---:|",
-    ]
-    for name, state in done.items():
-        covered = ", ".join(
-            f"{m.removeprefix('dermis.')} {100 * a / b:.0f} %" for m, (a, b) in state.lines.items() if b
-        )
-=======
 def docs_table(rows: list[Row], seen: Mapping[str, Any]) -> str:
-    """Return the tables of docs/fuzz.md."""
+    """Return the tables of build/fuzz.md."""
     value = {row["name"]: row["value"] for row in rows}
     note = {row["name"]: row["note"] for row in rows}
     lines = ["| target | inputs | outcome | findings |", "|---|---:|---|---:|"]
@@ -157,7 +128,6 @@ def docs_table(rows: list[Row], seen: Mapping[str, Any]) -> str:
     lines += ["", "| seeded fault | target | seen as | after inputs |", "|---|---|---|---:|"]
     for name, said in seen.items():
         fault = FAULTS[name]
->>>>>>> 7ae85a5 (fuzz: draw, shrink and repeat inputs with Hypothesis)
         lines.append(
             f"| {fault.meaning} | {fault.target} | {said['kind'] or 'NOT SEEN'} | {said['inputs']} |"
         )
