@@ -264,7 +264,7 @@ def test_missing_tool_is_an_input_error_that_names_it(monkeypatch: pytest.Monkey
     monkeypatch.setattr(
         sources.importlib.util, "find_spec", lambda name: None if name == missing else find_spec(name)
     )
-    with pytest.raises(InputError, match=f'environment: {missing} = "?not found"?: .*make setup') as caught:
+    with pytest.raises(InputError, match=f'environment: {missing} = "?not found"?: .*install') as caught:
         lint.run_lint()
     assert caught.value.exit_code == 2
     assert "\n" not in str(caught.value)
