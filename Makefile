@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo docs setup sim run plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help demo docs setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -37,6 +37,13 @@ run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT
 read: setup ## a recording through the chip and back into newtons: FRAMES=file ARGS="--unit newtons --rate 100"
 	@$(if $(FRAMES),,echo 'read: FRAMES is missing: make read FRAMES=file ARGS="--unit newtons --rate 100"' >&2; exit 2)
 	@$(dermis) read '$(FRAMES)' $(ARGS)
+
+calibrate: setup ## fit a calibration to a session file: SESSION=file [ARGS="--out sheet.toml --check old.toml"]
+	@$(if $(SESSION),,echo 'calibrate: SESSION is missing: make calibrate SESSION=file' >&2; exit 2)
+	@$(dermis) calibrate '$(SESSION)' $(ARGS)
+
+decode: setup ## codes to newtons: every figure of docs/decode.md, into build/decode.json [ARGS="--data dir --pictures dir"]
+	@$(dermis) decode $(ARGS)
 
 plan: setup ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)

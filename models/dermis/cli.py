@@ -26,6 +26,10 @@ from dermis.processes import children
 
 # Commands of the package that are loaded only when they are called, so that each command starts quickly.
 LATER = {
+    "calibrate": (
+        "dermis.report.calibrate",
+        "Fit a calibration to test currents, known loads and load cycles.",
+    ),
     "read": (
         "dermis.report.read",
         "Read a recording with the chip: codes, and forces with time and intervals.",

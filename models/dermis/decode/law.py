@@ -55,7 +55,7 @@ class Curve:
 
     def force_n(self, conductance_s: ArrayLike) -> Floats:
         """Force in newtons of conductances in siemens, any shape."""
-        g = np.ascontiguousarray(conductance_s, dtype=float)
+        g = np.array(conductance_s, dtype=float, order="C")
         out = np.empty(g.size)
         _forces(g.ravel(), out, *self.arguments())
         return out.reshape(g.shape)

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identify chip, network, sheet and memory from measurements, each with its uncertainty."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+from scipy.special import ndtr
+
+from dermis.decode import crosstalk, law
+from dermis.decode.calibration import Calibration
+from dermis.decode.memory import MemoryLaw, SheetMemory
+
+Floats = NDArray[np.float64]
+
+NETWORK_START = {"r_row_driven_ohm": 1.0, "r_column_ohm": 0.5, "g_lateral_row_s": 1e-4}
+"""Parameters of the network that loads can tell, with where the search starts."""
+LEAST_CODE = 10
+"""Readings below are not used for a fit: half a code is more than 5 % of them."""
+LEVELS = 12
+"""Forces are compared at this many levels, with straight lines of logarithms between them."""
+BAD_LOAD = 5.0
+"""A load is bad if its rms residual is this many times the median of all loads."""
+SHARE_BAD = 0.34
+"""Share of bad loads from which on no fit can tell the good from the bad."""
+
+
+class ContradictionError(ValueError):
+    """Measurements that contradict each other, or that leave a parameter open."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """Codes of one load [frames, rows, cols] and the force in newtons on every taxel, [rows, cols]; NaN: unknown."""
+
+    name: str
+    codes: NDArray[np.integer]
+    force_n: Floats
+
+
+def fit_chip(calibration: Calibration, codes: ArrayLike, current_a: ArrayLike) -> Calibration:
+    """Fit the step and the start of every column to test currents.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Its other fields are kept.
+    codes : array_like
+        [currents, readings, cols].
+    current_a : array_like
+        [currents] in ampere, the same into every column; 0 is a dark frame. Two different ones that read between 0 and
+        full scale are needed.
+
+    Raises
+    ------
+    ContradictionError
+        Fewer currents than that for a column, or a code that falls with current.
+    """
+    codes, current = np.asarray(codes, dtype=float), np.asarray(current_a, dtype=float)
+    step, start = np.empty(calibration.cols), np.empty(calibration.cols)
+    step_part, start_sigma = np.empty(calibration.cols), np.empty(calibration.cols)
+    for c in range(calibration.cols):
+        mean = codes[:, :, c].mean(axis=1)
+        # A mean near an end may hide what the counter cuts off.
+        used = (mean >= 1) & (mean <= calibration.code_max - 1)
+        if np.unique(current[used]).size < 2:
+            raise ContradictionError(f"column {c} has fewer than 2 test currents between 0 and full scale")
+        matrix = np.stack([np.ones(used.sum()), current[used]], axis=1)
+        (start[c], slope), *_ = np.linalg.lstsq(matrix, mean[used], rcond=None)
+        if slope <= 0:
+            raise ContradictionError(f"codes of column {c} fall with the test current")
+        # Rounding of a steady current does not average out: 1/sqrt(12) of a code for each.
+        sigma = max(1 / np.sqrt(12), float(np.std(mean[used] - matrix @ [start[c], slope])))
+        covariance = sigma**2 * np.linalg.inv(matrix.T @ matrix)
+        step[c], step_part[c], start_sigma[c] = (
+            1 / slope,
+            np.sqrt(covariance[1, 1]) / slope,
+            np.sqrt(covariance[0, 0]),
+        )
+    return dataclasses.replace(
+        calibration, step_a=step, start_code=start, step_part=step_part, start_sigma_code=start_sigma
+    )
+
+
+def fit_noise(codes: ArrayLike) -> float:
+    """Return the standard deviation of noise in codes from readings [readings, ...] that should be equal.
+
+    The variance of rounded readings, averaged over where they lie between two codes, is inverted: it is
+    sigma / sqrt(pi) for little noise and sigma^2 + 1/12 for much.
+    """
+    measured = float(np.mean(np.var(np.asarray(codes, dtype=float), axis=0, ddof=1)))
+    sigma = np.geomspace(1e-3, 30, 200)
+    edges = np.arange(-150, 151)[:, None, None] - 0.5
+    phase = (np.arange(20) + 0.5)[:, None] / 20 - 0.5
+    share = np.diff(ndtr((edges - phase) / sigma), axis=0)
+    number = np.arange(-150, 150)[:, None, None]
+    mean = (share * number).sum(axis=0)
+    variance = ((share * number**2).sum(axis=0) - mean**2).mean(axis=0)
+    return 0.0 if measured < variance[0] else float(np.interp(measured, variance, sigma))
+
+
+@dataclass(frozen=True)
+class SheetFit:
+    """A calibration and what the fit says of itself: values with standard uncertainties by name, and bad loads."""
+
+    calibration: Calibration
+    values: dict[str, tuple[float, float]]
+    bad: tuple[str, ...]
+
+
+def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFit:
+    """Fit network, taxels and law to known loads.
+
+    For given resistances every load is solved backwards. The logarithm of a conductance is then an effect of the
+    force, the same for all taxels, plus an effect of the taxel; resistances are those that leave the least residual.
+    No law is needed for that, and loads that overlap are enough: the same force on the same taxel must read the same
+    whatever else is pressed. A load whose residual is far above the others is left out and named.
+
+    Raises
+    ------
+    ContradictionError
+        Loads that contradict each other so much that no load can be blamed, or too few.
+    """
+    if len(loads) < 3:
+        raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
+    fit = _fit_loads(calibration, loads, kind)
+    middle = np.median(list(fit[2].values()))
+    floor = 1 / np.sqrt(12) / 50
+    bad = [name for name, rms in fit[2].items() if rms > BAD_LOAD * max(middle, floor)]
+    if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
+        said = ", ".join(sorted(fit[2], key=lambda n: -fit[2][n])[:4])
+        raise ContradictionError(f"loads contradict each other by {middle:.0%} of a reading; largest: {said}")
+    if bad:
+        fit = _fit_loads(calibration, [load for load in loads if load.name not in bad], kind)
+    notes = tuple(f"load {name} was left out: it contradicts the others" for name in bad)
+    made = dataclasses.replace(fit[0], notes=(*fit[0].notes, *notes))
+    return SheetFit(made, fit[1], tuple(bad))
+
+
+def _fit_loads(
+    calibration: Calibration, loads: list[Load], kind: str
+) -> tuple[Calibration, dict[str, tuple[float, float]], dict[str, float]]:
+    codes = np.array([load.codes.mean(axis=0) for load in loads])
+    force = np.array([load.force_n for load in loads])
+    used = (codes >= LEAST_CODE) & (codes < calibration.code_max) & (force > 0)
+    taxel = np.broadcast_to(np.arange(codes[0].size).reshape(codes[0].shape), codes.shape)[used]
+    which = np.nonzero(used)[0]
+    if used.sum() < 10:
+        raise ContradictionError(
+            f"{used.sum()} readings of known loads from code {LEAST_CODE} on; at least 10 are needed"
+        )
+    names, at = np.unique(taxel, return_inverse=True)
+    log_force = np.log(force[used])
+    levels = np.unique(np.quantile(log_force, np.linspace(0, 1, LEVELS)))
+    effects = np.stack([np.interp(log_force, levels, row) for row in np.eye(levels.size)], axis=1)
+    matrix = np.concatenate([np.eye(names.size)[at], effects], axis=1)
+    # Half a code in a small reading counts less; of the two sets of effects one constant is free.
+    weight = codes[used] * np.sqrt(12)
+    left, size, _ = np.linalg.svd(weight[:, None] * matrix, full_matrices=False)
+    basis = left[:, size > 1e-9 * size[0]]
+    currents = calibration.step_a * (codes - calibration.start_code)
+
+    def conductances(scale: Floats) -> Floats:
+        values = {n: s * start for s, (n, start) in zip(scale, NETWORK_START.items(), strict=True)}
+        values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
+        network = dataclasses.replace(calibration.array(), **values)
+        return crosstalk.solve(network, currents).conductance_s
+
+    def residual(scale: Floats) -> Floats:
+        g = np.clip(conductances(scale)[used], 1e-9, crosstalk.SHORT_S)
+        r = weight * np.log(g)
+        return r - basis @ (basis.T @ r)
+
+    found = least_squares(residual, np.ones(len(NETWORK_START)), bounds=(0, 200), x_scale=1.0, diff_step=1e-4)
+    freedom = max(used.sum() - basis.shape[1] - found.x.size, 1)
+    spread = float(found.fun @ found.fun / freedom)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(spread, 1e-12)
+    sigma = np.sqrt(np.diag(covariance))
+    scale = found.x
+    values = {}
+    for k, (name, start) in enumerate(NETWORK_START.items()):
+        blind = np.linalg.norm(found.jac[:, k]) < 1e-3
+        values[name] = (scale[k] * start, np.inf if blind else sigma[k] * start)
+    network = dict(calibration.network) | {n: v for n, (v, _) in values.items()}
+    network["r_row_grounded_ohm"] = network["r_row_driven_ohm"]
+    g = conductances(scale)
+    solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
+    effect = solution[: names.size]
+    factor = np.ones(codes[0].size)
+    factor[names] = np.exp(effect - effect.mean())
+    count = np.bincount(at)
+    part = np.full(factor.size, float(np.std(effect)))
+    off = found.fun / weight
+    rms = float(np.sqrt(np.mean(off**2)))
+    part[names] = np.sqrt(np.bincount(at, off**2) / np.maximum(count - 1, 1)) / np.sqrt(count)
+    factor, part = (
+        factor.reshape(codes[0].shape),
+        np.maximum(part, rms / np.sqrt(count.max())).reshape(codes[0].shape),
+    )
+    by_law = (g / factor)[used]
+    try:
+        curve = law.fit(kind, by_law, force[used])
+    except law.LawError as error:
+        raise ContradictionError(str(error)) from None
+    misfit = curve.force_n(by_law) / force[used] - 1
+    law_part = float(np.sqrt(max(np.mean(misfit**2) - rms**2, 0.0)))
+    # A wrong force of a whole load is a level of its own, which the law does not meet.
+    by_load = {
+        loads[n].name: float(np.sqrt(np.mean(off[which == n] ** 2 + misfit[which == n] ** 2)))
+        for n in np.unique(which)
+    }
+    made = dataclasses.replace(
+        calibration, network=network, factor=factor, factor_part=part, curve=curve, law_part=law_part
+    )
+    return made, values, by_load
+
+
+def fit_memory(
+    calibration: Calibration, codes: ArrayLike, force_n: ArrayLike, t_frame_s: float, taxels: int = 16
+) -> tuple[Calibration, dict[str, tuple[float, float]]]:
+    """Fit hysteresis and creep to a load cycle.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With network, factors and curve; the level of the factors is fitted again.
+    codes, force_n : array_like
+        [frames, rows, cols], from rest; at least one rise and fall.
+    t_frame_s : float
+        Time from frame to frame.
+    taxels : int
+        The most loaded ones are used.
+
+    Returns
+    -------
+    Calibration, dict
+        And values with standard uncertainties: width of the loop, share of it that plays, creep a decade.
+
+    Raises
+    ------
+    ContradictionError
+        No taxel is pressed from `LEAST_CODE` on, or the force never falls.
+    """
+    codes, force = np.asarray(codes, dtype=float), np.asarray(force_n, dtype=float)
+    currents = calibration.step_a * (codes - calibration.start_code)
+    g = crosstalk.solve(calibration.array(), currents).conductance_s / calibration.factor
+    flat_codes, flat_force = codes.reshape(len(codes), -1), force.reshape(len(force), -1)
+    chosen = np.argsort(-flat_codes.max(axis=0))[:taxels]
+    chosen = chosen[flat_codes.max(axis=0)[chosen] >= LEAST_CODE]
+    seen, g = flat_codes[:, chosen], g.reshape(len(codes), -1)[:, chosen]
+    force = flat_force[:, chosen]
+    used = (seen >= LEAST_CODE) & (seen < calibration.code_max) & (force > 0)
+    if not used.any() or not (np.diff(force, axis=0) < 0).any():
+        raise ContradictionError("a cycle needs a taxel that is pressed and let go")
+    measured = np.where(used, np.log(np.maximum(g, 1e-12)), 0.0)
+    weight = seen[used] * np.sqrt(12)
+
+    def law_of(p: Floats) -> MemoryLaw:
+        radius, play, creep = p
+        return MemoryLaw(
+            np.array([0.0, radius]), np.array([1 - play, play]), creep, calibration.memory.creep_start_s
+        )
+
+    by_law = calibration.curve.conductance_s(force)
+
+    def difference(p: Floats) -> Floats:
+        stream = SheetMemory(law_of(p), chosen.size, calibration.curve.g_open_s)
+        made = np.log(np.maximum([stream.apply(frame, t_frame_s) for frame in by_law], 1e-12))
+        return (measured - made)[used]
+
+    def residual(p: Floats) -> Floats:
+        # The level of static loads holds some creep: it is fitted along.
+        off = difference(p)
+        return (off - np.average(off, weights=weight**2)) * weight
+
+    start = np.array([0.03, 0.7, 0.02])
+    found = least_squares(
+        residual, start, bounds=([0, 0, 0], [0.3, 1, 0.5]), diff_step=1e-4, x_scale=[0.05, 1, 0.05]
+    )
+    spread = float(found.fun @ found.fun / max(found.fun.size - 3, 1))
+    sigma = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * spread)
+    radius, play, creep_per_decade = p = found.x
+    level = float(np.exp(np.average(difference(p), weights=weight**2)))
+    # A share of the loop within its own uncertainty of the whole is the whole.
+    memory = law_of(p)
+    if play > 1 - max(3 * sigma[1], 0.02):
+        memory = MemoryLaw(np.array([radius * play]), np.ones(1), creep_per_decade, memory.creep_start_s)
+    if radius * play < 1e-3:
+        memory = MemoryLaw(np.empty(0), np.empty(0), creep_per_decade, memory.creep_start_s)
+    values = {
+        "hysteresis": (
+            float(-np.expm1(-2 * radius * play)),
+            float(2 * (sigma[0] * play + sigma[1] * radius)),
+        ),
+        "hysteresis_share": (float(play), float(sigma[1])),
+        "creep_per_decade": (float(creep_per_decade), float(sigma[2])),
+    }
+    return dataclasses.replace(calibration, memory=memory, factor=calibration.factor * level), values

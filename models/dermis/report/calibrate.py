@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dermis calibrate`: measurements of a session into one calibration file."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from dermis.decode import calibration, identify, recording
+from dermis.decode.calibration import Calibration
+from dermis.errors import InputError
+from dermis.report import verdict
+from dermis.report.read import chip_of
+from dermis.scene.schema import Strict, entry, read_toml, validate
+
+DRIFT_SIGMA = 4.0
+"""Standard uncertainties by which a column's gain may differ from the older calibration ..."""
+DRIFT_MIN = 0.005
+"""... and the relative difference that is a drift in any case: 1.3 codes at full scale."""
+
+
+class _Array(Strict):
+    rows: int = entry(..., "Rows", "a whole number 1..256", ge=1, le=256)
+    cols: int = entry(..., "Columns", "a whole number 1..256", ge=1, le=256)
+
+
+class _Start(Strict):
+    scene: str | None = entry(None, "Scene that the fit starts from", "a name or path of a scene")
+    law: Literal["linear", "power", "cubic", "table"] = entry(
+        "linear", "Law to fit", 'one of "linear", "power", "cubic", "table"'
+    )
+
+
+class _Current(Strict):
+    file: str = entry(..., "Codes of the readings", "a file of codes")
+    current_a: float = entry(..., "Current into every column in A; 0 is a dark frame", "a number >= 0", ge=0)
+
+
+class _Load(Strict):
+    file: str = entry(..., "Codes under the load", "a file of codes")
+    name: str | None = entry(None, "Name of the load in messages", "text")
+    force_n: float | str = entry(
+        ..., "Force on every taxel in N: a number, or a file [rows, cols]", "a number >= 0, or a file"
+    )
+
+
+class _Cycle(Strict):
+    file: str = entry(..., "Codes from rest over at least one rise and fall", "a file of codes")
+    force_n: str = entry(..., "Force on every taxel in N, frame by frame", "a file [frames, rows, cols]")
+    t_frame_s: float = entry(..., "Time from frame to frame in s", "a number > 0", gt=0)
+
+
+class _Reference(Strict):
+    row: int = entry(..., "Row of a taxel of constant force", "a whole number >= 0", ge=0)
+    col: int = entry(..., "Its column", "a whole number >= 0", ge=0)
+    force_n: float = entry(..., "Its force in N", "a number > 0", gt=0)
+
+
+class SessionTable(Strict):
+    """A calibration session: what was measured, and where the files are (relative to the session)."""
+
+    array: _Array = entry(..., "Size of the array", "a table")
+    start: _Start = entry(_Start(), "What is known before", "a table")
+    current: list[_Current] = entry([], "Test currents and dark frames", "tables")
+    load: list[_Load] = entry([], "Known loads", "tables")
+    cycle: Annotated[list[_Cycle], Field(max_length=1)] = entry([], "A load cycle", "at most one table")
+    reference: list[_Reference] = entry([], "Taxels of constant force, for the temperature", "tables")
+
+
+def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
+    """Fit the calibration of a session file; rows have each value with its standard uncertainty.
+
+    Raises
+    ------
+    InputError
+        Anything wrong with the file or with the files that it names, or measurements that contradict each other.
+    """
+    table = validate(SessionTable, read_toml(path), path)
+    rows, cols = table.array.rows, table.array.cols
+    made = Calibration.of_plan(chip_of(rows, cols, table.start.scene))
+    said: list[verdict.Row] = []
+
+    def frames(name: str, key: str) -> NDArray[np.float64]:
+        layout = recording.Layout(rows, cols, rate_hz=1.0)
+        try:
+            return recording.load(path.parent / name, layout).values
+        except InputError as error:
+            said_of = f"a file to read: {error.key} = {error.value}: {error.allowed}"
+            raise InputError(path, key, name, said_of) from None
+
+    def codes(name: str, key: str) -> NDArray[np.int64]:
+        found = frames(name, key)
+        if not ((found >= 0) & (found <= made.code_max) & (found == np.floor(found))).all():
+            raise InputError(path, key, name, f"codes 0..{made.code_max}")
+        return found.astype(np.int64)
+
+    def value(name: str, pair: tuple[float, float], unit: str) -> None:
+        known = np.isfinite(pair[1])
+        note = f"standard uncertainty {pair[1]:.3g}" if known else "the loads do not tell it"
+        said.append(verdict.report(f"calibrate.{name}", pair[0], unit, note))
+
+    try:
+        if table.current:
+            # The same current in every row slot: rows are readings.
+            readings = [
+                codes(c.file, f"current.{n}.file").reshape(-1, cols) for n, c in enumerate(table.current)
+            ]
+            least = min(len(r) for r in readings)
+            currents = np.array([r[:least] for r in readings])
+            made = identify.fit_chip(made, currents, [c.current_a for c in table.current])
+            made = dataclasses.replace(
+                made, noise_code=identify.fit_noise(currents.swapaxes(0, 1)) if least > 1 else 0.0
+            )
+            value("step_a", (float(made.step_a.mean()), float((made.step_part * made.step_a).mean())), "A")
+            value("start_code", (float(made.start_code.mean()), float(made.start_sigma_code.mean())), "codes")
+        if table.load:
+            loads = []
+            for n, load in enumerate(table.load):
+                known = load.force_n
+                force = (
+                    frames(known, f"load.{n}.force_n")[0]
+                    if isinstance(known, str)
+                    else np.full((rows, cols), known)
+                )
+                loads.append(identify.Load(load.name or load.file, codes(load.file, f"load.{n}.file"), force))
+            fit = identify.fit_sheet(made, loads, table.start.law)
+            made = fit.calibration
+            for name, pair in fit.values.items():
+                value(name, pair, name.rsplit("_", 1)[1])
+            value("law_part", (made.law_part, 0.0), "1")
+            named = ", ".join(fit.bad)
+            said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
+        for cycle in table.cycle:
+            force = frames(cycle.force_n, "cycle.force_n")
+            seen = codes(cycle.file, "cycle.file")
+            if force.shape != seen.shape:
+                raise InputError(
+                    path, "cycle.force_n", f"{len(force)} frames", f"{len(seen)}, as many as of codes"
+                )
+            made, values = identify.fit_memory(made, seen, force, cycle.t_frame_s)
+            for name, pair in values.items():
+                value(name, pair, "1")
+    except identify.ContradictionError as error:
+        raise InputError(path, "measurements", "do not fit", str(error)) from None
+    if not said:
+        raise InputError(path, "measurements", "none", "[[current]], [[load]] or [[cycle]] tables")
+    places = []
+    for n, ref in enumerate(table.reference):
+        if ref.row >= rows or ref.col >= cols:
+            raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
+        places.append(
+            (ref.row, ref.col, float(made.curve.conductance_s(ref.force_n) * made.factor[ref.row, ref.col]))
+        )
+    return dataclasses.replace(made, reference=tuple(places)), said
+
+
+def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:
+    """Return a verdict on each column whose gain has drifted, or one row if none has."""
+    apart = new.step_a / old.step_a - 1
+    allowed = np.maximum(DRIFT_SIGMA * np.hypot(new.step_part, old.step_part), DRIFT_MIN)
+    moved = np.nonzero(np.abs(apart) > allowed)[0]
+    if not moved.size:
+        return [
+            verdict.within(
+                "calibrate.gain_drift", float(np.abs(apart).max()), "1", None, float(allowed.max())
+            )
+        ]
+    rows, why = [], "drifted: calibrate anew"
+    for c in moved:
+        name = f"calibrate.gain_drift.column_{c}"
+        rows.append(verdict.within(name, float(abs(apart[c])), "1", None, float(allowed[c]), why))
+    return rows
+
+
+@click.command("calibrate")
+@click.argument("recordings", type=click.Path())
+@click.option("--out", type=click.Path(), help="The calibration; default calibration.toml beside RECORDINGS.")
+@click.option("--check", type=click.Path(), help="Compare with this calibration: columns whose gain drifted.")
+def calibrate_command(recordings: str, out: str | None, check: str | None) -> int:
+    """Fit a calibration to a session file that names test currents, loads and cycles."""
+    path = Path(recordings)
+    made, rows = session(path)
+    if check is not None:
+        old = calibration.load(check)
+        old.check(made.rows, made.cols, check)
+        rows += drift_rows(made, old)
+    target = path.with_name("calibration.toml") if out is None else Path(out)
+    made.save(target)
+    verdict.write_rows("calibrate", rows)
+    verdict.print_rows(rows, f"calibration of {made.rows} x {made.cols} taxels")
+    click.echo(f"the calibration is {target}")
+    return verdict.exit_code(rows)

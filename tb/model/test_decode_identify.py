@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification: a session of a simulated sheet gives back its own parameters, and blames what is wrong in it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from dermis import plan as planning
+from dermis.decode import calibration, identify
+from dermis.decode.calibration import Calibration
+from dermis.decode.decoder import Decoder
+from dermis.errors import InputError
+from dermis.report import calibrate, verdict
+from dermis.scene import scene
+from dermis.skin import Skin
+
+SIZE = 8
+EFFECTS = {
+    "row_driver": {"r_ohm": 4.0}, "column_input": {"r_ohm": 1.5}, "lateral": {"r_ohm": 2000.0},
+    "mirror_ratio": {"ratio_error": 0.0, "spread": 0.02}, "offset_current": {"i_a": 1e-7}, "sensor_spread": True,
+}  # fmt: skip
+TRUE = {"r_row_driven_ohm": 4.0, "r_column_ohm": 1.5, "g_lateral_row_s": 5e-4}
+
+
+@cache
+def skin(memory: bool = False) -> Skin:
+    effects = EFFECTS | ({"sensor_hysteresis": True, "sensor_creep": True} if memory else {})
+    data = {
+        "array": {"rows": SIZE, "cols": SIZE},
+        "stimulus": {"kind": "uniform", "force_n": [0.0]},
+        "effects": effects,
+    }
+    return Skin(planning.make(scene.from_data(data, Path("made.toml")), "closed"))
+
+
+def test_currents() -> tuple[np.ndarray, np.ndarray]:
+    true = Calibration.of_plan(skin().plan)
+    current = np.linspace(0, 230, 9) * true.step_a.mean()
+    codes = np.clip(np.floor(current[:, None, None] / true.step_a + true.start_code + 0.5), 0, 255)
+    return current, codes
+
+
+test_currents.__test__ = False  # type: ignore[attr-defined]
+
+
+@cache
+def loads() -> tuple[identify.Load, ...]:
+    rng, made = np.random.default_rng(0), []
+    for n in range(24):
+        force = np.zeros((SIZE, SIZE))
+        h, w = rng.integers(3, 8, 2)
+        r, c = rng.integers(0, SIZE - h + 1), rng.integers(0, SIZE - w + 1)
+        force[r : r + h, c : c + w] = rng.choice([2.0, 5.0, 8.0, 12.0])
+        made.append(identify.Load(f"weight {n}", skin().read(force)[None].astype(int), force))
+    return tuple(made)
+
+
+def blank() -> Calibration:
+    """What is known before a session: the design, without drivers, inputs, laterals and spread."""
+    true = Calibration.of_plan(skin().plan)
+    return dataclasses.replace(true, network={}, factor=1.0, step_a=true.step_a.mean(), start_code=0.0)
+
+
+def fitted() -> Calibration:
+    current, codes = test_currents()
+    return identify.fit_chip(blank(), codes, current)
+
+
+def test_gains_and_offsets_come_from_test_currents() -> None:
+    true, found = Calibration.of_plan(skin().plan), fitted()
+    assert np.abs(found.step_a / true.step_a - 1).max() < 4 * found.step_part.max() < 0.01
+    assert np.abs(found.start_code - true.start_code).max() < 4 * found.start_sigma_code.max()
+    assert np.abs(true.step_a / true.step_a.mean() - 1).max() > 0.02
+
+
+def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
+    fit = identify.fit_sheet(fitted(), list(loads()), "linear")
+    assert fit.bad == ()
+    for name, (value, sigma) in fit.values.items():
+        assert abs(value - TRUE[name]) < max(4 * sigma, 0.03 * TRUE[name]), name
+        assert sigma < 0.2 * TRUE[name]
+    rng = np.random.default_rng(5)
+    force = rng.uniform(1, 12, (30, SIZE, SIZE))
+    codes = skin().read(force)
+    found = Decoder(fit.calibration, 2e-3).decode(codes)
+    lsb_n = 15 / 255
+    assert np.sqrt(np.mean((found.force_n - force) ** 2)) < 1.0 * lsb_n
+    before = Decoder(blank(), 2e-3).decode(codes)
+    assert np.sqrt(np.mean((before.force_n - force) ** 2)) > 5 * lsb_n
+    assert ((found.low_n <= force) & (force <= found.high_n)).mean() >= 0.999
+
+
+def test_a_load_that_is_wrong_is_named() -> None:
+    bad = list(loads())
+    bad[3] = dataclasses.replace(bad[3], force_n=bad[3].force_n * 1.4)
+    assert identify.fit_sheet(fitted(), bad, "linear").bad == ("weight 3",)
+
+
+def test_loads_that_contradict_each_other_are_refused() -> None:
+    rng = np.random.default_rng(2)
+    wrong = [dataclasses.replace(load, force_n=load.force_n * rng.uniform(0.4, 2.5)) for load in loads()]
+    with pytest.raises(identify.ContradictionError, match="contradict"):
+        identify.fit_sheet(fitted(), wrong, "linear")
+    with pytest.raises(identify.ContradictionError, match="at least 3"):
+        identify.fit_sheet(fitted(), list(loads())[:2], "linear")
+
+
+def cycle(frames: int, seed: int) -> np.ndarray:
+    rng, t = np.random.default_rng(seed), np.arange(frames) * 2e-3
+    force = np.zeros((frames, SIZE, SIZE))
+    force[:, 2:5, 2:5] = (13 * np.sin(np.pi * t) ** 2)[:, None, None] * rng.uniform(0.5, 1, (3, 3))
+    return force
+
+
+def test_one_cycle_tells_hysteresis_and_creep() -> None:
+    made = skin(memory=True)
+    made.reset()
+    force = cycle(500, 0)
+    known = dataclasses.replace(
+        Calibration.of_plan(made.plan), memory=calibration.MemoryLaw(np.empty(0), np.empty(0))
+    )
+    found, values = identify.fit_memory(known, made.read(force), force, 2e-3)
+    assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)
+    assert values["creep_per_decade"][0] == pytest.approx(0.05, abs=0.003)
+    assert found.memory.radius.size == 1
+    with pytest.raises(identify.ContradictionError, match="let go"):
+        identify.fit_memory(known, np.zeros((5, SIZE, SIZE)), np.zeros((5, SIZE, SIZE)), 2e-3)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.05, 0.2, 0.5, 2.0])
+def test_noise_is_found_below_and_above_the_step_of_a_code(sigma: float) -> None:
+    rng = np.random.default_rng(1)
+    exact = rng.uniform(0, 200, 4000)
+    codes = np.round(exact + sigma * rng.standard_normal((10, exact.size)))
+    assert identify.fit_noise(codes) == pytest.approx(sigma, rel=0.05, abs=1e-3)
+
+
+def write_session(directory: Path) -> Path:
+    current, codes = test_currents()
+    lines = [f"[array]\nrows = {SIZE}\ncols = {SIZE}"]
+    for n, (amps, seen) in enumerate(zip(current, codes, strict=True)):
+        np.save(directory / f"i{n}.npy", np.broadcast_to(seen, (2, SIZE, SIZE)).astype(int))
+        lines.append(f'[[current]]\nfile = "i{n}.npy"\ncurrent_a = {float(amps)!r}')
+    for n, load in enumerate(loads()):
+        np.save(directory / f"codes{n}.npy", load.codes)
+        np.save(directory / f"force{n}.npy", load.force_n)
+        lines.append(f'[[load]]\nname = "{load.name}"\nfile = "codes{n}.npy"\nforce_n = "force{n}.npy"')
+    lines.append("[[reference]]\nrow = 0\ncol = 1\nforce_n = 2.0")
+    path = directory / "session.toml"
+    path.write_text("\n\n".join(lines) + "\n")
+    return path
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(calibrate.calibrate_command, [*arguments], standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done.return_value, done.output
+
+
+@pytest.fixture(autouse=True)
+def _rows_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "write_rows", lambda *_: None)
+
+
+def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> None:
+    path = write_session(tmp_path)
+    status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"))
+    assert status == 0, said
+    made = calibration.load(tmp_path / "sheet.toml")
+    assert made.network["r_row_driven_ohm"] == pytest.approx(4.0, rel=0.05)
+    assert made.reference[0][:2] == (0, 1)
+    drifted = dataclasses.replace(made, step_a=made.step_a * np.where(np.arange(SIZE) == 5, 1.05, 1.0))
+    drifted.save(tmp_path / "old.toml")
+    status, said = run(
+        str(path), "--out", str(tmp_path / "sheet.toml"), "--check", str(tmp_path / "old.toml")
+    )
+    assert status == 1
+    assert "gain_drift.column_5" in said
+    assert "column_4" not in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rows = 8", "rows = 7", "shape"),
+        ('file = "codes0.npy"', 'file = "gone.npy"', "gone.npy"),
+        ("[[reference]]\nrow = 0", "[[reference]]\nrow = 8", "reference.0"),
+        ('file = "codes0.npy"', "", "load.0.file"),
+        ("current_a = 0.0", "current_a = -1.0", "current.0.current_a"),
+    ],
+)
+def test_a_session_that_is_wrong_is_refused_in_one_line(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    path = write_session(tmp_path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        run(str(path))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
