@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/effects.md: what every effect is, and where each engine has it, read off the engines."""
+"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from the engines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
 _NO_BOUND_LSB = 1e6
 
 BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
-"""Scenes whose bounds are shown: one at rest, one that moves."""
+"""Scenes for the table of bounds: one at rest, one that moves."""
 
 
 def _topology(effect: Effect) -> str:
@@ -55,7 +55,7 @@ def sample(
 
 
 def fields(name: str) -> list[tuple[str, str]]:
-    """Record and field of everything an effect writes."""
+    """Return record and field of everything that an effect sets."""
     world = sample(name).scene
     setting = effects.Setting.of(world.table, world.design, lambda _: np.random.default_rng(0))
     part = EFFECTS[name].contribute(world.effects[name], setting)
@@ -64,7 +64,7 @@ def fields(name: str) -> list[tuple[str, str]]:
 
 
 def enters(name: str) -> str:
-    """Where an effect comes in, in words."""
+    """Return the records that an effect changes, in words."""
     where = {
         "network": "array solve",
         "converter": "converter state",
@@ -76,7 +76,7 @@ def enters(name: str) -> str:
 
 
 def parameters(name: str, design: Design | None = None) -> str:
-    """Its parameters and their defaults; the unit is in the name."""
+    """Return the parameters of an effect with their defaults; names end in the unit."""
     given = sample(name, design=design).scene.effects[name].model_dump()
     return ", ".join(f"`{key} = {_value(value)}`" for key, value in given.items()) or "none"
 
@@ -88,7 +88,7 @@ def _value(value: Any) -> str:
 
 
 def deck(name: str) -> str:
-    """What an effect adds to the SPICE deck: kinds of elements, and parameters of elements that are there anyway."""
+    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing elements."""
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE
@@ -117,7 +117,7 @@ def _kind(element: str) -> str:
 
 
 def verilog(name: str) -> str:
-    """What an effect builds into the real-number models; the array is solved outside."""
+    """Return the additions of an effect to the real-number models; the array is solved outside."""
     on = sample(name, "rtl")
     if engines.refused(on, "rtl"):
         return NONE
@@ -142,7 +142,7 @@ def _table(head: list[str], rows: Iterator[list[str]]) -> str:
 
 
 def meanings(design: Design | None = None) -> str:
-    """Every effect: what it is, its parameters."""
+    """Return the table of effects with meaning and parameters."""
 
     def rows() -> Iterator[list[str]]:
         for effect in EFFECTS.values():
@@ -157,7 +157,7 @@ def meanings(design: Design | None = None) -> str:
 
 
 def places(_: Design | None = None) -> str:
-    """Every effect: the record fields it writes, and where each engine has them."""
+    """Return the table of effects with their record fields and their place in each engine."""
 
     def rows() -> Iterator[list[str]]:
         for name in EFFECTS:
@@ -172,7 +172,7 @@ def places(_: Design | None = None) -> str:
 
 
 def bounds(design: Design | None = None) -> str:
-    """Every effect: how far it could move any code of two scenes, and what it costs the event engine."""
+    """Return the table of effects with their bounds in two scenes and their cost in engine event."""
     plans = {name: _everything(name, design) for name in BOUND_SCENES}
 
     def rows() -> Iterator[list[str]]:
@@ -185,7 +185,7 @@ def bounds(design: Design | None = None) -> str:
 
 
 def _everything(name: str, design: Design | None) -> Plan:
-    """A scene with its own effects forgotten and all that there are weighed, with their defaults."""
+    """Return a scene with every effect at its default in place of its own."""
     world = scene.load(scene.find(name), design)
     table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
     return plan.make(scene.with_effects(world, table, world.table.run.engine))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that follow from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
+"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
 
-``check`` compares the files of the tree with what would be written and shows each difference.
+``check`` compares the files of the tree with the generated text and shows each difference.
 """
 
 from __future__ import annotations

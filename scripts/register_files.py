@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what follows from rtl/dermis_registers.rdl: Verilog, Python and C constants, the table in docs.
+"""Generates Verilog, constants for Python and C, and the table in docs from rtl/dermis_registers.rdl.
 
-PeakRDL-regblock writes SystemVerilog packages and structs of one fixed size, which two of the three Verilog tools here
-do not read (docs/registers.md); so the SystemRDL compiler reads the map, and this writes Verilog-2005 with parameters.
+The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters. PeakRDL-regblock writes
+SystemVerilog packages and structs of a fixed size, which two of the three Verilog tools cannot read.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ class Part:
 
     @property
     def mask(self) -> int:
-        """Its bits in the word."""
+        """Mask of the field in its word."""
         return ((1 << self.width) - 1) << self.low
 
     @property
     def bits(self) -> str:
-        """As it is written in a table."""
+        """Range of bits for a table."""
         return f"{self.low + self.width - 1}:{self.low}" if self.width > 1 else f"{self.low}"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A register, or a list of lanes over several words, as the largest chip has it."""
+    """A register, or a list of lanes over several words, at the size of the largest chip."""
 
     name: str
     address: int

@@ -57,7 +57,7 @@ def elsewhere() -> dict[str, tuple[str, str]]:
 
 
 class Commands(click.Group):
-    """A group whose further commands are `<name>_command` of the modules in `elsewhere`."""
+    """A group with further commands: `<name>_command` of the modules in `elsewhere`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted([*super().list_commands(ctx), *elsewhere()])
@@ -84,19 +84,22 @@ def cli() -> None:
 @cli.command()
 @click.argument("scene")
 @click.option(
-    "--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest that can."
+    "--engine",
+    help="closed, event, rtl or cosim; default: that of the scene, or the cheapest that can do it.",
 )
-@click.option("--out", type=click.Path(), help="Where results go; default build/run/SCENE.")
+@click.option("--out", type=click.Path(), help="Directory for results; default build/run/SCENE.")
 @click.option(
-    "--processes", type=click.IntRange(1, 1024), default=1, help="Spread the frames over so many processes."
+    "--processes", type=click.IntRange(1, 1024), default=1, help="Number of processes for the frames."
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Spread them over a Dask cluster: tcp://host:8786.")
-@click.option("--simulator", type=click.Choice(["icarus", "verilator"]), help="For rtl and cosim.")
-@click.option("--waves", is_flag=True, help="For cosim: also write waves.vcd and waves.gtkw.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask cluster for the frames, such as tcp://host:8786.")
+@click.option(
+    "--simulator", type=click.Choice(["icarus", "verilator"]), help="Verilog simulator of rtl and cosim."
+)
+@click.option("--waves", is_flag=True, help="Also write waves.vcd and waves.gtkw (cosim only).")
 @click.option(
     "--views",
     type=click.Choice(["behavioural", "sky130"]),
-    help="For cosim: of every SPICE block (docs/views.md).",
+    help="View of every SPICE block (cosim only; docs/views.md).",
 )
 @click.option("--certify", is_flag=True, help="Also find certified codes: bounds on the codes of the chip.")
 @click.option(
@@ -179,7 +182,7 @@ def run(
 
                 wave_files.write(directory, made, result)
 
-        # The table first: where it has no place, earlier results stay.
+        # The table first: if it cannot be written, earlier results stay.
         verdict.write_rows("run", rows)
         output.write(where, made, result, rows, draw)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
@@ -189,20 +192,19 @@ def run(
 
 def main() -> None:
     """Run the command line and exit: 0 done, 1 check missed, 2 wrong input, 3 simulator failed."""
-    # Small matrices: a second thread of OpenBLAS only waits for the first one, and takes ten times the time with it.
-    # It is read when numpy is loaded, which is later. Cores are for processes.
+    # Matrices are small: a second thread of OpenBLAS takes ten times the time. numpy, loaded later, reads this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Where set-up has put YoWASP's compiled Yosys; its own choice is the home directory.
+    # Place of YoWASP's compiled Yosys, made by set-up; the default is the home directory.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     with children.ending():
         code = _run()
-    # Python ends by SIGINT, whatever exit code it is told, where Ctrl-C once came through exec of a string, as in the
-    # making of a dataclass, also if it was caught; the next such call forgets it.
+    # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT and ignores the exit code,
+    # even if the exception was caught. Another exec clears this.
     exec("")
     try:
         sys.stdout.flush()
     except OSError as error:
-        # What cannot be written would be tried once more at the very end, with a traceback.
+        # Python would try to write again at its end, with a traceback.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if not isinstance(error, BrokenPipeError):
             _say(f"standard output: {error.strerror}")
@@ -229,13 +231,13 @@ def _run() -> int:
     except children.Terminated as error:
         _say("terminated")
         return int(error.code)
-    except SystemExit as error:  # a command's own
+    except SystemExit as error:  # from a command
         return error.code if isinstance(error.code, int) else 1 if error.code else 0
     except BrokenPipeError:
         return 1
     except MemoryError as error:
-        said = one_line(str(error)) or "no more is to be had"
-        _say(f"out of memory: {said}: fewer frames at a time, or fewer processes, take less")
+        said = one_line(str(error))
+        _say(f"out of memory{f' ({said})' if said else ''}: use fewer frames or fewer processes")
         return 3
     except OSError as error:
         if error.errno is None:
@@ -243,22 +245,22 @@ def _run() -> int:
         where = error.filename or "a file or a process of this run"
         _say(f"{where}: {error.strerror}{_HINTS.get(error.errno, '')}{_traceback()}")
         return 3
-    except Exception as error:  # whatever else it is, it is ours
+    except Exception as error:  # any other exception is a defect
         return _defect(error)
 
 
 _HINTS = {
     **dict.fromkeys(
-        (errno.ENOSPC, errno.EDQUOT), ": make room there, or let --out or TMPDIR name another disk"
+        (errno.ENOSPC, errno.EDQUOT), ": free some space, or name another disk by --out or TMPDIR"
     ),
-    errno.EFBIG: ": larger than ulimit -f, or this file system, lets a file be",
+    errno.EFBIG: ": above the file size that ulimit -f or the file system allows",
     **dict.fromkeys(
         (errno.EACCES, errno.EPERM, errno.EROFS), ": give this user access, or use another place"
     ),
     **dict.fromkeys((errno.EMFILE, errno.ENFILE), ": more open files than ulimit -n allows"),
-    **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), ": more processes or memory than this user may have"),
+    **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), ": above the processes or memory that this user may have"),
 }
-"""What to do about errors of the system that a run cannot do anything about."""
+"""Remedies for errors of the system."""
 
 
 def _say(line: str) -> None:
@@ -267,22 +269,22 @@ def _say(line: str) -> None:
 
 
 def _without_room(error: DermisError) -> str:
-    """A full disk, which is often why a simulator failed and never what it says."""
+    """Return a note if a disk is full: a simulator that fails for this reason does not say so."""
     places = {BUILD, Path(tempfile.gettempdir())}
     if isinstance(error, SimulatorError):
         for place in places:
-            with contextlib.suppress(OSError):  # not there: then it is not full either
+            with contextlib.suppress(OSError):  # the place does not exist
                 if shutil.disk_usage(place).free < FULL_BYTES:
                     return f"; no room is left in {place}"
     return ""
 
 
 FULL_BYTES = 1 << 16
-"""A disk with less room than this is full: nothing that a simulator writes is so small."""
+"""A disk with less free space counts as full."""
 
 
 def _traceback() -> str:
-    """Keep the traceback of what is being handled for whoever has to find the cause; say where it is."""
+    """Write the traceback of the current exception to a log; return a note with its path."""
     log = BUILD / "internal_error.log"
     try:
         log.parent.mkdir(exist_ok=True)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run leaves: verdict tables, figures, waves and result files."""
+"""Results of a run: verdict tables, figures, waves and files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each effect of a scene costs: all of them on, then one off at a time, in codes and in processor time."""
+"""Costs of the effects of a scene: all of them on, then one off at a time, in codes and processor time."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from dermis.scene.scene import Scene
 from dermis.scene.schema import Strict
 
 FRAMES = 64
-"""Frames looked at unless told otherwise; 1 with cosim, which takes seconds for one."""
+"""Default number of frames; 1 with cosim, which takes seconds for a frame."""
 
 PAIRS = 3
-"""Runs with and without an effect behind a ratio of times; 1 with cosim."""
+"""Pairs of runs, with and without an effect, for a ratio of times; 1 with cosim."""
 
 EVERYTHING = "all_effects"
 
@@ -44,7 +44,7 @@ PICTURE = "docs/figures/ablate.png"
 
 @dataclass(frozen=True)
 class Cost:
-    """What one effect changes.
+    """Changes made by one effect.
 
     Attributes
     ----------
@@ -71,14 +71,14 @@ class Cost:
 
 
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
-    """The plan of a scene with exactly these effects, whatever `auto` would make of them."""
+    """Return the plan of a scene with exactly these effects, also where `auto` would choose others."""
     effects = world.table.effects.model_copy(update={"auto": None})
     table = world.table.model_copy(update={"effects": effects})
     return plan.make(replace(world, table=table, effects=dict(on)), engine)
 
 
 def busiest(made: Plan, frames: int) -> Plan:
-    """At most so many frames of a plan, one after the other, around the one with the most conductance."""
+    """Return at most `frames` consecutive frames of a plan, around the one with the most conductance."""
     if frames >= made.frames:
         return made
     first = min(max(0, made.fullest_frame() - frames // 2), made.frames - frames)
@@ -98,13 +98,13 @@ def measure(
     ----------
     world : Scene
     engine : str, optional
-        Runs everything; default the cheapest that can do all effects at once, so that times compare.
+        Engine of all runs; default the cheapest that can do all effects at once, so that times compare.
     frames : int, optional
-        At most so many, around the busiest; default FRAMES, 1 with cosim.
+        Largest number of frames, around the one with the most conductance; default FRAMES, 1 with cosim.
     pairs : int, optional
-        Runs with and without an effect behind a ratio of times; default PAIRS, 1 with cosim.
+        Pairs of runs, with and without an effect, for a ratio of times; default PAIRS, 1 with cosim.
     said : callable
-        Told what is done next.
+        Called with a description of the next step.
 
     Returns
     -------
@@ -116,11 +116,11 @@ def measure(
     InputError
         No effect is on, or the engine cannot do them all.
     """
-    on = world.effects  # with `auto`: all that it may choose from
+    on = world.effects  # with `auto`: all effects that it may choose
     if not on:
         raise InputError(world.path, "effects", "none on", "at least one effect, or auto")
     full = with_effects(world, on, engine)
-    if engine is None:  # whatever the scene says
+    if engine is None:  # also if the scene names an engine
         full = replace(full, engine=engines.cheapest(full) or full.engine)
     engines.check(full)
     slow = full.engine == "cosim"
@@ -157,7 +157,7 @@ def _size(cost: Cost) -> tuple[float, ...]:
 
 
 def rows_of(costs: list[Cost], full: Plan) -> list[Row]:
-    """Four rows an effect."""
+    """Return four rows for each effect."""
     rows = []
     for cost in costs:
         what = "every effect" if cost.name == EVERYTHING else cost.name
@@ -176,7 +176,7 @@ HEAD = ("off", "max change / LSB", "taxels that move", "mean shift / LSB", "time
 
 
 def cells(cost: Cost) -> tuple[str, ...]:
-    """One line of the table."""
+    """Return one line of the table."""
     return (
         cost.name,
         str(cost.code_max_lsb),
@@ -188,7 +188,7 @@ def cells(cost: Cost) -> tuple[str, ...]:
 
 
 def docs_table(costs: list[Cost], title: str) -> str:
-    """The costs as Markdown."""
+    """Return the costs as Markdown."""
     lines = [f"{title}.", "", f"| {' | '.join(HEAD)} |", "|---|--:|--:|--:|--:|---|"]
     for cost in costs:
         name, *rest = cells(cost)
@@ -197,7 +197,7 @@ def docs_table(costs: list[Cost], title: str) -> str:
 
 
 def print_costs(costs: list[Cost], title: str) -> None:
-    """Print one line an effect."""
+    """Print one line for each effect."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
@@ -245,21 +245,23 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
 
 @click.command("ablate")
 @click.argument("scene_name", metavar="SCENE")
-@click.option("--engine", help="Runs everything; default: the cheapest that can do all effects at once.")
+@click.option("--engine", help="Engine of all runs; default: the cheapest that can do all effects at once.")
 @click.option(
-    "--frames", type=click.IntRange(min=1), help=f"At most so many, the busiest; default {FRAMES}, cosim 1."
+    "--frames", type=click.IntRange(min=1), help=f"Largest number of frames; default {FRAMES}, cosim 1."
 )
 @click.option(
-    "--pairs", type=click.IntRange(min=1), help=f"Runs behind a ratio of times; default {PAIRS}, cosim 1."
+    "--pairs",
+    type=click.IntRange(min=1),
+    help=f"Pairs of runs for a ratio of times; default {PAIRS}, cosim 1.",
 )
-@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and the figure beside it.")
+@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and its figure.")
 def ablate_command(
     scene_name: str, engine: str | None, frames: int | None, pairs: int | None, docs: bool
 ) -> int:
-    """What each effect of a scene costs: all on, then one off at a time.
+    """Measure the cost of each effect of a scene: all on, then one off at a time.
 
-    The table goes to build/ablate.json, a figure of it to build/ablate.png. With `auto` in the scene every effect
-    is on that it may choose from.
+    Writes the table to build/ablate.json and a figure to build/ablate.png. With `auto` in the scene, all
+    effects that it may choose are on.
     """
     world = scene.load(scene.find(scene_name))
     full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))

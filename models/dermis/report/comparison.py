@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges the codes of a run against a neighbouring engine and against a straight line over force."""
+"""Comparison of the codes of a run with a neighbouring engine and with a straight line over force."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from dermis.report.verdict import Row
 from dermis.scene.sensor import InverseSensor
 from dermis.scene.views import BEHAVIOURAL
 
-# 510 x of a force that was computed from a code is that code to a few ulp; no other force comes this close by accident.
+# 510 x of a force that was computed from a code is that code within a few ulp; other forces are further away.
 _EXACT = 1e-9
 
 
 def on_code(made: Plan) -> NDArray[np.bool_]:
-    """Where the code leaves nothing to rounding: x = c / gate_clocks, or full scale and above; [frames, rows, cols]."""
+    """Return where rounding cannot change the code, [frames, rows, cols]: x = c / gate_clocks, or full scale."""
     steps = made.timing.gate_clocks * made.duty_ideal()
     with np.errstate(invalid="ignore"):
         whole = np.abs(steps - np.round(steps)) <= _EXACT * np.maximum(steps, 1.0)
@@ -31,7 +31,7 @@ def on_code(made: Plan) -> NDArray[np.bool_]:
 
 
 def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
-    """Straight line through code against force below saturation: slope a newton, offset, residuals; or None.
+    """Fit a straight line to code against force below saturation: slope per newton, offset, residuals; or None.
 
     None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet that has aged.
     """
@@ -49,13 +49,13 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
 
 
 def _reference(made: Plan) -> str | None:
-    """The engine to compare with: the closed formula, or the event engine where it has none; None for itself."""
-    # What such an engine refuses by value is told as a row that was skipped: not engines.cheapest.
+    """Return the engine to compare with: closed, or event if closed cannot do the plan; None for no other."""
+    # Not engines.cheapest: an engine that refuses a value becomes a SKIP row with its reason.
     return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
 
 
 def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
-    """Verdict rows of codes read in transistors: against ideal blocks, as read, and with each column calibrated."""
+    """Return rows for codes read in transistors: against ideal blocks, as read and with each column calibrated."""
     ideal = replace(made, views=BEHAVIOURAL)
     reference = _reference(ideal)
     if reference is None:
@@ -89,11 +89,11 @@ def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row
 
 
 def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None = None) -> list[Row]:
-    """Judge the codes of a run against a neighbouring engine, and a straight line.
+    """Compare the codes of a run with a neighbouring engine and with a straight line.
 
     Parameters
     ----------
-    made, result : the plan and what an engine made of it
+    made, result : the plan and its result
     name : last part of the rows' names
     expected : codes that a frame file holds, to be read back
     """
@@ -107,7 +107,7 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     else:
         try:
             error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
-        except InputError as refusal:  # fields that it honours, with values that it does not take
+        except InputError as refusal:  # it honours the fields, but not these values
             rows.append(verdict.skip(f"frame.code_error_lsb.{name}", str(refusal)))
             kinds = {}
         else:

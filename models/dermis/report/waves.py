@@ -19,7 +19,7 @@ from dermis.records import Plan
 
 
 def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times [points] in seconds over all frames of a record and integrator voltages [cols, points] in volt."""
+    """Return times [points] in seconds over all frames of a record, and integrator voltages [cols, points]."""
     times, volts = [], []
     frame = 0
     while f"wave{frame}_time_s" in record:
@@ -37,7 +37,7 @@ def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.floa
 
 
 def trace(record: dict[str, Any], name: str) -> list[int]:
-    """One digital net of a record, a value a clock (see dermis.chip.bridge.Trace)."""
+    """Return a digital net of a record, one value for each clock (see dermis.chip.bridge.Trace)."""
     return [int(word, 16) for word in record[f"trace_{name}"]]
 
 
