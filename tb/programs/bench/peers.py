@@ -361,9 +361,11 @@ async def _ams_run(dut: Any, where: Path) -> None:
     class Watch:
         """Takes the place of its waveform writer."""
 
-        def write_values(self, sim_time: float, analog: dict[str, float], digital: Any) -> None:
+        # Called with keywords.
+        def write_values(self, sim_time: float, analog_values: dict[str, float], digital_values: Any) -> None:
             names = ("v(x1.xvfc.v_int)", "x1.xvfc.v_int")
-            points.append((sim_time, next((analog[name] for name in names if name in analog), np.nan)))
+            found = next((analog_values[name] for name in names if name in analog_values), np.nan)
+            points.append((sim_time, found))
 
         def close(self) -> None:
             pass
