@@ -24,6 +24,7 @@ def error_v(circuit: StiffCircuit, setting: Setting) -> float:
     raise AssertionError("no outcome")
 
 
+@pytest.mark.long
 def test_cases_meet_their_limits() -> None:
     """Those that take no time; `make hard` has them all."""
     short = [case for case in stiff.cases() if case.short]
@@ -44,6 +45,7 @@ def test_the_published_pump_current_is_wrong_in_its_sixth_digit() -> None:
     assert 5e-6 < own / told - 1.0 < 7e-6, "the distance found: 6.07e-6"
 
 
+@pytest.mark.long
 def test_a_tenth_of_the_step_leaves_a_hundredth_of_the_error() -> None:
     amplifier = CIRCUITS["transistor_amplifier"]
     coarse, fine = (error_v(amplifier, Setting("trap", step)) for step in (1e-4, 1e-5))

@@ -400,11 +400,7 @@ def channel_current() -> ChannelCurrent:
     from scripts.characterise import benches, runs
 
     bench = benches.BENCHES[SUPPLY_BENCH]
-    corners = (
-        benches.Condition(),
-        benches.Condition("ss", -40.0, 0.9),
-        benches.Condition("ff", 125.0, 1.1),
-    )
+    corners = (benches.Condition(), benches.Condition("ss", -40.0, 0.9), benches.Condition("ff", 125.0, 1.1))
     found = [bench.values(runs.measured(bench.body, at))[SUPPLY_QUANTITY] for at in corners]
     return ChannelCurrent(found[0], min(found), max(found))
 

@@ -400,10 +400,7 @@ if AMS_VARIABLE in os.environ and __name__ != "__main__":
             raise
 
 
-GUESTS: dict[str, Callable[..., PeerRun]] = {
-    "spicebind": spicebind,
-    "cocotbext_ams": cocotbext_ams,
-}
+GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
 """Peers other than XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; no waves, no error."""
 
 

@@ -1,24 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a hard case is: why it is hard, what its answer is and from where, and who has to find it."""
+"""Hard cases: why each is hard, its exact answer and source, and the engines that have to find it.
+
+Text stands in cases.toml by name; code gives the runs. Text that holds computed numbers stays with the code.
+"""
 
 from __future__ import annotations
 
+import functools
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a run found.
+    """Result of a run.
 
     Parameters
     ----------
     error : float
         Distance from the expected answer, in the unit of the case. NaN, infinite or None makes an ERROR row.
     note : str
-        What is worth knowing beyond it.
+        Remark of the row.
     seconds : float, optional
-        Of the engine alone, where the run also works out what to compare with; default all of the run's.
+        Time of the engine alone, where the run also computes its reference; default that of the run.
     """
 
     error: float
@@ -33,27 +40,19 @@ class Case:
     Parameters
     ----------
     name : str
-        Lower snake case: what is hard, such as ``one_half_exactly``.
+        Lower snake case, such as ``one_half_exactly``.
     group : str
         converter, array, circuit or stiff.
-    why : str
-        One sentence: why it is hard.
-    expected : str
-        The expected answer, in words or numbers.
-    source : str
-        The independent exact or high-precision source of it.
-    tolerance : str
-        The argument for `limit`.
-    limit : float
-        |error| <= limit passes.
-    unit : str
-        Of error and limit: lsb, 1, V, packets ...
     runs : mapping
-        Engine or solver name -> a module-level function, or a functools.partial of one, so that a worker process can
-        be given it. It returns Measured. An expected typed error is an answer as well: the run catches it and returns
-        Measured(0.0), or 1.0 where it does not come or does not name its cause.
+        Engine or solver name -> a module-level function, or a functools.partial of one, for a worker process. It
+        returns Measured. An expected typed error is an answer as well: Measured(0.0), or 1.0 where it does not come
+        or does not name its cause.
+    why, expected, source, tolerance : str
+        Reason of the difficulty, the answer, its independent exact source, and the argument for `limit`.
+    limit, unit : float, str
+        |error| <= limit passes; the unit of both.
     limit_s : float
-        Every run ends by then. Cases at transistor level may say more than 10 s.
+        Time limit of a run.
     short : bool
         In the short set, which `make test` runs; well under a second each.
     refused : mapping
@@ -62,13 +61,24 @@ class Case:
 
     name: str
     group: str
+    runs: Mapping[str, Callable[[], Measured]]
     why: str
     expected: str
     source: str
     tolerance: str
-    limit: float
-    unit: str
-    runs: Mapping[str, Callable[[], Measured]]
+    limit: float = 0.0
+    unit: str = "lsb"
     limit_s: float = 10.0
     short: bool = False
     refused: Mapping[str, str] = field(default_factory=dict)
+
+
+@functools.cache
+def texts() -> dict[str, dict[str, str]]:
+    """Return the text of each case by name."""
+    return tomllib.loads(Path(__file__).with_name("cases.toml").read_text(encoding="utf-8"))
+
+
+def case(group: str, name: str, runs: Mapping[str, Callable[[], Measured]], **other: Any) -> Case:
+    """Return a case with its text from cases.toml; `other` has its other fields, and text that is computed."""
+    return Case(name=name, group=group, runs=runs, **texts().get(name, {}), **other)

@@ -34,7 +34,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from dermis.scene.design import load as load_design
-from tb.programs.hard.case import Case, Measured
+from tb.programs.hard.case import Case, Measured, case, texts
 
 Rows = NDArray[np.float64]
 # Tolerances of the decks without a pole (netlist.py): Newton's method ends a step beyond them.
@@ -442,12 +442,7 @@ def supply_ramp() -> Measured:
 
 def switch_extremes() -> Measured:
     """A switch from nothing to 1e12 ohm into 1 Mohm, ten times."""
-    lines = (
-        "v1 a 0 1",
-        "bswitch a b i = v(a,b)*(v(d0) > 0.5 ? 1e9 : 1e-12)",
-        "rload b 0 1meg",
-        TIGHT,
-    )
+    lines = ("v1 a 0 1", "bswitch a b i = v(a,b)*(v(d0) > 0.5 ? 1e9 : 1e-12)", "rload b 0 1meg", TIGHT)
     times = [k * 1e-6 for k in range(1, 21)]
     edges = {t: [(0, float(k % 2))] for k, t in enumerate(times[:-1])}
     samples, way = lockstep(lines, ["b"], times, edges, levels=[0.0], abrupt=[True])
@@ -587,10 +582,7 @@ def unmoved(change: str, bent: bool) -> Measured:
 
 
 def read_frame(
-    made: records.Plan,
-    options: str = "",
-    t_max_step_s: float = 1e-6,
-    begin: ladder.Level = ladder.PLAIN,
+    made: records.Plan, options: str = "", t_max_step_s: float = 1e-6, begin: ladder.Level = ladder.PLAIN
 ) -> tuple[NDArray[np.int64], ladder.Climb]:
     """Codes [1, rows, cols] of the first frame: its deck, with a row scanner and two flip-flops a column in Python."""
     timing, rows, cols = made.timing, made.rows, made.cols
@@ -648,297 +640,147 @@ def _both(function: Callable[..., Measured], *arguments: Any) -> dict[str, Calla
     return {engine: functools.partial(function, *arguments, engine) for engine in ("lockstep", "batch")}
 
 
-def _no_answer(
-    name: str, why: str, lines: Sequence[str], causes: Sequence[str], *, short: bool = True
-) -> Case:
+def _no_answer(name: str, lines: Sequence[str], causes: Sequence[str]) -> Case:
     runs = {e: functools.partial(no_answer, tuple(lines), e, *causes) for e in ("lockstep", "batch")}
     said = " and ".join(f'"{cause}"' for cause in causes)
-    return Case(
-        name,
-        "circuit",
-        why,
-        f"an error that says {said}",
-        "Kirchhoff: no state fulfils all laws, or any does",
-        _NAMED,
-        0.0,
-        "1",
-        runs,
-        short=short,
-    )
+    source = "Kirchhoff: no state fulfils all laws, or any does"
+    text = {"expected": f"an error that says {said}", "source": source, "tolerance": _NAMED}
+    return case("circuit", name, runs, unit="1", short=True, **text)
 
 
 def cases() -> list[Case]:
     """Every hard circuit."""
     lock = "lockstep"
     found = [
-        Case(
-            "transistor_converter",
+        case(
             "circuit",
-            "fourteen level-1 transistors with Meyer capacitances and sources that drive only gates: plain ngspice "
-            "aborts with `Timestep too small`",
-            f"{DUTY * GATE} packets in {GATE} clocks at x = {DUTY}, for {len(SIZES)} sizes of which "
+            "transistor_converter",
+            expected=f"{DUTY * GATE} packets in {GATE} clocks at x = {DUTY}, for {len(SIZES)} sizes of which "
             f"{len(ABORTING)} need a rung above plain; the same where rung gear is taken at once",
-            "charge balance: N x is whole, so the count does not depend on where the cycle begins; no path takes "
-            "charge from the summing node but the packets",
-            _COUNT,
-            0.0,
-            "packets",
-            {
+            tolerance=_COUNT,
+            limit=0.0,
+            unit="packets",
+            runs={
                 lock: functools.partial(transistors, "plain", SIZES),
                 "from_gear": functools.partial(transistors, "gear", ABORTING[::3]),
             },
         ),
-        Case(
+        case(
+            "circuit",
             "transistor_converter_plain",
-            "circuit",
-            "the same circuit on the foot of the ladder",
-            "an abort that names simulated time and node",
-            "ngspice's own words",
-            _NAMED,
-            0.0,
-            "1",
-            {lock: transistors_plain},
+            tolerance=_NAMED,
+            limit=0.0,
+            unit="1",
+            runs={lock: transistors_plain},
             short=True,
         ),
-        Case(
+        case(
+            "circuit",
             "gate_only_source",
-            "circuit",
-            "an ideal source drives nothing but a gate: its current is nothing but rounding",
-            "(101 - sqrt(9801)) / 100 V",
-            "the square law solved by hand",
-            _OP,
-            4e-6,
-            "V",
-            _both(gate_only),
+            tolerance=_OP,
+            limit=4e-6,
+            unit="V",
+            runs=_both(gate_only),
             short=True,
         ),
-        _no_answer(
-            "floating_node",
-            "a node between two capacitors has no dc value; ngspice alone answers 0.25 V by a "
-            "hidden transient",
-            FLOATING,
-            ("singular matrix", " b"),
-        ),
-        Case(
+        _no_answer("floating_node", FLOATING, ("singular matrix", " b")),
+        case(
+            "circuit",
             "divided_charge",
-            "circuit",
-            "the same node, told where it starts: its charge must stay for ever",
-            "0.25, 0.75 and 0.75 V",
-            "charge: 1 / (1 + 3) of an edge of 2 V",
-            _FEMTO,
-            1e-8,
-            "V",
-            {lock: divided_charge},
+            tolerance=_FEMTO,
+            limit=1e-8,
+            unit="V",
+            runs={lock: divided_charge},
             short=True,
         ),
+        _no_answer("loop_of_sources", LOOP, ("singular matrix", "branch")),
+        _no_answer("relay_that_contradicts_itself", RELAY, ("c", "tried")),
         _no_answer(
-            "loop_of_sources",
-            "two ideal sources in parallel contradict each other",
-            LOOP,
-            ("singular matrix", "branch"),
+            "relay_that_contradicts_itself_later", LATE_RELAY, ("Timestep too small", "1.5", "tried", "gear")
         ),
-        _no_answer(
-            "relay_that_contradicts_itself", "no operating point exists at all", RELAY, ("c", "tried")
-        ),
-        _no_answer(
-            "relay_that_contradicts_itself_later",
-            "no state exists from 1.5 us on",
-            LATE_RELAY,
-            ("Timestep too small", "1.5", "tried", "gear"),
-        ),
-        _no_answer(
-            "number_beyond_range",
-            "a law that gives 1e400 from 1.5 us on: never a sample",
-            NOT_A_NUMBER,
-            ("1.5", "tried"),
-        ),
-        Case(
+        _no_answer("number_beyond_range", NOT_A_NUMBER, ("1.5", "tried")),
+        case(
+            "circuit",
             "name_clash",
-            "circuit",
-            "two elements of one name, a block that does not exist, a source nobody drives",
-            "three errors with the name",
-            "the deck",
-            _NAMED,
-            0.0,
-            "1",
-            {what: functools.partial(clash, what) for what in CLASHES},
+            tolerance=_NAMED,
+            limit=0.0,
+            unit="1",
+            runs={what: functools.partial(clash, what) for what in CLASHES},
             short=True,
         ),
-        Case(
+        case(
+            "circuit",
             "names_that_differ_in_case",
-            "circuit",
-            "SPICE folds case: IN and in are one node",
-            "0.75 V",
-            "a divider of 1 and 3 kohm",
-            _FEMTO,
-            1e-9,
-            "V",
-            {lock: folded_case},
+            tolerance=_FEMTO,
+            limit=1e-9,
+            unit="V",
+            runs={lock: folded_case},
             short=True,
         ),
-        Case(
+        case(
+            "circuit",
             "not_a_number_in",
-            "circuit",
-            "NaN as resistance or voltage must not reach a deck",
-            "exit 2 with file or place, key and value",
-            "the input",
-            _NAMED,
-            0.0,
-            "1",
-            {"array": functools.partial(nan_in, "array"), "scene": functools.partial(nan_in, "scene")},
+            tolerance=_NAMED,
+            limit=0.0,
+            unit="1",
+            runs={"array": functools.partial(nan_in, "array"), "scene": functools.partial(nan_in, "scene")},
             short=True,
         ),
-        Case(
+        case(
+            "circuit",
             "closing_switch",
-            "circuit",
-            "a current that charged a capacitor through a closing switch is state of the trapezoidal rule and rings "
-            "on for ever",
-            "1 V less 1 uA / 5 pF from the edge on",
-            "charge",
-            "1e-6 V, the limit of the bridge (spec.toml cosim.edge_error_v)",
-            1e-6,
-            "V",
-            {lock: functools.partial(closing_switch, True)},
+            limit=1e-6,
+            unit="V",
+            runs={lock: functools.partial(closing_switch, True)},
             short=True,
         ),
-        Case(
+        case(
+            "circuit",
             "inconsistent_start",
-            "circuit",
-            "1 V and 0 V behind 1 uohm (1e-18 s), and a start against an ideal source",
-            "0.5, 0.5 and 0.3 V",
-            "charge conservation; Kirchhoff",
-            "1e6 S loses 2.2e-10 A of a volt to rounding: in 1 us 1.1e-4 V on 2 pF",
-            1.1e-4,
-            "V",
-            {lock: inconsistent_start},
+            limit=1.1e-4,
+            unit="V",
+            runs={lock: inconsistent_start},
             short=True,
         ),
-        Case(
-            "supply_ramp",
+        case("circuit", "supply_ramp", limit=2e-5, unit="V", runs={lock: supply_ramp}, short=True),
+        case(
             "circuit",
-            "a latch without a state at 0 V comes up with its supply in 100 us",
-            "2 V and 0 V: the side that a resistor prefers",
-            "both transistors of a side are off",
-            "gmin 1e-12 S against 10 Mohm: 2e-5 V",
-            2e-5,
-            "V",
-            {lock: supply_ramp},
-            short=True,
-        ),
-        Case(
             "switch_from_0_to_1e12_ohm",
-            "circuit",
-            "21 decades at an edge",
-            "1 V / (1 + 1e-15), 1 V / (1 + 1e6)",
-            "a divider in rationals",
-            _OP,
-            2e-6,
-            "V",
-            {lock: switch_extremes},
+            tolerance=_OP,
+            limit=2e-6,
+            unit="V",
+            runs={lock: switch_extremes},
             short=True,
         ),
-        Case(
-            "stiff_pair",
+        case("circuit", "stiff_pair", limit=2e-6, unit="V", runs={lock: stiff_pair}, short=True),
+        case(
             "circuit",
-            "1e-15 s beside 1 s",
-            "1 - exp(-t / s), at 0.1, 0.5 and 1.01 s",
-            "mpmath",
-            "trapezoids of 1 ms on a second: h^2 / 12 = 8e-8, and the 1e-6 V that stage one loads stage two with",
-            2e-6,
-            "V",
-            {lock: stiff_pair},
-            short=True,
-        ),
-        Case(
             "resonance_without_inductor",
-            "circuit",
-            "undamped: any error of the integration stays",
-            "1 V after each of ten periods",
-            "the cosine",
-            "ngspice begins with backward Euler, which damps by (w h)^2 / 2 = 7.9e-5 in a step of 2 ns, the longest; "
-            "the trapezoids behind it turn the phase by (w h)^2 / 12 a radian: 8.3e-4 in ten periods, 3.4e-7 V",
-            8.5e-5,
-            "V",
-            {lock: functools.partial(gyrator, TIGHT)},
+            limit=8.5e-5,
+            unit="V",
+            runs={lock: functools.partial(gyrator, TIGHT)},
         ),
-        Case(
-            "huge_and_tiny_sources",
-            "circuit",
-            "1e30 V and 1e30 ohm beside 1e-18 A and 1 V in one matrix",
-            "1 V at each of three nodes",
-            "Ohm",
-            "reltol 1e-6; gmin is no element of these",
-            2e-6,
-            "1",
-            {lock: huge_and_tiny},
-            short=True,
+        case(
+            "circuit", "huge_and_tiny_sources", limit=2e-6, unit="1", runs={lock: huge_and_tiny}, short=True
         ),
     ]
-    needs = {
-        "gmin_stepping": "a saturating law of 1 A/uV: Newton's method jumps from side to side",
-        "source_stepping": "an exponential of 20 mV from 0 to 30 V: only from a low supply can Newton follow it",
-        "ramp": "the same beside a loop that has no state while the supply is between its ends",
-    }
-    for rung, why in needs.items():
+    for rung in NEEDS:
+        expected = mpmath.nstr(needed_operating_point(rung), 12) + f" V on rung {rung}"
+        text = {"expected": expected, "tolerance": _OP}
         found.append(
-            Case(
-                f"needs_{rung}",
-                "circuit",
-                why,
-                mpmath.nstr(needed_operating_point(rung), 12) + f" V on rung {rung}",
-                "mpmath, thirty digits",
-                _OP,
-                2e-6,
-                "V",
-                _both(start, rung),
-                short=True,
-            )
+            case("circuit", f"needs_{rung}", _both(start, rung), limit=2e-6, unit="V", short=True, **text)
         )
+    engines = ("closed", "event", "lockstep")
     for topology in TOPOLOGIES:
-        found.append(
-            Case(
-                f"extreme_resistances_{topology}",
-                "circuit",
-                "0 to 1e15 ohm in one array, beside each other",
-                "charge balance of each",
-                "exact rationals (vfc.count_rational)",
-                _COUNT,
-                0.0,
-                "lsb",
-                {e: functools.partial(extremes, e, topology) for e in ("closed", "event", "lockstep")},
-            )
-        )
+        runs = {e: functools.partial(extremes, e, topology) for e in engines}
+        text = texts()["extreme_resistances"]
+        found.append(case("circuit", f"extreme_resistances_{topology}", runs, tolerance=_COUNT, **text))
     for corner in ("low", "high"):
-        found.append(
-            Case(
-                f"extreme_resistances_{corner}_corner",
-                "circuit",
-                f"the same at {CORNERS[corner]}",
-                "charge balance of each",
-                "exact rationals (vfc.count_rational)",
-                _COUNT,
-                0.0,
-                "lsb",
-                {
-                    e: functools.partial(extremes, e, "conveyor_mirror", corner)
-                    for e in ("closed", "event", "lockstep")
-                },
-            )
-        )
-    for bent, what in ((False, "straight_lines"), (True, "poles")):
-        chosen = CHANGES if bent else STEPS_S
-        found.append(
-            Case(
-                f"step_and_method_{what}",
-                "circuit",
-                "the longest step from half a clock to fifty"
-                + (", Gear's formula, tolerances ten times as loose" if bent else ""),
-                "the same codes",
-                "engine event, clock by clock" if bent else "exact rationals (vfc.count_rational)",
-                _COUNT,
-                0.0,
-                "lsb",
-                {change: functools.partial(unmoved, change, bent) for change in chosen},
-            )
-        )
+        runs = {e: functools.partial(extremes, e, "conveyor_mirror", corner) for e in engines}
+        text = texts()["extreme_resistances"] | {"why": f"the same at {CORNERS[corner]}"}
+        name = f"extreme_resistances_{corner}_corner"
+        found.append(case("circuit", name, runs, tolerance=_COUNT, **text))
+    for bent, name in ((False, "step_and_method_straight_lines"), (True, "step_and_method_poles")):
+        runs = {change: functools.partial(unmoved, change, bent) for change in (CHANGES if bent else STEPS_S)}
+        found.append(case("circuit", name, runs, tolerance=_COUNT))
     return found

@@ -7,9 +7,10 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from typing import Any
 
 from tb.programs.hard import converter_inputs, converter_runs
-from tb.programs.hard.case import Case, Measured
+from tb.programs.hard.case import Case, Measured, case, texts
 from tb.programs.hard.converter_runs import GATE, World
 
 GROUP = "converter"
@@ -43,19 +44,15 @@ LOOPS = ("event", "icarus", "verilator", "cosim")
 
 def _case(
     name: str,
-    why: str,
-    expected: str,
     world: World,
     engines: Sequence[str],
     *,
-    refused: Mapping[str, str] | None = None,
-    tolerance: str | None = None,
     analog: World | None = None,
     certificate: float | None = None,
-    short: bool = False,
     limit_s: float = 10.0,
+    **other: Any,
 ) -> Case:
-    """A case of duties: the same ones through every engine; `analog` has fewer of them for ngspice."""
+    """Return a case of duties: the same ones through every engine; `analog` has fewer of them for ngspice."""
     runs: dict[str, Callable[[], Measured]] = {
         engine: functools.partial(
             converter_runs.codes, engine, analog if engine == "cosim" and analog is not None else world
@@ -64,51 +61,20 @@ def _case(
     }
     if certificate is not None:
         runs["certificate"] = functools.partial(converter_runs.certificate, analog or world, certificate)
-    return Case(
-        name=name,
-        group=GROUP,
-        why=why,
-        expected=expected,
-        source=_DIGITS if world.effects else _WALK,
-        tolerance=tolerance or (_BENT if world.effects else _IDEAL),
-        limit=0.0,
-        unit="lsb",
-        runs=runs,
-        # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in ten among seven other runs.
-        limit_s=max(limit_s, 30.0) if "cosim" in runs else limit_s,
-        short=short,
-        refused=refused or {},
-    )
+    text = texts().get(name, {})
+    if "tolerance" not in text:
+        other = {"tolerance": _BENT if world.effects else _IDEAL} | other
+    if "source" not in text:
+        other = {"source": _DIGITS if world.effects else _WALK} | other
+    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in ten among seven other runs.
+    limit_s = max(limit_s, 30.0) if "cosim" in runs else limit_s
+    return case(GROUP, name, runs, limit_s=limit_s, **other)
 
 
-def _measured(
-    name: str,
-    why: str,
-    expected: str,
-    source: str,
-    runs: Mapping[str, Callable[[], Measured]],
-    *,
-    tolerance: str = _SURE,
-    limit: float = 0.0,
-    unit: str = "lsb",
-    refused: Mapping[str, str] | None = None,
-    short: bool = False,
-    limit_s: float = 10.0,
-) -> Case:
-    return Case(
-        name=name,
-        group=GROUP,
-        why=why,
-        expected=expected,
-        source=source,
-        tolerance=tolerance,
-        limit=limit,
-        unit=unit,
-        runs=runs,
-        limit_s=limit_s,
-        short=short,
-        refused=refused or {},
-    )
+def _measured(name: str, runs: Mapping[str, Callable[[], Measured]], **other: Any) -> Case:
+    if "tolerance" not in texts().get(name, {}):
+        other = {"tolerance": _SURE} | other
+    return case(GROUP, name, runs, **other)
 
 
 def cases() -> list[Case]:
@@ -127,8 +93,8 @@ def cases() -> list[Case]:
 
 def prepare(chosen: Sequence[Case]) -> None:
     """Compile the loops and build the Verilog that cases run: their engines but ngspice once, without judging them."""
-    for case in chosen:
-        for engine, run in case.runs.items():
+    for one in chosen:
+        for engine, run in one.runs.items():
             if engine not in ("event", "verilator") or not isinstance(run, functools.partial):
                 continue
             if run.func is converter_runs.codes:
@@ -159,31 +125,10 @@ def _of_duty() -> list[Case]:
     huge = (1.0, 1.5, 2.0, 1e3, 1e9, 1e15, 1e300, math.inf)
     one = 1 / GATE
     return [
-        _case(
-            "zero_and_next_to_zero",
-            "No current at all, minus zero, and subnormal ones: a division by it, or a charge that never "
-            "leaves the preset.",
-            "code 0",
-            World(tiny),
-            ALL,
-            analog=World((0.0, 1e-30, 1e-12)),
-            short=True,
-        ),
-        _case(
-            "one_half_and_its_neighbours",
-            "Where the gating by the last bit begins to act: one double below it never does, one above "
-            "always.",
-            "code 255 on all three",
-            World(_around([0.5])),
-            ALL,
-            certificate=1e-9,
-            short=True,
-        ),
+        _case("zero_and_next_to_zero", World(tiny), ALL, analog=World((0.0, 1e-30, 1e-12)), short=True),
+        _case("one_half_and_its_neighbours", World(_around([0.5])), ALL, certificate=1e-9, short=True),
         _case(
             "one_half_in_an_odd_gate",
-            "Over 509 clocks one half begins with a one and reads 255; the double below it begins a "
-            "clock later: 254.",
-            "254, 255, 255",
             World(_around([0.5]), gate=509, exactly=True),
             ("closed", "event", "icarus"),
             tolerance=_SURE,
@@ -191,9 +136,6 @@ def _of_duty() -> list[Case]:
         ),
         _case(
             "full_current_and_far_above",
-            "Charge runs away by (2 x - 1) / 2 packets a clock, up to a short circuit's infinity: sums "
-            "that lose the packet.",
-            "code 255",
             World(_around([1.0]) + huge),
             ALL,
             analog=World((1.0, 1.5, 1e3, math.inf)),
@@ -202,45 +144,27 @@ def _of_duty() -> list[Case]:
         ),
         _case(
             "just_above_one_half",
-            "The rate is pinned at one half while the charge creeps away: by 510 x 2^-53, by a "
-            "millionth, by a packet.",
-            "code 255",
             World((math.nextafter(0.5, 1), 0.5 + 1e-12, 0.5 + 1e-6, 0.5 + one, 0.51, 0.6)),
             ALL,
             analog=World((0.5 + 1e-6, 0.5 + one, 0.51, 0.6)),
         ),
         _case(
             "every_code_exactly",
-            "c / 510 is no double, for any c that does not divide; all 256 must come back, whichever way "
-            "they round.",
-            "code c of x = c / 510",
             World(EVERY_CODE),
             ALL,
             analog=World(EVERY_CODE[::5]),
             short=True,
             limit_s=30.0,
         ),
-        _case(
-            "every_code_and_its_neighbours",
-            "The doubles either side of c / 510, which a comparison with a rounded table would tell apart.",
-            "code c on all three",
-            World(_around(EVERY_CODE)),
-            EXACT,
-            refused=_ANALOG,
-        ),
+        _case("every_code_and_its_neighbours", World(_around(EVERY_CODE)), EXACT, refused=_ANALOG),
         _case(
             "between_two_codes",
-            "(c + 1/2) / 510 stands on the step itself, and its neighbours an ulp beside it: the hardest "
-            "comparison there is.",
-            "c or c + 1, as the binary value says; both where a gate of sums rounds across",
             World(_around([(c + 0.5) / GATE for c in range(255)])),
             EXACT,
             refused=_ANALOG,
         ),
         _case(
             "a_billionth_of_a_code_beside_the_step",
-            "A force 1e-12 from a step has its own code: nothing may be taken for equal that is not.",
-            "c below and c + 1 above (c + 1/2) / 510",
             World(tuple((c + 0.5) / GATE * (1 + s * 2e-12) for c in range(255) for s in (-1, 1))),
             EXACT,
             refused=_ANALOG,
@@ -248,31 +172,18 @@ def _of_duty() -> list[Case]:
         ),
         _case(
             "current_that_flows_out",
-            "A negative duty (offset current) takes charge away for ever; from above the level it still "
-            "counts a while.",
-            "0, or as many as the start pays for",
-            World(
-                (-1e-9, -0.1, -0.5, -3.0, -1e12),
-                {"preset_error": {"v_v": 3.25}},
-            ),
+            World((-1e-9, -0.1, -0.5, -3.0, -1e12), {"preset_error": {"v_v": 3.25}}),
             ("closed", "event", "icarus", "verilator"),
             refused={"cosim": "a resistance draws no negative current"},
         ),
         _case(
             "shortest_gate_of_the_chip",
-            "A gate of 32 clocks, the shortest that leaves the packer time for eight columns: 17 codes, "
-            "each to the clock.",
-            "round(32 x), every second clock above 1/2",
             World(tuple((c + d) / 32 for c in range(17) for d in (0.0, 0.49, -0.49)), gate=32),
             ("closed", "event", "icarus"),
             refused=_LATER | {"cosim": "a gate of 510 says the same at this accuracy"},
         ),
         _measured(
             "two_windows_differ_by_one_at_most",
-            "A Sturmian word: equal windows of one duty differ by at most one, whatever the phase a "
-            "window begins at.",
-            "floor and ceiling of N x, and nothing else",
-            "Morse and Hedlund 1940, and the walk in rationals",
             {"event": functools.partial(converter_inputs.windows, 97, 40)},
             refused={"closed": "counts from the preset only: no window begins elsewhere"}
             | dict.fromkeys(("icarus", "verilator", "cosim"), "every gate begins with the preset"),
@@ -291,9 +202,6 @@ def _of_ties() -> list[Case]:
     return [
         _case(
             "tie_on_every_clock_edge",
-            "x = 2^-k brings the charge to the level exactly on an edge, again and again: equal counts "
-            "as reached.",
-            "round half up of 510 x",
             World(tuple(2.0**-k for k in range(1, 14)), exactly=True),
             ALL,
             tolerance=_SURE + "; ngspice 1e-5 packets either way",
@@ -303,40 +211,21 @@ def _of_ties() -> list[Case]:
         ),
         _case(
             "tie_before_the_first_clock",
-            "The comparator's offset puts its level where the preset lets go: with no current it ties at "
-            "every clock.",
-            "the first clock has a one; with x = 0 it is the only one",
             World((0.0, 1e-9, 0.25, 0.5), {"comparator_offset": {"v_v": -0.5}}, exactly=True),
             ALL,
             tolerance=_SURE + "; ngspice 1e-5 packets either way",
         ),
         _case(
-            "crossing_in_the_last_femtosecond",
-            "The last one of a gate crosses 1 fs before its last edge, or 1 fs behind: 5e-9 clocks, "
-            "1e-11 of the duty.",
-            "c before, c - 1 behind",
-            World(beside(femto)),
-            EXACT,
-            refused=_ANALOG,
-            tolerance=_SURE,
+            "crossing_in_the_last_femtosecond", World(beside(femto)), EXACT, refused=_ANALOG, tolerance=_SURE
         ),
         _case(
             "crossing_in_the_last_attosecond",
-            "The same with 1 as: 5e-12 clocks, a thousandth of what light takes through an atom.",
-            "c before, c - 1 behind",
             World(tuple(x for x in beside(atto) if x > 0.05)),
             EXACT,
             refused=_ANALOG,
-            tolerance=(
-                "5e-12 clocks at 0.05 packets a clock are 2.5e-13 packets, beyond the 6e-14 that a gate "
-                "rounds"
-            ),
         ),
         _case(
             "crossing_in_the_last_femtosecond_before_a_delayed_sample",
-            "The comparator is looked at a delay before the edge: the last femtosecond is one in the "
-            "middle of a clock.",
-            "c before, c - 1 behind",
             World(
                 tuple((c - 0.5) / (GATE - 0.065 + s * femto) for c in range(3, 256, 36) for s in (-1, 1)),
                 {"comparator_delay": {"t_s": 1.3e-8}},
@@ -346,20 +235,12 @@ def _of_ties() -> list[Case]:
         ),
         _case(
             "dip_of_one_picosecond",
-            "Behind a latch the charge dips below the lower level of a window for 1 ps, between two "
-            "samples, or stays 1 ps above: "
-            "nothing but that dip resets the comparator.",
-            "the window's state, not the sample, decides",
             World(dips, {"comparator_hysteresis": {"v_v": 0.1}}, latch=True),
             ("event", "icarus", "verilator"),
             refused={"closed": _NO_LEAK["closed"].format("window")} | _ANALOG,
         ),
         _measured(
             "pulses_of_one_picosecond_at_the_synchronizer",
-            "A comparator that chatters: 1 ps pulses between edges are none, one across an edge is one, "
-            "of one clock.",
-            "counts of the edges that a pulse covers, gated by the last",
-            "the edges written down by hand",
             {"icarus": functools.partial(converter_inputs.glitches, "dermis_sync_ff")},
             refused={
                 "verilator": "two changes within a clock need an event simulator",
@@ -370,9 +251,6 @@ def _of_ties() -> list[Case]:
         ),
         _case(
             "asymptote_beside_the_level",
-            "A leaky charge creeps towards x / leak and never beyond: the level stands 1e-9 of it below "
-            "or above.",
-            "ones, or none at all",
             converter_inputs.asymptote(1e-9),
             ("event", "icarus", "verilator"),
             refused={"closed": _NO_LEAK["closed"].format("leak")} | _ANALOG,
@@ -391,15 +269,10 @@ def _of_leak() -> list[Case]:
         found.append(
             _measured(
                 f"locking_plateau_q{q}",
-                f"A leaky integrator locks to every p/{q} over a plateau; 1e-12 inside its edges the rate "
-                "stands still, outside not.",
-                "p ones in every q clocks inside; the walk's count outside",
-                "edges in rationals (hard.exact.plateau), counts by the recursion in 50 digits",
                 {"event": functools.partial(converter_inputs.locking, (q,), Fraction(99, 100), 12000, 1e-12)},
-                tolerance=(
-                    "1e-12 of x is 1e-10 of charge behind a leak of 0.01 a clock; the loop forgets its "
-                    "rounding as fast"
-                ),
+                why=f"A leaky integrator locks to every p/{q} over a plateau; 1e-12 inside its edges the rate "
+                "stands still, outside not.",
+                **texts()["locking_plateau"],
                 refused=no_leak
                 | {
                     "icarus": "12000 clocks of a plateau saturate the code; see plateau_one_half_in_a_gate",
@@ -414,29 +287,17 @@ def _of_leak() -> list[Case]:
         *found,
         _measured(
             "locking_plateaus_of_a_strong_leak",
-            "Half of the charge is gone each clock: plateaus cover nearly every duty, those of q = 12 "
-            "are 2e-4 wide.",
-            "p ones in every q clocks inside; the walk's count outside",
-            "edges in rationals (hard.exact.plateau), counts by the recursion in 50 digits",
             {"event": functools.partial(converter_inputs.locking, range(2, 13), Fraction(1, 2), 2000, 1e-12)},
-            tolerance="as locking_plateau_q2; the loop forgets twice a clock",
             refused=no_leak | _BELOW_SCENES,
         ),
         _measured(
             "locking_plateaus_of_a_weak_leak",
-            "One part in 1000 a clock: narrow plateaus, and a start that is felt for 30 000 clocks.",
-            "p ones in every q clocks inside; the walk's count outside",
-            "edges in rationals (hard.exact.plateau), counts by the recursion in 50 digits",
             {"event": functools.partial(converter_inputs.locking, (2, 3), Fraction(999, 1000), 60000, 1e-9)},
-            tolerance="1e-9 of x is 1e-6 of charge behind such a leak; the loop rounds by 1e-12",
             refused=no_leak | _BELOW_SCENES,
             limit_s=30.0,
         ),
         _case(
             "plateau_one_half_in_a_gate",
-            "A whole gate of 510 clocks at both edges of the plateau of one half, where the preset is "
-            "still remembered.",
-            "the walk's count; 254 where the leak costs the first one",
             World(edges, leak),
             LOOPS,
             refused=no_leak,
@@ -447,8 +308,6 @@ def _of_leak() -> list[Case]:
         _leaks("leak_time_constants_1e_3_to_1e15_s", -3, 15),
         _case(
             "output_that_follows_within_attoseconds",
-            "A gain-bandwidth product of 1e18 Hz: two time constants 12 decades apart in one clock.",
-            "as the ideal converter",
             World(_FEW, {"integrator_bandwidth": {"gbw_hz": 1e18}}),
             ("event", "icarus"),
             refused={"closed": _NO_LEAK["closed"].format("bandwidth")}
@@ -463,9 +322,6 @@ def _of_leak() -> list[Case]:
         ),
         _case(
             "slow_output_that_never_catches_up",
-            "A gain-bandwidth product of 10 kHz: the output is a hundred clocks behind the charge, and "
-            "overshoots by as many packets.",
-            "the walk's count",
             World((0.1, 0.4999, 0.75), {"integrator_bandwidth": {"gbw_hz": 1e4}}),
             ("event", "icarus", "cosim"),
             refused={"closed": _NO_LEAK["closed"].format("bandwidth")} | _LATER,
@@ -475,9 +331,6 @@ def _of_leak() -> list[Case]:
         ),
         _case(
             "two_poles_as_near_as_they_get",
-            "Leak and bandwidth with 1 / lag = across and a gain of 1: the two exponentials are nearest, "
-            "and neither is the slow one.",
-            "the walk's count",
             World(_FEW, converter_inputs.near_poles()),
             ("event", "icarus", "cosim"),
             refused=no_leak | _LATER,
@@ -489,11 +342,8 @@ def _of_leak() -> list[Case]:
 def _leaks(name: str, first: int, last: int) -> Case:
     return _measured(
         name,
-        "A clock is from 200 000 time constants down to 1e-22 of one: exp underflows at one end, 1 - exp "
-        "cancels at the other.",
-        "170 (every third clock) where a clock forgets all, up to the ideal code where nothing is lost",
-        _DIGITS,
         {e: functools.partial(converter_inputs.leaks, e, first, last) for e in ("event", "icarus")},
+        source=_DIGITS,
         tolerance=_BENT,
         refused={"closed": _NO_LEAK["closed"].format("leak"), "cosim": "see plateau_one_half_in_a_gate"}
         | _LATER,
@@ -523,9 +373,6 @@ def _of_levels() -> list[Case]:
     return [
         _case(
             "hysteresis_of_nearly_a_packet",
-            "The window is a packet less a millionth: one packet hardly crosses it, so each decision "
-            "hangs on its far edge.",
-            "the walk's count",
             World(_SOME, window),
             LOOPS,
             refused=no("window"),
@@ -533,10 +380,6 @@ def _of_levels() -> list[Case]:
         ),
         _measured(
             "hysteresis_larger_than_a_packet",
-            "A packet no longer crosses the window: the comparator latches up, and the state of one row "
-            "reaches the next.",
-            "a scene with it is refused by name; the loop itself counts what the walk counts",
-            "the walk in 50 digits, the cell given in packets",
             {
                 "scene": functools.partial(
                     converter_inputs.refused,
@@ -553,8 +396,6 @@ def _of_levels() -> list[Case]:
         ),
         _case(
             "comparator_delay_of_nearly_a_clock",
-            "The comparator is looked at 0.2 fs behind the edge before: every decision is a clock old.",
-            "the walk's count",
             World(_SOME, late),
             LOOPS,
             refused=no("delay"),
@@ -562,9 +403,6 @@ def _of_levels() -> list[Case]:
         ),
         _case(
             "comparator_delay_of_next_to_nothing",
-            "A delay of 1e-30 s: 1 - 5e-24 is 1, and the sample must not fall behind the clock, nor "
-            "before it.",
-            "the ideal codes",
             World(_SOME, early),
             LOOPS,
             refused=no("delay"),
@@ -572,9 +410,6 @@ def _of_levels() -> list[Case]:
         ),
         _measured(
             "comparator_delay_of_a_clock_and_more",
-            "A decision that is older than a clock needs a memory of more than one: another machine.",
-            "refused by name",
-            "models/dermis/effects.py says below one clock",
             {
                 f"scene_{word}": functools.partial(
                     converter_inputs.refused,
@@ -588,9 +423,6 @@ def _of_levels() -> list[Case]:
         ),
         _case(
             "range_that_just_holds_the_preset",
-            "The output stops a millionth of a packet beyond the preset on one side, a tenth beyond on "
-            "the other: both stops act.",
-            "the walk's count",
             World(_SOME, tight),
             LOOPS,
             refused=no("range"),
@@ -598,9 +430,6 @@ def _of_levels() -> list[Case]:
         ),
         _measured(
             "range_smaller_than_a_packet",
-            "Stops closer than the preset itself: the integrator could not even begin where it must.",
-            "refused by name in a scene; the loop itself counts what the walk counts",
-            "the walk in 50 digits, the cell given in packets",
             {
                 "scene": functools.partial(
                     converter_inputs.refused,
@@ -618,33 +447,24 @@ def _of_levels() -> list[Case]:
         ),
         _case(
             "preset_far_above_the_level",
-            "The integrator starts hundreds of packets above the level: it counts them off at every "
-            "second clock.",
-            "every second clock until they are paid, then the ideal",
             World((0.0, 1e-9, 0.1, 0.25, 0.4999), {"preset_error": {"v_v": 100.25}}),
             ("closed", "event", "icarus", "verilator"),
             refused={"cosim": "100 V on the integrator of a 3.3 V chip: the deck's supplies hold it"},
         ),
         _case(
             "packets_nearly_gone_and_nearly_doubled",
-            "A packet of a thousandth: charge runs away at once; one of 1.999: half of the codes.",
-            "the walk's count",
             World(_SOME, {"charge_packet": {"packet_error": -0.999}}),
             ("closed", "event", "icarus", "verilator"),
             refused={"cosim": "the integrator leaves its supplies; see packets_nearly_doubled"},
         ),
         _case(
             "packets_nearly_doubled",
-            "A packet of 1.999 ideal ones takes the charge far below the preset each time.",
-            "the walk's count",
             World(_SOME, {"charge_packet": {"packet_error": 0.999}}),
             ALL,
             analog=World(_FEW, {"charge_packet": {"packet_error": 0.999}}),
         ),
         _case(
             "all_effects_at_once",
-            "Leak, window, delay, range and preset error together: five kinds of piece in a clock.",
-            "the walk's count",
             World(_SOME, together),
             ("event", "icarus", "verilator", "cosim"),
             refused=no("leak, window, delay or range"),
@@ -653,9 +473,6 @@ def _of_levels() -> list[Case]:
         ),
         _case(
             "opposite_edge_latch",
-            "The flip-flop + latch of Fig. 2 takes the packet half a clock earlier; every code must be "
-            "the same all the same.",
-            "code c of x = c / 510",
             World(EVERY_CODE, latch=True),
             ("event", "icarus", "cosim"),
             refused={"closed": "has no charge delay: the same formula"} | _LATER,
@@ -673,27 +490,20 @@ def _of_scale() -> list[Case]:
     return [
         _measured(
             "packets_of_1e_21_to_1e_9_coulomb",
-            "Twelve decades of reference current, down to a hundredth of an electron a clock: only "
-            "ratios may matter.",
-            "code c of R = V 510 / (k i0 c), for every size",
-            "c itself; R is rounded by 1e-16 of it, half a code away from any step",
             {e: functools.partial(converter_inputs.packets, e) for e in ("closed", "event", "icarus")},
             refused=_LATER | {"cosim": "see packets_of_the_range_of_scenes"},
             short=True,
         ),
         _case(
             "packets_of_the_range_of_scenes",
-            f"The least reference current that a scene may have: packets of {slow:.0e} C, where a "
-            "simulator's abstol is 1e-12 A.",
-            "the ideal codes",
             World((0.0, *_FEW), interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
             ALL,
+            why=f"The least reference current that a scene may have: packets of {slow:.0e} C, where a "
+            "simulator's abstol is 1e-12 A.",
             analog=World(_FEW, interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
         ),
         _case(
             "largest_reference_current",
-            "1 A into 1 uF: packets of 2e-7 C.",
-            "the ideal codes",
             World((0.0, *_FEW), interface={"i0_a": 1.0, "c_int_f": 1e-6}),
             ALL,
             analog=World(_FEW, interface={"i0_a": 1.0, "c_int_f": 1e-6}),
@@ -701,9 +511,6 @@ def _of_scale() -> list[Case]:
         *(
             _case(
                 f"{word}_mirror_ratio",
-                f"k = {k}: the unit of resistance is {0.5 / (k * 25e-6):.6g} ohm, whose last digit every "
-                "taxel inherits.",
-                "the ideal codes",
                 World(EVERY_CODE[::3], interface={"k": k}),
                 ALL,
                 analog=World(_FEW, interface={"k": k}),
@@ -712,9 +519,6 @@ def _of_scale() -> list[Case]:
         ),
         _case(
             "counters_at_full_scale",
-            "A gate of 2000 clocks brings up to 1000 ones to a counter of 8 bits and a spare one: it "
-            "must stop, not wrap.",
-            "min(255, count)",
             World((0.05, 0.1, 0.1275, 0.128, 0.2, 0.2555, 0.256, 0.3, 0.5, 0.75, 2.0), gate=2000),
             ("closed", "event", "icarus"),
             refused=_LATER
@@ -732,9 +536,6 @@ def _of_time() -> list[Case]:
     return [
         _measured(
             "a_billion_clocks",
-            "A sum of 10^9 duties, none a short binary number: a rounding a clock, all of one sign, is 5e-8 packets.",
-            "floor(10^9 x + 1/2), and -1/2 + 10^9 x less that as the charge left",
-            "the one count that leaves a charge in -1 .. 0, in rationals; for short gates it is the walk's (tb/hard)",
             {
                 "closed": functools.partial(converter_runs.many_clocks, "closed", billion, duties),
                 "event": functools.partial(converter_runs.many_clocks, "event", billion, duties[:1]),
@@ -742,18 +543,13 @@ def _of_time() -> list[Case]:
                     converter_runs.many_clocks, "event", billion // 20, duties
                 ),
             },
-            tolerance="each sum's rounding is carried on, so the last two are left: twice half an ulp below 1, 2^-53",
             limit=2.0**-52,
             unit="packets",
             refused=_BELOW_SCENES,
         ),
         _measured(
             "ripple_after_a_billion_frames",
-            "The supply has rippled for 23 days: the phase in a slot is what is left of 2e11 turns.",
-            "the mean of 1 + r sin over the gate",
-            "phase in rationals from whole clocks, integral in 50 digits",
             {"event": functools.partial(converter_inputs.ripple, billion)},
-            tolerance="a sum of 510 sines rounds by 1e-13 of a duty of 0.2; a phase lost to time showed as 2e-8",
             limit=1e-13,
             unit="packets a clock",
             refused={
@@ -765,9 +561,6 @@ def _of_time() -> list[Case]:
         ),
         _measured(
             "jitter_of_a_clock_and_more",
-            "Clock edges that overtake each other: samples out of order, packets of negative width.",
-            "refused by name above a tenth of a clock, where ten sigma are between two edges",
-            "a clock whose edges change places is none; docs/effects.md",
             {
                 f"scene_{word}": functools.partial(
                     converter_inputs.refused,
@@ -781,11 +574,7 @@ def _of_time() -> list[Case]:
         ),
         _measured(
             "jitter_of_a_tenth_of_a_clock",
-            "The most jitter there may be: 1.4 packets rms in a gate, and samples a tenth of a clock early or late.",
-            "mean and spread of the codes of a walk from edge to edge with numbers of its own",
-            "5120 such walks (hard.converter_inputs.jitter)",
             {"event": functools.partial(converter_inputs.jitter, 2e-8)},
-            tolerance="five standard errors, which chance exceeds once in a million; the seeds are fixed",
             limit=5.0,
             unit="sigma",
             refused={"closed": _NO_LEAK["closed"].format("jitter")}
@@ -805,44 +594,23 @@ def _of_traps() -> list[Case]:
     return [
         _measured(
             "ghost_behind_312_ohm_with_preset",
-            "x = 0.8 leaves 153 packets behind in its slot; the preset must take every one of them from "
-            "the next row.",
-            "255, then 2",
-            "250 ohm / R in rationals",
             {e: functools.partial(converter_inputs.ghost, e) for e in ALL},
             short=True,
         ),
         _measured(
             "ghost_behind_312_ohm_without_preset",
-            "The same without preset between the rows: how many counts of the ghost are in the next row "
-            "is exactly known.",
-            "255, then 99 instead of 2; 156 where one gate follows the other at once",
-            "the walk in integers through settle and gate (hard.converter_inputs.unpreset)",
             {e: functools.partial(converter_inputs.ghost_unpreset, e) for e in ("closed", "event", "icarus")},
             refused=same,
         ),
         *(
             _measured(
                 name,
-                why,
-                expected,
-                "the recursion of two flip-flops in integers (hard.converter_inputs.two_flops)",
                 {"icarus": functools.partial(converter_inputs.trap, trap)},
                 refused={"closed": "knows the right synchronizer only", "event": "as closed"} | same,
             )
-            for name, trap, why, expected in (
-                (
-                    "synchronizer_gated_by_its_second_flop",
-                    "sync_second_qbar",
-                    "Pulses get two clocks wide and take two packets: half of the edges are gone.",
-                    "128, 100, 50 and 5 for codes 255, 200, 100 and 10",
-                ),
-                (
-                    "synchronizer_gated_by_both_flops",
-                    "sync_both_qbar",
-                    "Two clocks of dead time cap the rate at a third.",
-                    "170, 170, 100 and 10 for codes 255, 200, 100 and 10",
-                ),
+            for name, trap in (
+                ("synchronizer_gated_by_its_second_flop", "sync_second_qbar"),
+                ("synchronizer_gated_by_both_flops", "sync_both_qbar"),
             )
         ),
     ]
@@ -855,9 +623,6 @@ def _of_refusals() -> list[Case]:
     return [
         _measured(
             "every_number_of_a_scene_as_nan_and_infinity",
-            "Comparisons with NaN are false, so a range check written the other way round lets it through.",
-            "each refused with exit 2, its key named, where the key's table does not say that inf is legal",
-            "docs/scenes.md, the table of keys",
             {"scene": converter_inputs.every_number_refused},
             tolerance=_TYPED,
             unit="keys let through",
@@ -865,9 +630,6 @@ def _of_refusals() -> list[Case]:
         ),
         _measured(
             "resistances_that_are_none",
-            "NaN, minus infinity, negative and minus zero ohm in a list, a csv and an npy file.",
-            "refused with the place in the file; minus zero is a short",
-            "docs/scenes.md",
             {"scene": converter_inputs.bad_resistances},
             tolerance=_TYPED,
             unit="let through",
@@ -875,9 +637,6 @@ def _of_refusals() -> list[Case]:
         ),
         _measured(
             "duty_that_is_no_number",
-            "The formula's comparisons with NaN are all false: it would read a count like any other.",
-            "ValueError from the formula",
-            "vfc.count's contract",
             {"closed": converter_inputs.nan_duty},
             tolerance=_TYPED,
             unit="let through",

@@ -130,12 +130,7 @@ def _rtl(world: World, simulator: str) -> NDArray[Any]:
 
 
 def through_verilog(
-    made: Plan,
-    x: Floats,
-    bits: int,
-    simulator: str,
-    latch: bool = False,
-    instead: Sequence[Path] = (),
+    made: Plan, x: Floats, bits: int, simulator: str, latch: bool = False, instead: Sequence[Path] = ()
 ) -> NDArray[Any]:
     """Codes of duties through the Verilog; `instead` has files that take the place of modules."""
     most = made.converter.drowning()

@@ -21,7 +21,7 @@ from dermis.array import solve_error
 from dermis.array.array import Network, NoSolution, column_currents
 from dermis.converter import vfc
 from dermis.errors import InputError, SimulatorError
-from tb.programs.hard.case import Case, Measured
+from tb.programs.hard.case import Case, Measured, case, texts
 from tb.reference import nodal
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,6 @@ class Hard:
     """
 
     name: str
-    why: str
     g: Callable[[], Floats]
     kind: dict[str, Any] = field(default_factory=dict)
     exact: Callable[[Network], Floats] | None = None
@@ -188,77 +187,36 @@ def _one_of(size: int) -> Floats:
 ALL = slice(None)
 
 HARD: tuple[Hard, ...] = (
-    Hard("one_short", "0 ohm stands beside kilohms", partial(_with, np.inf, (1, 2)), CHIP, short=True),
-    Hard(
-        "many_shorts_share_a_row",
-        "0 ohm beside 0 ohm: how a current splits is the limit of small equal resistances",
-        partial(_with, np.inf, (1, 0), (1, 2), (2, 2), (3, 1)),
-        CHIP,
-    ),
-    Hard(
-        "whole_row_shorted", "four columns are one node through a row", partial(_with, np.inf, (2, ALL)), CHIP
-    ),
-    Hard(
-        "whole_column_shorted",
-        "every row is one node through a column",
-        partial(_with, np.inf, (ALL, 1)),
-        CHIP,
-    ),
-    Hard(
-        "all_shorted",
-        "nothing but shorts between drivers and inputs",
-        partial(_with, np.inf, (ALL, ALL)),
-        CHIP,
-    ),
-    Hard("one_open", "a conductance of 0", partial(_with, 0.0, (1, 2)), CHIP, short=True),
-    Hard("whole_row_open", "a row that leads nowhere", partial(_with, 0.0, (2, ALL)), CHIP),
-    Hard("whole_column_open", "a column that only laterals feed", partial(_with, 0.0, (ALL, 1)), CHIP),
-    Hard("all_open", "a matrix of drivers and inputs alone", partial(_with, 0.0, (ALL, ALL)), CHIP),
+    Hard("one_short", partial(_with, np.inf, (1, 2)), CHIP, short=True),
+    Hard("many_shorts_share_a_row", partial(_with, np.inf, (1, 0), (1, 2), (2, 2), (3, 1)), CHIP),
+    Hard("whole_row_shorted", partial(_with, np.inf, (2, ALL)), CHIP),
+    Hard("whole_column_shorted", partial(_with, np.inf, (ALL, 1)), CHIP),
+    Hard("all_shorted", partial(_with, np.inf, (ALL, ALL)), CHIP),
+    Hard("one_open", partial(_with, 0.0, (1, 2)), CHIP, short=True),
+    Hard("whole_row_open", partial(_with, 0.0, (2, ALL)), CHIP),
+    Hard("whole_column_open", partial(_with, 0.0, (ALL, 1)), CHIP),
+    Hard("all_open", partial(_with, 0.0, (ALL, ALL)), CHIP),
     Hard(
         "row_shorted_and_column_open",
-        "0 and infinity in one matrix",
         partial(_with, np.inf, (2, slice(0, 3)), (0, 0)),
         CHIP | {"r_row_grounded_ohm": np.inf},
     ),
-    Hard(
-        "taxels_over_18_decades",
-        "1e-3 to 1e15 ohm in one array",
-        partial(_decades, 4, 5, -3, 15),
-        CHIP,
-        short=True,
-    ),
-    Hard("taxels_over_18_decades_traces", "and traces between them", partial(_decades, 4, 4, -3, 15), TRACES),
+    Hard("taxels_over_18_decades", partial(_decades, 4, 5, -3, 15), CHIP, short=True),
+    Hard("taxels_over_18_decades_traces", partial(_decades, 4, 4, -3, 15), TRACES),
     Hard(
         "taxels_over_18_decades_floating",
-        "rows that hang on taxels of 1e15 ohm alone",
         partial(_decades, 4, 5, -3, 15),
         CHIP | {"r_row_grounded_ohm": np.inf},
     ),
-    Hard(
-        "taxels_over_70_decades",
-        "1e-35 to 1e35 ohm: far below and above what stood for short and open",
-        partial(_decades, 4, 4, -35, 35),
-        CHIP,
-    ),
+    Hard("taxels_over_70_decades", partial(_decades, 4, 4, -35, 35), CHIP),
     Hard(
         "tiny_taxels_share",
-        "two taxels of 1e-30 and 3e-30 ohm share a driver's current 3 to 1",
         lambda: np.array([[1e30, 1e30 / 3], [1e-3, 1e-3]]),
         {"r_row_driven_ohm": 1e3, "r_row_grounded_ohm": 1e3, "r_column_ohm": 1e-31},
     ),
-    Hard(
-        "laterals_off_beside_real_inputs",
-        "lateral conductance 0, the block is diagonal but for rows",
-        partial(_random_g, "off", 4, 5),
-        CHIP | {"g_lateral_row_s": 0.0},
-    ),
+    Hard("laterals_off_beside_real_inputs", partial(_random_g, "off", 4, 5), CHIP | {"g_lateral_row_s": 0.0}),
     *(
-        Hard(
-            f"laterals_{name}",
-            f"lateral resistors of {ohm:g} ohm: columns are {what}",
-            partial(_random_g, "lateral", 4, 5),
-            CHIP | {"g_lateral_row_s": 1 / ohm},
-        )
+        Hard(f"laterals_{name}", partial(_random_g, "lateral", 4, 5), CHIP | {"g_lateral_row_s": 1 / ohm})
         for name, ohm, what in (
             ("nano_ohm", 1e-9, "one node, condition 1e9"),
             ("condition_1e16", 1e-16, "one node, condition past 1e16"),
@@ -266,33 +224,24 @@ HARD: tuple[Hard, ...] = (
             ("tera_ohm", 1e12, "as good as alone"),
         )
     ),
-    Hard(
-        "drivers_ideal",
-        "drivers of 0 ohm: rows are no nodes",
-        partial(_random_g, "d", 4, 5),
-        {"r_column_ohm": 0.5},
-    ),
+    Hard("drivers_ideal", partial(_random_g, "d", 4, 5), {"r_column_ohm": 0.5}),
     Hard(
         "drivers_1e9",
-        "drivers of 1e9 ohm: rows nearly float, driven or not",
         partial(_random_g, "d9", 4, 5),
         CHIP | {"r_row_driven_ohm": 1e9, "r_row_grounded_ohm": 1e9},
     ),
     Hard(
         "driver_ideal_others_1e9",
-        "the slot changes one node from nearly floating to held",
         partial(_random_g, "d09", 4, 5),
         CHIP | {"r_row_driven_ohm": 0.0, "r_row_grounded_ohm": 1e9},
     ),
     Hard(
         "driver_1e9_others_ideal",
-        "the slot changes one node from held to nearly floating",
         partial(_random_g, "d90", 4, 5),
         CHIP | {"r_row_driven_ohm": 1e9, "r_row_grounded_ohm": 0.0},
     ),
     Hard(
         "driver_1e9_others_ideal_offsets",
-        "and what offsets drove through that row must go to nothing again",
         lambda: np.array([[1e12, 1e3], [1e-3, 2e-3]]),
         {
             "r_row_driven_ohm": 1e6,
@@ -302,84 +251,54 @@ HARD: tuple[Hard, ...] = (
         },
         cancels=True,
     ),
-    Hard(
-        "rows_floating",
-        "no row but the driven one hangs on anything: ghosts",
-        partial(_random_g, "f", 5, 4),
-        CHIP | {"r_row_grounded_ohm": np.inf},
-    ),
-    Hard(
-        "rows_floating_and_open",
-        "a floating row on which no taxel conducts",
-        partial(_with, 0.0, (2, ALL)),
-        CHIP | {"r_row_grounded_ohm": np.inf},
-    ),
+    Hard("rows_floating", partial(_random_g, "f", 5, 4), CHIP | {"r_row_grounded_ohm": np.inf}),
+    Hard("rows_floating_and_open", partial(_with, 0.0, (2, ALL)), CHIP | {"r_row_grounded_ohm": np.inf}),
     Hard(
         "rows_floating_tiny_traces",
-        "traces of 1e-23 ohm along floating rows",
         partial(_random_g, "f23", 3, 3),
         TRACES | {"r_row_grounded_ohm": np.inf, "r_trace_row_ohm": 1e-23, "r_trace_column_ohm": 1e-23},
     ),
     *(
         Hard(
             f"traces_{name}",
-            f"lines of {ohm:g} ohm a pitch",
             partial(_random_g, "traces", 4, 4),
             TRACES | {"r_trace_row_ohm": ohm, "r_trace_column_ohm": ohm},
         )
         for name, ohm in (("1e_minus_23", 1e-23), ("1e_minus_9", 1e-9), ("100", 100.0), ("1e9", 1e9))
     ),
     Hard(
-        "traces_of_rows_1e9",
-        "row lines so steep that products along them leave the range of factors",
-        partial(_random_g, "steep", 3, 12, 1e-3, 1e3),
-        CHIP | {"r_trace_row_ohm": 1e9},
+        "traces_of_rows_1e9", partial(_random_g, "steep", 3, 12, 1e-3, 1e3), CHIP | {"r_trace_row_ohm": 1e9}
     ),
-    Hard(
-        "traces_of_columns_alone",
-        "a chain of blocks without row lines",
-        partial(_random_g, "columns", 4, 4),
-        CHIP | {"r_trace_column_ohm": 0.3},
-    ),
-    Hard("one_by_one", "a matrix of one number", partial(_random_g, "1", 1, 1), TRACES, short=True),
-    Hard("one_row", "no grounded row at all", partial(_random_g, "1n", 1, 16), TRACES),
-    Hard(
-        "one_column",
-        "a single column has no neighbour to share a row with",
-        partial(_random_g, "n1", 12, 1),
-        TRACES,
-    ),
+    Hard("traces_of_columns_alone", partial(_random_g, "columns", 4, 4), CHIP | {"r_trace_column_ohm": 0.3}),
+    Hard("one_by_one", partial(_random_g, "1", 1, 1), TRACES, short=True),
+    Hard("one_row", partial(_random_g, "1n", 1, 16), TRACES),
+    Hard("one_column", partial(_random_g, "n1", 12, 1), TRACES),
     Hard(
         "offsets_1e_minus_20",
-        "offsets 1e-20 of the bias, alone: their own digits count",
         partial(_random_g, "tiny", 4, 5),
         CHIP | {"v_column_offset_v": [1e-20, -1e-20, 1e-20, 0.0, 2e-20], "r_column_ohm": 1e-9},
         cancels=True,
     ),
     Hard(
         "offsets_1e3",
-        "offsets 2000 times the bias",
         partial(_random_g, "huge", 4, 5),
         CHIP | {"v_column_offset_v": [1e3, -1e3, 0.0, 5e2, 1.0]},
         cancels=True,
     ),
     Hard(
         "offset_1e30_behind_5e17",
-        "-1e30 V behind 5e17 ohm: 2e12 A beside microamperes",
         partial(_random_g, "1e30", 3, 3),
         CHIP | {"v_column_offset_v": [-1e30, 0.0, 0.0], "r_column_ohm": [5e17, 0.5, 0.5]},
         cancels=True,
     ),
     Hard(
         "leaks_behind_1e9",
-        "a leak that finds the array a thousand times easier than its own input",
         partial(_random_g, "leak", 3, 4),
         TRACES | {"i_leak_a": [1e-6, 0.0, -1e-9, 1e-15], "r_column_ohm": [1e9, 0.5, 1e3, 1e6]},
         cancels=True,
     ),
     Hard(
         "chip_with_everything",
-        "16x16, all series resistances, unlike drivers, offsets and leaks: a shared factorisation and rank-1 slots",
         partial(_random_g, "chip", 16, 16),
         CHIP
         | {
@@ -392,7 +311,6 @@ HARD: tuple[Hard, ...] = (
     ),
     Hard(
         "square_256_uniform",
-        "256x256: 65 536 taxels, four panels of columns",
         lambda: np.full((256, 256), 1e-4),
         {"r_row_driven_ohm": 1.0, "r_row_grounded_ohm": 1.0, "r_column_ohm": 0.5},
         exact=_uniform,
@@ -401,7 +319,6 @@ HARD: tuple[Hard, ...] = (
     ),
     Hard(
         "square_256_ideal_offsets",
-        "256x256 with offsets on ideal lines",
         partial(_random_g, "256", 256, 256),
         {"v_column_offset_v": 1e-3 * _rng("256 offsets").standard_normal(256)},
         exact=_ideal,
@@ -410,7 +327,6 @@ HARD: tuple[Hard, ...] = (
     ),
     Hard(
         "square_128_one_taxel_on_traces",
-        "128x128: one taxel at the far corner behind 255 segments",
         partial(_one_of, 128),
         TRACES | {"g_lateral_row_s": 0.0, "g_lateral_column_s": 0.0},
         exact=_ladder,
@@ -500,55 +416,48 @@ def random_networks(count: int) -> Measured:
     return Measured(worst, f"{count} networks")
 
 
+_PROMISE = "what the solver promises, above its own counted bound and far below a code"
+_CANCELS = "; of the largest current of the slot, since sources cancel by nature"
+_REFUSED = {
+    "rtl": "its Verilog is given the currents of the same solver",
+    "cosim": "no ngspice is asked for resistances so far apart; decks of tamer arrays are compared in "
+    "tb/system/test_decks.py and tb/model/test_array_peers.py",
+}
+
+
 def cases() -> list[Case]:
-    """Every case, and what is refused."""
+    """Return every case, and the refusals."""
     found = []
     for hard in HARD:
-        runs: dict[str, Callable[[], Measured]] = {"solver": partial(run_currents, hard.name)}
+        why = texts()[hard.name]["why"]
         found.append(
-            Case(
-                name=hard.name,
-                group="array",
-                why=hard.why,
+            case(
+                "array",
+                hard.name,
+                {"solver": partial(run_currents, hard.name)},
                 expected="every column current in every slot",
                 source=hard.source,
-                tolerance="what the solver promises, above its own counted bound and far below a code"
-                + (
-                    "; of the largest current of the slot, since sources cancel by nature"
-                    if hard.cancels
-                    else ""
-                ),
+                tolerance=_PROMISE + (_CANCELS if hard.cancels else ""),
                 limit=hard.limit,
                 unit="1",
-                runs=runs,
                 short=hard.short,
             )
         )
         found.append(
-            Case(
-                name=f"{hard.name}_codes",
-                group="array",
-                why=hard.why,
-                expected="the code of the exact current",
+            case(
+                "array",
+                f"{hard.name}_codes",
+                {name: partial(run_code, hard.name, name) for name in ("closed", "event")},
+                why=why,
                 source=hard.source + ", then the count formula",
-                tolerance="codes are whole; where the exact count is within 1e-6 of a step both sides are right",
-                limit=0.0,
-                unit="lsb",
-                runs={name: partial(run_code, hard.name, name) for name in ("closed", "event")},
+                **texts()["codes_of_networks"],
                 short=hard.short,
-                refused={
-                    "rtl": "its Verilog is given the currents of the same solver",
-                    "cosim": "no ngspice is asked for resistances so far apart; decks of tamer arrays are compared in "
-                    "tb/system/test_decks.py and tb/model/test_array_peers.py",
-                },
+                refused=_REFUSED,
             )
         )
 
-    def refusal(name: str, why: str, runs: dict[str, Callable[[], Measured]], short: bool = True) -> Case:
-        return Case(
-            name, "array", why, "an error that names it", "there is no answer to give", "0: it comes, 1: not", 0.0, "1",
-            runs, short=short,
-        )  # fmt: skip
+    def refusal(name: str, runs: dict[str, Callable[[], Measured]], **other: str) -> Case:
+        return case("array", name, runs, unit="1", short=True, **texts()["refused_networks"], **other)
 
     for key, value in (
         ("g_taxel_s", np.nan), ("g_taxel_s", -1e-3), ("g_frames_s", np.nan), ("r_column_ohm", np.nan),
@@ -556,37 +465,26 @@ def cases() -> list[Case]:
         ("v_column_offset_v", np.inf), ("i_leak_a", np.nan),
     ):  # fmt: skip
         kind = "nan" if np.isnan(value) else "infinite" if np.isinf(value) else "negative"
+        run = partial(refused_value, key, value)
         why = f"{kind} in {key} would spread into every current"
-        found.append(refusal(f"{key}_{kind}_refused", why, {"solver": partial(refused_value, key, value)}))
-    found.append(
-        refusal(
-            "short_across_ideal_sources",
-            "0 ohm between a held row and a column with an offset has no solution",
-            {"solver": partial(no_solution, None)}
-            | {engine: partial(no_solution, engine) for engine in ("closed", "event", "rtl", "cosim")},
-        )
-    )
-    found.append(
-        refusal(
-            "offsets_cancel_beyond_doubles",
-            "1e12 A into a column and out of it again, where 2 uA are a code",
-            {engine: partial(doubtful_code, engine) for engine in ("closed", "event")},
-        )
-    )
-    found.append(
-        Case(
-            "small_networks_in_fractions", "array", "no rounding at all on the other side", "every current",
-            "Gauss over Python's fractions", "what the solver promises", 1e-12, "1", {"solver": exact_fractions},
-        )
-    )  # fmt: skip
-    found.append(
-        Case(
-            "random_networks_within_their_bounds", "array", "resistances of all kinds, 36 decades apart",
-            "every current within the bound that the solve reports", f"nodal matrix in {DIGITS} digits",
-            "1: the bound is a bound", 1.0, "1", {"solver": partial(random_networks, 60)},
-        )
-    )  # fmt: skip
-    return found
+        found.append(refusal(f"{key}_{kind}_refused", {"solver": run}, why=why))
+    shorts = {"solver": partial(no_solution, None)}
+    shorts |= {engine: partial(no_solution, engine) for engine in ("closed", "event", "rtl", "cosim")}
+    doubtful = {engine: partial(doubtful_code, engine) for engine in ("closed", "event")}
+    return [
+        *found,
+        refusal("short_across_ideal_sources", shorts),
+        refusal("offsets_cancel_beyond_doubles", doubtful),
+        case("array", "small_networks_in_fractions", {"solver": exact_fractions}, limit=1e-12, unit="1"),
+        case(
+            "array",
+            "random_networks_within_their_bounds",
+            {"solver": partial(random_networks, 60)},
+            source=f"nodal matrix in {DIGITS} digits",
+            limit=1.0,
+            unit="1",
+        ),
+    ]
 
 
 def prepare(chosen: Sequence[Case]) -> None:

@@ -8,6 +8,7 @@ lockstep.c's steps. Its error is the largest difference from the reference over 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -21,12 +22,13 @@ from numpy.typing import NDArray
 
 from dermis.chip import netlist
 from dermis.chip.ngspice import NgspiceHalf
-from dermis.files import write_between
+from dermis.files import write_atomic
+from dermis.places import ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
-from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 from scripts import workers
+from tb.programs.bench.measure import markdown
 from tb.programs.hard import stiff_circuits
 from tb.programs.hard.case import Case, Measured
 from tb.programs.hard.stiff_circuits import CIRCUITS, StiffCircuit
@@ -34,7 +36,6 @@ from tb.programs.hard.stiff_circuits import CIRCUITS, StiffCircuit
 Floats = NDArray[np.float64]
 
 DOCS = "build/stiff.md"
-BEGIN, END = "<!-- begin: stiff (written by dermis stiff --docs) -->", "<!-- end: stiff -->"
 
 OPTIONS = {
     "exact": netlist.options(pole=False),
@@ -262,7 +263,7 @@ def cases() -> list[Case]:
     ]
 
 
-# ---- docs -------------------------------------------------------------------------------------------------------
+# ---- errors by method, step and options --------------------------------------------------------------------------
 
 STEPS_S = {
     "transistor_amplifier": (1e-3, 1e-4, 1e-5),
@@ -274,29 +275,28 @@ STEPS_S = {
 
 
 def settings() -> Iterator[tuple[str, Setting]]:
-    """Every circuit with every method, step and option set of the docs table; the slowest are left out."""
+    """Yield every circuit with every method, step and option set; the slowest are left out."""
     for name, steps in STEPS_S.items():
-        for options in OPTIONS:
-            for method in ("trap", "gear"):
-                for step in steps:
-                    # Below 100 ns without truncation control: some minutes each, with nothing new.
-                    slow = name == "ring_modulator" and options == "exact" and step < 1e-7
-                    if not slow:
-                        yield name, Setting(method, step, options)
+        for options, method, step in itertools.product(OPTIONS, ("trap", "gear"), steps):
+            # Below 100 ns without truncation control: some minutes each, with nothing new.
+            if not (name == "ring_modulator" and options == "exact" and step < 1e-7):
+                yield name, Setting(method, step, options)
 
 
-def row(name: str, setting: Setting) -> tuple[float, float, int, int, float]:
-    """Largest error over all samples and at the end in volt, steps, rejected steps, seconds."""
+def row(name: str, setting: Setting) -> tuple[float, str]:
+    """Return the largest error over all samples in volt, and a note with the end, steps and seconds."""
     circuit = CIRCUITS[name]
     with tempfile.TemporaryDirectory() as work:
         solved = solve(circuit, setting, Path(work) / "ngspice.log")
-    path = distance(circuit, solved.states, circuit.probes)
     end = float(np.max(np.abs(solved.states[-1] - reference(circuit)[-1])))
-    return path, end, solved.accepted, solved.rejected, solved.seconds
+    note = (
+        f"at the end {end:.2g} V; {solved.accepted} steps, {solved.rejected} rejected, {solved.seconds:.2g} s"
+    )
+    return distance(circuit, solved.states, circuit.probes), note
 
 
 def sweep(jobs: int = 2) -> list[Row]:
-    """One row a circuit and setting; a run that ngspice gave up is an ERROR row with its words."""
+    """Return a row for each circuit and setting; a run that ngspice gave up is an ERROR row with its words."""
     chosen = list(settings())
     tasks = [workers.Task(row, each, 120.0) for each in chosen]
     rows: list[Row] = [{}] * len(tasks)
@@ -307,69 +307,31 @@ def sweep(jobs: int = 2) -> list[Row]:
             if outcome.fault:
                 rows[number] = verdict.error(key, outcome.fault, "V")
             else:
-                path, end, accepted, rejected, seconds = outcome.value
-                note = f"at the end {end:.2g} V; {accepted} steps, {rejected} rejected, {seconds:.2g} s"
-                rows[number] = verdict.report(key, path, "V", note)
+                rows[number] = verdict.report(key, outcome.value[0], "V", outcome.value[1])
             tell(done)
     return rows
 
 
-def _step_words(seconds: float) -> str:
-    for unit, size in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("ps", 1e-12)):
-        if seconds >= size * (1.0 - 1e-9):  # 1e-9 * 1000 is not quite 1e-6
-            return f"{seconds / size:g} {unit}"
-    raise ValueError(seconds)
-
-
-def docs_table(rows: Sequence[Row]) -> str:
-    """Published against own end values, then a table a circuit: error by option set and method, a column a step."""
-    lines = [
-        "| circuit | largest difference of the own reference from the published end values, V |",
-        "|---|---|",
-    ]
+def published_rows() -> Iterator[Row]:
+    """Yield the difference of each own reference from the published end values."""
     for name, circuit in CIRCUITS.items():
         if any(value is not None for value in circuit.published):
-            lines.append(f"| {circuit.title} | {against_published(name).error:.1e} |")
-    pump = CIRCUITS["charge_pump"]
-    own, told = reference(pump)[-1][3] * 1e-3, pump.published[3]
-    assert told is not None
-    lines += [
-        "",
-        f"Current of the charge pump at the end: {own:.12e} A in closed form, published {told:.12e} A.",
-    ]
-    by_name = {row["name"]: row for row in rows}
-    for name, steps in STEPS_S.items():
-        lines += ["", f"### {CIRCUITS[name].title[0].upper()}{CIRCUITS[name].title[1:]}", ""]
-        lines.append("| options | method | " + " | ".join(_step_words(s) for s in steps) + " |")
-        lines.append("|---|---|" + "---|" * len(steps))
-        for options in OPTIONS:
-            for method in ("trap", "gear"):
-                cells = []
-                for step in steps:
-                    found = by_name.get(f"stiff.{name}.{options}.{method}.{step:g}")
-                    if found is None:
-                        cells.append("not run")
-                    elif found["status"] == "ERROR":
-                        cells.append("ngspice gives up, exit 3")
-                    else:
-                        seconds = found["note"].rsplit(" ", 2)[1]
-                        cells.append(f"{found['value']:.2g} V, {seconds} s")
-                lines.append(f"| {options} | {method} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            note = "own reference against the published end values"
+            yield verdict.report(f"stiff.{name}.published", against_published(name).error, "V", note)
 
 
 @click.command("stiff")
-@click.option("--docs", is_flag=True, help=f"Also write the tables in {DOCS}.")
+@click.option("--docs", is_flag=True, help=f"Also write {DOCS}.")
 @click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Runs at a time.")
 def stiff_command(docs: bool, jobs: int) -> int:
-    """Errors of the published stiff circuits by method, step and option set; rows in build/stiff.json."""
+    """Measure errors of published stiff circuits by method, step and option set; rows in build/stiff.json."""
     for circuit in CIRCUITS.values():
         reference(circuit)
-    rows = sweep(jobs)
+    rows = [*sweep(jobs), *published_rows()]
     verdict.write_rows("stiff", rows)
     verdict.print_rows(rows, "Stiff circuits: largest error over all samples")
     if docs:
-        write_between(ROOT / DOCS, BEGIN, END, docs_table(rows))
+        write_atomic(ROOT / DOCS, markdown(rows, ["stiff"]) + "\n")
         click.echo(f"written: {DOCS}")
-    # Some settings are here to be shown to fail; what has to hold is judged by `dermis hard --only stiff`.
+    # Some settings are expected to fail; `dermis hard --only stiff` judges.
     return 0
