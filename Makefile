@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo docs setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -125,6 +125,9 @@ demo: setup ## one web page with the chip inside, build/demo/demo.html [ARGS=--c
 	@.venv/bin/python -c 'import selenium, ziglang' 2>/dev/null || \
 	.venv/bin/python -m pip install --quiet --only-binary :all: -r requirements_demo.txt
 	@$(dermis) demo $(ARGS)
+
+report: setup ## tables and runs of build/ as pages, listed in build/report/index.html
+	@$(dermis) report $(ARGS)
 
 docs: setup ## the documentation as a site, in build/site
 	@$(dermis) docs $(ARGS)

@@ -30,6 +30,10 @@ LATER = {
         "dermis.report.calibrate",
         "Fit a calibration to test currents, known loads and load cycles.",
     ),
+    "report": (
+        "dermis.report.html",
+        "Collect the tables and runs of build/ into pages, with an index.",
+    ),
     "read": (
         "dermis.report.read",
         "Read a recording with the chip: codes, and forces with time and intervals.",
@@ -56,6 +60,34 @@ def elsewhere() -> dict[str, tuple[str, str]]:
     return LATER | {name: (entry["module"], entry["help"]) for name, entry in programs.items()}
 
 
+NO_TABLE = ("docs", "plan", "report")
+"""Commands that write no verdict table."""
+
+
+def with_page(name: str, command: click.Command) -> click.Command:
+    """Give a command the option --html, which writes its verdict tables and runs as a page."""
+    call = command.callback
+    if call is None or any(parameter.name == "html" for parameter in command.params):
+        return command
+    option = click.Option(
+        ["--html"],
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Also write a report page, one file.",
+    )
+
+    @functools.wraps(call)
+    def callback(*args: Any, html: Path | None = None, **options: Any) -> Any:
+        if html is None:
+            return call(*args, **options)
+        from dermis.report import html as pages
+
+        return pages.reporting(name, html, lambda: call(*args, **options))
+
+    command.params.append(option)
+    command.callback = callback
+    return command
+
+
 class Commands(click.Group):
     """A group with further commands: `<name>_command` of the modules in `elsewhere`."""
 
@@ -64,8 +96,11 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in elsewhere():
-            return super().get_command(ctx, name)
-        return getattr(importlib.import_module(elsewhere()[name][0]), f"{name.replace('-', '_')}_command")
+            command = super().get_command(ctx, name)
+        else:
+            module = importlib.import_module(elsewhere()[name][0])
+            command = getattr(module, f"{name.replace('-', '_')}_command")
+        return command if command is None or name in NO_TABLE else with_page(name, command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands elsewhere without importing them."""

@@ -38,6 +38,9 @@ ALWAYS = ("codes.npy", "codes.csv", "summary.json", "resolved.toml")
 SOMETIMES = ("codes_low.npy", "codes_high.npy", "frame.png", "transient.png", "waves.vcd", "waves.gtkw")
 
 
+WRITTEN: list[Path] = []
+"""Directories that this process has filled with results of runs."""
+
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
 """Prefixes of directories: with files being written, and with a complete set that is about to be moved."""
 
@@ -290,3 +293,4 @@ def write(
             if draw is not None:
                 draw(scratch)
             _commit(scratch, out)
+    WRITTEN.append(out)

@@ -139,9 +139,14 @@ def error(name: str, reason: str, unit: str = "") -> Row:
     return skip(name, reason, unit) | {"status": "ERROR"}
 
 
+WRITTEN: list[tuple[str, list[Row]]] = []
+"""Tables that this process has written, by target: what a report page shows."""
+
+
 def write_rows(target: str, rows: Sequence[Row]) -> None:
     """Write build/<target>.json whole or not at all."""
     write_atomic(BUILD / f"{target}.json", json.dumps(list(rows), indent=1, allow_nan=False) + "\n")
+    WRITTEN.append((target, list(rows)))
 
 
 def _said(value: Any) -> str:
