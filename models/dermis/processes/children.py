@@ -22,7 +22,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from dermis.errors import SimulatorError
+from dermis.errors import SimulatorError, one_line
 from dermis.processes import watchdog
 
 STARTED_S = 10.0
@@ -109,6 +109,21 @@ class Child(subprocess.Popen[bytes]):
         """End it, if it still runs, and all that it started: sby's solvers have process groups of their own."""
         watchdog.end(self.processes)
         self.wait()
+
+    def end_others(self) -> list[str]:
+        """End all that it started, but not itself; return their commands."""
+        commands: dict[int, str] = {}
+
+        def others() -> set[watchdog.Process]:
+            found = {p for p in self.processes() if p[0] != self.pid and not _is_watchdog(p[0])}
+            for pid, _ in found:
+                with contextlib.suppress(OSError):  # gone meanwhile
+                    data = Path(f"/proc/{pid}/cmdline").read_bytes()
+                    commands.setdefault(pid, one_line(data.replace(b"\0", b" ").decode(errors="replace"), 60))
+            return found
+
+        watchdog.end(others)
+        return sorted(commands.values())
 
 
 _held = threading.local()

@@ -9,6 +9,7 @@ child as any other (dermis.processes.children): marked, watched, and ended with 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import pickle
 import select
@@ -17,7 +18,8 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,23 +50,48 @@ _LENGTH = struct.Struct(">Q")
 
 
 class WorkerLost(SimulatorError):
-    """A worker ended, or stopped moving, in the middle of a call."""
+    """A worker ended, or was ended, in the middle of a call.
+
+    Attributes
+    ----------
+    code : exit code of the worker, negative for a signal
+    left : commands of the other processes of its tree, which were ended as well
+    """
+
+    def __init__(self, what: str, code: int = 0, left: Sequence[str] = ()) -> None:
+        super().__init__(what)
+        self.code, self.left = code, left
 
 
-class _Workers(Executor):
+class LimitReached(WorkerLost):
+    """A call took longer than its limit; its worker was ended."""
+
+
+class Workers(Executor):
+    """An executor whose workers are child processes."""
+
     def __init__(self, processes: int, environment: Mapping[str, str]) -> None:
         self._environment = dict(environment)
         self._threads = ThreadPoolExecutor(processes)
         self._own = threading.local()
         self._lock = threading.Lock()
-        self._workers: list[Child] = []
+        self._workers: set[Child] = set()
         self._ended = False
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
-        return self._threads.submit(self._call, function, arguments, options)
+        return self._threads.submit(self._call, (function, arguments, options))
+
+    def limited(
+        self, function: Callable[..., Any], arguments: tuple[Any, ...], limit_s: float, fresh: bool = False
+    ) -> Future[tuple[Any, list[str]]]:
+        """Submit a call with a time limit; its result is the value and the commands that it left running.
+
+        Whatever the call leaves running is ended. With `fresh` its worker takes no other call.
+        """
+        return self._threads.submit(self._limited, (function, arguments, {}), limit_s, fresh)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the workers go once they are idle; with `cancel_futures` end them at once."""
+        """End the workers once they are idle, or at once with `cancel_futures`."""
         if cancel_futures:
             with self._lock:
                 self._ended = True
@@ -72,66 +99,109 @@ class _Workers(Executor):
             for worker in workers:
                 worker.end()
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures)
-        for worker in self._workers:
-            worker.end()  # idle, or ended already: nothing is lost
-            for pipe in (worker.stdin, worker.stdout):
-                with contextlib.suppress(OSError):  # what a dead worker no longer read
-                    pipe.close()
+        for worker in list(self._workers):
+            self._drop(worker)
 
     def _worker(self) -> Child:
-        """The worker of this thread, started by its first call and again once it was lost."""
-        if (worker := getattr(self._own, "worker", None)) is None:
+        """Return the worker of this thread, started by its first call and again after it was dropped."""
+        worker: Child | None = getattr(self._own, "worker", None)
+        if worker is None:
             with self._lock:
                 if self._ended:
                     raise WorkerLost("the run was ended")
                 command = [sys.executable, "-m", "dermis.processes.pool"]
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
                 worker = Child(command, self._environment, **pipes)
-                self._workers.append(worker)
-            self._put(worker, _packed([path or os.getcwd() for path in sys.path]))
+                self._workers.add(worker)
             self._own.worker = worker
+            self._put(worker, _packed([path or os.getcwd() for path in sys.path]))
         return worker
 
-    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
-        worker = self._worker()
-        try:
-            self._put(worker, _packed((function, arguments, options)))
-            done, value = pickle.loads(self._get(worker, _LENGTH.unpack(self._get(worker, _LENGTH.size))[0]))
-        except (OSError, EOFError):
-            worker.end()
+    def _drop(self, worker: Child) -> list[str]:
+        """End a worker and all it started; return the commands of what it started."""
+        left = worker.end_others()
+        worker.end()
+        for pipe in (worker.stdin, worker.stdout):
+            with contextlib.suppress(OSError):  # unread data for a dead worker
+                pipe.close()
+        with self._lock:
+            self._workers.discard(worker)
+        if getattr(self._own, "worker", None) is worker:
             self._own.worker = None
-            raise WorkerLost(f"a worker process died ({ended(worker.returncode)})") from None
+        return left
+
+    def _call(
+        self, call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]], limit_s: float = math.inf
+    ) -> Any:
+        data, worker = _packed(call), self._worker()
+        try:
+            self._put(worker, data)
+            done, value = self._get(worker)  # the call is read: what it imports does not count
+            if done:
+                done, value = self._get(worker, limit_s)
+        except _Late as late:
+            raise late.kind(late.said, left=self._drop(worker)) from None
+        except (OSError, EOFError):
+            left = self._drop(worker)
+            raise WorkerLost(
+                f"a worker process died ({ended(worker.returncode)})", worker.returncode, left
+            ) from None
         if not done:
             raise value
         return value
+
+    def _limited(
+        self,
+        call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]],
+        limit_s: float,
+        fresh: bool,
+    ) -> tuple[Any, list[str]]:
+        value = self._call(call, limit_s)
+        worker = self._worker()
+        return value, self._drop(worker) if fresh else worker.end_others()
 
     def _put(self, worker: Child, data: bytes) -> None:
         assert worker.stdin is not None
         pipe, left = worker.stdin.fileno(), memoryview(data)
         os.set_blocking(pipe, False)
         while left:
-            self._wait(worker, pipe, select.POLLOUT)
+            self._wait(worker, pipe, select.POLLOUT, math.inf)
             left = left[os.write(pipe, left) :]
 
-    def _get(self, worker: Child, size: int) -> bytes:
+    def _get(self, worker: Child, limit_s: float = math.inf) -> Any:
+        """Read one answer."""
         assert worker.stdout is not None
-        pipe, data = worker.stdout.fileno(), bytearray()
-        while len(data) < size:
-            self._wait(worker, pipe, select.POLLIN)
-            data += (part := os.read(pipe, size - len(data)))
-            if not part:
-                raise EOFError
-        return bytes(data)
+        pipe, until = worker.stdout.fileno(), time.monotonic() + limit_s
 
-    def _wait(self, worker: Child, pipe: int, event: int) -> None:
-        """Wait until a pipe takes or gives something: one that stands still may do so at any byte."""
+        def read(size: int) -> bytes:
+            data = bytearray()
+            while len(data) < size:
+                self._wait(worker, pipe, select.POLLIN, until)
+                data += (part := os.read(pipe, size - len(data)))
+                if not part:
+                    raise EOFError
+            return bytes(data)
+
+        return pickle.loads(read(_LENGTH.unpack(read(_LENGTH.size))[0]))
+
+    def _wait(self, worker: Child, pipe: int, event: int, until: float) -> None:
+        """Wait until a pipe is ready; raise _Late at the limit, or if the worker makes no progress."""
         ready, patience = select.poll(), Patience(STALL_S)
         ready.register(pipe, event)
-        while not ready.poll(1000 * LOOK_S):
+        while not ready.poll(1000 * max(0.0, min(LOOK_S, until - time.monotonic()))):
+            if time.monotonic() >= until:
+                raise _Late(LimitReached, "a call took longer than its limit")
             if patience.over(_used(worker)):
-                worker.end()
-                self._own.worker = None
-                raise WorkerLost(f"a worker process did not move for {STALL_S:g} s and was ended")
+                said = f"a worker process did not move for {STALL_S:g} s and was ended"
+                raise _Late(WorkerLost, said)
+
+
+class _Late(Exception):
+    """A worker must be ended: the error that says so, and its text."""
+
+    def __init__(self, kind: type[WorkerLost], said: str) -> None:
+        super().__init__(said)
+        self.kind, self.said = kind, said
 
 
 def _used(worker: Child) -> int:
@@ -169,15 +239,15 @@ def receive(pipe: IO[bytes]) -> Any:
 
 
 @contextmanager
-def workers(processes: int, environment: Mapping[str, str]) -> Iterator[Executor]:
-    """So many workers, all of them gone at the end, whatever the end is.
+def workers(processes: int, environment: Mapping[str, str] = ONE_THREAD) -> Iterator[Workers]:
+    """Give an executor; no worker is left at the end of the block, however it ends.
 
     Parameters
     ----------
-    processes : at most so many, each started when there is a call for it
-    environment : variables that they have beside those of this process
+    processes : the largest number of workers, each started by a call
+    environment : variables of the workers, added to those of this process
     """
-    pool = _Workers(processes, environment)
+    pool = Workers(processes, environment)
     try:
         yield pool
     except BaseException:
@@ -225,6 +295,7 @@ def main() -> None:
         except Exception as error:  # a function that is not to be found here
             _reply(answers, False, RuntimeError(f"{type(error).__name__}: {error}"))
             continue
+        send(answers, (True, None))
         _reply(answers, *_answer(*call))
 
 

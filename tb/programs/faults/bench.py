@@ -39,7 +39,7 @@ ROLES = {
     "watchdog": r"watchdog\.py",
     "cosim_child": r"dermis\.engines\.cosim_hdl",
     "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
-    "worker": r"-m dermis\.processes\.pool|multiprocessing\.spawn|multiprocessing-fork",
+    "worker": r"-m dermis\.processes\.pool",
     "dask": r"dask_scheduler|dask_worker",
     "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",
     "yosys": r"yosys|abc",
