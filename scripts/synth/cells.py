@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two cell libraries of synthesis: where they lie, and what their Liberty says of each cell."""
+"""The two cell libraries of synthesis: their files, and the cells of their Liberty."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from dermis.errors import InputError
 from dermis.files import text_of
 from dermis.scene.design import ROOT
+from scripts.liberty.syntax import Group, parse, render
 
 SYNTH = ROOT / "rtl" / "synth"
 OSU035 = Path("/usr/share/qflow/tech/osu035")
@@ -18,22 +19,21 @@ OSU035 = Path("/usr/share/qflow/tech/osu035")
 
 @dataclass(frozen=True)
 class Technology:
-    """A cell library and the few cells that the flow names itself.
+    """A cell library and the few cells that the flow names.
 
     Parameters
     ----------
     name : name on the command line
-    corners : corners there is Liberty for, the typical one first
+    corners : corners with Liberty files, the typical one first
     slow, fast : corners of setup and of hold
-    latch : the library's latch, of which there is one in every dermis_tech_latch
+    latch : latch of the library, one in every dermis_tech_latch
     buffer : cell, input pin, output pin; drives up to `fanout` inputs
-    driver : cell that ABC takes as the driver of every flip-flop output and input pin
-    load_ff : load ABC takes behind every output: a flop's input and its wire
-    wire_ff, wire_ff_per_sink : stated capacitance of a net before there is a layout: its first and each further sink
-    tie_high, tie_low : cell and pin of a constant; None where the library has no such cell and constants stay
-    dont_use : cells of the Liberty that mapping must leave alone
-    late, early : factors on delays of our own tables: of setup paths at the slow corner, of hold paths at the
-        fast one
+    driver : driver of every flip-flop output and input pin in ABC
+    load_ff : load of every output in ABC: the input of a flop and its wire
+    wire_ff, wire_ff_per_sink : capacitance of a net before layout: its first and each further sink
+    tie_high, tie_low : cell and pin of a constant; None if the library has no such cell
+    dont_use : cells that mapping must not use
+    late, early : derates of our own tables: setup at the slow corner, hold at the fast one
     """
 
     name: str
@@ -76,7 +76,7 @@ class Technology:
         return Path(liberty_file(corner))
 
     def derates(self, corner: str) -> tuple[float, float]:
-        """Factors on early and late delays of a corner; 1 for a foundry's own Liberty."""
+        """Return the early and late derates of a corner; 1 for the Liberty of a foundry."""
         if self.name == "sky130":
             from scripts.liberty.command import DIRECTORY
 
@@ -88,17 +88,17 @@ class Technology:
         )
 
     def latch_source(self) -> Path:
-        """The Verilog that stands in the place of rtl/dermis_tech_latch.v."""
+        """Return the Verilog that replaces rtl/dermis_tech_latch.v."""
         return SYNTH / self.name / "dermis_tech_latch.v"
 
     def functions(self) -> list[Path]:
-        """Verilog of cells whose Liberty Yosys does not read rightly, each file named like its cell."""
+        """Return the Verilog of cells whose Liberty Yosys misreads, one file per cell."""
         own = self.latch_source()
         return sorted(path for path in own.parent.glob("*.v") if path != own)
 
 
-# Wire capacitance: about 0.2 fF a um on thin metal in both, and 40 um (0.13 um rules) or 100 um (0.35 um rules) to the
-# next sink of a block of some thousand cells. A guess until there is a layout; docs/synthesis.md shows what it moves.
+# Wire capacitance: about 0.2 fF per um on thin metal, and 40 um (0.13 um rules) or 100 um (0.35 um rules) to the next
+# sink in a block of some thousand cells. An estimate until layout; docs/synthesis.md shows its influence.
 TECHNOLOGIES: Mapping[str, Technology] = {
     "sky130": Technology(
         name="sky130",
@@ -113,9 +113,9 @@ TECHNOLOGIES: Mapping[str, Technology] = {
         wire_ff_per_sink=8.0,
         tie_high=("sky130_fd_sc_hd__conb_1", "HI"),
         tie_low=("sky130_fd_sc_hd__conb_1", "LO"),
-        # Delay lines, clock cells and latches are no logic.
+        # Delay cells, clock cells and latches are not for logic.
         dont_use=r"sky130_fd_sc_hd__(dly|clk|dl[rx]|probe|lpflow)\w*",
-        # The tables made here are up to 15 % faster at ss than the foundry's, and 5 % slower at ff: docs/liberty.md.
+        # Our tables are up to 15 % faster at ss than those of the foundry, and 5 % slower at ff: docs/liberty.md.
         late=1.15,
         early=0.9,
         description="SkyWater sky130_fd_sc_hd, 130 nm, 1.8 V",
@@ -141,7 +141,7 @@ TECHNOLOGIES: Mapping[str, Technology] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """What Liberty says of a cell: area in um2, its pins, and whether it stores."""
+    """A cell of a Liberty file: area in um2, pins, and kind of storage."""
 
     name: str
     area_um2: float
@@ -154,57 +154,35 @@ class Cell:
     reset: bool = False
 
 
-_CELL = re.compile(r'^\s*cell\s*\(\s*"?(\w+)"?\s*\)\s*\{?', re.MULTILINE)
-_PIN = re.compile(r'\bpin\s*\(\s*"?(\w+)"?\s*\)\s*\{')
-_STATE = re.compile(r"\b(ff|latch)\s*\([^)]*\)\s*\{([^}]*)\}")
-
-
-def _groups(text: str) -> list[tuple[str, str]]:
-    """Cells of a Liberty text, each with its text."""
-    starts = list(_CELL.finditer(text))
-    ends = [m.start() for m in starts[1:]] + [len(text)] * bool(starts)
-    return [(m.group(1), text[m.start() : end]) for m, end in zip(starts, ends, strict=True)]
-
-
-def _attribute(text: str, name: str) -> str | None:
-    found = re.search(rf'\b{name}\s*:\s*"?([^";]*)"?\s*;', text)
-    return found.group(1).strip() if found else None
-
-
-def _pins_in(state: str, keys: tuple[str, ...]) -> frozenset[str]:
-    """Pins named in the functions of some attributes of an ff or latch group."""
-    return frozenset(pin for key in keys for pin in re.findall(r"[A-Za-z_]\w*", _attribute(state, key) or ""))
+def _pins_in(state: Group | None, keys: tuple[str, ...]) -> frozenset[str]:
+    """Return the pins in the functions of some attributes of an ff or latch group."""
+    said = " ".join(state.attributes.get(key, "") for key in keys) if state else ""
+    return frozenset(re.findall(r"[A-Za-z_]\w*", said))
 
 
 def cells(liberty: Path) -> dict[str, Cell]:
-    """Read what synthesis needs to know of each cell of a Liberty file.
+    """Read the cells of a Liberty file.
 
     Raises
     ------
     InputError
-        It holds no cells.
+        It is no Liberty file, or has no cells.
     """
     made: dict[str, Cell] = {}
-    for name, body in _groups(text_of(liberty, "a Liberty file")):
-        state = _STATE.search(body)
-        pins = list(_PIN.finditer(body))
-        ends = [m.start() for m in pins[1:]] + [len(body)] * bool(pins)
-        directions = {
-            m.group(1): _attribute(body[m.end() : end], "direction") or ""
-            for m, end in zip(pins, ends, strict=True)
-        }
-
-        said = state.group(2) if state else ""
-        made[name] = Cell(
-            name=name,
-            area_um2=float(_attribute(body, "area") or 0.0),
-            inputs=frozenset(p for p, d in directions.items() if d == "input"),
-            outputs=frozenset(p for p, d in directions.items() if d == "output"),
-            clocks=_pins_in(said, ("clocked_on", "enable")) & directions.keys(),
-            asynchronous=_pins_in(said, ("clear", "preset")) & directions.keys(),
-            flop=bool(state and state.group(1) == "ff"),
-            latch=bool(state and state.group(1) == "latch"),
-            reset=bool(_pins_in(said, ("clear", "preset"))),
+    for group in parse(text_of(liberty, "a Liberty file"), str(liberty)).of("cell"):
+        state = next((g for g in group.groups if g.kind in ("ff", "latch")), None)
+        pins = {g.name: g.attributes.get("direction", "").strip('"') for g in group.of("pin")}
+        asynchronous = _pins_in(state, ("clear", "preset"))
+        made[group.name] = Cell(
+            name=group.name,
+            area_um2=float(group.attributes.get("area", 0.0)),
+            inputs=frozenset(p for p, d in pins.items() if d == "input"),
+            outputs=frozenset(p for p, d in pins.items() if d == "output"),
+            clocks=_pins_in(state, ("clocked_on", "enable")) & pins.keys(),
+            asynchronous=asynchronous & pins.keys(),
+            flop=state is not None and state.kind == "ff",
+            latch=state is not None and state.kind == "latch",
+            reset=bool(asynchronous),
         )
     if not made:
         raise InputError(liberty, "cell", "none", "a Liberty file with cells")
@@ -212,7 +190,7 @@ def cells(liberty: Path) -> dict[str, Cell]:
 
 
 def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, float]:
-    """Area of every cell in um2; from the LEF where Liberty says 0, as osu035 does of its latch."""
+    """Return the area of every cell in um2, from the LEF where Liberty has 0, as for the latch of osu035."""
     found = {name: cell.area_um2 for name, cell in library.items()}
     missing = {name for name, area in found.items() if area <= 0.0}
     if technology.name == "osu035" and missing:
@@ -225,21 +203,9 @@ def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, floa
 
 
 def mapping_liberty(technology: Technology, liberty: Path, target: Path) -> Path:
-    """Write the Liberty that mapping may choose from: without the cells of `dont_use`."""
-    text = text_of(liberty, "a Liberty file")
+    """Write the Liberty file for mapping, without the cells of `dont_use`."""
+    library = parse(text_of(liberty, "a Liberty file"), str(liberty))
     unwanted = re.compile(technology.dont_use)
-    pieces: list[str] = []
-    position = 0
-    for match in _CELL.finditer(text):
-        if not unwanted.fullmatch(match.group(1)) or match.start() < position:
-            continue
-        depth = 0
-        for brace in re.compile(r"[{}]").finditer(text, match.start()):
-            depth += 1 if brace.group() == "{" else -1
-            if depth == 0:
-                pieces.append(text[position : match.start()])
-                position = brace.end()
-                break
-    pieces.append(text[position:])
-    target.write_text("".join(pieces), encoding="utf-8")
+    library.groups = [g for g in library.groups if g.kind != "cell" or not unwanted.fullmatch(g.name)]
+    target.write_text(render(library, []), encoding="utf-8")
     return target

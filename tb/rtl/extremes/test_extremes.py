@@ -28,12 +28,14 @@ def test_each_broken_line_is_found_by_its_own_bit(simulator: str) -> None:
     run(simulator, "lines")
 
 
+@pytest.mark.long
 def test_injected_rate_is_counted_exactly(simulator: str) -> None:
     counts = run(simulator, "rates")
     assert counts[0] in (499, 500)
     assert counts[1] == 0
 
 
+@pytest.mark.long
 def test_counters_of_16_bits_wrap_or_stop_in_verilator() -> None:
     """FRAME_NUMBER wraps, LOST and SPI_ERRORS stop at their top; that far only in `make coverage`."""
     many = 70_000 if "DERMIS_COVERAGE" in os.environ else 700

@@ -33,6 +33,7 @@ def test_ready_waiting_and_lost(simulator: str) -> None:
     simulate(simulator, "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE)
 
 
+@pytest.mark.long
 def test_the_count_of_lost_frames_stops_at_its_end() -> None:
     simulate("verilator", "bench_frame_buffer", "dermis_frame_buffer", "many_lost", SIZE)
 
@@ -71,6 +72,7 @@ def changed(tmp_path: Path, changes: list[tuple[str, str]]) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_cs_that_is_seen_late_lets_go_of_nothing(tmp_path: Path) -> None:
     assert whole_frames("icarus", 0, changed(tmp_path, [LATE_CS]))["different"] > 20
 

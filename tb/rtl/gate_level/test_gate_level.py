@@ -17,7 +17,7 @@ from scripts.synth import cells as synth_cells
 from scripts.synth.cells import TECHNOLOGIES
 from scripts.synth.map import Netlist, Size, map_design
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(240)]
 OSU035 = TECHNOLOGIES["osu035"]
 SIZE = Size(2, 2, sync_latch=True)
 needs_osu035 = pytest.mark.skipif(
@@ -49,7 +49,6 @@ def changed(netlist: Netlist, directory: Path, pattern: str, new: str) -> Netlis
     return dataclasses.replace(netlist, verilog=wrong)
 
 
-@pytest.mark.long
 @needs_osu035
 def test_the_netlist_does_on_its_pins_what_the_verilog_does(netlist: Netlist, wanted: Any) -> None:
     rows = gate_level.pin_rows(netlist, SIZE, "x", wanted)
@@ -81,7 +80,6 @@ def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(
     assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))["unlike_pins"] == "FAIL"
 
 
-@pytest.mark.long
 @needs_osu035
 def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlist, tmp_path: Path) -> None:
     # A gate of 510 clocks, so that a frame is read before the next but one.

@@ -152,7 +152,9 @@ def reads_every_row(simulator: str, shape: dict[str, int], slots: int) -> Any:
     return result
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "shape", [pytest.param(shape, marks=[pytest.mark.long] * ("10bit" in shape)) for shape in SHAPES]
+)
 def test_other_sizes_read_the_exact_charge_balance(simulator: str, shape: str) -> None:
     p = SHAPES[shape]
     reads_every_row(simulator, p, p["ROWS"] + 2 if p["ROWS"] == 64 else 2 * p["ROWS"] + 1)
@@ -334,6 +336,7 @@ def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sy
         assert outputs == ["000", "1", "00000", "00000", "0", "0" * 10, "000"], what
 
 
+@pytest.mark.long
 @pytest.mark.paper
 def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_idle(simulator: str) -> None:
     """Comparators that are always high give a pulse every second clock: 32768 in 65535 clocks."""

@@ -311,6 +311,7 @@ def periods() -> dict[str, float]:
     return {f"{clock}_ns": period for clock, period in synth.sdc_periods().items()}
 
 
+@pytest.mark.long
 @needs_osu035
 @needs_sta
 def test_a_crossing_that_takes_longer_than_a_period_is_seen(chip: synth.Outcome, tmp_path: Path) -> None:
@@ -327,6 +328,7 @@ def test_a_crossing_that_takes_longer_than_a_period_is_seen(chip: synth.Outcome,
         synth_timing.crossings(OSU035, "typical", chip.flat.verilog, tmp_path, **periods(), sdc=sdc)
 
 
+@pytest.mark.long
 @needs_osu035
 @needs_sta
 def test_a_liberty_that_changed_changes_the_slack(
@@ -347,6 +349,7 @@ def test_a_liberty_that_changed_changes_the_slack(
     assert second["clk", "min"].slack_ns != first["clk", "min"].slack_ns
 
 
+@pytest.mark.long
 @needs_osu035
 @needs_sta
 def test_derates_take_slack_of_setup_and_of_hold(chip: synth.Outcome, tmp_path: Path) -> None:
