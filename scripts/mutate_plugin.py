@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plugin for pytest: the tests of tb/rtl build a mutated copy of rtl/, and keep their files out of build/rtl."""
+"""Plugin for pytest: tests of tb/rtl build a mutated copy of rtl/, with files outside build/rtl."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ hdl.BUILD = WORK / "build"
 
 
 def pytest_collection_finish() -> None:
-    """Where the benches keep their runs."""
+    """Move the runs of the benches."""
     runner = sys.modules.get("rtl_run")
     if runner is not None:
         runner.ROOT = WORK  # type: ignore[attr-defined]

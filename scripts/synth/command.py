@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthesis of rtl/ in two cell libraries: mapping, proof of equality, static timing, a table of sizes.
+"""Synthesis of rtl/ in two cell libraries: mapping, equivalence, static timing, table of sizes.
 
-Every figure is parsed from what a tool wrote. A tool that failed or said something unforeseen is an ERROR row.
+Every figure is parsed from the output of a tool; a failure or an unexpected warning gives an ERROR row.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ MARKS = {
     "sizes": ("<!-- begin: sizes (written by dermis synth --sizes --docs) -->", "<!-- end: sizes -->"),
     "gl": ("<!-- begin: gl (written by dermis gl --docs) -->", "<!-- end: gl -->"),
 }
-# Small, the design's own, large, and one column.
+# Small, the paper's, large, and one column.
 SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
-# Above this many bits of frame memory, its words as flip-flops take Yosys minutes; it is then left out, and said so.
+# Above this number of bits, frame memory in flip-flops takes Yosys minutes; it is left out, with a note.
 MEMORY_LIMIT_BITS = 20_000
 
 
 def default_size() -> Size:
-    """The size of models/design.toml."""
+    """Return the size of models/design.toml."""
     array, timing = load_design().array, load_design().timing
     return Size(array.rows, array.cols, timing.code_bits)
 
 
 def place(technology: Technology, size: Size, what: str = "") -> Path:
-    """Directory of a netlist below build/."""
+    """Return the directory of a netlist below build/."""
     return ROOT / "build" / "synth" / technology.name / f"{size.name}{what}"
 
 
 def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
-    """The default periods of the constraint file, in ns.
+    """Return the default periods of the constraint file in ns.
 
     Raises
     ------
     InputError
-        One of them is not there.
+        One of them is missing.
     """
     text = sdc.read_text()
     found = {}
@@ -71,7 +71,7 @@ def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
 
 
 def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
-    """Add the rows of a piece of work, or one ERROR row that says how it ended."""
+    """Add the rows of `work`, or an ERROR row with its failure."""
     try:
         rows += work()
     except SimulatorError as error:
@@ -79,7 +79,7 @@ def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
 
 
 def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | None = None) -> list[Row]:
-    """Judge what is in a flat netlist."""
+    """Judge the contents of a flat netlist."""
     words = size.memory_bits if memory_bits is None else memory_bits
     tech = netlist.technology
     latches = netlist.kinds[tech.latch]
@@ -89,7 +89,7 @@ def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | N
         verdict.judge(
             f"synth.latch_count_error.{suffix}",
             abs(latches - size.latches) + abs(netlist.latches - latches),
-            f"{netlist.latches} latches, {latches} of them {tech.latch}, {size.latches} meant",
+            f"{netlist.latches} latches, {latches} of them {tech.latch}, {size.latches} intended",
         ),
         verdict.judge(
             f"synth.unreset_flop_error.{suffix}",
@@ -111,7 +111,7 @@ def _shown(path: Path_) -> str:
 
 
 def _corner(technology: Technology, corner: str, kind: str) -> str:
-    """Name of a corner, with the factor its delays have."""
+    """Return the name of a corner and its derate."""
     early, late = technology.derates(corner)
     factor = late if kind == "max" else early
     return f"corner {corner}" + (f", delays x {factor:g}" if factor != 1.0 else "")
@@ -168,14 +168,14 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
 
 
 def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffix: str) -> list[Row]:
-    """Judge the proof that the netlist is the Verilog."""
+    """Judge the equivalence of netlist and Verilog."""
     proof = prove(
         technology, size.parameters, netlist.verilog, netlist.json, netlist.directory / "equivalence"
     )
     name = f"synth.not_equivalent.{suffix}"
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
     if proof.unpaired:
-        note += f", {proof.unpaired} state bits without a partner left free"
+        note += f", {proof.unpaired} state bits without a partner are free"
     if proof.proved is None:
         return [verdict.error(name, f"not decided; {note}; {proof.said}")]
     return [verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")]
@@ -183,7 +183,7 @@ def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffi
 
 @dataclass
 class Outcome:
-    """What one run gave: rows, and the two netlists behind them where they were made."""
+    """Result of one run: rows, and the netlists that were made."""
 
     technology: Technology
     size: Size
@@ -196,7 +196,7 @@ class Outcome:
 def synthesise(
     technology: Technology, size: Size, *, blocks: bool = True, timing: bool = True, equivalence: bool = True
 ) -> Outcome:
-    """Map one size in one library, and judge the result."""
+    """Map one size in one library and judge the result."""
     suffix = f"{technology.name}.{size.name}"
     rows: list[Row] = []
     outcome = Outcome(technology, size, rows)
@@ -211,7 +211,7 @@ def synthesise(
             technology, size.parameters, place(technology, size), hierarchical=True
         )
         total = outcome.hierarchical.area_um2
-        return [verdict.report(f"synth.area_by_blocks_um2.{suffix}", total, "um2", "modules kept apart")]
+        return [verdict.report(f"synth.area_by_blocks_um2.{suffix}", total, "um2", "hierarchy kept")]
 
     attempt(rows, f"synth.netlist.{suffix}", make)
     flat = outcome.flat
@@ -229,7 +229,7 @@ def synthesise(
 
 
 def constraint_rows() -> list[Row]:
-    """Judge the clock of the constraint file against the design's."""
+    """Judge the clock period of the constraint file against the design."""
     wanted = 1e9 / load_design().converter.f_clk_hz
     error = abs(sdc_periods()["clk"] - wanted)
     return [
@@ -242,7 +242,7 @@ def constraint_rows() -> list[Row]:
 
 @dataclass
 class SizeLine:
-    """One line of the table of sizes; None where it was not measured."""
+    """One line of the table of sizes; None if not measured."""
 
     technology: str
     size: Size
@@ -256,10 +256,9 @@ class SizeLine:
 
 
 def size_line(technology: Technology, size: Size, limit_s: float) -> tuple[SizeLine, list[Row]]:
-    """Map a size without its frame memory, then one bank of the memory; the highest clocks are of the chip with it.
+    """Map a size without its frame memory, then one bank; the highest clocks are those with memory.
 
-    Where the memory has more than MEMORY_LIMIT_BITS it stays a black box in the timing, and the area of its bank is the
-    one per bit of the largest that was made.
+    Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a smaller bank.
     """
     suffix = f"{technology.name}.{size.name}"
     line = SizeLine(technology.name, size)
@@ -330,7 +329,7 @@ def _number(value: float | None, digits: int = 0, scale: float = 1.0) -> str:
 
 
 def sizes_table(lines: Sequence[SizeLine]) -> str:
-    """The table of sizes as Markdown."""
+    """Return the table of sizes as Markdown."""
     out = [
         "| library | size | memory bits | cells | flops | area, mm2 | with memory, mm2 | clk, MHz "
         "| SCK, MHz | memory timed |",
@@ -347,7 +346,7 @@ def sizes_table(lines: Sequence[SizeLine]) -> str:
 
 
 def verdict_table(rows: Sequence[Row]) -> str:
-    """Verdict rows as Markdown."""
+    """Return verdict rows as Markdown."""
     out = ["| name | value | unit | limit | status | note |", "|---|--:|---|---|---|---|"]
     for row in rows:
         bounds = (("≥", row["min"]), ("≤", row["max"]))
@@ -359,7 +358,7 @@ def verdict_table(rows: Sequence[Row]) -> str:
 
 
 def blocks_table(outcomes: Sequence[Outcome]) -> str:
-    """Cells, area, flops and latches of every module, all its instances together, with what is below it."""
+    """Return cells, area, flops and latches of every module with its submodules, over all instances."""
     out = [
         "| library | module | instances | cells | area, um2 | share | flops | latches |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
@@ -379,7 +378,7 @@ def blocks_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def write_docs(name: str, content: str) -> None:
-    """Put a table between its marks in docs/synthesis.md."""
+    """Write a table between its marks in docs/synthesis.md."""
     begin, end = MARKS[name]
     write_between(ROOT / DOCS, begin, end, content)
 
@@ -388,19 +387,19 @@ def write_docs(name: str, content: str) -> None:
 
 
 def technologies(name: str) -> list[Technology]:
-    """The technologies an option names."""
+    """Return the technologies of an option."""
     return list(TECHNOLOGIES.values()) if name == "both" else [TECHNOLOGIES[name]]
 
 
 @click.command("synth")
 @click.option("--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library.")
-@click.option("--rows", type=click.IntRange(1, 128), help="Default: the design's.")
-@click.option("--cols", type=click.IntRange(1, 128), help="Default: the design's.")
-@click.option("--code-bits", type=click.IntRange(1, 16), help="Default: the design's.")
-@click.option("--sync-latch", is_flag=True, help="The flip-flop + latch form of the synchronizers.")
-@click.option("--sizes", is_flag=True, help="8x8, 16x16, 64x64 and 16x1 instead: area and highest clocks.")
-@click.option("--no-proof", is_flag=True, help="Leave the proof of equality out.")
-@click.option("--docs", is_flag=True, help=f"Also write the tables in {DOCS}.")
+@click.option("--rows", type=click.IntRange(1, 128), help="Default: models/design.toml.")
+@click.option("--cols", type=click.IntRange(1, 128), help="Default: models/design.toml.")
+@click.option("--code-bits", type=click.IntRange(1, 16), help="Default: models/design.toml.")
+@click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
+@click.option("--sizes", is_flag=True, help="Area and highest clocks of 8x8, 16x16, 64x64 and 16x1 instead.")
+@click.option("--no-proof", is_flag=True, help="Skip the equivalence proof.")
+@click.option("--docs", is_flag=True, help=f"Also write the tables of {DOCS}.")
 @children.ending()
 def synth_command(
     tech: str,
@@ -412,13 +411,13 @@ def synth_command(
     no_proof: bool,
     docs: bool,
 ) -> int:
-    """Map rtl/ to cells, prove the netlist equal, time it; into build/synth.json."""
+    """Map rtl/ to cells, prove equivalence, analyse timing; write build/synth.json."""
     chosen = technologies(tech)
     own = any(option is not None for option in (rows, cols, code_bits)) or sync_latch
     if docs and (tech != "both" or own or no_proof):
-        raise InputError("command line", "--docs", "with a choice", "a whole run")
+        raise InputError("command line", "--docs", "a partial run", "a run with all options at default")
     if sizes and own:
-        raise InputError("command line", "--sizes", "with a size", "one of the two")
+        raise InputError("command line", "--sizes", "with a size", "one of both")
     for technology in chosen:
         for corner in technology.corners:
             technology.liberty(corner)
@@ -433,7 +432,7 @@ def synth_command(
         outcomes.append(synthesise(technology, size, equivalence=not no_proof))
         judged += outcomes[-1].rows
     verdict.write_rows("synth", judged)
-    verdict.print_rows(judged, f"Synthesis of {size.name}; before a layout")
+    verdict.print_rows(judged, f"Synthesis of {size.name}, before layout")
     click.echo(blocks_table(outcomes))
     if docs and verdict.exit_code(judged) == 0:
         write_docs("synth", verdict_table(judged))
@@ -454,7 +453,7 @@ def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
             lines.append(line)
             judged += made
     verdict.write_rows("synth_sizes", judged)
-    verdict.print_rows(judged, "Synthesis of sizes; before a layout")
+    verdict.print_rows(judged, "Synthesis of sizes, before layout")
     click.echo(sizes_table(lines))
     if docs and verdict.exit_code(judged) == 0:
         write_docs("sizes", sizes_table(lines))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Yosys from rtl/ to cells of a library, and what stands in the netlist it wrote."""
+"""Mapping of rtl/ to the cells of a library with Yosys, and the contents of the netlist."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"
 YOSYS_LIMIT_S = 900.0
-# What ABC sizes cells for, in ps: short, so that the highest clock is worth reading; area at 5 MHz hardly feels it.
+# Target delay of ABC in ps: short, for a meaningful highest clock; it hardly changes the area at 5 MHz.
 DELAY_PS = 5000
 
 _MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
-# Yosys says these of what is meant so.
+# Warnings about intended constructs.
 _EXPECTED = re.compile(r"Warning: (?:Found unsupported expression|Shell command|Resizing cell port)")
 
 
 @dataclass(frozen=True)
 class Size:
-    """What is synthesised: parameters of the top level away from their defaults."""
+    """Parameters of the synthesised top level."""
 
     rows: int
     cols: int
@@ -60,12 +60,12 @@ class Size:
 
     @property
     def latches(self) -> int:
-        """One in every column of the flip-flop + latch form."""
+        """Number of latches: one per column in the flip-flop + latch form."""
         return self.cols if self.sync_latch else 0
 
     @property
     def bank_bytes(self) -> int:
-        """Bytes of one bank of the frame memory: a frame of all rows and all special slots."""
+        """Bytes of one bank of the frame memory: a frame with all rows and special slots."""
         return frame_bytes(self.rows + len(SPECIAL_SLOTS), self.cols, self.code_bits)
 
     @property
@@ -75,16 +75,16 @@ class Size:
 
 @dataclass
 class Netlist:
-    """A mapped netlist and what is in it.
+    """A mapped netlist and its contents.
 
     Parameters
     ----------
-    kinds : number of instances of each cell type below the top level
+    kinds : instances of each cell type below the top level
     area_um2, flops, latches, unreset : totals
-    inferred_latches : latches Yosys found in the Verilog that are no library cell
-    unmapped : kinds that are not cells of the library
-    fanout : largest number of inputs on one net that is neither clock nor reset, and the net
-    blocks : module name -> totals below it, each counted once for all its instances; hierarchical runs only
+    inferred_latches : latches inferred from the Verilog
+    unmapped : instances that are no cells of the library
+    fanout : largest number of inputs on a net other than clock and reset, and that net
+    blocks : module name -> totals of all its instances; hierarchical runs only
     """
 
     technology: Technology
@@ -104,7 +104,7 @@ class Netlist:
 
 
 def tool(name: str, package: str | None = None) -> str:
-    """Path of a program.
+    """Return the path of a program.
 
     Raises
     ------
@@ -119,12 +119,12 @@ def tool(name: str, package: str | None = None) -> str:
 
 
 def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float = YOSYS_LIMIT_S) -> str:
-    """Run a Yosys script; return what it printed.
+    """Run a Yosys script; return its output.
 
     Raises
     ------
     SimulatorError
-        It failed, took too long or warned; the message holds its first complaint and names its log.
+        It failed, timed out or warned; the message has its first complaint.
     """
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
     file.write_text("\n".join(script) + "\n")
@@ -142,7 +142,7 @@ def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float 
 
 
 def read_rtl(technology: Technology | None, sources: Sequence[Path] | None = None) -> str:
-    """The read_verilog line of rtl/files.f, with the technology's own latch cell if there is one."""
+    """Return the read_verilog line of rtl/files.f, with the latch cell of a technology."""
     files = list(rtl_sources() if sources is None else sources)
     if technology is not None:
         own = technology.latch_source()
@@ -152,13 +152,13 @@ def read_rtl(technology: Technology | None, sources: Sequence[Path] | None = Non
 
 
 def elaborate(size: Mapping[str, int], top: str = TOP) -> list[str]:
-    """Yosys lines that fix the parameters and turn processes into cells."""
+    """Return the Yosys lines that set parameters and convert processes to cells."""
     parameters = " ".join(f"-chparam {key} {value}" for key, value in size.items())
     return [f"hierarchy -check -top {top} {parameters}", "proc", "check -assert"]
 
 
-# Bits that the Verilog leaves open, such as words past the end of a memory, are 0 on both sides of the proof. In this
-# order: an open enable of a read port would become 0 too. The check for undriven wires is before it.
+# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The order matters: an open
+# enable of a read port would become 0 too. The check for undriven wires comes before.
 WORDS_TO_FLOPS = ["memory -nomap", "opt_clean", "memory_map", "setundef -undriven -zero", "opt_clean"]
 
 
@@ -173,18 +173,18 @@ def map_design(
     black_box_memory: bool = False,
     limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
-    """Synthesise and map; the netlist and its logs lie in `directory`.
+    """Synthesise and map; write the netlist and logs to `directory`.
 
     Parameters
     ----------
     technology : the library
     parameters : of the top level
-    directory : where everything goes; made if it is not there
+    directory : output, created if missing
     top : module to synthesise
-    hierarchical : keep the modules apart, to see what each costs
-    sources : Verilog instead of the files of rtl/files.f
-    black_box_memory : leave dermis_tech_ram out, as a memory macro in its place would be
-    limit_s : time for Yosys
+    hierarchical : keep the modules, for the cost of each
+    sources : Verilog files; default rtl/files.f
+    black_box_memory : leave dermis_tech_ram out, like a memory macro
+    limit_s : time limit of Yosys
 
     Raises
     ------
@@ -239,7 +239,7 @@ def map_design(
         f"write_json {netlist.json}",
     ]
     if black_box_memory:
-        # OpenSTA knows no parameters.
+        # OpenSTA has no parameters.
         script.append(f"setparam -unset WORDS t:{RAM}")
     script += ["opt_clean -purge", f"write_verilog -noattr -noexpr -nohex {netlist.verilog}"]
     run_yosys(script, directory, name, limit_s)

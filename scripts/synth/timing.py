@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Static timing of a mapped netlist with OpenSTA: worst slacks at the design's clocks, and the highest clocks.
+"""Static timing of a mapped netlist with OpenSTA: worst slacks at the clocks of the design, and the highest clocks.
 
-Before a layout there are no wires. Every net gets a stated capacitance for each of its sinks, through a wire load model
-added to a copy of the Liberty; wires have no resistance, clocks no skew.
+Before layout every net has an estimated capacitance per sink, a wire load model in a copy of the Liberty; wires have
+no resistance and clocks no skew.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scripts.synth.map import TOP, tool
 SDC = SYNTH / "dermis.sdc"
 STA_LIMIT_S = 300.0
 CLOCKS = ("clk", "sck")
-# Where the search for the highest clock ends: this much of a period is left.
+# End of the search for the highest clock: slack as a part of the period.
 _CLOSE = 1e-3
 _STEPS = 25
 
@@ -35,7 +35,7 @@ _COMPLAINT = re.compile(r"^(?:Warning|Error).*$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Path_:
-    """The worst path of a group: where it starts and ends, its slack in ns, and the cells it goes through."""
+    """The worst path of a group: start, end, slack in ns and cells."""
 
     group: str
     kind: str
@@ -46,7 +46,7 @@ class Path_:
 
 
 def parse(report: str) -> dict[tuple[str, str], Path_]:
-    """Worst path of each (group, "max" or "min") in a report of OpenSTA."""
+    """Return the worst path of each (group, "max" or "min") in a report of OpenSTA."""
     found: dict[tuple[str, str], Path_] = {}
     for match in _PATH.finditer(report):
         group = match["group"].strip("*")
@@ -63,7 +63,7 @@ def parse(report: str) -> dict[tuple[str, str], Path_]:
 
 
 def _liberty(technology: Technology, corner: str, directory: Path) -> Path:
-    """A copy of the corner's Liberty with the stated wire capacitance."""
+    """Write a copy of the Liberty of a corner with the wire capacitance; return its path."""
     text = technology.liberty(corner).read_text(encoding="utf-8", errors="replace")
     head = re.search(r"^\s*library\s*\([^)]*\)\s*\{", text, re.MULTILINE)
     unit = re.search(r"capacitive_load_unit\s*\(\s*([\d.]+)\s*,\s*\"?(\w+)\"?\s*\)", text)
@@ -102,14 +102,14 @@ def analyse(
     black_boxes: bool = False,
     limit_s: float = STA_LIMIT_S,
 ) -> dict[tuple[str, str], Path_]:
-    """Worst setup ("max") and hold ("min") path of both clocks; slacks in ns.
+    """Return the worst setup ("max") and hold ("min") path of both clocks; slacks in ns.
 
-    With `black_boxes` a module may be missing; no path goes through it then.
+    With `black_boxes` a module may be missing, and paths end there.
 
     Raises
     ------
     SimulatorError
-        OpenSTA failed, complained, or reported no path for one of them.
+        OpenSTA failed, warned, or reported no path for one of them.
     """
     log = directory / f"sta_{corner}.log"
     reports = [
@@ -122,7 +122,7 @@ def analyse(
     said = _run(
         technology, corner, netlist, directory, log, periods, constraints, reports, wires, top, limit_s
     )
-    # What check_setup lists are warnings too; `unargued` looks at them.
+    # `unargued` judges the warnings of check_setup.
     complaints = [
         c for c in _COMPLAINT.findall(said.split("setup check")[0]) if not (black_boxes and "black box" in c)
     ]
@@ -146,12 +146,12 @@ def crossings(
     sdc: Path = SDC,
     limit_s: float = STA_LIMIT_S,
 ) -> dict[str, Path_]:
-    """Longest path from each clock into the other against the bound that hardening has, keyed by the receiving clock.
+    """Return the longest path into each clock from the other, against the bound of the constraint file.
 
     Raises
     ------
     SimulatorError
-        OpenSTA failed, complained, or reported no path for one of them.
+        OpenSTA failed, warned, or reported no path for one of them.
     """
     log = directory / f"sta_{corner}_crossings.log"
     reports = [
@@ -189,7 +189,7 @@ def _run(
     top: str,
     limit_s: float,
 ) -> str:
-    """What OpenSTA printed."""
+    """Run OpenSTA; return its output."""
     directory.mkdir(parents=True, exist_ok=True)
     liberty = _liberty(technology, corner, directory)
     early, late = technology.derates(corner)
@@ -224,22 +224,22 @@ def _run(
     return log.read_text(errors="replace")
 
 
-# Pins that no clock reaches or nothing constrains, by the start of their names, and why that is right.
+# Pins without a clock or a constraint, by the start of their names, and the reason.
 UNTIMED = {
-    "frame_ready_o": "an interrupt pin, synchronized by whoever looks at it",
-    "u_enable_sync.u_first.": "the flop that meets the enable pin",
-    "u_reset_sync.u_first.": "its data are a constant",
-    "u_spi.begun_q": "clocked by the falling edge of CS, a constant as data, looked at eight SCK edges later",
+    "frame_ready_o": "an interrupt pin, synchronized by its receiver",
+    "u_enable_sync.u_first.": "the flop that samples the enable pin",
+    "u_reset_sync.u_first.": "constant data",
+    "u_spi.begun_q": "clocked by the falling edge of CS, constant data, used eight SCK edges later",
 }
 
 
 def unargued(technology: Technology, corner: str, directory: Path) -> list[str]:
-    """Pins without a clock or a constraint, and loops, in the latest `analyse` of a corner, that UNTIMED does not name.
+    """Return loops and pins without a clock or a constraint in the latest `analyse` that UNTIMED does not name.
 
     Raises
     ------
     SimulatorError
-        OpenSTA did not get to its check.
+        OpenSTA did not reach its check.
     """
     log = directory / f"sta_{corner}.log"
     said = log.read_text(errors="replace")
@@ -254,7 +254,7 @@ def unargued(technology: Technology, corner: str, directory: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Highest:
-    """The shortest period of a clock without a setup miss, and the path that sets it."""
+    """The shortest period of a clock without a setup violation, and its critical path."""
 
     period_ns: float
     path: Path_
@@ -265,7 +265,7 @@ class Highest:
 
 
 class _Search:
-    """Next period to try: a chord between a hit and a miss; before there is a miss, the line through two hits."""
+    """Search of a period: the chord between a pass and a violation, or the line through two passes."""
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -274,7 +274,7 @@ class _Search:
         self._hits: list[tuple[float, float]] = []
 
     def take(self, path: Path_) -> None:
-        """Take the worst path at `period`; sets the next period, or `found`."""
+        """Take the worst path at `period`; set the next period, or `found`."""
         if self.found:
             return
         here = (self.period, path.slack_ns)
@@ -293,7 +293,7 @@ class _Search:
         if not low:
             self.period = 0.7 * high
             return
-        # 1e-4 more than the chord says, so that a straight stretch ends with a hit.
+        # 1e-4 above the chord, so that a straight line ends with a pass.
         self.period = max((high - slack * (high - low) / (slack - short)) * (1 + 1e-4), high / 64)
 
 
@@ -310,12 +310,12 @@ def highest(
     black_boxes: bool = False,
     limit_s: float = STA_LIMIT_S,
 ) -> dict[str, Highest]:
-    """Search both clocks' shortest periods. Slack is a concave, rising function of the period, so that chords close in.
+    """Search the shortest periods of both clocks. Slack is concave and rises with the period, so chords converge.
 
     Raises
     ------
     SimulatorError
-        OpenSTA failed, or the search did not close in.
+        OpenSTA failed, or the search did not converge.
     """
     searches = {"clk": _Search(clk_ns), "sck": _Search(sck_ns)}
     for _ in range(_STEPS):
