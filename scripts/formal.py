@@ -391,7 +391,8 @@ def run_all(
         futures = [pool.submit(job[0], *job[1:]) for job in jobs]
         for n, future in enumerate(futures, 1):
             rows += future.result()
-            done(n)
+            following = jobs[n : n + 1]
+            done(n, "".join(f"{job[0].__name__} {' '.join(job[1].modules)}" for job in following))
     return rows
 
 

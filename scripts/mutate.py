@@ -630,7 +630,7 @@ def mutate_command(
                 known[result["key"]] = {**result, "judges": judged[result["module"]]}
                 mine = {key: r for key, r in known.items() if r["module"] == result["module"]}
                 write_atomic(stores[result["module"]], json.dumps(mine, indent=1) + "\n")
-            done(n)
+            done(n, todo[n].module if n < len(todo) else "")
     rows = []
     for name in chosen:
         results = [known[m.key] for m in wanted if m.module == name and m.key in known]

@@ -183,7 +183,8 @@ def _run(cases: list[Case], plans: list[Plan]) -> tuple[list[Row], bool]:
         def one(index: int) -> list[Row]:
             def on_slots(slots: int) -> None:
                 done[index] = slots
-                show(sum(done))
+                left = [c.name for c, n, p in zip(cases, done, plans, strict=True) if n < p.frames * p.rows]
+                show(sum(done), ", ".join(left))
 
             return run_case(cases[index], plans[index], on_slots)
 

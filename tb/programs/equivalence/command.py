@@ -40,7 +40,7 @@ def extract_command(check: bool, corner: tuple[str, ...]) -> int:
             wanted = [(case.topology, case.k) for case in cases.everything() if case.condition == at]
             path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
-            tell(done)
+            tell(done, f"after {path.name}")
     return 0
 
 

@@ -182,7 +182,7 @@ def fuzz_command(
         def on_done(name: str) -> None:
             nonlocal ran
             ran += int(name.split(".")[2])
-            show(ran)
+            show(ran, f"after {name}")
 
         faults = store.run(tasks, jobs, on_done, fresh=True)
         for name in faults:

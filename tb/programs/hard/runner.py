@@ -67,7 +67,7 @@ def run(cases: Sequence[Case], jobs: int) -> list[Row]:
                 row = rows[case.name, name] = row_of(case, name, outcome)
                 if row["status"] != "PASS":  # at once, because the rest may take minutes
                     click.echo(_wrong(row), err=True)
-                tell(len(rows))
+                tell(len(rows), f"after {case.name} in {name}")
     found = []
     for case in cases:
         found += [rows[case.name, name] for name in case.runs]
