@@ -13,7 +13,7 @@ import numpy as np
 from dermis import effects, engines, plan
 from dermis.chip.netlist import frame_deck
 from dermis.effects import EFFECTS, AutoTable, Effect, EffectsTable
-from dermis.engines import rtl
+from dermis.engines import filter, rtl
 from dermis.records import Plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES, Design
@@ -172,16 +172,17 @@ def places(_: Design | None = None) -> str:
 
 
 def bounds(design: Design | None = None) -> str:
-    """Return the table of effects with their bounds in two scenes and their cost in engine event."""
+    """Return the table of effects with the largest error of engine closed in two scenes, in LSB."""
     plans = {name: _everything(name, design) for name in BOUND_SCENES}
+    found = {
+        name: filter.largest(made.part(f := made.fullest_frame(), f + 1)) for name, made in plans.items()
+    }
 
     def rows() -> Iterator[list[str]]:
-        for states in zip(*(made.effects for made in plans.values()), strict=True):
-            cells = [_bound(state.bound_lsb) for state in states]
-            cost = f"{states[0].cost_ns:.0f}" if states[0].cost_ns else NONE
-            yield [f"`{states[0].name}`", *cells, cost]
+        for effect in EFFECTS:
+            yield [f"`{effect}`", *(_bound(largest.get(effect)) for largest in found.values())]
 
-    return _table(["effect", *(f"{name} / LSB" for name in plans), "cost / ns a conversion"], rows())
+    return _table(["effect", *(f"{name} / LSB" for name in plans)], rows())
 
 
 def _everything(name: str, design: Design | None) -> Plan:
@@ -194,4 +195,4 @@ def _everything(name: str, design: Design | None) -> Plan:
 def _bound(value: float | None) -> str:
     if value is None:
         return NONE
-    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}"
+    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}" if value else "exact"

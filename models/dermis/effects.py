@@ -82,9 +82,7 @@ class Effect:
     random : bool
         Whether it draws numbers while frames are converted; its bound is then one at a stated confidence.
     bound : callable
-        (parameters, bounds.Extent) -> bounds.Bound: how far it can move a decision in this scene, in packets.
-    cost_ns : float
-        What it adds to a conversion in ns, as `dermis plan --costs` prints it; its order of magnitude is enough.
+        bounds.Solved -> bounds.Bound: how far it moves decisions that engine closed made without it, in packets.
     considered : bool
         Whether auto considers it without its being named; not where it changes what the scene is, rather than how
         well it is read.
@@ -104,7 +102,6 @@ class Effect:
     topologies: tuple[str, ...] = TOPOLOGIES
     random: bool = False
     bound: bounds.Bounding = bounds.unknown
-    cost_ns: float = 0.0
     considered: bool = True
     needs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     examples: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -673,7 +670,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_ohm": d.array.r_lateral_ohm},
             _lateral,
             needs={"column_input": {"r_ohm": 5.0}},
-            bound=bounds.lateral,
+            bound=bounds.honoured,
         ),
         Effect(
             "row_driver",
@@ -681,8 +678,7 @@ EFFECTS: dict[str, Effect] = {
             _RowDriver,
             _row_driver_defaults,
             _row_driver,
-            bound=bounds.row_driver,
-            cost_ns=50.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "column_input",
@@ -690,8 +686,7 @@ EFFECTS: dict[str, Effect] = {
             _ColumnInput,
             lambda d, t: {} if t == "direct" else {"r_ohm": d.conveyor.r_x_ohm},
             lambda p, s: Contribution({"r_column_ohm": p.r_ohm}),
-            bound=bounds.column_input,
-            cost_ns=50.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "column_offset",
@@ -699,8 +694,7 @@ EFFECTS: dict[str, Effect] = {
             _ColumnOffset,
             lambda d, t: {"v_v": d.integrator.v_offset_v if t == "direct" else d.conveyor.v_offset_v},
             lambda p, s: Contribution({"v_column_offset_v": p.v_v}),
-            bound=bounds.column_offset,
-            cost_ns=50.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "mirror_ratio",
@@ -709,7 +703,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"ratio_error": d.mirror.ratio_error},
             _mirror_ratio,
             _MIRRORED,
-            bound=bounds.mirror_ratio,
+            bound=bounds.honoured,
         ),
         Effect(
             "offset_current",
@@ -717,7 +711,7 @@ EFFECTS: dict[str, Effect] = {
             _OffsetCurrent,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"i_offset_a": p.i_a}),
-            bound=bounds.offset_current,
+            bound=bounds.honoured,
         ),
         Effect(
             "integrator_gain",
@@ -727,7 +721,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
             examples={"direct": {"gain_dc": 6e3}},
             bound=bounds.integrator_gain,
-            cost_ns=50.0,
         ),
         Effect(
             "integrator_range",
@@ -737,7 +730,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
             examples={"direct": {"v_max_v": 1.6, "v_min_v": -1.6}},
             bound=bounds.integrator_range,
-            cost_ns=300.0,
         ),
         Effect(
             "comparator_offset",
@@ -745,7 +737,7 @@ EFFECTS: dict[str, Effect] = {
             _ComparatorOffset,
             lambda d, t: {"v_v": d.comparator.v_offset_v},
             lambda p, s: Contribution(converter={"v_comp_offset_v": p.v_v}),
-            bound=bounds.comparator_offset,
+            bound=bounds.honoured,
         ),
         Effect(
             "comparator_hysteresis",
@@ -754,7 +746,6 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"v_v": d.comparator.v_hysteresis_v},
             lambda p, s: Contribution(converter={"v_hysteresis_v": p.v_v}),
             bound=bounds.comparator_hysteresis,
-            cost_ns=25.0,
         ),
         Effect(
             "comparator_delay",
@@ -763,7 +754,6 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"t_s": d.comparator.t_delay_s},
             lambda p, s: Contribution(converter={"t_comp_delay_s": p.t_s}),
             bound=bounds.comparator_delay,
-            cost_ns=50.0,
         ),
         Effect(
             "charge_packet",
@@ -771,7 +761,7 @@ EFFECTS: dict[str, Effect] = {
             _ChargePacket,
             lambda d, t: {"packet_error": d.charge.packet_error},
             lambda p, s: Contribution(converter={"packet_error": p.packet_error}),
-            bound=bounds.charge_packet,
+            bound=bounds.honoured,
         ),
         Effect(
             "preset_error",
@@ -779,7 +769,7 @@ EFFECTS: dict[str, Effect] = {
             _PresetError,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"preset_error_v": p.v_v}),
-            bound=bounds.preset_error,
+            bound=bounds.honoured,
         ),
         Effect(
             "trace",
@@ -787,8 +777,7 @@ EFFECTS: dict[str, Effect] = {
             _Trace,
             lambda d, t: {"r_row_ohm": d.array.r_trace_row_ohm, "r_column_ohm": d.array.r_trace_column_ohm},
             lambda p, s: Contribution({"r_trace_row_ohm": p.r_row_ohm, "r_trace_column_ohm": p.r_column_ohm}),
-            bound=bounds.trace,
-            cost_ns=1000.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "line_capacitance",
@@ -806,7 +795,6 @@ EFFECTS: dict[str, Effect] = {
             # Columns that saturate would move the others by more than a count: engine cosim alone takes that.
             examples={"direct": {"c_row_f": 2e-9, "c_column_f": 0.0, "c_taxel_f": 0.0}},
             bound=bounds.line_capacitance,
-            cost_ns=450.0,
         ),
         Effect(
             "mux_leakage",
@@ -814,8 +802,7 @@ EFFECTS: dict[str, Effect] = {
             _MuxLeakage,
             lambda d, t: {"i_a": d.row_driver.i_leak_a},
             lambda p, s: Contribution({"i_leak_a": p.i_a}),
-            bound=bounds.mux_leakage,
-            cost_ns=50.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "mirror_output",
@@ -825,8 +812,7 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"g_in_s": 1.0 / p.r_out_ohm}),
             _MIRRORED,
             needs={"integrator_gain": {"gain_dc": 100.0}},
-            bound=bounds.mirror_output,
-            cost_ns=50.0,
+            bound=bounds.honoured,
         ),
         Effect(
             "mirror_lag",
@@ -836,7 +822,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"q_mirror_c": p.q_c}),
             _MIRRORED,
             bound=bounds.mirror_lag,
-            cost_ns=2400.0,
         ),
         Effect(
             "range_switch",
@@ -845,7 +830,7 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {"r_ohm": d.mirror.r_switch_ohm, "v_overdrive_v": d.mirror.v_overdrive_v},
             lambda p, s: Contribution(converter={"inv_i_range_a": p.r_ohm / p.v_overdrive_v}),
             _MIRRORED,
-            bound=bounds.range_switch,
+            bound=bounds.honoured,
         ),
         Effect(
             "integrator_bandwidth",
@@ -855,7 +840,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
             examples={"direct": {"gbw_hz": 2e6}},
             bound=bounds.integrator_bandwidth,
-            cost_ns=200.0,
         ),
         Effect(
             "comparator_noise",
@@ -865,7 +849,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"v_comp_noise_v": p.v_v}),
             random=True,
             bound=bounds.comparator_noise,
-            cost_ns=450.0,
         ),
         Effect(
             "metastability",
@@ -875,7 +858,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"t_meta_s": p.t_aperture_s}),
             random=True,
             bound=bounds.metastability,
-            cost_ns=350.0,
         ),
         Effect(
             "reference_drift",
@@ -883,7 +865,7 @@ EFFECTS: dict[str, Effect] = {
             _ReferenceDrift,
             lambda d, t: {"tc_per_k": d.charge.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(converter={"packet_error": p.tc_per_k * p.delta_k}),
-            bound=bounds.reference_drift,
+            bound=bounds.honoured,
         ),
         Effect(
             "clock_jitter",
@@ -893,7 +875,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"t_jitter_s": p.t_s}),
             random=True,
             bound=bounds.clock_jitter,
-            cost_ns=900.0,
         ),
         Effect(
             "thermal_noise",
@@ -903,7 +884,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"kt_noise_j": _kt_j(p.temperature_c) * p.factor}),
             random=True,
             bound=bounds.thermal_noise,
-            cost_ns=350.0,
         ),
         Effect(
             "shot_noise",
@@ -913,7 +893,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"q_shot_c": ELECTRON_C * p.factor}),
             random=True,
             bound=bounds.shot_noise,
-            cost_ns=700.0,
         ),
         Effect(
             "ktc_noise",
@@ -925,7 +904,6 @@ EFFECTS: dict[str, Effect] = {
             ),
             random=True,
             bound=bounds.ktc_noise,
-            cost_ns=500.0,
         ),
         Effect(
             "flicker_noise",
@@ -935,7 +913,6 @@ EFFECTS: dict[str, Effect] = {
             lambda p, s: Contribution(converter={"packet_flicker": p.relative}),
             random=True,
             bound=bounds.flicker_noise,
-            cost_ns=400.0,
         ),
         Effect(
             "supply_ripple",
@@ -950,7 +927,6 @@ EFFECTS: dict[str, Effect] = {
                 }
             ),
             bound=bounds.supply_ripple,
-            cost_ns=600.0,
         ),
         Effect(
             "motion",
@@ -959,7 +935,6 @@ EFFECTS: dict[str, Effect] = {
             lambda d, t: {},
             lambda p, s: Contribution(drive={"motion": True}),
             bound=bounds.motion,
-            cost_ns=450.0,
             considered=False,
         ),
         Effect(
@@ -968,7 +943,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorHysteresis,
             lambda d, t: {"relative": d.sensor.hysteresis},
             lambda p, s: Contribution(sensor={"hysteresis": p.relative}),
-            bound=bounds.sensor_hysteresis,
+            bound=bounds.honoured,
             considered=False,
         ),
         Effect(
@@ -977,7 +952,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorCreep,
             lambda d, t: {"per_decade": d.sensor.creep_per_decade},
             lambda p, s: Contribution(sensor={"creep_per_decade": p.per_decade}),
-            bound=bounds.sensor_creep,
+            bound=bounds.honoured,
             considered=False,
         ),
         Effect(
@@ -986,7 +961,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorTemperature,
             lambda d, t: {"tc_per_k": d.sensor.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(sensor={"temperature_error": p.tc_per_k * p.delta_k}),
-            bound=bounds.sensor_temperature,
+            bound=bounds.honoured,
             considered=False,
         ),
         Effect(
@@ -995,7 +970,7 @@ EFFECTS: dict[str, Effect] = {
             _SensorSpread,
             lambda d, t: {"relative": d.sensor.spread},
             lambda p, s: Contribution(sensor={"spread": p.relative}),
-            bound=bounds.sensor_spread,
+            bound=bounds.honoured,
             considered=False,
         ),
     )
@@ -1006,7 +981,10 @@ class AutoTable(Strict):
     """[effects] auto: the plan leaves out what together cannot matter."""
 
     budget_lsb: float = entry(
-        0.25, "What all that is left out may move any decision by, in LSB", "a finite number >= 0", ge=0
+        0.0,
+        "Error of a level that decides a cell without a walk, in LSB; 0 gives the codes of everything on",
+        "a finite number >= 0",
+        ge=0,
     )
     sigma: float = entry(
         6.0, "Confidence of random effects, in standard deviations", "a finite number > 0", gt=0

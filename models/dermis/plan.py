@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dermis import effects
+from dermis import effects, engines
 from dermis.converter.vfc import Converter
 from dermis.errors import InputError
 from dermis.records import ENGINES, Drive, EffectState, Floats, Plan, Timing, setting_of
@@ -43,52 +43,46 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
 
 
 def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None = None) -> Plan:
-    """Plan a resolved scene: everything it names, or what `auto` keeps of all it considers.
+    """Plan a resolved scene.
 
-    Where neither `engine` nor the scene names one it is the cheapest that can do what is kept. With `auto` the plan
-    leaves out what fits its budget of the effects that the scene names.
+    Where neither `engine` nor the scene names an engine it is the cheapest that can do all of it. With `auto` every
+    effect with defaults is on, and engine event walks only the cells that its bounds leave open.
     """
-    from dermis import auto as chooser
-    from dermis import engines
-
     auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine
-    everything = whole(world, engine)
     if auto is None:
+        everything = whole(world, engine)
         if engine is None:
             everything = replace(everything, engine=engines.cheapest(everything) or everything.engine)
-        return replace(everything, margin_lsb=chooser.random_margin(everything))
-    choice = chooser.choose(everything, auto, engine)
-    kept = effects.gather({name: world.effects[name] for name in choice.on}, setting_of(world))
-    states = []
-    for state in everything.effects:
-        effect, bound = effects.EFFECTS[state.name], choice.bound_lsb.get(state.name)
-        if bound is None:
-            if everything.topology not in effect.topologies:
-                why = f"topology {everything.topology} has none"
-            elif getattr(world.table.effects, state.name) is False:
-                why = "switched off"
-            elif world.table.effects.auto is None:
-                why = "not named"
-            elif effect.considered:
-                why = "no default for this topology"
-            else:
-                why = "not named, and not considered unless it is"
-            states.append(state._replace(reason=why))
-        else:
-            why = choice.why[state.name]
-            states.append(EffectState(state.name, state.name in choice.on, why, bound, effect.cost_ns))
-    return replace(
-        everything,
-        converter=_converter(world, kept.converter),
-        drive=Drive(t_frame_s=everything.drive.t_frame_s, **kept.drive),
-        surrounding=dict(kept.network),
-        effects=tuple(states),
-        engine=choice.engine,
-        margin_lsb=choice.margin_lsb,
-        unsure_lsb=choice.unsure_lsb,
-        left_out_lsb=choice.left_out_lsb,
-    )
+        return everything
+    everything = whole(world, engine or "event")
+    chosen = everything.engine
+    if engine is None and not engines.refused(everything, "closed"):
+        chosen = "closed"
+    states = tuple(_with_auto(world, state) for state in everything.effects)
+    # In place: what the plan knows of its fields by now is kept.
+    for name, value in (
+        ("engine", chosen),
+        ("filtered", chosen == "event"),
+        ("budget_lsb", auto.budget_lsb),
+        ("effects", states),
+    ):
+        object.__setattr__(everything, name, value)
+    return everything
+
+
+def _with_auto(world: Scene, state: EffectState) -> EffectState:
+    """The reason of an effect in a scene with auto."""
+    effect = effects.EFFECTS[state.name]
+    if state.on:
+        return state._replace(reason="auto, with every effect that has defaults")
+    if world.table.interface.topology not in effect.topologies:
+        return state._replace(reason=f"topology {world.table.interface.topology} has none")
+    if getattr(world.table.effects, state.name) is False:
+        return state._replace(reason="switched off")
+    if world.table.effects.auto is not None and not effect.considered:
+        return state._replace(reason="not named, and auto adds none that changes the scene")
+    return state
 
 
 def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:

@@ -31,13 +31,11 @@ ENGINES = ("closed", "event", "rtl", "cosim")
 
 
 class EffectState(NamedTuple):
-    """Whether an effect is simulated, and why; what it could do at most (LSB) and costs (ns a conversion)."""
+    """Whether an effect is simulated, and why."""
 
     name: str
     on: bool
     reason: str
-    bound_lsb: float | None = None
-    cost_ns: float | None = None
 
 
 @cache
@@ -104,15 +102,14 @@ class Plan:
     engine, seed : str, int
     views : Views
         View of every SPICE block, for engine cosim.
-    margin_lsb : ndarray or float
-        [cols] how far the chip's decisions may lie from those simulated here, in packets (docs/auto.md).
-    unsure_lsb : ndarray or float
-        [rows, cols] packets a gate below which a cell that reads full scale may read less in the chip, by the margin.
-    left_out_lsb : float
-        What of that the plan leaves out may come to in a code, largest of all (docs/auto.md).
+    margin_lsb : ndarray or float, optional
+        Packets by which random numbers may move decisions, [frames, rows, cols] or less, for certified codes; worked
+        out there if None.
+    filtered : bool
+        Whether engine event walks open cells alone (docs/auto.md); budget_lsb : error that decides a cell all the same.
     moved_lsb : ndarray or float
-        [cols] packets by which the levels of all decisions are moved, for certified codes alone: what the columns of
-        the direct interface do to each other stays as it is.
+        Packets, [frames, rows, cols] or less, by which the levels of decisions are moved, for certified codes alone.
+        The effect of the columns of the direct interface on each other stays as it is.
     surrounding : dict
         Fields of Network other than the taxels and the bias.
     first_frame : int
@@ -136,9 +133,9 @@ class Plan:
     surrounding: dict[str, Any]
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
-    margin_lsb: Floats | float = 0.0
-    unsure_lsb: Floats | float = 0.0
-    left_out_lsb: float = 0.0
+    margin_lsb: Floats | float | None = None
+    filtered: bool = False
+    budget_lsb: float = 0.0
     moved_lsb: Floats | float = 0.0
 
     @property
@@ -185,10 +182,18 @@ class Plan:
             resistance_ohm=self.resistance_ohm[first:stop],
             force_n=None if self.force_n is None else self.force_n[first:stop],
             first_frame=self.first_frame + first,
+            margin_lsb=None
+            if self.margin_lsb is None
+            else self.of_frames(self.margin_lsb, slice(first, stop)),
+            moved_lsb=self.of_frames(self.moved_lsb, slice(first, stop)),
             next_resistance_ohm=self.next_resistance_ohm
             if stop == self.frames
             else self.resistance_ohm[stop],
         )
+
+    def of_frames(self, value: Floats | float, frames: slice) -> Floats | float:
+        """The part of a value a cell that belongs to some frames; a value for all frames is itself."""
+        return value[frames] if np.ndim(value) == 3 else value
 
     def fullest_frame(self) -> int:
         """The frame with the most conductance; a short counts as much as 1 ohm."""
@@ -196,6 +201,15 @@ class Plan:
 
     def network(self, frame: int) -> Network:
         """The network of one frame."""
+        if frame == 0:
+            return self._first_network
+        return self._network(frame)
+
+    @functools.cached_property
+    def _first_network(self) -> Network:
+        return self._network(0)
+
+    def _network(self, frame: int) -> Network:
         return Network(self.conductance_s(frame), self.v_bias_v, **self.surrounding)
 
     def networks(self) -> Iterator[Network]:

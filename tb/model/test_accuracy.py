@@ -260,7 +260,7 @@ def test_methods_run_in_turns_and_slow_ones_once() -> None:
 
 def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
     made = plan.make(
-        random_plan(tmp_path, 1, "event", 8, row_driver=True, column_input=True, charge_packet=True).scene,
+        random_plan(tmp_path, 1, "event", 8, row_driver=True, column_input=True, comparator_delay=True).scene,
         None,
         AutoTable(budget_lsb=3.0),
     )

@@ -14,13 +14,13 @@ import pytest
 from made_plans import made, ohms
 from scipy.integrate import quad, solve_ivp
 
-from dermis import auto, bounds, records
+from dermis import records
 from dermis.array import settling
 from dermis.array.array import Network, column_currents
 from dermis.converter import currents, injection
 from dermis.converter.currents import Slots, course
 from dermis.converter.vfc import X_MAX, Y_MIN
-from dermis.engines import event
+from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene.design import ROOT
 from tb.reference.lines_reference import charge_reference
@@ -386,9 +386,9 @@ def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
             part * settling.BRISK_CLOCKS * at, rel=0.1
         )
         assert (Slots.of(plan, slice(0, 1)).onset is not None) == felt
-        # and the certificate agrees: what is felt is never left out
-        bound = bounds.line_capacitance(None, bounds.Extent(plan, 6.0))
-        assert np.isinf(bound.lsb).any() == felt
+        # and the filter agrees: what is felt is walked
+        part = filter._Part(plan, slice(0, 1), filter.bounding(plan), filter.Table())
+        assert np.isinf(part.found["line_capacitance"].whole).any() == felt
 
 
 # --- settling --------------------------------------------------------------------------------------------------------
@@ -438,7 +438,7 @@ def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tm
         converter = plan.converter
         per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
         left = (settling.bound_c(plan.network(0), plan.conductance_s(), plan.timing) * per_c).max()
-        if left < auto.ROUNDING_LSB / 100:
+        if left < filter.ROUNDING_LSB / 100:
             # Below a packet in 1e18 there is nothing to be left out.
             taken += left > 1e-18
             assert next(currents.groups(plan, slice(0, 1)))[1] is None

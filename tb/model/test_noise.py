@@ -18,7 +18,7 @@ from dermis import bounds, records
 from dermis import plan as planning
 from dermis.converter import loops, noise
 from dermis.effects import EFFECTS
-from dermis.engines import event
+from dermis.engines import event, filter
 from dermis.engines.event import Cells, Draws, Noise, count_cells, walk_reference
 from dermis.scene import scene
 
@@ -361,10 +361,10 @@ def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> 
         data = {"stimulus": {"kind": "uniform", "code": 50}, "effects": effects}
         plan = planning.whole(scene.from_data(data, tmp_path / "made.toml"), "event")
         variances.append(event._noise_variance(plan, plan.conductance_s()))
-        extent = bounds.Extent(plan, 1.0)
-        # A bound of one sigma is the standard deviation at the end of the gate.
-        told = np.asarray(bounds.thermal_noise(None, extent).lsb)
-        # Two orders of a few products.
-        assert told == pytest.approx(np.sqrt(plan.timing.gate_clocks * variances[-1]), rel=1e-12)
+        part = filter._Part(plan, slice(0, 1), filter.bounding(plan), filter.Table())
+        # The bound is as many standard deviations of the path at the end of the gate.
+        told = part.found["thermal_noise"].whole
+        most = bounds.SIGMAS * np.sqrt(plan.timing.gate_clocks * variances[-1])
+        assert told == pytest.approx(np.broadcast_to(most, np.shape(told)), rel=1e-12)
     # As above.
     assert variances[1] == pytest.approx(4.0 * variances[0], rel=1e-12)

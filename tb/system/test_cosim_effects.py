@@ -15,10 +15,9 @@ from effects_campaign import NAMES, difference, scene
 from system_bench import MakePlan
 from test_decks import effects_of, scene_of
 
-from dermis import auto, effects
+from dermis import effects
 from dermis.chip.netlist import frame_deck
 from dermis.chip.ngspice import Deck
-from dermis.effects import AutoTable
 from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.scene.design import TOPOLOGIES
@@ -135,63 +134,6 @@ def test_random_scenes_read_as_in_the_event_engine(tmp_path: Path, reader: DeckR
     worst = difference(scene(number, tmp_path), reader)
     assert worst is not None
     assert worst <= 1
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("integrator_gain", "{ gain_dc = 1e4, r_in_ohm = 1e9 }"), ("integrator_bandwidth", "{ gbw_hz = 1e6 }")],
-)
-def test_what_a_neighbour_that_winds_up_does_is_within_its_bound(
-    resistance_plan: MakePlan, reader: DeckReader, name: str, value: str
-) -> None:
-    """Direct interface: charge that no packet takes away piles up beside 20 ohm and lifts its virtual ground.
-
-    Auto leaves out by these bounds what event would refuse here.
-    """
-    ohm, lateral = np.array([[20.0, 2000.0]]), "lateral = { r_ohm = 2000.0 }\n"
-    plain = reader.codes(resistance_plan(ohm, topology="direct", effects=lateral))
-    made = resistance_plan(ohm, topology="direct", effects=lateral + f"{name} = {value}")
-    moved = np.abs(reader.codes(made) - plain)[0, 0, 1]
-    bound = auto._Weighing(made, AutoTable()).total.lsb[name][0, 0, 1]
-    calm = resistance_plan(np.full((1, 2), 2000.0), topology="direct", effects=lateral + f"{name} = {value}")
-    assert moved > auto._Weighing(calm, AutoTable()).total.lsb[name].max() + 1, "too weak to test anything"
-    assert moved <= bound + 1
-
-
-# Topology direct: taxels, what couples their columns and moves no current here, and the gain beside it.
-COUPLED: dict[str, tuple[list[list[float]], str, str]] = {
-    "one_saturated": ([[250.0, 2000.0]], "lateral = { r_ohm = 1000.0 }", "300"),
-    "one_far_beyond": ([[20.0, 2000.0]], "lateral = { r_ohm = 2000.0 }", "1e4"),
-    "rows_that_float": (
-        [[250.0, 2000.0], [1000.0, 1000.0]],
-        "row_driver = { r_ohm = 0.0, grounded_r_ohm = inf }",
-        "300",
-    ),
-    "none_saturated": ([[600.0, 2000.0, 25000.0]], "lateral = { r_ohm = 300.0 }", "100"),
-}
-
-
-@pytest.mark.parametrize("gives_way", ["integrator_gain", "integrator_bandwidth"])
-@pytest.mark.parametrize("which", COUPLED)
-def test_what_couples_columns_that_give_way_is_within_its_bound(
-    resistance_plan: MakePlan, reader: DeckReader, which: str, gives_way: str
-) -> None:
-    """Through conductance between virtual grounds that are not held, though it moves no current between held ones."""
-    values, coupling, gain_dc = COUPLED[which]
-    parameters = {
-        "integrator_gain": f"gain_dc = {gain_dc}, r_in_ohm = 1e9",
-        "integrator_bandwidth": "gbw_hz = 1e5",
-    }
-    kept = f"{gives_way} = {{ {parameters[gives_way]} }}\n"
-    made = resistance_plan(np.array([values]), topology="direct", effects=kept + coupling)
-    plain = resistance_plan(np.array([values]), topology="direct", effects=kept)
-    moved = np.abs(reader.codes(made) - reader.codes(plain))
-    total, name = auto._Weighing(made, AutoTable()).total, coupling.split()[0]
-    assert (moved <= total.lsb[name] + total.beside[name][gives_way] + 1).all()
-    assert not total.lsb[name].any()
-    # The slope of a slow output brings nothing over a gate where no charge piles up.
-    if which != "none_saturated" or gives_way == "integrator_gain":
-        assert moved.max() > 1, "too weak to test anything"
 
 
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:

@@ -10,9 +10,10 @@ effects never comes here.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numba
 import numpy as np
@@ -29,8 +30,8 @@ from dermis.records import Drive, Plan
 
 Floats = NDArray[np.float64]
 
-_CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
-FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | _CAPACITANCES
+CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
+FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | CAPACITANCES
 
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
@@ -45,7 +46,7 @@ _OPEN_OHM = 1e30
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
-# hundredth of what certified codes allow for rounding (auto.ROUNDING_LSB), so they hold with it and an engine that
+# hundredth of what certified codes allow for rounding (filter.ROUNDING_LSB), so they hold with it and an engine that
 # was chosen within a budget takes the scene. Where it can be followed, it is.
 _LEFT_OUT = 1e-6
 # Packets in a whole slot of an exponential that a slow mirror does not feel.
@@ -168,7 +169,7 @@ def _per_c(plan: Plan) -> Floats:
 def _transients(plan: Plan, frame: int) -> settling.Transients | None:
     """What has not settled in one frame: whether it is followed, and how, hangs on nothing but the frame."""
     network = plan.network(0)
-    if not network.active_fields() & _CAPACITANCES:
+    if not network.active_fields() & CAPACITANCES:
         return None
     g, per_c = plan.conductance_s(slice(frame, frame + 1)), np.abs(_per_c(plan))
     most = float(per_c.max())
@@ -212,10 +213,10 @@ def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
 
     None where nothing changes inside a gate: capacitance is all that could, and what it holds has settled before.
     """
-    if not plan.active_fields() & _CAPACITANCES:
+    if not plan.active_fields() & CAPACITANCES:
         yield part, Slots(plan, part, None) if plan.active_fields() & FIELDS else None
         return
-    always = bool(plan.active_fields() & FIELDS - _CAPACITANCES)
+    always = bool(plan.active_fields() & FIELDS - CAPACITANCES)
     found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
     kinds = [(f is not None, f is not None and f.driven_c is not None) for f in found]
     first = part.start
@@ -224,6 +225,138 @@ def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
         of = found[alike.start - part.start : alike.stop - part.start]
         yield alike, Slots(plan, alike, _joined(of, plan.rows, plan.cols)) if followed or always else None
         first = alike.stop
+
+
+def _terms(drive: Drive, ways: Course, sine: Floats, cosine: Floats, limit_a: Floats) -> list[Floats]:
+    """Coefficients of `_basis` in ampere, each shaped as the currents."""
+
+    def finite(current: Floats) -> Floats:
+        return np.clip(current, -limit_a, limit_a)
+
+    with np.errstate(over="ignore"):
+        follows, moves = finite(ways.follows_begin), finite(ways.follows_end)
+        terms = [follows + finite(ways.rest_begin)]
+        if drive.ripple:
+            terms += [follows * sine, follows * cosine]
+        if drive.motion:
+            moves = moves - follows
+            terms += [moves + finite(ways.rest_end) - finite(ways.rest_begin)]
+            if drive.ripple:
+                terms += [moves * sine, moves * cosine]
+        if ways.follows_bend is not None:
+            bend = 4.0 * finite(ways.follows_bend)
+            terms += [bend + 4.0 * finite(ways.rest_bend)]
+            if drive.ripple:
+                terms += [bend * sine, bend * cosine]
+    return terms
+
+
+def _dark_terms(found: Course, drive: Drive, limit_a: Floats, count: int) -> list[Floats]:
+    """Coefficients of `_basis` while no row is driven."""
+    each = 3 if drive.ripple else 1
+    dark = [np.zeros(found.rest_begin.shape) for _ in range(count)]
+    dark[0] = np.clip(found.rest_begin, -limit_a, limit_a)
+    if drive.motion:
+        dark[each] = np.clip(found.rest_end, -limit_a, limit_a) - dark[0]
+    if found.rest_bend is not None:
+        dark[2 * each] = 4.0 * np.clip(found.rest_bend, -limit_a, limit_a)
+    return dark
+
+
+def _at(ways: Course, *cells: NDArray[np.intp]) -> Course:
+    """The currents of chosen cells."""
+    parts = (getattr(ways, part.name) for part in dataclasses.fields(Course))
+    return Course(*(None if part is None else part[cells] for part in parts))
+
+
+def phases(plan: Plan, part: slice) -> Floats:
+    """Phase of the ripple where every slot begins, [frames, rows] in radian."""
+    timing, drive = plan.timing, plan.drive
+    begins = range(0, plan.rows * timing.slot_clocks, timing.slot_clocks)
+    frames = range(plan.first_frame + part.start, plan.first_frame + part.stop)
+    turns = [[drive.turns(frame, clock, timing.f_clk_hz) for clock in begins] for frame in frames]
+    return 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
+
+
+def charges_of(
+    plan: Plan,
+    ways: Course,
+    dark: Course | None,
+    phase: Floats,
+    output: Floats | None,
+    cells: tuple[NDArray[np.intp], ...],
+    depth: NDArray[np.intp],
+) -> Iterator[tuple[NDArray[np.intp], Floats, Floats]]:
+    """Charge a clock of chosen cells alone, as `Slots.blocks` gives it.
+
+    Parameters
+    ----------
+    plan : Plan
+        Without coupled columns and without what has not settled.
+    ways, dark : Course
+        Of the frames that `cells` counts in; `dark` where a slow mirror sees a current while no row is driven.
+    phase : ndarray
+        [frames, rows] of the ripple.
+    output : ndarray or None
+        [frames, rows, cols] output of slow mirrors at the end of each slot.
+    cells : frame, row and column of each, [n].
+    depth : ndarray
+        [n] rows before its own that are walked as well, for the mirror.
+
+    Yields
+    ------
+    indices into `cells`, charge [clocks, indices], mean [indices]; the arrays are used again.
+    """
+    converter, timing, drive = plan.converter, plan.timing, plan.drive
+    omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
+    settle, gate, pause = timing.settle_clocks, timing.gate_clocks, timing.break_clocks
+    bends = ways.follows_bend is not None
+    basis, begin = _basis(pause, settle, gate, omega, bool(drive.ripple), drive.motion, bends)
+    lag = None
+    if converter.q_mirror_c.any():
+        lag = np.maximum(converter.q_mirror_c / (converter.i0_a / timing.f_clk_hz), 1e-15)
+    squeeze = None
+    if converter.inv_i_range_a.any() and converter.gain.all():
+        squeeze = converter.inv_i_range_a * np.abs(converter.k * converter.i0_a / converter.gain)
+    scratch = np.empty((settle + gate, WIDEST))
+    frame, row, col = cells
+    first = (depth == row) | (lag is None)  # begins with the frame, or remembers nothing
+    for kind in np.unique(2 * depth + first):
+        deep, from_start = int(kind) // 2, bool(kind % 2)
+        chosen = np.flatnonzero(2 * depth + first == kind)
+        for at in range(0, chosen.size, WIDEST):
+            which = chosen[at : at + WIDEST]
+            f, c = frame[which], col[which]
+            before = np.arange(-deep if from_start else -deep - 1, 1)[:, None]
+            r = np.maximum(row[which] + before, 0)
+            per_a = (converter.gain / (converter.k * converter.i0_a))[c]
+            limit_a = (X_INFINITE * converter.k * converter.i0_a)[c]
+
+            sine, cosine = drive.ripple * np.sin(phase[f, r]), drive.ripple * np.cos(phase[f, r])
+            terms = np.stack(
+                [t * per_a for t in _terms(drive, _at(ways, f, r, c), sine, cosine, limit_a)], axis=1
+            )
+            night = None
+            if dark is not None:
+                lights = _dark_terms(_at(dark, f, r, c), drive, limit_a, terms.shape[1])
+                night = np.stack([t * per_a for t in lights], axis=1)
+            slow = None
+            if lag is not None:
+                slow = np.zeros(which.size)
+                if not from_start:
+                    slow[:] = output[f, r[0], c]
+            out, mean = scratch[:, : which.size], np.empty(which.size)
+            if out.shape[1] != WIDEST:
+                out = np.empty(out.shape)
+            offset = np.broadcast_to((converter.i_offset_a / converter.i0_a)[c], r.shape).copy()
+            most = converter.drowning()[c]
+            for k in range(0 if from_start else 1, r.shape[0]):
+                charge = charges(
+                    k, 0, basis, begin, settle, terms, None, None, None, None, None,
+                    None if squeeze is None else squeeze[c], None if lag is None else lag[c],
+                    slow, pause, night, offset, most, out, mean,
+                )  # fmt: skip
+            yield which, charge, mean
 
 
 def glows(plan: Plan) -> bool:
@@ -235,7 +368,7 @@ def glows(plan: Plan) -> bool:
 
 def refuses(plan: Plan) -> InputError | None:
     """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
-    if not couples(plan) and not plan.active_fields() & _CAPACITANCES and not ripple.may_bend(plan):
+    if not couples(plan) and not plan.active_fields() & CAPACITANCES and not ripple.may_bend(plan):
         return None
     first = plan.fullest_frame()
     try:
@@ -304,36 +437,14 @@ class Slots:
         self.basis, self.begin = _basis(
             self._break, self._settle, self._gate, omega, bool(drive.ripple), drive.motion, bends
         )
-        frame = plan.first_frame + np.arange(part.start, part.stop)
-        phase = np.zeros((self.frames, self.rows))
-        if drive.ripple:
-            begins = range(0, self.rows * timing.slot_clocks, timing.slot_clocks)
-            turns = [[drive.turns(int(f), clock, timing.f_clk_hz) for clock in begins] for f in frame]
-            phase = 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
+        phase = phases(plan, part) if drive.ripple else np.zeros((self.frames, self.rows))
         sine, cosine = drive.ripple * np.sin(phase)[:, :, None], drive.ripple * np.cos(phase)[:, :, None]
 
         unit_a = converter.k * converter.i0_a / converter.gain if converter.gain.all() else None
         per_a = converter.gain / (converter.k * converter.i0_a)
         limit_a = X_INFINITE * converter.k * converter.i0_a
 
-        def finite(current: Floats) -> Floats:
-            return np.clip(current, -limit_a, limit_a)
-
-        with np.errstate(over="ignore"):
-            follows, moves = finite(ways.follows_begin), finite(ways.follows_end)
-            terms = [follows + finite(ways.rest_begin)]
-            if drive.ripple:
-                terms += [follows * sine, follows * cosine]
-            if drive.motion:
-                moves = moves - follows
-                terms += [moves + finite(ways.rest_end) - finite(ways.rest_begin)]
-                if drive.ripple:
-                    terms += [moves * sine, moves * cosine]
-            if ways.follows_bend is not None:
-                bend = 4.0 * finite(ways.follows_bend)
-                terms += [bend + 4.0 * finite(ways.rest_bend)]
-                if drive.ripple:
-                    terms += [bend * sine, bend * cosine]
+        terms = _terms(drive, ways, sine, cosine, limit_a)
         # [rows, terms, frames and cols]
         self.terms = np.ascontiguousarray(
             np.stack([t * per_a for t in terms]).transpose(2, 0, 1, 3).reshape(self.rows, len(terms), cells)
@@ -358,7 +469,7 @@ class Slots:
         if glows(plan):
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
-            self.dark = self._dark(ways if same else course(plan, part, dark=True), drive, per_a, finite)
+            self.dark = self._dark(ways if same else course(plan, part, dark=True), drive, per_a, limit_a)
         self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
         if found is not None:
             self._settling(found, _per_c(plan))
@@ -376,14 +487,8 @@ class Slots:
 
         return duty(means), Way(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
 
-    def _dark(self, found: Course, drive: Drive, per_a: Floats, finite: Callable[[Floats], Floats]) -> Floats:
-        each = 3 if drive.ripple else 1
-        dark = np.zeros((self.terms.shape[1], *found.rest_begin.shape))
-        dark[0] = finite(found.rest_begin)
-        if drive.motion:
-            dark[each] = finite(found.rest_end) - dark[0]
-        if found.rest_bend is not None:
-            dark[2 * each] = 4.0 * finite(found.rest_bend)
+    def _dark(self, found: Course, drive: Drive, per_a: Floats, limit_a: Floats) -> Floats:
+        dark = np.stack(_dark_terms(found, drive, limit_a, self.terms.shape[1]))
         cells = self.frames * self.cols
         return np.ascontiguousarray((dark * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
 
@@ -426,6 +531,7 @@ class Slots:
             self.mean[:, row] = mean.reshape(self.frames, self.cols)
 
 
+@functools.lru_cache(maxsize=8)
 def _basis(
     pause: int, settle: int, gate: int, omega: float, ripple: bool, motion: bool, bends: bool
 ) -> tuple[Floats, Floats]:
@@ -462,7 +568,10 @@ def _basis(
                 (middle_bend - own) * sine * mean + tilted * cosine * tilt,
             ]
             begin += [bend_begin * cosine_begin, bend_begin * sine_begin]
-    return np.stack(terms, axis=1), np.array(begin)
+    found = np.stack(terms, axis=1), np.array(begin)
+    for values in found:
+        values.flags.writeable = False
+    return found
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})

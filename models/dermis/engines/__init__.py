@@ -140,7 +140,8 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: An
     if error := _refuses_views(plan, plan.engine):
         raise error
     with solve_error.account(*_lsb(plan)) as account:
-        result = _module(plan.engine).run(plan, progress, **options)
+        filtered = plan.filtered and plan.engine == "event"
+        result = _module("filter" if filtered else plan.engine).run(plan, progress, **options)
     if report := account.report():
         result.info["array"] = report
     return result

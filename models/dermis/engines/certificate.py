@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from dermis import engines
 from dermis.bounds import SLOW_CLOCKS
 from dermis.converter import currents
-from dermis.engines import Result, closed, event
+from dermis.engines import Result, closed, event, filter
 from dermis.processes import cpu_time
 from dermis.records import Plan
 
 
 def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]:
     """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
-    margin = np.broadcast_to(plan.margin_lsb, (plan.cols,))
+    margin = filter.random_margin(plan) if plan.margin_lsb is None else plan.margin_lsb
+    margin = np.broadcast_to(margin, plan.resistance_ohm.shape)
+    result.info["margin_lsb"] = float(np.max(margin))
     if not margin.any():
         return result.codes, result.codes
     # Beyond this the level may be anywhere a gate of any code takes the charge, and a run at such a level says nothing:
@@ -30,7 +32,6 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
     silent = dataclasses.replace(plan.converter, **dict.fromkeys(event.RANDOM, 0.0))
     steady = _steady(plan)
     x = result.info.get("x") if plan.engine == "closed" or steady else None
-    duty = result.info.get("x")
     ends = []
     for sign in (1.0, -1.0):
         end = dataclasses.replace(
@@ -40,7 +41,6 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
             end = dataclasses.replace(end, engine="closed")
         if x is None:
             run = engines.run(end)
-            duty = run.info["x"] if duty is None else duty
             x = run.info.get("x") if end.engine == "closed" or steady else None
             ends.append(run.codes)
         elif end.engine == "closed":
@@ -48,11 +48,6 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
         else:
             ends.append(event.codes_of(end, x))
     low, high = ends
-    if np.any(plan.unsure_lsb):
-        # Where full scale begins a level that is off by a packet costs a count, and one more where the first packet is
-        # late (docs/auto.md); at the duty here it may cost none.
-        short = np.maximum(plan.timing.code_max - np.ceil(margin) - 1.0, 0.0).astype(low.dtype)
-        low = np.where(plan.timing.gate_clocks * duty < plan.unsure_lsb, np.minimum(low, short), low)
     return np.where(unbounded, low.dtype.type(0), low), np.where(
         unbounded, low.dtype.type(plan.timing.code_max), high
     )

@@ -11,6 +11,7 @@ change a decision (dermis.converter.noise).
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable
@@ -172,31 +173,31 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
         for alike, slots in groups(plan, part):
-            counts, x_all[alike], w_end[alike] = _count_frames(plan, alike, slots, random)
+            counts, x_all[alike], w_end[alike] = count_frames(plan, alike, slots, random)
             codes[alike] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
 
 
-def _count_frames(
+def count_frames(
     plan: Plan, part: slice, slots: Slots | None, random: bool
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Counts, duties and charges at the end of some frames, [frames, rows, cols] each."""
     timing, g = plan.timing, plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
     if slots is not None:
-        counts, end = _count_slots(plan, slots, g, keys)
+        counts, end = _count_slots(plan, part, slots, g, keys)
         return counts, slots.mean, end
     x = plan.converter.duty(column_currents(plan.network(0), g))
     coupled = coupling(plan, g, x)
     if coupled is not None:
         x = x + coupled.x
-    cells, draws = cells_of(plan, x, g, coupled), None
+    cells, draws = cells_of(plan, x, g, coupled, part), None
     if keys is not None:
         cells = _with_slot_noise(plan.converter, cells, keys)
         if plan.active_fields() & RANDOM - _SLOT_RANDOM:
-            draws = Noise(_noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
+            draws = Noise(noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
     counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
     return counts, x, end
 
@@ -207,13 +208,15 @@ def codes_of(plan: Plan, x: Floats) -> NDArray[np.unsignedinteger]:
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, first + step)
-        cells = cells_of(plan, x[part], plan.conductance_s(part))
+        cells = cells_of(plan, x[part], plan.conductance_s(part), frames=part)
         counts, _ = count_cells(cells, plan.timing.gate_clocks, plan.timing.charge_delay_clocks)
         codes[part] = np.minimum(counts, plan.timing.code_max)
     return codes
 
 
-def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
+def cells_of(
+    plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None, frames: slice = slice(None)
+) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
     converter = plan.converter
     packet_v = converter.packet_v()
@@ -234,7 +237,7 @@ def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None 
     limits = converter.range_v()
     scale = packet_v * amplitude
     start = W_PRESET + converter.preset_error_v / packet_v
-    level_v = converter.v_comp_offset_v + plan.moved_lsb * packet_v
+    level_v = converter.v_comp_offset_v + plan.of_frames(plan.moved_lsb, frames) * packet_v
     columns = {
         "w0": np.clip(start, limits[0] / scale, limits[1] / scale),
         "packet": 1.0 + converter.packet_error,
@@ -265,15 +268,18 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
 
 
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
-    """Variance of charge a clock in packets^2 that does not hang on x: thermal noise, [frames, 1, cols]."""
-    converter = plan.converter
-    column_s = np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
+    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1, cols]."""
+    return path_variance(plan.converter, np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True))
+
+
+def path_variance(converter: Converter, column_s: Floats) -> Floats:
+    """Variance of charge a clock in packets^2 of the thermal noise of `column_s` on each column."""
     q_packet = converter.i0_a / converter.f_clk_hz
     part = converter.gain / converter.k
     return 2.0 * converter.kt_noise_j * column_s * part**2 / (converter.f_clk_hz * q_packet**2)
 
 
-def _noise_rows(
+def noise_rows(
     converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
 ) -> Floats:
     """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets."""
@@ -456,11 +462,11 @@ def _grid_step(sigma: Floats, clocks: int) -> int:
 
 
 def _count_slots(
-    plan: Plan, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
+    plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
 ) -> tuple[NDArray[np.int64], Floats]:
     """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of cells."""
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
-    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
+    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling, part)
     variance = None
     if keys is not None:
         cells = _with_slot_noise(converter, cells, keys)
@@ -479,9 +485,7 @@ def _count_slots(
         stop = begin + block.stop - block.start
         if draws is not None:
             column = np.arange(block.start, block.stop) % slots.cols
-            draws.rows[:, begin:stop] = _noise_rows(
-                converter, mean, variance[frame[block], 0, column], column
-            )
+            draws.rows[:, begin:stop] = noise_rows(converter, mean, variance[frame[block], 0, column], column)
         walk_cells(
             timing.gate_clocks,
             timing.charge_delay_clocks,
@@ -496,6 +500,91 @@ def _count_slots(
         )
     back = (slots.rows, slots.frames, slots.cols)
     return counts.reshape(back).transpose(1, 0, 2), end.reshape(back).transpose(1, 0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Cells of some frames that are counted alone, with what is known of them.
+
+    `frame`, `row`, `col` [n] within the frames of `part`; `g` [frames, rows, cols] of these; `x` [n] duty where it is
+    constant; `keys` [n] or None; `ways`, `dark`, `phase`, `output`, `depth` as `currents.charges_of` takes them.
+    """
+
+    part: slice
+    g: Floats
+    frame: NDArray[np.intp]
+    row: NDArray[np.intp]
+    col: NDArray[np.intp]
+    x: Floats
+    keys: NDArray[np.uint64] | None
+    ways: currents.Course
+    dark: currents.Course | None
+    phase: Floats
+    output: Floats | None
+    depth: NDArray[np.intp]
+
+
+def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
+    """The converters of chosen columns [n], each with values of its own."""
+    chosen = copy.copy(converter)  # its arrays are checked already
+    for name, value in vars(converter).items():
+        if isinstance(value, np.ndarray):
+            object.__setattr__(chosen, name, value[col])
+    return chosen
+
+
+def cells_chosen(plan: Plan, chosen: Chosen, drawn: bool = True) -> tuple[Cells, Converter]:
+    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots, and their converters."""
+    row, here = chosen.row, (chosen.frame, chosen.row, chosen.col)
+    every = cells_of(plan, np.broadcast_to(0.0, chosen.g.shape), chosen.g, frames=chosen.part)
+    parts = {f.name: getattr(every, f.name)[here] for f in fields(Cells)}
+    converter = columns_of(plan.converter, chosen.col)
+    most = converter.drowning()
+    parts["x"] = np.clip(chosen.x, -most, most) if row.size else chosen.x
+    cells = Cells(**parts)
+    if chosen.keys is not None and drawn:
+        cells = _with_slot_noise(converter, cells, chosen.keys)
+    return cells, converter
+
+
+def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
+    """Counts [n] of chosen cells, those that `run` gives them: random numbers hang on the cell alone."""
+    timing, active = plan.timing, plan.active_fields()
+    cells, converter = cells_chosen(plan, chosen)
+    walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
+    variance = None
+    if walks:
+        column_s = np.minimum(chosen.g, G_ACROSS_S).sum(axis=1)[chosen.frame, chosen.col]
+        variance = path_variance(converter, column_s)
+    if not active & currents.FIELDS - currents.CAPACITANCES:
+        draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
+        return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
+    counts = np.empty(chosen.row.size, dtype=np.int64)
+    where = chosen.frame, chosen.row, chosen.col
+    for which, charge, mean in currents.charges_of(
+        plan, chosen.ways, chosen.dark, chosen.phase, chosen.output, where, chosen.depth
+    ):
+        some = Cells(**{f.name: getattr(cells, f.name)[which] for f in fields(Cells)})
+        draws = None
+        if walks:
+            rows = noise_rows(converter, mean, variance[which], which)
+            draws = Noise(rows, chosen.keys[which])
+        found, end = np.empty(which.size, dtype=np.int64), np.empty(which.size)
+        rows_here = rows_of(some, timing.charge_delay_clocks)
+        walk_cells(
+            timing.gate_clocks,
+            timing.charge_delay_clocks,
+            None,
+            charge,
+            rows_here,
+            draws,
+            0,
+            which.size,
+            found,
+            end,
+        )
+        counts[which] = found
+    return counts
 
 
 class Draws(NamedTuple):

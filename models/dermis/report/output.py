@@ -239,8 +239,7 @@ def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
     return {
         "budget_lsb": budget_lsb,
         "sigma": auto.sigma,
-        "left_out_lsb": plan.left_out_lsb,
-        "margin_lsb": _json(float(np.max(plan.margin_lsb))),
+        "margin_lsb": _json(result.info.get("margin_lsb", 0.0)),
         "median_width_lsb": float(np.median(width)),
         "max_width_lsb": int(width.max()),
     }

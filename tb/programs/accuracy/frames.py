@@ -159,7 +159,7 @@ class Frames:
         """Run closed or event; a run too short to time is repeated."""
         result = engines.run(made)
         seconds = cpu_time.cpu_seconds(partial(engines.run, made)) / made.frames
-        whole = made.engine == "event" and not made.left_out_lsb
+        whole = "w_end" in result.info
         volts = charge_error_v(made, np.asarray(result.info["w_end"])[0], self.truth) if whole else None
         return self.outcome(result.codes[0], seconds, volts)
 
@@ -203,7 +203,7 @@ class Frames:
         yield Method("closed, effects out", "none of 8 in", partial(self.plain, bare))
         for budget in BUDGETS_LSB[1::2] if quick else BUDGETS_LSB:
             made = plan.make(many.scene, None, AutoTable(budget_lsb=budget))
-            text = f"budget {budget:g} LSB: {len(made.on)} of 8 in, {made.engine}"
+            text = f"budget {budget:g} LSB, {made.engine}"
             yield Method("auto, by budget", text, partial(self.plain, made))
             yield Method("auto, certified bound", text, partial(self.bound, made))
         yield Method("event", "8 of 8 in", partial(self.plain, many))

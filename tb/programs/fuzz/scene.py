@@ -129,13 +129,11 @@ def prepare(place: Path) -> None:
 
 def look(made: records.Plan, place: Path, again: bool) -> None:
     """Raise Finding unless a plan is finite, reads back the same, and has decks of known lines."""
-    ohm, margin = made.resistance_ohm, np.asarray(made.margin_lsb)
+    ohm = made.resistance_ohm
     if ohm.ndim != 3 or not (ohm >= 0).all():
         raise Finding("value", "plan.make", f"resistances of shape {ohm.shape} that are NaN or below 0")
     if made.force_n is not None and (made.force_n.shape != ohm.shape or not (made.force_n >= 0).all()):
         raise Finding("value", "plan.make", "forces that are NaN, below 0 or of another shape")
-    if np.isnan(margin).any() or np.isnan(made.left_out_lsb):
-        raise Finding("value", "auto.choose", "a margin that is NaN")
     if again:
         path, text = place / "resolved.toml", made.resolved_toml(place)
         path.write_text(text, encoding="utf-8")
