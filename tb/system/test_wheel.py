@@ -103,6 +103,8 @@ def test_an_empty_environment_gets_a_library_and_a_command(wheel: Path, tmp_path
         assert np.array_equal(codes, dermis.simulate("single_touch", engine=engine).codes)
     assert np.array_equal(np.load(away / "library.npy"), codes)
     assert "formal" not in run([command, "--help"], away)  # a command of the checkout
+    for name in ("ablate", "calibrate", "plan", "read"):
+        assert "Usage" in run([command, name, "--help"], away)
     said = run([command, "run", "no_such_scene"], away, 2)
     assert "single_touch" in said
     assert not list((tmp_path / "venv").rglob("build/run"))
