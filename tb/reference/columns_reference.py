@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the direct interface by their common equation: slow and obvious beside engine event's mean charges."""
+"""Columns of the direct interface by their common equation: the slow reference of engine event's mean charges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dermis.records import Plan
 
 
 def codes(plan: Plan, frame: int = 0) -> np.ndarray:
-    """Codes [rows, cols] of a frame; no noise, and no range that bites."""
+    """Return codes [rows, cols] of a frame without noise or saturation."""
     return np.array([_row(plan, frame, row) for row in range(plan.rows)])
 
 

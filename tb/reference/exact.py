@@ -37,7 +37,7 @@ _X_SURE = 1e15
 
 
 def interval(cell: Mapping[str, Any], clocks: int, late: float = 1.0, margin: float = 0.0) -> tuple[int, int]:
-    """Least and largest count of a cell with its levels moved by at most `margin` packets.
+    """Return the least and largest count of a cell with its levels moved by at most `margin` packets.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
 
 
 def count(x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fraction) -> int:
-    """Ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in integers.
+    """Count ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in integers.
 
-    The same machine as vfc.bits_exact, ten times quicker: all of it in units of the common denominator.
+    The same machine as vfc.bits_exact, ten times faster, in units of the common denominator.
     """
     unit = math.lcm(x.denominator, w0.denominator, packet.denominator, level.denominator)
     step, w, one, top = (v.numerator * (unit // v.denominator) for v in (x, w0, packet, level))
@@ -100,7 +100,7 @@ def _mpf(value: Any) -> mpmath.mpf:
 def cell_of(
     x: float, effects: Mapping[str, Any], interface: Mapping[str, Any], f_clk_hz: float = 5e6
 ) -> dict[str, Any]:
-    """The converter of a scene in packets and clocks, straight from the circuit: nothing of the package is used.
+    """Return the converter of a scene in packets and clocks, derived from the circuit without the package.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def cell_of(
 
 
 def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> list[int]:
-    """Ones of a leaky integrator by its recursion, packets a clock behind the decision.
+    """Return ones of a leaky integrator by its recursion, packets a clock after the decision.
 
     w[n] = keep w[n-1] + gain (x - q[n-2]), gain = (1 - keep) / -log(keep); q[n] = w[n] >= 0 and not q[n-1].
     """
@@ -173,7 +173,7 @@ def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> 
 
 @functools.cache
 def plateau(p: int, q: int, keep: Fraction) -> tuple[Fraction, Fraction]:
-    """Lowest duty, and the one just beyond the highest, at which a leaky converter locks to p ones in q clocks.
+    """Return the lowest duty, and the one just beyond the highest, that lock a leaky converter to p ones in q clocks.
 
     In units in which a packet is 1 at its decision, y[n+1] = keep y[n] + keep x - q[n], so a pattern of period q
     has y[n] = keep x / (1 - keep) - S[n] with S[n] = sum of keep^j q[n-1-j]. It is the converter's own where y >= 0 at
@@ -191,7 +191,9 @@ def plateau(p: int, q: int, keep: Fraction) -> tuple[Fraction, Fraction]:
 
 
 def plateau_width(q: int, keep: Fraction) -> Fraction:
-    """Width of every plateau of period q in keep x: keep^(q-2) (1-keep)^2 / (1-keep^q), the contracted rotation's.
+    """Return the width of every plateau of period q in keep x: keep^(q-2) (1-keep)^2 / (1-keep^q).
+
+    This is the width of the contracted rotation.
 
     Laurent and Nogueira 2018, for y -> keep y + delta - [y >= 0]; here delta is keep x.
     """
@@ -199,7 +201,7 @@ def plateau_width(q: int, keep: Fraction) -> Fraction:
 
 
 def locked(q: int) -> list[tuple[int, int]]:
-    """Every p/q up to one half in lowest terms."""
+    """Return every p/q up to one half in lowest terms."""
     return [(p, q) for p in range(1, q // 2 + 1) if math.gcd(p, q) == 1]
 
 
@@ -207,7 +209,7 @@ def locked(q: int) -> list[tuple[int, int]]:
 
 
 def count_and_rest(x: float | Fraction, clocks: int) -> tuple[int, Fraction]:
-    """Exact count and charge left after very many clocks of an ideal converter, 0 <= x <= 1/2.
+    """Return the exact count and remaining charge after very many clocks of an ideal converter, 0 <= x <= 1/2.
 
     Behind a decision the charge is at least -1 (a packet left at 0 or more) and below 0 (it stood below 0, or at most
     x - 1 below it remains), so one count alone is left by the balance: -1 <= -1/2 + N x - count < 0.

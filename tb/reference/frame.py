@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Codes of a frame with effects in 50 digits: the network by elimination, the converter from clock to clock.
 
-Slow and obvious on purpose, and written from the circuit alone: it shares nothing with the engines but the records.
+Slow and obvious on purpose; it shares only the records with the engines.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ HONOURS = frozenset(
 
 
 def _column_currents(plan: Plan, frame: int, row: int) -> list[mpf]:
-    """Currents into the virtual grounds while a row is driven: Kirchhoff at every line, by LU factors."""
+    """Return currents into the virtual grounds while a row is driven: Kirchhoff at every line, by LU factors."""
     network = plan.network(frame)
     rows, cols = network.rows, network.cols
     g = [[mpf(float(x)) for x in line] for line in network.g_taxel_s]
     r_driven, r_ground = mpf(float(network.r_row_driven_ohm)), mpf(float(network.r_row_grounded_ohm))
     r_column = [mpf(float(r)) for r in np.broadcast_to(network.r_column_ohm, (cols,))]
     if not (r_driven and r_ground and all(r_column)):
-        raise ValueError("the reference wants resistance in every driver and column")
+        raise ValueError("the reference needs resistance in every driver and column")
     matrix, source = mp.matrix(rows + cols, rows + cols), mp.matrix(rows + cols, 1)
     for r in range(rows):
         driver = 1 / (r_driven if r == row else r_ground)
@@ -59,7 +59,7 @@ def _column_currents(plan: Plan, frame: int, row: int) -> list[mpf]:
 
 
 def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> tuple[int, mpf]:
-    """Ones in a gate, and the charge at its end: charge w is a straight line within a clock, the output v follows it.
+    """Count ones in a gate and return the charge at its end; the output v follows the charge w.
 
     All in packets and clocks, `lag` is the time constant. A one decided at clock n draws its packet between the clocks
     n + 1 and n + 2.
@@ -81,7 +81,7 @@ def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) ->
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame as it is, all [rows, cols]: codes, charge at the end of each gate and input a clock in packets."""
+    """A frame, all [rows, cols]: codes, charge at the end of each gate and input a clock in packets."""
 
     codes: NDArray[np.int64]
     w_end: NDArray[np.float64]
@@ -89,18 +89,18 @@ class Frame:
 
 
 def codes(plan: Plan, frames: int) -> NDArray[np.int64]:
-    """Codes of the first frames of a plan; raises what `frame` raises."""
+    """Return codes of the first frames of a plan; raises as `frame` does."""
     return np.array([frame(plan, number).codes for number in range(frames)])
 
 
 @mp.workdps(DIGITS)
 def frame(plan: Plan, number: int = 0) -> Frame:
-    """One frame of a plan.
+    """Return one frame of a plan.
 
     Raises
     ------
     ValueError
-        A field of the records is away from the ideal that this reference does not know.
+        A field of the records that this reference does not model is not ideal.
     """
     if unknown := plan.active_fields() - HONOURS:
         raise ValueError(f"no reference for {', '.join(sorted(unknown))}")

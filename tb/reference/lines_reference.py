@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines with capacitance in many digits: the slow reference of what has not settled in a slot."""
+"""Lines with capacitance in many digits: the slow reference of incomplete settling."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dermis.records import Timing
 
 
 def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
-    """Extra charge of every clock of a slot, [rows, cols, clocks], from the matrix exponential in 80 digits.
+    """Return the extra charge of every clock of a slot, [rows, cols, clocks], from the matrix exponential in 80 digits.
 
     Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node without
     capacitance as 1e-28 F, which moves charges by the same small part.
@@ -52,7 +52,7 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
 def settles(
     network: Network, driven: int | None, c: mpmath.matrix
 ) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
-    """Settled voltages, the matrix of their rate of change and the resistance behind each node."""
+    """Return settled voltages, the matrix of their rate of change and the resistance of each node."""
     rows, cols, exact = network.rows, network.cols, mpmath.mpf
     n = rows + cols
     g, push, behind = mpmath.zeros(n, n), mpmath.zeros(n, 1), []

@@ -30,7 +30,7 @@ _SHORT_DIGITS = 200
 def column_currents(
     network: Network, digits: int = 60, slots: Sequence[int] | None = None
 ) -> NDArray[np.float64]:
-    """Column currents of some slots, [slots, cols] in ampere (all of them: [rows, cols]).
+    """Return column currents of some slots, [slots, cols] in ampere (all of them: [rows, cols]).
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ def column_currents(
 
 
 def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tuple[list[Element], dict, dict]:
-    """Every element as (node, node, conductance), the voltages of nodes that are held, the injected currents."""
+    """Return every element as (node, node, conductance), the voltages of nodes that are held, the injected currents."""
     rows, cols, zero = network.rows, network.cols, exact(0)
 
-    # Nodes by name. Behind its driver a row line is ("row", r), in front of its input a column ("column", c).
+    # Nodes by name. After its driver a row line is ("row", r), before its input a column ("column", c).
     def on_row(r: int, c: int) -> Node:
         return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
 
@@ -103,10 +103,10 @@ def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tupl
 
 
 def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = mpmath.mpf) -> list[Any]:
-    """Column currents while one row is driven, as numbers of the kind that `exact` makes."""
+    """Return column currents while one row is driven, as numbers of the kind that `exact` makes."""
     found, known, injected = elements(network, driven, exact)
     voltage = dict(known)
-    # Nodes that hang on nothing are at no voltage and carry nothing: only what is tied to a source counts.
+    # Unconnected nodes carry no current: only nodes tied to a source count.
     near: dict[Node, list[Node]] = {}
     for a, b, _ in found:
         near.setdefault(a, []).append(b)

@@ -45,10 +45,10 @@ OPTIONS = netlist.options(pole=False)
 
 @dataclass(frozen=True)
 class Circuit:
-    """The converter that others were measured on: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
+    """The circuit of the benchmark: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
 
     The circuit starts where the row is driven, `break_clocks` after the slot of the chip.
-    There is no preset: the integrator starts so far above half a packet that it stands there, w = -1/2, when the gate
+    Without a preset the integrator starts above half a packet and is at w = -1/2 when the gate
     opens. With `preset` it is held at half a packet until then, as on the chip.
     With `t_gbw_s` the amplifier's output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
     """
@@ -117,12 +117,12 @@ class Circuit:
 
     @property
     def pulses(self) -> int:
-        """What the counter must read, in exact rationals."""
+        """Exact count in rationals."""
         return count_rational(self.duty, self.gate_clocks)
 
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
-    """Netlist of the converter in the project's own blocks: nodes d_charge, d_hold in; comp0, xvfc.v_int out."""
+    """Return the netlist of the converter in own blocks: nodes d_charge, d_hold in; comp0, xvfc.v_int out."""
     values = {
         "i0_a": circuit.i0_a,
         "c_int_f": circuit.c_int_f,
@@ -145,7 +145,7 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
 
 
 def start_lines(circuit: Circuit) -> list[str]:
-    """What replaces the preset: no hold, and the integrator's voltage as initial condition (for `uic`)."""
+    """Return the replacement of the preset: no hold, and the integrator's voltage as initial condition (for `uic`)."""
     start = spice_number(circuit.v_start_v)
     lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
     if circuit.t_gbw_s:
@@ -159,7 +159,7 @@ def deck(
     packet_error: float = 0.0,
     options: str = OPTIONS,
 ) -> Deck:
-    """The circuit for lock-step; probes are the comparator, then the integrator."""
+    """Return the circuit for lock-step; probes are the comparator, then the integrator."""
     names = netlist.source_names(1, 1)
     nodes = ["d_row0", "d_hold" if circuit.preset else "d_preset", "d_charge"]
     lines = ["one converter", *blocks(circuit, packet_error, options)]
@@ -171,16 +171,16 @@ def deck(
 
 
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
-    """Integrator voltage at the clocks first, first + 1, ... of the exact solution.
+    """Return the integrator voltage at the clocks first, first + 1, ... of the exact solution.
 
     Parameters
     ----------
     circuit : Circuit
     charge : array_like of 0 and 1
-        What the charge switch was told at each clock from `first` on; it was off before. A switch that is told at
+        State of the charge switch at each clock from `first` on; it was off before. A switch that changes at
         clock n moves on a straight line between n T and n T + t_edge.
     late_s : float
-        How long after the clock the line begins, where a bridge is known to be late.
+        Delay of that line after the clock, for a bridge with a known delay.
 
     Notes
     -----
@@ -199,7 +199,7 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 
 @mp.workdps(50)
 def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> Floats:
-    """`exact_voltage` behind the amplifier's pole, in 50 digits: t v' = u - v with u the voltage without the pole.
+    """Return `exact_voltage` with the amplifier's pole, in 50 digits: t v' = u - v with u the voltage without the pole.
 
     u is a parabola while the charge switch moves and a straight line elsewhere. Of u = a + b s + c s^2 follows
     v = p(s) + (v(0) - p(0)) exp(-s / t) with p = u - t u' + t^2 u''.
@@ -230,15 +230,15 @@ def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> F
 
 
 def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> float:
-    """Largest |voltage - exact| over the clock edges after the start.
+    """Return the largest |voltage - exact| over the clock edges after the start.
 
     Parameters
     ----------
     circuit : Circuit
     voltage : ndarray
-        Integrator at clocks 0, 1, ... to the end; what is before the start is not looked at.
+        Integrator at clocks 0, 1, ... to the end; values before the start are ignored.
     charge : ndarray
-        What the charge switch was told at clocks 1, 2, ... to the end.
+        State of the charge switch at clocks 1, 2, ... to the end.
     """
     first = circuit.first
     told = np.concatenate([[0], charge])[first:-1]
@@ -248,7 +248,7 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
 
 
 def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
-    """Advance an analog half to the end, with the charge switched as told at clocks 1, 2, ...
+    """Advance an analog half to the end, with these states of the charge switch at clocks 1, 2, ...
 
     The preset falls as the gate opens.
     """

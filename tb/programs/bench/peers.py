@@ -102,7 +102,7 @@ def xspice(
     limit_s: float,
     options: str = circuits.OPTIONS,
 ) -> PeerRun:
-    """Plain ngspice: bridges, two d_dff and a gate in event-driven code models, clock edges from a d_source file."""
+    """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a d_source file."""
     where.mkdir(parents=True)
     circuit = short(circuit, clocks)
     t_clk = 1.0 / circuit.f_clk_hz
@@ -232,7 +232,7 @@ def _judged(
 
 
 def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
-    """Time and one voltage of a binary ngspice raw file."""
+    """Return time and one voltage of a binary ngspice raw file."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -254,7 +254,7 @@ def spicebind(
     waves: bool = True,
     options: str = circuits.OPTIONS,
 ) -> PeerRun:
-    """SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the process."""
+    """Run SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the process."""
     import spicebind as package
 
     where.mkdir(parents=True)
@@ -292,7 +292,7 @@ def cocotbext_ams(
     waves: bool = True,
     options: str = circuits.OPTIONS,
 ) -> PeerRun:
-    """cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
+    """Run cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
     where.mkdir(parents=True)
     circuit = short(circuit, clocks)
     # Icarus 11 does not carry a forced value on through ports and assignments; a process sees it.
@@ -391,7 +391,7 @@ if AMS_VARIABLE in os.environ and __name__ != "__main__":
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the converter; what goes wrong is left as error.txt for the parent."""
+        """Run the converter; a failure is left as error.txt for the parent."""
         where = Path(os.environ[AMS_VARIABLE])
         try:
             await _ams_run(dut, where)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The named suite of hard cases, each with an exact answer, an argued tolerance and all engines that can."""
+"""The named suite of hard cases, each with an exact answer, an argued tolerance and all engines that can express it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Each has `cases()`, and, where something has to be compiled before its cases run
 
 
 def modules() -> Iterator[ModuleType]:
-    """The modules that have cases."""
+    """Yield the modules that have cases."""
     for name in MODULES:
         yield importlib.import_module(f"{__name__}.{name}")
 
 
 def all_cases() -> list[Case]:
-    """Every case of every module.
+    """Return every case of every module.
 
     Raises
     ------

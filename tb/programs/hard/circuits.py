@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard circuits: what ngspice gives up, rings at, starts wrongly from or must refuse, each with an exact answer.
+"""Hard circuits: ngspice aborts, rings, starts wrongly or must refuse; each has an exact answer.
 
 Engines: `lockstep` is ngspice as the analog half with row scanner and flip-flops in Python (tb/system ties such a
 chip to the Verilog), `batch` a deck through `ngspice -b`, both on the ladder (docs/ladder.md); `event` and
@@ -62,7 +62,7 @@ def lockstep(
     t_max_step_s: float = 1e-7,
     use_ic: bool = False,
 ) -> tuple[Rows, ladder.Climb]:
-    """Samples [times, probes] of a circuit whose sources are `v_d0 d0 0 external` ..., and its way up the ladder.
+    """Return samples [times, probes] of a circuit with sources `v_d0 d0 0 external` ..., and its rungs of the ladder.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def lockstep(
 
 
 def batch(lines: Sequence[str], analysis: str, measures: Sequence[str]) -> spice_batch.Measured:
-    """What a deck measures in `ngspice -b`; `measures` are the words behind `.meas`."""
+    """Return the measurements of a deck in `ngspice -b`; `measures` are the words after `.meas`."""
     with _folder() as folder:
         deck = folder / "circuit.sp"
         body = ["a hard circuit", *lines, analysis, *(f".meas {text}" for text in measures)]
@@ -120,7 +120,7 @@ def _said(way: ladder.Climb | Sequence[ladder.Retry]) -> str:
 
 
 def refused(run: Callable[[], object], *causes: str) -> Measured:
-    """0 where a run ends with an error of the project that says each of the causes, else 1."""
+    """Return 0 if a run ends with an error of the project that names each cause, else 1."""
     try:
         run()
     except (SimulatorError, InputError) as error:
@@ -139,7 +139,7 @@ DUTY = Fraction(3, 8)
 
 
 def transistor_converter(size: int) -> list[str]:
-    """A converter of fourteen level-1 transistors: two amplifiers of seven, one integrates, one compares.
+    """Return a converter of fourteen level-1 transistors: two amplifiers of seven, one integrates, one compares.
 
     1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have Meyer's gate
     capacitances and nothing else, and `vref` and `vbn` are ideal sources that drive only gates.
@@ -184,7 +184,7 @@ def transistor_converter(size: int) -> list[str]:
 
 
 def count_pulses(lines: Sequence[str], level: ladder.Level) -> int:
-    """Packets of a converter in GATE clocks, with its two flip-flops in Python; it ends at the last clock."""
+    """Count packets of a converter in GATE clocks, with its two flip-flops in Python."""
     names = ("v_d0", "v_d1")
     deck = Deck(
         ("converter", *lines, "v_d0 d0 0 external", "v_d1 d1 0 external"),
@@ -220,11 +220,11 @@ def count_pulses(lines: Sequence[str], level: ladder.Level) -> int:
 
 SIZES = range(14)
 ABORTING = (1, 2, 3, 5, 6, 7, 11, 12, 13)
-"""Sizes of SIZES of which plain ngspice gives up a step."""
+"""Sizes of SIZES at which plain ngspice aborts a step."""
 
 
 def transistors(begin: str, sizes: Sequence[int]) -> Measured:
-    """Largest miss of the count over sizes, from a rung of the steps on; each of ABORTING must leave `plain`."""
+    """Return the largest count error over sizes, from a rung on; each of ABORTING must leave `plain`."""
     foot = [rung.name for rung in ladder.STEPS].index(begin)
     worst, climbed, ends = 0.0, [], set()
     for size in sizes:
@@ -243,7 +243,7 @@ def transistors(begin: str, sizes: Sequence[int]) -> Measured:
 
 
 def transistors_plain() -> Measured:
-    """The abort itself: time, node and phase must be named."""
+    """Check that the abort names time, node and phase."""
     try:
         count_pulses(transistor_converter(2), ladder.PLAIN)
     except ladder.Abort as abort:
@@ -277,12 +277,12 @@ LEAP = (
 
 
 def leap_v() -> float:
-    """v(leap) behind the leap: 1 - v = tanh(200 (v - 1/2))."""
+    """Return v(leap) after the leap: 1 - v = tanh(200 (v - 1/2))."""
     return float(mpmath.findroot(lambda v: 1 - v - mpmath.tanh(200 * (v - 0.5)), (0.5026, 0.5028)))
 
 
 def needed_operating_point(rung: str) -> mpmath.mpf:
-    """v(b) of a circuit of NEEDS, to thirty digits."""
+    """Return v(b) of a circuit of NEEDS in thirty digits."""
     with mpmath.workdps(30):
         if rung == "gmin_stepping":
             # with v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for the argument of tanh
@@ -297,7 +297,7 @@ def needed_operating_point(rung: str) -> mpmath.mpf:
 
 
 def start(rung: str, engine: str) -> Measured:
-    """Distance of an operating point from the exact one, by a way that must end on the rung."""
+    """Return the error of an operating point, which must be found on the rung."""
     if engine == "batch":
         found = batch(NEEDS[rung], ".tran 1n 10n", ["tran b find v(b) at=5n"])
         value, retries = found.values["b"], found.retries
@@ -320,7 +320,7 @@ NOT_A_NUMBER = ("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n", "bx c 0 v = time > 1.5e-6 
 
 
 def no_answer(lines: Sequence[str], engine: str, *causes: str) -> Measured:
-    """Whether a circuit without an answer ends with an error that names its cause."""
+    """Check that a circuit without an answer ends with an error that names its cause."""
     if engine == "batch":
         return refused(lambda: batch(lines, ".tran 10n 3u 0 10n", ["tran a find v(a) at=1u"]), *causes)
     probe = "c" if any(line.startswith("bx c") for line in lines) else "a"
@@ -331,19 +331,19 @@ CLASHES = {"element": "R1 b 0 1k", "block": "x1 b 0 no_such_block", "source": "v
 
 
 def clash(what: str) -> Measured:
-    """An element of a name that is taken but for its case, a block that is not there, a source that nobody drives."""
+    """Check the error of a name taken in other case, a missing block, or a source that is not driven."""
     name = {"element": "already exists", "block": "no_such_block", "source": "v_d7"}[what]
     return refused(lambda: lockstep(["v1 a 0 1", "r1 a b 1k", CLASHES[what]], ["b"], [1e-6]), name)
 
 
 def folded_case() -> Measured:
-    """Nodes of names that differ in case only are one node, here as in every SPICE."""
+    """Check that names which differ in case only are one node."""
     samples, _ = lockstep(("v1 IN 0 1", "r1 in Mid 1k", "r2 mID 0 3k"), ["MID"], [1e-6])
     return Measured(abs(float(samples[0, 0]) - 0.75))
 
 
 def nan_in(what: str) -> Measured:
-    """A number that is none is refused before any deck is written."""
+    """Check that NaN is refused before any deck is written."""
     if what == "array":
         return refused(lambda: array_subckt(1, 2, [[math.nan, 1e3]]), "nan", "[0, 0]")
     data = {
@@ -359,7 +359,7 @@ def nan_in(what: str) -> Measured:
 
 
 def gate_only(engine: str) -> Measured:
-    """The output of an inverter whose input is an ideal source at its gate, in its linear region."""
+    """Solve an inverter in its linear region whose input is an ideal source at a gate."""
     lines = (
         ".model n nmos level=1 vto=0.5 kp=100u lambda=0",
         "vdd vdd 0 2",
@@ -376,7 +376,7 @@ def gate_only(engine: str) -> Measured:
 
 
 def divided_charge() -> Measured:
-    """A node between two capacitors, told where it starts, follows an edge by their ratio for ever."""
+    """Check that a node between two capacitors with a given start follows an edge by their ratio."""
     lines = ("c1 d0 b 1p", "c2 b 0 3p", ".ic v(b)=0.25", TIGHT)
     times = [1e-6, 2e-6, 1e-5]
     samples, way = lockstep(lines, ["b"], times, {1e-6: [(0, 2.0)]}, levels=[0.0], use_ic=True)
@@ -384,7 +384,7 @@ def divided_charge() -> Measured:
 
 
 def closing_switch(abrupt: bool) -> Measured:
-    """A capacitor charged through a closing switch, then drained by 1 uA: what rang would go on in it."""
+    """Charge a capacitor through a closing switch, then drain it by 1 uA: ringing would continue."""
     lines = (
         "bclose a b i = v(d0) > 0.95 ? (v(d0) - 0.95)*20*v(a,b)*1e3 : 0",
         "v1 a 0 1",
@@ -404,7 +404,7 @@ def closing_switch(abrupt: bool) -> Measured:
 
 
 def inconsistent_start() -> Measured:
-    """Two capacitors of 1 V and 0 V behind 1 uohm, and one whose initial state contradicts its ideal source."""
+    """Start two capacitors of 1 V and 0 V joined by 1 uohm, and one whose start contradicts its ideal source."""
     lines = (
         "c1 a 0 1p",
         "c2 b 0 1p",
@@ -419,7 +419,7 @@ def inconsistent_start() -> Measured:
 
 
 def supply_ramp() -> Measured:
-    """A latch of level-1 inverters, one of which has a resistor of 10 Mohm to the supply, comes up on its side."""
+    """Ramp the supply of a latch, one side of which has 10 Mohm to the supply and must win."""
     lines = (
         ".model n nmos level=1 vto=0.5 kp=100u",
         ".model p pmos level=1 vto=-0.5 kp=50u",
@@ -441,7 +441,7 @@ def supply_ramp() -> Measured:
 
 
 def switch_extremes() -> Measured:
-    """A switch from nothing to 1e12 ohm into 1 Mohm, ten times."""
+    """Switch between 0 and 1e12 ohm into 1 Mohm, ten times."""
     lines = ("v1 a 0 1", "bswitch a b i = v(a,b)*(v(d0) > 0.5 ? 1e9 : 1e-12)", "rload b 0 1meg", TIGHT)
     times = [k * 1e-6 for k in range(1, 21)]
     edges = {t: [(0, float(k % 2))] for k, t in enumerate(times[:-1])}
@@ -452,7 +452,7 @@ def switch_extremes() -> Measured:
 
 
 def stiff_pair() -> Measured:
-    """Time constants of 1e-15 s and 1 s side by side, a second long; the slow one is charged through the fast one."""
+    """Charge a stage of 1 s through one of 1e-15 s, for a second."""
     # abstol and vntol are 1e-9 of the microampere and the volt that flow and stand
     lines = (
         "r1 d0 a 1",
@@ -474,7 +474,7 @@ def stiff_pair() -> Measured:
 
 
 def gyrator(options: str) -> Measured:
-    """Resonance of two capacitors and a gyrator, ten periods of 1 us: amplitude and phase of the trapezoidal rule."""
+    """Run two capacitors and a gyrator for ten periods of 1 us: amplitude and phase of the trapezoidal rule."""
     c = 1e-9
     g = 2 * math.pi * 1e6 * c
     lines = (
@@ -491,7 +491,7 @@ def gyrator(options: str) -> Measured:
 
 
 def huge_and_tiny() -> Measured:
-    """1e30 V behind 1e30 ohm, and 1e-18 A into 1e18 ohm, beside a volt; relative errors."""
+    """Solve 1e30 V with 1e30 ohm, 1e-18 A into 1e18 ohm, and a volt; return relative errors."""
     lines = (
         "v1 a 0 1e30",
         "r1 a b 1e30",
@@ -525,7 +525,7 @@ def chip(
     effects: Mapping[str, Any] | None = None,
     ohms: Sequence[float] = EXTREME_OHM,
 ) -> records.Plan:
-    """Resistances in an array of four columns."""
+    """Return a plan with these resistances in an array of four columns."""
     interface = {"topology": topology, **(CORNERS[corner] if topology != "direct" else {})}
     data = {
         "array": {"rows": len(ohms) // COLS, "cols": COLS},
@@ -539,7 +539,7 @@ def chip(
 
 
 def exact_codes(made: records.Plan) -> NDArray[np.int64]:
-    """Charge balance of every resistance in exact rationals; a short is the floor of the design."""
+    """Return the codes of charge balance in exact rationals; a short is the floor of the design."""
     floor = load_design().array.r_floor_ohm
     interface = made.scene.table.interface
     unit = Fraction(repr(interface.v_bias_v)) / (interface.k * Fraction(repr(interface.i0_a)))
@@ -552,7 +552,7 @@ def exact_codes(made: records.Plan) -> NDArray[np.int64]:
 
 
 def extremes(engine: str, topology: str, corner: str = "nominal") -> Measured:
-    """Largest distance of a code from charge balance."""
+    """Return the largest error of a code against charge balance."""
     made, note = chip(topology, corner), ""
     if engine == "lockstep":
         codes, way = read_frame(made)
@@ -574,7 +574,7 @@ CHANGES = {
 
 
 def unmoved(change: str, bent: bool) -> Measured:
-    """Largest distance of a code from charge balance (of engine event, with poles), whatever the step or method."""
+    """Return the largest error of a code against charge balance (engine event, with poles) under a change."""
     made = chip("conveyor_mirror", effects=BENDS, ohms=BENT_OHM) if bent else chip("conveyor_mirror")
     codes, way = read_frame(made, CHANGES[change], STEPS_S.get(change, 1e-6))
     exact = engine_modules.runner("event")(made).codes.astype(np.int64) if bent else exact_codes(made)
@@ -584,7 +584,7 @@ def unmoved(change: str, bent: bool) -> Measured:
 def read_frame(
     made: records.Plan, options: str = "", t_max_step_s: float = 1e-6, begin: ladder.Level = ladder.PLAIN
 ) -> tuple[NDArray[np.int64], ladder.Climb]:
-    """Codes [1, rows, cols] of the first frame: its deck, with a row scanner and two flip-flops a column in Python."""
+    """Return codes [1, rows, cols] of the first frame: its deck with row scanner and flip-flops in Python."""
     timing, rows, cols = made.timing, made.rows, made.cols
     deck = netlist.frame_deck(made, 0, [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols)
     if options:
@@ -649,7 +649,7 @@ def _no_answer(name: str, lines: Sequence[str], causes: Sequence[str]) -> Case:
 
 
 def cases() -> list[Case]:
-    """Every hard circuit."""
+    """Return every hard circuit."""
     lock = "lockstep"
     found = [
         case(

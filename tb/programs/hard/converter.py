@@ -15,8 +15,8 @@ from tb.programs.hard.converter_runs import GATE, World
 
 GROUP = "converter"
 
-_WALK = "walk through every clock in integers (hard.exact.count), from x at its binary value"
-_DIGITS = "walk through every clock in 50 digits (hard.exact.cell_of, event.walk_reference), from the circuit's values"
+_WALK = "walk through every clock in integers (tb.reference.exact.count), from x at its binary value"
+_DIGITS = "walk through every clock in 50 digits (tb.reference.exact.cell_of), from the circuit's values"
 _ROUNDING = (
     "a code is right or wrong; where a level lies within what an engine rounds (a sum a clock, {0}), both "
     "neighbours are right"
@@ -78,7 +78,7 @@ def _measured(name: str, runs: Mapping[str, Callable[[], Measured]], **other: An
 
 
 def cases() -> list[Case]:
-    """Every case of this module."""
+    """Return every case of this module."""
     return [
         *_of_duty(),
         *_of_ties(),
@@ -92,7 +92,7 @@ def cases() -> list[Case]:
 
 
 def prepare(chosen: Sequence[Case]) -> None:
-    """Compile the loops and build the Verilog that cases run: their engines but ngspice once, without judging them."""
+    """Compile the loops and build the Verilog of the cases by one run of each engine but ngspice."""
     for one in chosen:
         for engine, run in one.runs.items():
             if engine not in ("event", "verilator") or not isinstance(run, functools.partial):
@@ -111,7 +111,7 @@ def prepare(chosen: Sequence[Case]) -> None:
 
 
 def _around(values: Sequence[float]) -> tuple[float, ...]:
-    """Each value, and the doubles just below and above it."""
+    """Return each value with the doubles just below and above it."""
     return tuple(v for x in values for v in (math.nextafter(x, -math.inf), x, math.nextafter(x, math.inf)))
 
 
@@ -195,7 +195,7 @@ def _of_ties() -> list[Case]:
     femto, atto = 1e-15 * 5e6, 1e-18 * 5e6
 
     def beside(clocks: float) -> tuple[float, ...]:
-        """Duties whose last one crosses the level so many clocks before, and after, the last edge of the gate."""
+        """Return duties whose last one crosses the level `clocks` before and after the last edge of the gate."""
         return tuple((c - 0.5) / (GATE + side * clocks) for c in range(1, 256, 2) for side in (-1, 1))
 
     dips = converter_inputs.dips(0.1, 1e-12 * 5e6)

@@ -35,13 +35,13 @@ UNIT_OHM = 250  # V_b / (k i0): x = 250 ohm / R
 
 
 def _least(measured: Sequence[Measured]) -> Measured:
-    """The worst of several as one, their seconds added."""
+    """Return the worst of several results, with the sum of their seconds."""
     worst = max(measured, key=lambda m: math.inf if math.isnan(m.error) else m.error)
     return Measured(worst.error, worst.note, sum(m.seconds or 0.0 for m in measured))
 
 
 def _differ(found: Any, expected: Any, seconds: float | None = None) -> Measured:
-    """Largest difference of two lists of codes, and where it is."""
+    """Return the largest difference of two lists of codes."""
     apart = [abs(int(a) - int(b)) for a, b in zip(found, expected, strict=True)]
     note = "" if not any(apart) else f"{list(map(int, found))[:12]}, exactly {list(map(int, expected))[:12]}"
     return Measured(float(max(apart)), note, seconds)
@@ -51,7 +51,7 @@ def _differ(found: Any, expected: Any, seconds: float | None = None) -> Measured
 
 
 def windows(length: int, times: int) -> Measured:
-    """Counts of successive windows of one duty: against the walk, and against one another."""
+    """Compare counts of successive windows of one duty with the walk, and with each other."""
     duties = [0.1, 1 / 3, math.sqrt(2) / 3, 123 / 510, 0.4999]
     begin = time.perf_counter()
     ends = np.array([converter_runs.loop({"x": duties}, length * n)[0] for n in range(1, times + 1)])
@@ -67,7 +67,7 @@ def windows(length: int, times: int) -> Measured:
 
 
 def dips(window: float, clocks: float) -> tuple[float, ...]:
-    """Duties whose charge, behind a latch, dips below the lower level of a window for so many clocks, or misses it.
+    """Return duties whose charge, with a latch, dips below the lower level of a window for `clocks`, or misses it.
 
     The first one comes at clock 2 with the charge at 2 x - 1/2; its packet lasts from 2.5 to 3.5. There the charge is
     3.5 x - 3/2, and has been below a level that it passes by e for e / (1 - x) + e / x.
@@ -78,7 +78,7 @@ def dips(window: float, clocks: float) -> tuple[float, ...]:
 
 
 def glitches(module: str) -> Measured:
-    """Pulses of a synchronizer behind a comparator that chatters in picoseconds, from Icarus."""
+    """Count pulses of a synchronizer after a comparator that chatters in picoseconds, in Icarus."""
     rng = np.random.default_rng(5)
     covered = rng.random(4096) < 0.6
     ones, last = 0, False
@@ -98,7 +98,7 @@ def glitches(module: str) -> Measured:
 
 
 def asymptote(beside: float) -> World:
-    """Duties whose charge would end so far, relatively, below and above the level: a leak of 0.99 a clock."""
+    """Return duties whose charge ends `beside` of the level below and above it, at a leak of 0.01 a clock."""
     effects = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 400.0}, "comparator_offset": {"v_v": 0.2}}
     cell = exact.cell_of(0.0, effects, {})
     level = cell["rise"] * cell["leak"]
@@ -109,7 +109,7 @@ def asymptote(beside: float) -> World:
 
 
 def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -> Measured:
-    """Both edges of every plateau p/q, inside and outside by `nudge`: counts of the loop against fifty digits.
+    """Compare counts at both edges of every plateau p/q, inside and outside by `nudge`, with fifty digits.
 
     The leak is the double nearest to -log(keep), for the walk as well: what is left is the loop's own rounding.
     """
@@ -147,7 +147,7 @@ def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -
 
 
 def plateau_edges(leak: Mapping[str, Any], margin: float) -> tuple[float, ...]:
-    """Both edges of the plateaus of 1/2 and 1/3 of an integrator_gain, inside and outside by a margin."""
+    """Return both edges of the plateaus of 1/2 and 1/3, inside and outside by a margin."""
     with mpmath.workdps(exact.DIGITS):
         of = exact.cell_of(0.0, leak, {})["leak"]
         keep = mpmath.exp(-mpmath.mpf(of.numerator) / of.denominator)
@@ -157,7 +157,7 @@ def plateau_edges(leak: Mapping[str, Any], margin: float) -> tuple[float, ...]:
 
 
 def leaks(engine: str, first: int, last: int) -> Measured:
-    """Time constants R C (1 + A) of 10^first .. 10^last seconds, at an amplifier's gain of 1."""
+    """Compare time constants R C (1 + A) of 10^first .. 10^last seconds, at a gain of 1."""
     c_int_f = 5e-12
     worlds = [
         World(
@@ -169,7 +169,7 @@ def leaks(engine: str, first: int, last: int) -> Measured:
 
 
 def near_poles() -> dict[str, Any]:
-    """Leak and bandwidth whose two exponentials are as near as any: lag across = 1 at a gain of 1."""
+    """Return leak and bandwidth with the closest time constants: lag across = 1 at a gain of 1."""
     gbw_hz, share, f_clk_hz, c_int_f = 1e6, 0.5, 5e6, 5e-12
     lag = share * f_clk_hz / (2 * math.pi * gbw_hz)
     return {
@@ -179,7 +179,7 @@ def near_poles() -> dict[str, Any]:
 
 
 def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
-    """Counts of converters given in packets and clocks, by the loops and by the walk in fifty digits."""
+    """Compare counts of converters given in packets and clocks with the walk in fifty digits."""
     whole = {name: [value] * len(duties) for name, value in fields.items()}
     begin = time.perf_counter()
     found, _ = converter_runs.loop({"x": duties, **whole}, GATE)
@@ -192,7 +192,7 @@ def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:
 
 
 def packets(engine: str) -> Measured:
-    """Codes of resistances in front of reference currents over twelve decades."""
+    """Compare codes for reference currents over twelve decades."""
     codes = [0, 1, 2, 100, 127, 200, 254, 255]
     measured = []
     for exponent in range(-21, -8):
@@ -216,7 +216,7 @@ def _run(engine: str, made: Plan) -> Any:
 
 
 def ripple(frame: int) -> Measured:
-    """Mean duty of two rows under a rippling supply, in a frame long after the first: event against fifty digits."""
+    """Compare the mean duty of two rows under supply ripple in a late frame with fifty digits."""
     relative, hertz, degrees = 0.9, 100003.0, 30.0
     data = {
         "array": {"rows": 2, "cols": 1},
@@ -249,7 +249,7 @@ def ripple(frame: int) -> Measured:
 
 
 def jitter(t_s: float) -> Measured:
-    """Codes under a jitter against a walk from edge to edge: difference of mean and of spread, in standard errors."""
+    """Compare mean and spread of codes under jitter with a walk from edge to edge, in standard errors."""
     frames, duty = 40, 100.3 / GATE
     data = {
         "array": {"rows": 8, "cols": 16},
@@ -284,7 +284,7 @@ def jitter(t_s: float) -> Measured:
 
 
 def ghost(engine: str) -> Measured:
-    """A taxel of 312 ohm in row 0, of code 2 in row 1, with the preset between them."""
+    """Read a taxel of 312 ohm in row 0 and one of code 2 in row 1, with the preset between them."""
     data = {"array": {"rows": 2, "cols": 2}, "stimulus": {"kind": "uniform", "code": [0]}}
     made = plan.make(scene.from_data(data, Path("hard.toml")), "cosim" if engine == "cosim" else "event")
     ohm = np.array([[312.0] * 2, [UNIT_OHM * GATE / 2] * 2]).reshape(1, 2, 2)
@@ -298,7 +298,7 @@ OVERLOAD, TWO = Fraction(UNIT_OHM, 312), Fraction(2, GATE)
 
 
 def ghost_unpreset(engine: str) -> Measured:
-    """Rows of 312 ohm, code 2 and code 2, of which only the first starts from the preset."""
+    """Read rows of 312 ohm, code 2 and code 2, of which only the first starts from the preset."""
     begin = time.perf_counter()
     if engine == "icarus":
         # A range that is never reached: without any effect the model is a straight line from preset to preset.
@@ -323,7 +323,7 @@ def ghost_unpreset(engine: str) -> Measured:
 
 
 def scanner_that_presets_once(directory: Path) -> Path:
-    """A copy of the row scanner, in a directory, that presets in the first settle after enable and never again."""
+    """Write a copy of the row scanner that presets only in the first settle after enable."""
     text = (ROOT / "rtl" / "dermis_row_scanner.v").read_text()
     old = "  assign preset_o       = preset_q;\n"
     if text.count(old) != 1:
@@ -340,7 +340,7 @@ def scanner_that_presets_once(directory: Path) -> Path:
 
 
 def unpreset(duties: Sequence[Fraction], settle: int) -> list[int]:
-    """Codes of successive rows when only the first is preset and the converter runs on through each settle.
+    """Return codes of successive rows when only the first is preset and the converter runs through each settle.
 
     Through the break between two rows the current of the first flows on, as models/verilog/array.sv has it: with the
     preset nobody sees it.
@@ -362,7 +362,7 @@ TRAP_DUTIES = (Fraction(1, 2), Fraction(200, 510), Fraction(100, 510), Fraction(
 
 
 def two_flops(x: Fraction, first_gates: bool) -> int:
-    """Rising edges of two flip-flops on one clock edge, gated by the second one (and the first)."""
+    """Count rising edges of two flip-flops on one clock edge, gated by the second one (and the first)."""
     w, first, second, edges = Fraction(-1, 2) + x, False, False, 0
     for _ in range(GATE):
         sample = w >= 0 and not second and not (first and first_gates)
@@ -373,7 +373,7 @@ def two_flops(x: Fraction, first_gates: bool) -> int:
 
 
 def trap(name: str) -> Measured:
-    """Codes through one of the wrong synchronizers of tb/rtl/traps, in Icarus."""
+    """Read codes through one of the wrong synchronizers of tb/rtl/traps, in Icarus."""
     made, x = converter_runs.make_plan(World(tuple(map(float, TRAP_DUTIES))), "rtl")
     begin = time.perf_counter()
     file = ROOT / "tb" / "rtl" / "traps" / f"{name}.v"
@@ -386,7 +386,7 @@ def trap(name: str) -> Measured:
 
 
 def _asked(data: dict[str, Any]) -> InputError | None:
-    """The error that a scene with these tables ends with."""
+    """Return the error of a scene with these tables."""
     tables = {"array": {"rows": 1, "cols": 2}, "stimulus": {"kind": "uniform", "code": [5]}, **data}
     try:
         plan.make(scene.from_data(tables, Path("hard.toml")), "event")
@@ -396,7 +396,7 @@ def _asked(data: dict[str, Any]) -> InputError | None:
 
 
 def refused(data: dict[str, Any], key: str) -> Measured:
-    """0 if a scene ends with an InputError that names the key, else 1."""
+    """Return 0 if a scene ends with an InputError that names the key, else 1."""
     error = _asked(data)
     if error is None:
         return Measured(1.0, "accepted")
@@ -404,7 +404,7 @@ def refused(data: dict[str, Any], key: str) -> Measured:
 
 
 def every_number_refused() -> Measured:
-    """How many keys of a scene take NaN, or an infinity that their table does not allow."""
+    """Count the keys of a scene that accept NaN, or an infinity that their table does not allow."""
     through, asked = [], 0
     for key, _, allowed, _ in scene.schema_rows():
         if not any(word in allowed for word in ("number", "one of interface.k_options")):
@@ -425,7 +425,7 @@ def every_number_refused() -> Measured:
 
 
 def bad_resistances() -> Measured:
-    """How many resistances that are none, out of a list, a csv and an npy file, are let through."""
+    """Count the invalid resistances that a list, a csv and an npy file let through."""
     wrong, through = (math.nan, -math.inf, -1.0, -1e-300), []
     with tempfile.TemporaryDirectory() as place:
         for value in wrong:
@@ -447,7 +447,7 @@ def bad_resistances() -> Measured:
 
 
 def nan_duty() -> Measured:
-    """0 if the formula refuses a duty that is no number."""
+    """Return 0 if the formula refuses a duty of NaN."""
     try:
         found = vfc.count(np.array([0.1, math.nan]))
     except ValueError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard duties and converters through each engine, whole gates, against the exact counts of hard.exact."""
+"""Hard duties and converters through each engine, whole gates, against the exact counts of tb/reference/exact.py."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tb.reference import exact
 Floats = NDArray[np.float64]
 
 COLS = 8
-"""One size of chip, one row of so many columns, so that few builds serve every case; duties fill frames of it."""
+"""Columns of a chip of one row, so that few builds serve every case; duties fill its frames."""
 
 GATE = 510
 
@@ -41,7 +41,7 @@ _SPICE = 1e-5
 
 @dataclass(frozen=True)
 class World:
-    """Duties in front of one kind of converter.
+    """Duties at the input of one kind of converter.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class World:
         return 0.5 if self.latch else 1.0
 
     def margin(self, engine: str, x: float) -> float:
-        """How far, in packets, the levels of an engine may stand from the exact ones: what it rounds."""
+        """Return the rounding of an engine: largest distance of its levels from the exact ones, in packets."""
         if engine == "cosim":
             return _SPICE
         if self.exactly:
@@ -83,7 +83,7 @@ class World:
 
 
 def make_plan(world: World, engine: str, cols: int = COLS, rows: int = 1) -> tuple[Plan, Floats]:
-    """A plan of open taxels, and the duties that are put in their place, [frames, rows, cols]."""
+    """Return a plan of open taxels, and the duties that replace them, [frames, rows, cols]."""
     frames = -(-len(world.x) // (rows * cols))
     data = {
         "array": {"rows": rows, "cols": cols},
@@ -132,7 +132,7 @@ def _rtl(world: World, simulator: str) -> NDArray[Any]:
 def through_verilog(
     made: Plan, x: Floats, bits: int, simulator: str, latch: bool = False, instead: Sequence[Path] = ()
 ) -> NDArray[Any]:
-    """Codes of duties through the Verilog; `instead` has files that take the place of modules."""
+    """Read codes of duties through the Verilog; `instead` has files that replace modules."""
     most = made.converter.drowning()
     currents = rtl.Currents(np.clip(x, -most, most)[..., np.newaxis], np.ones((1, 1)))
     with hdl.work_directory("rtl_runs", made, None) as files:
@@ -142,7 +142,7 @@ def through_verilog(
 
 
 def resistances(x: Floats, unit_ohm: float) -> Floats:
-    """Resistances of duties; 0 is an open taxel."""
+    """Return resistances of duties; 0 is an open taxel."""
     with np.errstate(divide="ignore", over="ignore"):
         return np.divide(unit_ohm, np.abs(x))
 
@@ -167,7 +167,7 @@ _MANY, _EVERY_SO_MANY = 200, 5
 
 
 def codes(engine: str, world: World) -> Measured:
-    """Largest distance, in codes, of an engine from what the exact walk allows it."""
+    """Return the largest error of an engine in codes beyond the interval that the exact walk allows."""
     if engine == "icarus" and len(world.x) > _MANY:
         world = dataclasses.replace(world, x=world.x[::_EVERY_SO_MANY])
     begin = time.perf_counter()
@@ -194,7 +194,7 @@ def codes(engine: str, world: World) -> Measured:
 
 
 def certificate(world: World, margin: float) -> Measured:
-    """Codes outside the certified ones, of exact converters whose levels are anywhere within the margin."""
+    """Return the largest distance of exact codes, with levels anywhere within the margin, from the certified ones."""
     made, x = make_plan(world, "event")
     unit_ohm = made.v_bias_v / float(made.converter.k[0] * made.converter.i0_a[0])
     made = dataclasses.replace(made, resistance_ohm=resistances(x, unit_ohm), force_n=None, margin_lsb=margin)
@@ -218,7 +218,7 @@ def certificate(world: World, margin: float) -> Measured:
 
 
 def loop(cells: Mapping[str, Sequence[float]], clocks: int, late: float = 1.0) -> tuple[NDArray[Any], Floats]:
-    """Counts and charges of cells (fields of event.Cells; the others ideal) by the loops of engine event."""
+    """Return counts and charges of cells (fields of event.Cells; the others ideal) by the loops of engine event."""
     size = max(len(values) for values in cells.values())
     ideal = {"w0": -0.5, "packet": 1.0, "low": -np.inf, "high": np.inf}
     whole = {
@@ -231,7 +231,7 @@ def loop(cells: Mapping[str, Sequence[float]], clocks: int, late: float = 1.0) -
 
 
 def many_clocks(engine: str, clocks: int, duties: Sequence[float]) -> Measured:
-    """Largest error of the count, and of the charge left where there is one, after very many clocks."""
+    """Return the largest error of the count, and of the remaining charge, after very many clocks."""
     begin = time.perf_counter()
     if engine == "closed":
         found, rest = vfc.count(np.array(duties), clocks), None

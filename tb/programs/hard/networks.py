@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hard cases of the array: shorts, opens, resistances 38 decades apart, lines that cancel, sizes from 1x1 to 256x256.
 
-Each runs the solver and, where the network can be a scene, engines closed and event. Two things are looked at: the
+Each runs the solver and, where the network can be a scene, engines closed and event. Compared are the
 current of every column in every slot, and the code.
 """
 
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 V_BIAS = 0.5
 K_I0_A = 80 * 12.5e-6
-"""Column current at duty 1 of the networks here: what plan_of gives its scenes."""
+"""Column current at duty 1 in the plans of `plan_of`."""
 
 CLOCKS, CODE_MAX = 510, 255
 
@@ -48,7 +48,7 @@ def _random_g(name: str, rows: int, cols: int, low: float = 500.0, high: float =
 
 @dataclass(frozen=True)
 class Hard:
-    """A hard network: what surrounds the taxels, their conductances, and where its currents are known from.
+    """A hard network: its conductances, its other elements, and the source of its currents.
 
     `exact` gives the currents [rows, cols]; None takes the nodal matrix in DIGITS digits, `slots` of it alone where
     that would take long. `cancels` says that offsets cancel by nature, so that errors count against what adds up.
@@ -58,30 +58,30 @@ class Hard:
     g: Callable[[], Floats]
     kind: dict[str, Any] = field(default_factory=dict)
     exact: Callable[[Network], Floats] | None = None
-    source: str = f"full nodal matrix by Gauss in {DIGITS} digits (hard/nodal.py)"
+    source: str = f"full nodal matrix by Gauss in {DIGITS} digits (tb/reference/nodal.py)"
     slots: tuple[int, ...] | None = None
     cancels: bool = False
     limit: float = 1e-12
     short: bool = False
 
     def network(self) -> Network:
-        """The network."""
+        """Return the network."""
         return Network(self.g(), V_BIAS, **self.kind)
 
     def expected(self) -> Floats:
-        """Currents of the slots in `slots`, or of all."""
+        """Return the currents of the slots in `slots`, or of all."""
         network = self.network()
         if self.exact is not None:
             return self.exact(network)[self.rows()]
         return nodal.column_currents(network, DIGITS, self.slots)
 
     def rows(self) -> Any:
-        """Which slots are looked at, as an index."""
+        """Return the index of the compared slots."""
         return slice(None) if self.slots is None else list(self.slots)
 
 
 def relative_error(hard: Hard) -> Measured:
-    """Largest error of a current: of itself, or of what cancels in its slot."""
+    """Return the largest relative error of a current: of itself, or of the largest one that cancels in its slot."""
     with solve_error.account() as account:
         have = column_currents(hard.network())[hard.rows()]
     want = hard.expected()
@@ -98,7 +98,7 @@ def relative_error(hard: Hard) -> Measured:
 
 
 def plan_of(network: Network, engine: str) -> records.Plan:
-    """A plan whose array is this network, with the ideal converter behind it."""
+    """Return a plan whose array is this network, with an ideal converter."""
     world = plan.scene.from_data(
         {
             "array": {"rows": network.rows, "cols": network.cols},
@@ -115,7 +115,7 @@ def plan_of(network: Network, engine: str) -> records.Plan:
 
 
 def code_error(hard: Hard, engine: str) -> Measured:
-    """Largest difference from the code of the exact current; where that is within 1e-6 count of two, both are right."""
+    """Return the largest error of a code; within 1e-6 count of a step both codes are right."""
     codes = engines.run(plan_of(hard.network(), engine)).codes[0][hard.rows()].astype(int)
     x = hard.expected() / K_I0_A
     # A millionth of a count: a thousandth of what the solver may be off by before it refuses.
@@ -138,13 +138,13 @@ def _with(value: float, *where: tuple[Any, Any], rows: int = 4, cols: int = 4) -
 
 
 def _decades(rows: int, cols: int, low: float, high: float) -> Floats:
-    """Conductances of resistances from 10^low to 10^high ohm, mixed."""
+    """Return conductances of resistances from 10^low to 10^high ohm, shuffled."""
     r = np.logspace(low, high, rows * cols)
     return 1.0 / _rng("decades").permutation(r).reshape(rows, cols)
 
 
 def _uniform(network: Network) -> Floats:
-    """All taxels alike, the same driver on every row and the same input on every column, from symmetry.
+    """Solve equal taxels with equal drivers and equal inputs by symmetry.
 
     Every column is at one voltage v and every row but the driven one at one voltage u: with n columns, m rows, the
     driven row at w, g (w - v) + (m - 1) g (u - v) = v / r_c, n g (v - u) = u / r, n g (w - v) = (V - w) / r.
@@ -160,12 +160,12 @@ def _uniform(network: Network) -> Floats:
 
 
 def _ideal(network: Network) -> Floats:
-    """V G, and minus what offsets drive into all rows."""
+    """Return V G minus the current that offsets drive into all rows."""
     return V_BIAS * network.g_taxel_s - (network.v_column_offset_v * network.g_taxel_s.sum(axis=0))
 
 
 def _ladder(network: Network) -> Floats:
-    """One taxel behind n segments of its row and m of its column, nothing else on either: a series of resistances."""
+    """Solve one taxel after n segments of its row and m of its column: a series of resistances."""
     r, c = (int(i[0]) for i in np.nonzero(network.g_taxel_s))
     series = network.r_row_driven_ohm + (c + 1) * network.r_trace_row_ohm
     series += (
@@ -337,7 +337,7 @@ HARD: tuple[Hard, ...] = (
 
 
 def exact_fractions() -> Measured:
-    """Small networks in exact rationals: no digit anywhere but the solver's own."""
+    """Compare small networks with exact rationals: only the solver rounds."""
     worst, rng = 0.0, _rng("fractions")
     for _ in range(12):
         rows, cols = rng.integers(1, 4, 2)
@@ -355,7 +355,7 @@ def exact_fractions() -> Measured:
 
 
 def refused_value(field_name: str, value: Any) -> Measured:
-    """1 unless a value that no network has is refused by its name."""
+    """Return 1 unless an invalid value is refused by name."""
     try:
         if field_name == "g_frames_s":
             column_currents(Network(np.ones((2, 2)), V_BIAS, 1.0), np.full((1, 2, 2), value))
@@ -372,7 +372,7 @@ def refused_value(field_name: str, value: Any) -> Measured:
 
 
 def no_solution(engine: str | None) -> Measured:
-    """1 unless a short across ideal sources is refused with its row and column."""
+    """Return 1 unless a short across ideal sources is refused with its row and column."""
     network = Network(np.array([[1e-3, np.inf], [1e-3, 1e-3]]), V_BIAS, v_column_offset_v=[0.0, 1e-3])
     try:
         if engine is None:
@@ -385,7 +385,7 @@ def no_solution(engine: str | None) -> Measured:
 
 
 def doubtful_code(engine: str) -> Measured:
-    """1 unless currents that cancel beyond double precision are refused with their row and column."""
+    """Return 1 unless currents that cancel beyond double precision are refused with their row and column."""
     network = Network(np.full((2, 3), 1e-3), V_BIAS, g_lateral_row_s=1e12, v_column_offset_v=[1.0, 0.0, -1.0])
     try:
         engines.run(plan_of(network, engine))
@@ -395,7 +395,7 @@ def doubtful_code(engine: str) -> Measured:
 
 
 def random_networks(count: int) -> Measured:
-    """Largest part of its own bound by which a current is off, over random networks."""
+    """Return the largest error of a current over its own bound, over random networks."""
     worst, rng = 0.0, _rng("random")
     for _ in range(count):
         rows, cols = rng.integers(1, 5, 2)
@@ -498,10 +498,10 @@ def _hard(name: str) -> Hard:
 
 
 def run_currents(name: str) -> Measured:
-    """The error of a network's currents, by its name (a worker process is given names alone)."""
+    """Return the error of the currents of a network by name (a worker process takes names)."""
     return relative_error(_hard(name))
 
 
 def run_code(name: str, engine: str) -> Measured:
-    """The error of a network's codes in an engine, by its name."""
+    """Return the error of the codes of a network by name, in an engine."""
     return code_error(_hard(name), engine)

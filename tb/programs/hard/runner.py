@@ -177,7 +177,7 @@ def table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
 @click.option("--only", multiple=True, metavar="WORD", help="Cases with this in their name, or a group.")
 @click.option("--short", is_flag=True, help="The short set that the tests run.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Runs at a time.")
-@click.option("--docs", is_flag=True, help=f"Also write {DOCS}; needs a whole run.")
+@click.option("--docs", is_flag=True, help=f"Refuse a part: a whole run writes {DOCS}.")
 @click.option("--list", "listed", is_flag=True, help="List the cases, and run nothing.")
 def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, listed: bool) -> int:
     """Run hard cases in every engine that can express them, against exact answers; rows in build/hard.json."""
@@ -191,7 +191,7 @@ def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, list
     rows = [*prepare(cases), *run(cases, jobs)]
     verdict.write_rows("hard", rows)
     _print(cases, rows)
-    if docs:
+    if not (only or short):
         write_atomic(ROOT / DOCS, table(cases, rows))
         click.echo(f"written: {DOCS}")
     return verdict.exit_code(rows)

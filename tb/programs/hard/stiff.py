@@ -47,7 +47,7 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class Setting:
-    """How ngspice integrates: trap or gear (order 2), longest step in seconds, one of OPTIONS."""
+    """Integration of ngspice: trap or gear (order 2), longest step in seconds, one of OPTIONS."""
 
     method: str
     t_max_step_s: float
@@ -65,7 +65,7 @@ class Solved:
 
 
 def solve(circuit: StiffCircuit, setting: Setting, log: Path) -> Solved:
-    """Drive a circuit to its end; there is one ngspice a process, and after a failure this one is used up.
+    """Drive a circuit to its end; after a failure this process cannot run ngspice again.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def solve(circuit: StiffCircuit, setting: Setting, log: Path) -> Solved:
 
 
 def reference(circuit: StiffCircuit) -> Floats:
-    """The reference states [times, probes], kept in build/ for as long as stiff_circuits.py stays as it is."""
+    """Return the reference states [times, probes], kept in build/ until stiff_circuits.py changes."""
     source = Path(stiff_circuits.__file__).read_bytes()
     path = ROOT / "build" / "stiff" / f"{circuit.name}_{hashlib.sha256(source).hexdigest()[:12]}.npy"
     if not path.exists():
@@ -110,13 +110,13 @@ def reference(circuit: StiffCircuit) -> Floats:
 
 
 def published_error(circuit: StiffCircuit, states: Floats) -> Floats:
-    """Difference of the last row of states from the published end values, in volt of the probes."""
+    """Return the difference of the last row of states from the published end values, in volt of the probes."""
     scale = np.array(circuit.scale or (1.0,) * len(circuit.probes))
     return states[-1] - np.array(circuit.published, dtype=float) / scale
 
 
 def distance(circuit: StiffCircuit, states: Floats, probes: Sequence[str]) -> float:
-    """Largest |states - reference| over the samples that have a reference; NaN in the states stays NaN."""
+    """Return the largest |states - reference| over the samples that have a reference; NaN in the states stays NaN."""
     columns = [circuit.probes.index(name) for name in probes]
     expected = reference(circuit)[:, columns]
     known = np.isfinite(expected)
@@ -124,7 +124,7 @@ def distance(circuit: StiffCircuit, states: Floats, probes: Sequence[str]) -> fl
 
 
 def measure(circuit: StiffCircuit, setting: Setting, probes: tuple[str, ...]) -> Measured:
-    """Solve, and compare."""
+    """Solve and compare with the reference."""
     with tempfile.TemporaryDirectory() as work:
         solved = solve(circuit, setting, Path(work) / "ngspice.log")
     note = f"{solved.accepted} steps, {solved.rejected} rejected"
@@ -132,7 +132,7 @@ def measure(circuit: StiffCircuit, setting: Setting, probes: tuple[str, ...]) ->
 
 
 def against_published(name: str) -> Measured:
-    """The own reference against the published end values."""
+    """Compare the own reference with the published end values."""
     circuit = CIRCUITS[name]
     own = [i for i, probe in enumerate(circuit.probes) if not (name == "charge_pump" and probe == "i")]
     return Measured(float(np.max(np.abs(published_error(circuit, reference(circuit))[own]))))
@@ -155,7 +155,7 @@ _WHY = {
 
 
 def cases() -> list[Case]:
-    """The four circuits at two steps each, and the references against what is published."""
+    """Return the four circuits at two steps each, and the references against the published values."""
 
     def at(
         name: str,
