@@ -186,10 +186,10 @@ def undo_frame(
             if max(y_low, band[t, 0]) + room <= min(y_high, band[t, 1]):
                 # One constant value explains all readings since the last movement.
                 band[t, 0], band[t, 1] = max(y_low, band[t, 0]), min(y_high, band[t, 1])
-                # A slow force that turned goes back as it came; one that should have been seen a third of that time
-                # ago rests. A fast one leaves the flat piece at once.
+                # A slow force that turned goes back as it came; one that is not seen in twice that time rests. A fast
+                # one leaves the flat piece at once.
                 if returning and 2 * still < HISTORY:
-                    late = past[t, (last - 3 * still // 4) % HISTORY]
+                    late = past[t, (last - still // 2) % HISTORY]
                     slow = past[t, (last - SLOW) % HISTORY]
                     if x_low < late < x_high and x_low < slow < x_high:
                         x = past[t, (last - still) % HISTORY]
