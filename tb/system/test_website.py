@@ -86,3 +86,32 @@ def test_a_pin_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.delitem(website.PINS, "charge_o")
     with pytest.raises(SimulatorError, match="not the ports"):
         website.pins_table()
+
+
+def test_no_file_cites_a_page_that_is_not_there() -> None:
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
+    suffixes = {
+        ".c",
+        ".cpp",
+        ".inc",
+        ".json",
+        ".md",
+        ".py",
+        ".rdl",
+        ".sby",
+        ".sdc",
+        ".sh",
+        ".sp",
+        ".sv",
+        ".toml",
+        ".v",
+    }
+    tops = ("models", "rtl", "spice", "scripts", "tb", "docs")
+    files = [path for top in tops for path in (ROOT / top).rglob("*") if path.suffix in suffixes]
+    lost = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in [*files, *ROOT.glob("*.md"), ROOT / "Makefile", ROOT / "pyproject.toml"]
+        for name in re.findall(r"docs/(\w+\.md)", path.read_text(encoding="utf-8", errors="replace"))
+        if name not in pages
+    }
+    assert not lost

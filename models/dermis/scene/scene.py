@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: what the world is, read strictly from TOML, with every default filled in."""
+"""The scene: array, sensor, stimulus, interface, effects and run, read strictly from TOML, with all defaults."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from dermis.scene.views import View, ViewsTable
 from dermis.scene.views import resolve as resolve_views
 
 SCENES = ROOT / "models" / "scenes"
-"""The scenes that come along."""
+"""The scenes that come with the package."""
 
 
 class ArrayTable(Strict):
@@ -48,7 +48,7 @@ class ArrayTable(Strict):
 
 
 class InterfaceTable(Strict):
-    """[interface]: what stands between a column and its converter."""
+    """[interface]: the circuit between a column and its converter."""
 
     topology: (
         Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
@@ -93,7 +93,7 @@ class InterfaceTable(Strict):
 
 
 class RunTable(Strict):
-    """[run]: how to compute it."""
+    """[run]: engine, seed and views."""
 
     engine: Literal["closed", "event", "rtl", "cosim"] | None = entry(
         None,
@@ -102,7 +102,7 @@ class RunTable(Strict):
         'one of "closed", "event", "rtl", "cosim"',
         default_from="the cheapest that can do the scene",
     )
-    seed: int = entry(0, "Seed of everything random", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
+    seed: int = entry(0, "Random seed", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
     views: View | ViewsTable = entry(
         "behavioural",
         "View of the SPICE blocks in cosim: models, or transistors (docs/views.md)",
@@ -114,16 +114,16 @@ class SceneTable(Strict):
     """A whole scene."""
 
     title: Annotated[str, Field(max_length=10_000)] = entry(
-        "", "For people; it goes into reports and into nothing else", "text of at most 10000 characters"
+        "", "Title for reports", "text of at most 10000 characters"
     )
     array: ArrayTable = entry(ArrayTable(), "Size of the sheet", "a table")
     sensor: SensorTable = entry(SensorTable(), "Law between force and resistance", "a table")
-    stimulus: StimulusTable = entry(..., "What presses on the sheet", "a table with a kind")
-    interface: InterfaceTable = entry(InterfaceTable(), "What stands between column and converter", "a table")
+    stimulus: StimulusTable = entry(..., "Forces or resistances of the sheet", "a table with a kind")
+    interface: InterfaceTable = entry(InterfaceTable(), "Circuit between column and converter", "a table")
     effects: EffectsTable = entry(  # type: ignore[valid-type]
-        EffectsTable(), "What departs from the ideal; what is not named is off", "a table of effects"
+        EffectsTable(), "Departures from the ideal; an effect that is not named is off", "a table of effects"
     )
-    run: RunTable = entry(RunTable(), "How to compute it", "a table")
+    run: RunTable = entry(RunTable(), "Engine, seed and views", "a table")
 
 
 @dataclass(frozen=True)
@@ -133,14 +133,14 @@ class Scene:
     Attributes
     ----------
     path : Path
-        Where it was read; file names in it are relative to this.
+        Its file; file names in it are relative to this.
     table : SceneTable
-        The resolved tables. `table.effects` is as written, but for `extracted`, in whose place its effects stand;
-        `effects` holds what is on, every parameter given.
+        The resolved tables. `table.effects` is as written, except that its effects replace `extracted`;
+        `effects` holds the effects that are on, with every parameter.
     effects : dict
         Effect name -> parameters.
     design : Design
-        Where the defaults came from.
+        Source of the defaults.
     """
 
     path: Path
@@ -150,17 +150,16 @@ class Scene:
 
     @property
     def title(self) -> str:
-        """For people only: it may hold anything, so it must never reach a deck or a shell."""
+        """Title for reports. It may hold any text, so it must never reach a deck or a shell."""
         return self.table.title
 
     def to_toml(self, directory: Path | None = None) -> str:
-        """The scene as TOML with every default written out; it loads to an identical plan.
+        """Return the scene as TOML with every default; it loads to an identical plan.
 
         Parameters
         ----------
         directory : Path, optional
-            Where the text will be saved: file names are rewritten relative to it. Without it they are
-            absolute.
+            Directory in which the text will be saved: file names become relative to it, else absolute.
         """
         data = self.table.model_dump()
         data["effects"] = {name: parameters.model_dump() for name, parameters in self.effects.items()}
@@ -177,12 +176,12 @@ class Scene:
 
 
 def find(name: str) -> Path:
-    """Path of a scene given by path, or by the name of one that comes along.
+    """Return the path of a scene, given by path or by name.
 
     Raises
     ------
     InputError
-        None of them has this name.
+        No scene has this name.
     """
     path = Path(name)
     try:
@@ -205,7 +204,7 @@ def load(path: str | Path, design: Design | None = None) -> Scene:
     Raises
     ------
     InputError
-        Anything wrong in or with the file, as one line "FILE: KEY = VALUE: what is allowed".
+        The file or a value is wrong; one line "FILE: KEY = VALUE: what is allowed".
     """
     path = Path(path)
     return from_data(read_toml(path), path, design)
@@ -217,13 +216,13 @@ def from_data(data: dict[str, Any], path: Path, design: Design | None = None) ->
 
 
 def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
-    """The same scene with another [effects] table, and with this engine named (None: none)."""
+    """Return the scene with another [effects] table and another engine (None: no engine named)."""
     run = world.table.run.model_copy(update={"engine": engine})
     return resolve(world.table.model_copy(update={"effects": table, "run": run}), world.path, world.design)
 
 
 def with_views(world: Scene, views: str) -> Scene:
-    """The same scene with every SPICE block in this view, at the conditions it has by default."""
+    """Return the scene with every SPICE block in this view, at default conditions."""
     said = world.table.run.views
     if not isinstance(said, str):
         allowed = "none beside the table run.views of the scene, which says it for every block"
@@ -233,7 +232,7 @@ def with_views(world: Scene, views: str) -> Scene:
 
 
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
-    """Fill in every default that comes from the design, and check what no single key can."""
+    """Fill in the defaults of the design, and check keys against each other."""
     design = design or load_design()
     array = _filled(table.array, rows=design.array.rows, cols=design.array.cols)
     sensor = resolve_sensor(table.sensor, design.sensor, path)
@@ -283,12 +282,12 @@ def _filled(table: Any, **defaults: Any) -> Any:
 
 
 def schema_rows() -> Iterator[tuple[str, str, str, str]]:
-    """Every key a scene may have as (key, default, what is allowed, meaning), in the order of the schema."""
+    """Yield every key of a scene as (key, default, allowed values, meaning), in the order of the schema."""
     yield from _rows("", SceneTable)
 
 
 def schema_table() -> str:
-    """The keys of a scene as Markdown tables, one a section, as docs/scenes.md holds them."""
+    """Return the keys of a scene as Markdown tables, one for each section, for docs/scenes.md."""
     lines: list[str] = []
     section = None
     for key, default, allowed, meaning in schema_rows():
@@ -303,7 +302,7 @@ def schema_table() -> str:
 
 
 def scenes_table(directory: Path = SCENES) -> str:
-    """The scenes that come along as a Markdown table; docs/scenes.md holds it."""
+    """Return the table of the package's scenes, for docs/scenes.md."""
     lines = ["| scene | what it is | stimulus | effects that are on |", "|---|---|---|---|"]
     for path in sorted(directory.glob("*.toml")):
         made = load(path)
@@ -316,7 +315,7 @@ def scenes_table(directory: Path = SCENES) -> str:
 
 def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, str]]:
     inner: list[tuple[str, type[BaseModel]]] = []
-    # What a table says itself stands before what it has in common with others.
+    # Keys of the table itself come before keys of its base classes.
     own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
     for name in sorted(model.model_fields, key=own.index):
         field = model.model_fields[name]
@@ -336,7 +335,7 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
 
 
 def _other_than_tables(annotation: Any) -> bool:
-    """Whether a key may hold true or false, or a word, instead of a table."""
+    """Return True if a key may hold a boolean or a word instead of a table."""
     parts = typing.get_args(annotation)
     return bool in parts or any(typing.get_origin(part) is Literal for part in parts)
 

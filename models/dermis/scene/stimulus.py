@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What presses on the sheet: the [stimulus] tables of a scene and the frames they stand for."""
+"""The stimulus of a scene: its [stimulus] tables, and the frames that they describe."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from dermis.scene.sensor import Sensor
 
 Floats = NDArray[np.float64]
 
-# 131 072 frames of 16x16: what one process holds twice over in 1 GB. Longer recordings come in pieces.
+# 131 072 frames of 16x16; a process holds them twice in 1 GB. Longer recordings come in pieces.
 VALUES_MAX = 1 << 25
 FILE_BYTES_MAX = 1 << 28
 
-# numpy.savez of a recording's every array has some tens.
+# A recording saved by numpy.savez has tens of arrays.
 NPZ_MEMBERS_MAX = 4096
 
 CODE_MAX = 255
@@ -34,13 +34,13 @@ CODE_MAX = 255
 
 @dataclass(frozen=True)
 class Frames:
-    """What the sheet goes through.
+    """Frames of a stimulus.
 
     Attributes
     ----------
     resistance_ohm, force_n : ndarray
-        By the sensor's law, and in newtons (or None), [frames, rows, cols]: one frame for each time the array is
-        read.
+        Resistance by the sensor's law, and force in newtons or None, [frames, rows, cols]: one frame for each
+        reading of the array.
     t_frame_s : float
         From the start of one reading to the start of the next, the chip's frame time or longer.
     """
@@ -52,7 +52,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a stimulus needs to know of the rest of the scene."""
+    """Parts of a scene that its stimulus needs."""
 
     scene: Path
     rows: int
@@ -86,7 +86,7 @@ _PROFILES = (
 
 
 class _Timed(Strict):
-    """What a stimulus of ready frames says of time."""
+    """Timing of a stimulus that consists of frames."""
 
     t_frame_s: Seconds | None = entry(
         None,
@@ -96,24 +96,24 @@ class _Timed(Strict):
     )
     resample: Literal["none", "hold", "linear"] = entry(
         "none",
-        "What the chip, which reads on at its own frame time, sees between them: none: it reads once a frame of the "
-        "stimulus; hold: the newest frame; linear: conductance on a straight line from frame to frame",
+        "Stimulus between its frames, which the chip reads at its own frame time; none: one reading for each frame; "
+        "hold: the newest frame; linear: conductance on a straight line from frame to frame",
         'one of "none", "hold", "linear"',
     )
 
 
 class _Body(Strict):
-    """A stiff body: where it stands and how it presses."""
+    """A stiff body: its place, shape and force."""
 
     shape: Shape = entry(..., "Pressure under the body: " + _PROFILES, _SHAPES)
     force_n: Forces | None = entry(
         None,
-        "Force in N on a taxel where the profile is 1; a list makes one frame each",
+        "Force in N on a taxel where the profile is 1; a list gives one frame for each force",
         _FORCE + "; or total_force_n instead",
     )
     total_force_n: Forces | None = entry(
         None,
-        "Force in N of the whole body, shared by the taxels it touches; a list makes one frame each",
+        "Force in N of the whole body, shared by the taxels it touches; a list gives one frame for each force",
         _FORCE + "; or force_n instead",
     )
     width: float = entry(8.0, "Extent across the profile, in taxel pitches", "a finite number > 0", gt=0)
@@ -131,7 +131,7 @@ class _Body(Strict):
     )
     angle_deg: float = entry(
         0.0,
-        "Turn of the width from the direction of rising columns towards rising rows, in degrees",
+        "Rotation of the width from the direction of rising columns towards rising rows, in degrees",
         "a finite number from -360 to 360",
         ge=-360,
         le=360,
@@ -146,7 +146,7 @@ class _Body(Strict):
 
 
 class _Lasting(Strict):
-    """How long something that moves is watched; frames follow each other at the chip's frame time."""
+    """Duration of a moving stimulus; frames follow each other at the chip's frame time."""
 
     frames: int | None = entry(
         None, "Frames to read", "a whole number 1..2^25; or duration_s instead", ge=1, le=1 << 25
@@ -178,23 +178,25 @@ class SlipTable(_Body, _Lasting):
     )
     direction_deg: float = entry(
         0.0,
-        "Where it goes: 0 towards rising columns, 90 towards rising rows, in degrees",
+        "Direction of the motion in degrees: 0 towards rising columns, 90 towards rising rows",
         "a finite number from -360 to 360",
         ge=-360,
         le=360,
     )
-    start_s: float = entry(0.0, "It rests at its centre until then, in s", "a finite number >= 0", ge=0)
+    start_s: float = entry(
+        0.0, "Start of the motion in s; until then the body rests at its centre", "a finite number >= 0", ge=0
+    )
 
 
 class TappingTable(_Body, _Lasting):
-    """A stiff body that comes down again and again."""
+    """A stiff body that taps on the sheet."""
 
     kind: Literal["tapping"] = entry(
         ..., "A body that taps on the sheet, read at the chip's frame time", '"tapping"'
     )
     force_n: Forces | None = entry(
         None,
-        "Highest force in N of a tap, on a taxel where the profile is 1; a list makes one tap each, over and over",
+        "Highest force in N of a tap, on a taxel where the profile is 1; a list gives one tap for each force, repeated",
         _TAPS + "; or total_force_n instead",
     )
     total_force_n: Forces | None = entry(
@@ -221,12 +223,14 @@ class RampTable(_Body, _Lasting):
         '"ramp"',
     )
     shape: Shape | None = entry(
-        None, "Left out: the same on every taxel; else pressure under a body, as for an indenter", _SHAPES
+        None,
+        "Without it, the same force on every taxel; else pressure under a body, as for an indenter",
+        _SHAPES,
     )
     force_n: Points | None = entry(
         None,
-        "Forces in N on a taxel where the profile is 1, at equal steps of time from the first frame to the last, with "
-        "straight lines between them",
+        "Forces in N on a taxel where the profile is 1, at equal steps of time from the first frame to the last, "
+        "joined by straight lines",
         _POINTS + "; or total_force_n instead",
     )
     total_force_n: Points | None = entry(
@@ -249,7 +253,7 @@ class RampTable(_Body, _Lasting):
 
 
 class UniformTable(_Timed):
-    """The same on every taxel; exactly one of force_n, code, r_ohm; a list makes one frame each."""
+    """The same on every taxel; exactly one of force_n, code, r_ohm. A list gives one frame for each value."""
 
     kind: Literal["uniform"] = entry(
         ..., "The same on every taxel; give exactly one of force_n, code, r_ohm", '"uniform"'
@@ -257,7 +261,7 @@ class UniformTable(_Timed):
     force_n: Forces | None = entry(None, "Force in N", _FORCE)
     code: Code | Annotated[list[Code], Field(min_length=1)] | None = entry(
         None,
-        "The resistance whose ideal code this is: x = code / 510",
+        "Resistance with this ideal code: x = code / 510",
         "a whole number 0..255, or a list of them, one a frame",
     )
     r_ohm: Ohm | Annotated[list[Ohm], Field(min_length=1)] | None = entry(
@@ -304,18 +308,18 @@ class FramesTable(_Stored):
         min_length=1,
     )
     key: str | None = entry(
-        None, "Which array of an npz file; may be left out where there is one", "a name in the npz"
+        None, "Name of the array in an npz file; optional if there is only one", "a name in the npz"
     )
     unit: Literal["codes", "newtons"] = entry(
         ...,
-        "codes: 0..255, each stands for the resistance whose ideal code it is (x = code / 510), 255 too; "
+        "codes: 0..255, each for the resistance with this ideal code (x = code / 510); "
         "newtons: force on the taxel",
         'one of "codes", "newtons"',
     )
     scale: float = entry(1.0, "Factor on every force, after the unit", "a finite number >= 0", ge=0)
     select: Select = entry(
         "all",
-        "Which frames, counted from 0, in the order given",
+        "Numbers of the frames to use, from 0, in this order",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
 
@@ -331,11 +335,11 @@ class ResistanceTable(_Stored):
         min_length=1,
     )
     key: str | None = entry(
-        None, "Which array of an npz file; may be left out where there is one", "a name in the npz"
+        None, "Name of the array in an npz file; optional if there is only one", "a name in the npz"
     )
     select: Select = entry(
         "all",
-        "Which frames, counted from 0, in the order given",
+        "Numbers of the frames to use, from 0, in this order",
         'one of "all", "first", "last", or a list of frame numbers >= 0',
     )
 
@@ -424,7 +428,7 @@ def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
 
 
 def make_frames(table: Any, about: Surroundings) -> Frames:
-    """Turn a resolved [stimulus] table into frames; InputError for what is wrong in file or keys."""
+    """Turn a resolved [stimulus] table into frames; raise InputError for a wrong file or key."""
     sensor = about.sensor
     if isinstance(table, _Body):
         return _body(table, about)
@@ -489,11 +493,11 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         forces = np.broadcast_to(forces, count)
     elif isinstance(table, TappingTable):
         time = np.arange(_count(table, about, None)) * about.t_frame_s
-        # A tap that begins on a frame begins there whatever way the product rounds.
+        # A tap that begins on a frame begins there in spite of rounding.
         tap = np.floor(time * table.frequency_hz + 1e-9)
         with np.errstate(over="ignore"):
             phase = np.maximum(time * table.frequency_hz - tap, 0.0) / table.duty
-        # A tap that ends on a frame ends there whatever way the product rounds.
+        # A tap that ends on a frame ends there in spite of rounding.
         wave = np.sin(np.pi * np.minimum(phase, 1.0)) if table.profile == "half_sine" else phase < 1 - 1e-9
         forces = forces[(tap % forces.size).astype(int)] * np.where(phase < 1, wave, 0.0)
     elif isinstance(table, RampTable):
@@ -509,7 +513,7 @@ def _body(table: _Body, about: Surroundings) -> Frames:
         whole = profile.sum(axis=(1, 2), keepdims=True)
         if isinstance(table, IndenterTable) and not whole.all() and forces.any():
             raise about.wrong(key, table.total_force_n, "0 for a body that touches no taxel")
-        # Where a moving body has left the sheet nothing carries it.
+        # A moving body that has left the sheet presses on no taxel.
         profile = np.divide(profile, whole, out=np.zeros_like(profile), where=whole > 0)
     force = forces[:, np.newaxis, np.newaxis] * profile
     ohm = about.sensor.resistance_ohm(force)
@@ -521,7 +525,7 @@ def _body(table: _Body, about: Surroundings) -> Frames:
 
 
 def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
-    """Frames of something that moves: from its keys, or as many as its list has forces."""
+    """Return the number of frames of a moving stimulus: from its keys, or the length of its list of forces."""
     both_ends = isinstance(table, RampTable)
     if listed is None or (table.frames is not None and table.duration_s is not None):
         _one_of(table, ("frames", "duration_s"), about)
@@ -561,11 +565,11 @@ def _held(values: Floats, count: int) -> Floats:
 
 
 def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
-    """What the chip reads of frames that follow each other at their own rate, see `_Timed.resample`."""
+    """Return the frames that the chip reads of a stimulus with a rate of its own; see `_Timed.resample`."""
     if table.t_frame_s is None:
         raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
-    # Frame times are decimals: equal up to rounding is equal. So is a frame on the border of two, below.
+    # Frame times are decimals, compared up to rounding; so is a frame on the border of two, below.
     if abs(steps - 1) < 1e-9:
         return Frames(ohm, force, about.t_frame_s)
     frames = ohm.shape[0]
@@ -617,7 +621,7 @@ def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Fl
     else:
         raise about.wrong("file", quoted(table.file), "a file that ends in .csv, .npy or .npz")
     _check_values(values, shown, table)
-    # -0.0 is 0, and 1 / -0.0 is not what a short conducts.
+    # -0.0 becomes 0.0: 1 / -0.0 would be -inf.
     return values[_selected(table, values.shape[0], about)] + 0.0
 
 
@@ -649,7 +653,7 @@ def _check_values(values: Floats, shown: str, table: FramesTable | ResistanceTab
 
 
 def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
-    """Values of a csv file; beside the file and its values only one line at a time is held."""
+    """Return the values of a csv file; memory holds the file, its values and one line."""
     rows, cols = about.rows, about.cols
     layout = f"{rows * cols} values (a frame) or {cols} values (a row of it)"
     if not data.isascii():
@@ -663,7 +667,7 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
             raise InputError(shown, f"line {number}", "one line more", f"at most {VALUES_MAX} lines")
         if line.isspace():
             continue
-        # Counted before it is cut: a line may be the whole file.
+        # Counted before it is split: a line may be the whole file.
         found = line.count(",") + 1
         width = width or found
         if width not in (rows * cols, cols):
@@ -731,14 +735,13 @@ def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
         raise InputError(
             shown, "shape", found, f"[{shape[0]}, {shape[1]}] or [frames, {shape[0]}, {shape[1]}]"
         )
-    # What is too large for a double becomes inf, and a signalling NaN a quiet one; both are refused by their place.
+    # Values too large for a double become inf, and signalling NaN quiet ones; both are refused later with their place.
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(float)
 
 
 def npy_array(data: bytes, shown: str) -> NDArray[Any]:
-    # The header is believed only as far as the bytes behind it reach: a file of 80 bytes can claim a
-    # petabyte.
+    # The header is checked against the bytes of the file: 80 bytes can claim a petabyte.
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(
@@ -753,13 +756,13 @@ def npy_array(data: bytes, shown: str) -> NDArray[Any]:
     if values > VALUES_MAX:
         raise InputError(shown, "shape", list(shape), f"at most {VALUES_MAX} values")
     if values * dtype.itemsize > len(data) - stream.tell():
-        raise InputError(shown, "shape", list(shape), "as many values as the file holds")
+        raise InputError(shown, "shape", list(shape), "no more values than the file holds")
     flat = np.frombuffer(data, dtype=dtype, count=values, offset=stream.tell())
     return flat.reshape(shape, order="F" if fortran else "C")
 
 
 def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
-    # Each member takes some hundred bytes of memory for the 46 of its entry, before anybody can look at it.
+    # zipfile takes hundreds of bytes of memory for each entry of 46 bytes before it can be checked.
     if (entries := data.count(b"PK\x01\x02")) > NPZ_MEMBERS_MAX:
         raise InputError(shown, "members", entries, f"at most {NPZ_MEMBERS_MAX} arrays")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -770,7 +773,7 @@ def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
             listed = ", ".join(one_line(n) for n in names[:10])
             raise InputError(shown, "key", "nothing" if key is None else quoted(key), f"one of {listed}")
         member = archive.getinfo(next(n for n in archive.namelist() if n.removesuffix(".npy") == key))
-        # As numpy writes them; an LZMA stream may ask for a dictionary of 4 GB before it has unpacked a byte.
+        # The methods of numpy; an LZMA stream may ask for a dictionary of 4 GB before the first byte.
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             method = zipfile.compressor_names.get(member.compress_type, member.compress_type)
             raise InputError(shown, key, f"compressed by {method}", "stored or deflated, as numpy.savez does")
@@ -778,7 +781,7 @@ def npz_member(data: bytes, shown: str, key: str | None) -> NDArray[Any]:
         if member.file_size > limit:
             raise InputError(shown, key, f"{member.file_size} bytes", f"at most {limit} bytes unpacked")
         with archive.open(member) as stream:
-            # What the directory says of the size is a claim; what is read is bounded here, and no more room is taken.
+            # The size in the directory is a claim; this read is bounded by it.
             unpacked = stream.read(member.file_size + 1)
     if len(unpacked) != member.file_size:
         said = f"the {member.file_size} bytes that its entry says"
