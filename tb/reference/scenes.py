@@ -168,31 +168,6 @@ PROFILES = {
 
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
 
-# Ranges of effect parameters; others go from 0.01 to 30 times their default.
-_RANGES = {
-    "column_input.r_ohm": (0.1, 50.0),
-    "column_offset.v_v": (1e-5, 5e-3),
-    "mirror_ratio.spread": (1e-4, 0.05),
-    "offset_current.i_a": (1e-12, 1e-6),
-    "integrator_range.v_max_v": (0.55, 1.6),
-    "integrator_range.v_min_v": (0.55, 1.6),
-    "comparator_hysteresis.v_v": (1e-5, 0.4),
-    "comparator_delay.t_s": (1e-11, 1.5e-7),
-    "clock_jitter.t_s": (1e-13, 3e-8),
-    "metastability.t_aperture_s": (1e-14, 1e-7),
-    "preset_error.v_v": (1e-6, 0.45),
-    "range_switch.v_overdrive_v": (0.05, 0.5),
-    "flicker_noise.relative": (1e-7, 0.1),
-    "supply_ripple.frequency_hz": (1.0, 1e7),
-    "supply_ripple.phase_deg": (1e-3, 720.0),
-    "thermal_noise.temperature_c": (1.0, 125.0),
-    "ktc_noise.temperature_c": (1.0, 125.0),
-    "sensor_hysteresis.relative": (1e-3, 0.9),
-    "sensor_spread.relative": (1e-3, 0.5),
-}
-_DECADES = (-2.0, 1.5)
-_SIGNED = ("v_v", "i_a", "ratio_error", "packet_error", "delta_k", "tc_per_k", "phase_deg", "temperature_c")
-_UNSIGNED = ("comparator_hysteresis", "comparator_noise")
 _LARGER_IS_WEAKER = ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm")
 _EXTREMES = (0.0, 1e-30, 1e-21, 1e-12, 1e-6, 1.0, 1e3, 1e9, 1e15, 1e21, 1e30)
 # With few effects on, these go as many decades further up: capacitances, currents that bend or come late, ripple.
@@ -343,8 +318,9 @@ def _parameters(topology: str) -> dict[str, dict[str, float | None]]:
 
 def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
     often = rng.choice(profile.often)
-    strengths = ("default", "scaled", "scaled", "extreme" if profile.extremes else "scaled")
+    strengths = ("default", "scaled", "beyond", "extreme" if profile.extremes else "scaled")
     strength = "scaled" if profile.gentle else rng.choice(strengths)
+    decades = float(strength == "beyond")
     on: Data = {}
     for name, defaults in _parameters(topology).items():
         effect = effects.EFFECTS[name]
@@ -356,12 +332,11 @@ def _effects(rng: Rng, topology: str, cols: int, profile: Profile) -> Data:
             continue
         on[name] = {}
         for key, default in defaults.items():
-            value: Any = _value(rng, name, key, default, profile.gentle)
+            value: Any = _value(rng, name, key, default if profile.gentle else None, decades)
             if strength == "extreme" and rng.random() > 0.7:
                 value = math.copysign(rng.choice(_EXTREMES), value)
             if _listed(name, key) and rng.random() > 0.7:
-                sign = -1 if key in _SIGNED else 1
-                value = [value * rng.choice((sign, 0.25, 0.5, 1)) for _ in range(cols)]
+                value = [value * rng.choice((effect.signs(key)[0], 0.25, 0.5, 1)) for _ in range(cols)]
             on[name][key] = value
     return on
 
@@ -375,7 +350,7 @@ def _few_effects(rng: Rng, topology: str, profile: Profile) -> Data:
     ]
     on: Data = {}
     for name in rng.sample(names, rng.randint(1, 4)):
-        on[name] = {key: _value(rng, name, key, default) for key, default in all_of[name].items()}
+        on[name] = {key: _value(rng, name, key) for key in all_of[name]}
         for key in on[name] if name in _FURTHER else ():
             further = on[name][key] * number(rng, 1.0, 10.0 ** _FURTHER[name])
             on[name][key] = min(further, _AT_MOST.get(f"{name}.{key}", math.inf))
@@ -387,17 +362,14 @@ def _listed(name: str, key: str) -> bool:
     return any("list" in str(a) for a in typing.get_args(annotation))
 
 
-def _value(rng: Rng, name: str, key: str, default: float | None, gentle: bool = False) -> float:
-    scale = abs(float(default or 1.0))
-    low, high = _RANGES.get(f"{name}.{key}", tuple(scale * 10.0**d for d in _DECADES))
-    if gentle:
+def _value(rng: Rng, name: str, key: str, default: float | None = None, decades: float = 0.0) -> float:
+    """Draw a parameter within its range, or decades beyond; with a default no stronger than twice that."""
+    effect = effects.EFFECTS[name]
+    low, high = effect.range()[key]
+    if default is not None:
         weak, strong = (0.5, 1e3) if key in _LARGER_IS_WEAKER else (1e-3, 2.0)
-        low, high = max(low, weak * scale), min(high, strong * scale)
-        high = max(low, high)
-    value = number(rng, low, high)
-    if key == "v_min_v":
-        return -value
-    return -value if key in _SIGNED and name not in _UNSIGNED and rng.random() > 0.5 else value
+        low, high = max(low, weak * abs(default)), min(high, strong * abs(default))
+    return rng.choice(effect.signs(key)) * number(rng, low / 10.0**decades, max(low, high) * 10.0**decades)
 
 
 def _gentle(rng: Rng, topology: str, kind: str, on: Data) -> None:

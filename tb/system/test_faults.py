@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens when a simulator dies, hangs or is interrupted: the right exit code, a place and a log, no orphans."""
+"""A simulator that dies, hangs or is interrupted: exit code, place, log, and no process left."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dermis.scene.design import ROOT
 
 
 def gone(text: str, within_s: float = 5.0) -> bool:
-    """Whether no process with a text is left before the time is over."""
+    """Return True once no process with a text in its command line is left."""
     end = time.monotonic() + within_s
     while time.monotonic() < end:
         if not processes_with(text):
@@ -58,7 +58,7 @@ def test_a_dead_hdl_simulator_ends_the_run(resistance_plan: MakePlan, tmp_path: 
 def test_a_simulator_that_stops_answering_is_ended(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A step of 1e-25 s never gets anywhere in double precision."""
+    """A step of 1e-25 s does not advance time in double precision."""
     monkeypatch.setattr(cosim, "START_LIMIT_S", 6.0)
     made = resistance_plan(np.full((1, 1), 1000.0))
     with pytest.raises(SimulatorError, match="stopped answering"):
@@ -67,7 +67,7 @@ def test_a_simulator_that_stops_answering_is_ended(
 
 
 def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[str]:
-    """Start a cosim run of many frames and wait until its children read the array."""
+    """Start a cosim run of many frames and wait for its children."""
     child = subprocess.Popen(
         [sys.executable, "-m", "dermis", "run", scene, "--engine", "cosim", "--out", str(out)],
         stdout=subprocess.PIPE,
@@ -83,7 +83,7 @@ def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[s
 
 
 def job_of(parent: int) -> str | None:
-    """Job directory of a run's first child."""
+    """Return the job directory of a run's first child."""
     for pid in processes_with("dermis.engines.cosim_hdl"):
         try:
             if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
@@ -94,7 +94,7 @@ def job_of(parent: int) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.long)])
 def test_an_interrupted_run_leaves_no_process_and_keeps_earlier_results(
     tmp_path: Path, how: signal.Signals
 ) -> None:

@@ -505,7 +505,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     "wanted",
     [
         "rtl.hdl_simulator.kill",
-        "rtl.parent.kill",
+        pytest.param("rtl.parent.kill", marks=pytest.mark.long),
         "npz.data",
         pytest.param("batch.scheduler_kill", marks=pytest.mark.long),
     ],
