@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A directory in which a target's inputs may live."""
+"""A directory for inputs."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ import pytest
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """A directory by its real name: what is written is compared with it."""
+    """Return a directory by its real path, with which written paths are compared."""
     return tmp_path.resolve()

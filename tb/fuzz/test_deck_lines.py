@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The allow-list of deck lines: it takes every deck that the project writes and no line that could be a command."""
+"""The allow-list of deck lines accepts every deck of the project, and no line that could be a command."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tb.programs.fuzz import deck
 
 
 def with_everything(topology: str) -> records.Plan:
-    """A plan with every effect that an interface has, cosim has and the others leave room for."""
+    """Return a plan with every effect of an interface that cosim accepts in combination."""
     effects = {name: True for name, effect in EFFECTS.items() if topology in effect.topologies}
     stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}
     data = {"array": {"rows": 2, "cols": 2}, "stimulus": stimulus, "interface": {"topology": topology}}
@@ -65,7 +65,7 @@ VIEWS = (
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 @pytest.mark.parametrize("views", VIEWS)
 def test_every_line_of_a_deck_of_views_has_an_allowed_form(views: str, topology: str) -> None:
-    """Of the whole array and of each circuit that is solved apart, where columns elsewhere stand behind a resistor."""
+    """The whole array, and each circuit that is solved apart, with other columns as a resistor."""
     stimulus = {"kind": "ramp", "force_n": [0.0, 5.0], "frames": 2}
     effects = (
         {"column_input": {"r_ohm": 20.0}, "column_offset": True} if 'conveyor = "sky130"' not in views else {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the seeded faults beside the tests importable, also in worker processes."""
+"""Make tb/hard importable, in worker processes too."""
 
 from __future__ import annotations
 

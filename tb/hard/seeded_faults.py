@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that go wrong on purpose, one way each; in a module of their own, so that worker processes can be given them."""
+"""Runs with one fault each, in a module that worker processes can import."""
 
 from __future__ import annotations
 
@@ -14,86 +14,86 @@ from dermis.errors import SimulatorError
 from tb.programs.hard import Measured
 
 SLEEP = "DERMIS_SEEDED_SLEEP"
-"""Variable with the seconds that a process left behind would sleep: of this test's alone, so that they are its mark."""
+"""Environment variable with the seconds that a left process sleeps; unique to a test, so that it finds its own."""
 
 
 def long_s() -> str:
-    """Those seconds."""
+    """Return these seconds."""
     return os.environ[SLEEP]
 
 
 def right() -> Measured:
-    """Nothing wrong."""
+    """Give a right answer."""
     return Measured(0.0, "as it should be", seconds=0.25)
 
 
 def off_by_one() -> Measured:
-    """A miss."""
+    """Give a wrong answer."""
     return Measured(-1.0, "one too few")
 
 
 def hang() -> Measured:
-    """Never ends."""
+    """Never end."""
     time.sleep(float(long_s()))
     return Measured(0.0)
 
 
 def hang_with_child() -> Measured:
-    """Never ends, and has started a program in a session of its own."""
+    """Never end, after starting a program in a session of its own."""
     subprocess.Popen(["sleep", long_s()], start_new_session=True)
     return hang()
 
 
 def deaf() -> Measured:
-    """Never ends, and does not hear that it should."""
+    """Never end, and ignore SIGTERM."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     return hang()
 
 
 def too_slow() -> Measured:
-    """Has an answer, later than it may."""
+    """Give an answer after the limit."""
     time.sleep(1.5)
     return Measured(0.0)
 
 
 def crash() -> Measured:
-    """As a defect in compiled code ends."""
+    """Crash as compiled code does."""
     os.kill(os.getpid(), signal.SIGSEGV)
     return Measured(0.0)
 
 
 def leave() -> Measured:
-    """Takes itself for a command."""
+    """Exit the process."""
     sys.exit(0)
 
 
 def fail() -> Measured:
-    """An exception that no one expects."""
+    """Raise an unexpected exception."""
     raise ValueError("nobody expects this")
 
 
 def simulator() -> Measured:
-    """A simulator that gave up."""
+    """Fail as a simulator."""
     raise SimulatorError("ngspice stopped at 3 us, node v_int", "ngspice.log")
 
 
 def not_a_number() -> Measured:
-    """Divides nothing by nothing."""
+    """Give NaN."""
     return Measured(math.nan)
 
 
 def nothing() -> None:
-    """Forgets to say what it found."""
+    """Give no answer."""
 
 
 def orphan() -> Measured:
-    """Right, but for a process that it started and forgot."""
+    """Give a right answer and leave a process."""
     subprocess.Popen(["sh", "-c", f"setsid sleep {long_s()} & exit 0"]).wait()
     return Measured(0.0)
 
 
 def forked() -> Measured:
-    """Right, but for a copy of itself in a session of its own."""
+    """Give a right answer and leave a copy of the process in its own session."""
     if os.fork() == 0:
         os.setsid()
         time.sleep(float(long_s()))

@@ -225,7 +225,7 @@ def test_a_certificate_that_is_too_narrow_is_found(monkeypatch: pytest.MonkeyPat
 
 
 def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the coupling of columns once did: the frames of a part were repeated as often as the slowest of them."""
+    """A result that depends on the number of frames in a part."""
     original = coupling.coupling
 
     def wrong(plan: Plan, g: Any, x: Any) -> Any:

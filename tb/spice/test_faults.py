@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Netlist faults put in on purpose: each check that lets the right circuit pass must stop the wrong one."""
+"""Seeded netlist faults: each check passes the right circuit and fails the wrong one."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults in the run itself: what is cured, shown to fail without the cure, and that the judge of `make faults` sees."""
+"""Disturbed runs: the judge of `make faults` notices faults, and commands end cleanly when disturbed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tb.programs.faults import command, trials
 from tb.programs.faults.bench import Bench, Ended, Run
 
 END_S = 60.0
-"""What is to happen within milliseconds has happened by then, however loaded the machine; a hang has not."""
+"""Limit of events that take milliseconds; generous for a loaded machine."""
 
 
 # ---- the judge sees faults that are put there --------------------------------------------------------------------
@@ -73,7 +73,7 @@ def test_the_judge_sees_words_codes_and_processes_that_are_wrong(
 
 
 def results(out: Path, code: int = 7) -> None:
-    """A whole set of results of one frame of 2 x 3."""
+    """Write a whole set of results of one frame of 2 x 3."""
     out.mkdir(parents=True, exist_ok=True)
     codes = np.full((1, 2, 3), code, np.uint8)
     for name in ("codes.npy", "codes.csv"):
@@ -84,7 +84,7 @@ def results(out: Path, code: int = 7) -> None:
 
 
 def spoiled(out: Path, how: str) -> None:
-    """Spoil results in a way that a careless writer might."""
+    """Damage results as a careless writer might."""
     if how == "half_written":
         (out / "codes.npy").write_bytes((out / "codes.npy").read_bytes()[:-3])
     elif how == "half_a_table":
@@ -116,7 +116,7 @@ def test_the_judge_sees_a_table_that_is_half_written(tmp_path: Path) -> None:
     assert benches.judge_tables(tmp_path) == ["run.json is half-written"]
 
 
-def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_path: Path) -> None:
+def test_a_trial_that_fails_is_an_error_and_stored_rows_are_reused(tmp_path: Path) -> None:
     def broken(_bench: Bench, _name: str) -> tuple[list[str], str]:
         raise RuntimeError("not measured")
 
@@ -130,7 +130,7 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
     todo = [trials.Trial("kill.a.b.1", counted), trials.Trial("kill.a.b.2", broken)]
     rows = command.run(todo, Bench(tmp_path), 1, kept)
     assert [row["status"] for row in rows] == ["PASS", "ERROR"]
-    # Broken off and started again: what was measured stays, the rest follows.
+    # An interrupted run continues with the trials that have no row.
     rows = command.run(
         [*todo, trials.Trial("kill.a.b.3", counted)], Bench(tmp_path), 1, Checkpoint(store, "code")
     )
@@ -139,8 +139,8 @@ def test_a_trial_that_breaks_is_no_pass_and_rows_that_are_there_are_taken(tmp_pa
     assert "3 trials, 3 of them kills: 1 PASS, 1 FAIL, 1 ERROR" in command.table(rows)
 
 
-def test_a_trial_s_signals_are_heard_where_a_shell_has_them_ignored(tmp_path: Path) -> None:
-    """Behind a shell's & every Ctrl-C of the trials was lost, and they passed."""
+def test_signals_of_a_trial_reach_commands_that_would_ignore_them(tmp_path: Path) -> None:
+    """A background process of a shell ignores Ctrl-C, and its children inherit that."""
 
     def interrupted(_bench: Bench, _name: str) -> tuple[list[str], str]:
         sleeper = subprocess.Popen(["sleep", "60"])
@@ -149,7 +149,7 @@ def test_a_trial_s_signals_are_heard_where_a_shell_has_them_ignored(tmp_path: Pa
             return [], f"exit {sleeper.wait(5)}"
         except subprocess.TimeoutExpired:
             sleeper.kill()
-            return ["not heard"], f"exit {sleeper.wait()}"
+            return ["ignored"], f"exit {sleeper.wait()}"
 
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -248,7 +248,7 @@ time.sleep(600)
     "behind", ["pass", "__import__('time').sleep(600)"], ids=["parent_gone", "parent_there"]
 )
 def test_sigkill_of_a_command_leaves_none_of_what_it_started(tmp_path: Path, behind: str) -> None:
-    """Without the watchdog `sleep` stays in both: it has a session of its own, and in one of them no parent."""
+    """`sleep` has a session of its own, and in one case no parent: only the watchdog finds it."""
     run = Run([sys.executable, "-c", STARTS.replace("{behind}", behind)], ROOT, tmp_path)
     words = run.said[0]
     assert benches.poll(lambda: {"ready", "at work"} <= set(words.read_text().split("\n")), END_S)
@@ -298,7 +298,7 @@ main()
 def test_every_command_answers_a_signal_with_its_exit_code_and_a_word(
     tmp_path: Path, number: signal.Signals, code: int, word: str
 ) -> None:
-    """Before, SIGTERM and SIGHUP ended a command at once, with -15 and -1, and its children stayed."""
+    """A command that ends at once, with -15 or -1, leaves its children."""
     run = Run([sys.executable, "-c", SIGNALLED], ROOT, tmp_path)
     assert benches.poll(lambda: "at work" in run.said[0].read_text(), END_S)
     run.child.send_signal(number)
@@ -317,7 +317,7 @@ cli.main()
 
 
 def test_ctrl_c_within_exec_of_a_string_is_130_as_well(tmp_path: Path) -> None:
-    """It was -2: Python remembers, and ends by the signal at its very end, whatever code it was told."""
+    """Python remembers the signal and ends by it at its very end, whatever exit code it was given."""
     (tmp_path / "asked.py").write_text(THROUGH_EXEC)
     run = Run(
         [sys.executable, "-m", "asked"], ROOT, tmp_path, {"PYTHONPATH": f"{tmp_path}:{ROOT / 'models'}"}
@@ -349,7 +349,7 @@ def test_what_asks_to_end_waits_for_what_must_not_stop_in_its_middle() -> None:
 
 
 def killed_at(number: int, work: Path, out: Path) -> int:
-    """Put results in `out` from a process that is killed at its n-th rename; its exit status."""
+    """Put results in `out` from a process that is killed at its n-th rename, and return its exit status."""
     pid = os.fork()
     if pid == 0:
         calls = 0
@@ -381,7 +381,7 @@ def killed_at(number: int, work: Path, out: Path) -> int:
 def test_a_run_killed_at_any_rename_leaves_the_old_results_or_the_next_one_finds_the_new(
     tmp_path: Path, number: int, new: bool
 ) -> None:
-    """Renames alone, one file after another, left codes of the new run beside a summary of the old one."""
+    """File by file, codes of the new run would stand next to the summary of the old one."""
     out = tmp_path / "out"
     if not new:
         results(out, 7)
@@ -416,7 +416,7 @@ def test_what_another_run_is_writing_is_not_tidied_away(tmp_path: Path) -> None:
 def test_a_file_is_made_with_the_users_mask_which_nobody_sets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To ask for the mask was to set it to 0, for an instant and for every thread."""
+    """Reading the mask means to set it to 0 for an instant, for every thread."""
     (tmp_path / "plain").write_text("")
     monkeypatch.setattr(os, "umask", None)
     files.write_atomic(tmp_path / "atomic", "text")
@@ -427,7 +427,7 @@ def test_a_file_is_made_with_the_users_mask_which_nobody_sets(
 
 
 def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) -> None:
-    """It was kept as built, and failed every run to come."""
+    """A kept build without its program would fail every later run."""
 
     def nothing(target: Path, log: Path) -> None:
         log.write_text("nothing to do")
@@ -436,7 +436,7 @@ def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) ->
         (target / "sim.vvp").write_text('code\n:file_names 2;\n    "N/A";\n    "<interactive>";\n')
 
     def cut(target: Path, log: Path) -> None:
-        """As Icarus leaves it, with exit code 0, where the disk is full."""
+        """Leave a truncated program, as Icarus does with exit code 0 on a full disk."""
         something(target, log)
         os.truncate(target / "sim.vvp", (target / "sim.vvp").stat().st_size - 5)
 
@@ -449,7 +449,7 @@ def test_a_build_that_ends_well_and_makes_nothing_is_not_kept(tmp_path: Path) ->
 
 
 def test_a_lock_lasts_until_what_was_started_under_it_is_gone(tmp_path: Path) -> None:
-    """Compilers of a killed command wrote on into the build that the next command had begun."""
+    """Compilers of a killed command would write into the build of the next command."""
     with files.locked(tmp_path / "lock") as lock, children.holding(lock):
         child = children.Child(["sleep", "600"])
     with files.locked(tmp_path / "lock", wait=False) as other:
@@ -471,7 +471,7 @@ def test_a_tool_that_hangs_is_ended_with_what_it_started(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("how", ["unreadable", "truncated", "garbage", "empty"])
 def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, how: str) -> None:
-    """A file without a cell ended in `zip() argument 2 is longer`, one that is no text was read all the same."""
+    """A Liberty file without a cell, or one that is no text, is refused with its name."""
     path = tmp_path / "cells.lib"
     path.write_text("library (a) {\n  // no cell\n" * 40)
     trials.damage(path, how)

@@ -170,7 +170,7 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
     rng = s.rng("exact_arithmetic")
     f, r, c = s.cell(rng)
     x = float(s.x[f, r, c])
-    if not abs(x) < 1e12:  # beyond, both only saturate
+    if not abs(x) < 1e12:  # both saturate
         return
     yield COMPARED
     plan, converter = s.plan, s.plan.converter
@@ -181,11 +181,11 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
     exact = vfc.count_exact(x, clocks, w0, packet, level)
     code = int(s.result.codes[f, r, c])
     if code != min(exact, plan.timing.code_max):
-        # One rounding of N x may decide a tie (docs of vfc.count): ask both neighbours of x.
-        beside = {
-            vfc.count_exact(float(np.nextafter(x, way)), clocks, w0, packet, level) for way in (-1e300, 1e300)
-        }
-        if code not in {min(n, plan.timing.code_max) for n in beside}:
+        # One rounding of N x may decide a tie (vfc.count): try both neighbours of x.
+        near = (
+            vfc.count_exact(float(np.nextafter(x, to)), clocks, w0, packet, level) for to in (-1e300, 1e300)
+        )
+        if code not in {min(n, plan.timing.code_max) for n in near}:
             yield f"code {code}, exact arithmetic {exact} at x = {x!r}, cell {f}, {r}, {c}"
     if not s.active & _LEVELS and 0 <= x <= 0.5 and code < plan.timing.code_max:
         if abs(Fraction(x) * clocks - code) >= 1:
@@ -239,16 +239,14 @@ def fifty_digits(s: Subject) -> Iterator[str]:
     f, r, c = s.cell(rng)
     cells = s.steady()
     cell = {k.name: float(getattr(cells, k.name)[f, r, c]) for k in dataclasses.fields(event.Cells)}
-    if (
-        abs(cell["x"]) > 1e6 or cell["across"] > 1e6
-    ):  # the reference stops at every instant where anything changes
+    if abs(cell["x"]) > 1e6 or cell["across"] > 1e6:  # the reference stops at every change
         return
     yield COMPARED
     clocks = min(int(rng.integers(1, 40)), s.plan.timing.gate_clocks)
     walk = event.walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
     one = event.Cells(**{name: np.array([value]) for name, value in cell.items()})
     count = int(event.count_cells(one, clocks, s.plan.timing.charge_delay_clocks)[0][0])
-    # States of 1e-12 packet of error (docs/event.md) may decide what comes as close to a level.
+    # Errors of 1e-12 packet (docs/event.md) may decide a state that is as close to a level.
     if count != sum(walk.bits) and walk.nearest > 1e-9 * max(1.0, abs(cell["x"])):
         yield f"{count} ones in {clocks} clocks, the reference {sum(walk.bits)}, cell {f}, {r}, {c}: {cell}"
 
@@ -289,7 +287,7 @@ def repeated(s: Subject) -> Iterator[str]:
 
 
 def monotone(s: Subject) -> Iterator[str]:
-    """More conductance of a taxel gives no smaller duty and no smaller code of its own, where the physics says so."""
+    """More conductance of a taxel gives no smaller duty and no smaller code of its own."""
     rising = _FORMULA | {"v_int_max_v", "v_int_min_v", "inv_gain_dc", "g_in_s", "inv_i_range_a"}
     if not s.memoryless or s.active & _SOURCES or not s.active & _CONVERTER <= rising or s.noisy:
         return
@@ -342,10 +340,10 @@ def symmetric(s: Subject) -> Iterator[str]:
         cols = rng.permutation(cols) if "g_lateral_row_s" not in s.active else cols[::-1]
     other = event.run(_permuted(s.plan, rows, cols))
     expected, x = s.result.codes[:, rows][:, :, cols], s.x[:, rows][:, :, cols]
-    # A short makes an infinite duty; beyond any that is clipped.
+    # A short makes an infinite duty.
     most = s.plan.converter.drowning()[cols]
     before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
-    # Where offsets and leaks all but cancel what the bias makes, the sum is as exact as its parts.
+    # Offsets and leaks may nearly cancel the current of the bias; the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)
     wrong = np.abs(after - before) > _SOLVED * size + _NOTHING + _coupled(s)[:, rows]
     yield from _first(wrong, "x = {!r} becomes {!r} in another order", x, other.info["x"])
@@ -354,7 +352,7 @@ def symmetric(s: Subject) -> Iterator[str]:
 
 
 def _coupled(s: Subject) -> Floats:
-    """Packets a clock [frames, rows, 1] to which engine event says it knows what columns do to each other."""
+    """Return the error of engine event for the coupling of columns, packets a clock [frames, rows, 1]."""
     plan, g = s.plan, s.plan.conductance_s()
     known = np.zeros((plan.frames, plan.rows, 1))
     for alike, slots in currents.groups(plan, slice(0, plan.frames)):
@@ -369,7 +367,7 @@ def _coupled(s: Subject) -> Floats:
 
 
 def _held(s: Subject) -> Floats:
-    """Packets a clock by which offsets and leaks move each column, all taken as positive."""
+    """Return the sum of magnitudes of offsets and leaks, packets a clock."""
     network = s.plan.network(0)
     size = np.abs(network.v_column_offset_v)
     g = np.minimum(s.plan.conductance_s(), 1e22).sum(axis=1, keepdims=True)
@@ -387,7 +385,7 @@ def superposed(s: Subject) -> Iterator[str]:
     found = column_currents_with_bounds(network, g)
     driven, rest = found.driven, found.rest
     twice, _ = column_currents_by_source(dataclasses.replace(network, v_bias_v=2.0 * network.v_bias_v), g)
-    # Far along lateral resistors a current has fewer bits than a double, or none, and doubling it gives it one back.
+    # Far along lateral resistors a current is subnormal, and doubling it restores a bit.
     wrong = (twice != 2.0 * driven) & (np.abs(driven) > _NO_CURRENT_A)
     yield from _first(wrong, "twice the bias makes {!r} of {!r} A", twice, driven)
     yield from _first(driven < 0, "a current of {} A against the bias", driven)
@@ -395,9 +393,9 @@ def superposed(s: Subject) -> Iterator[str]:
     yield from _first(out > into * (1.0 + _SOLVED), "{!r} A come out, an ideal driver gives {!r}", out, into)
     if rest is not None:
         rng = s.rng("superposed")
-        # Shares that round neither part: where offsets of columns cancel, a rounding of one is more than any bound.
+        # Shares without rounding: where offsets of columns cancel, a rounding of one is more than any bound.
         share = rng.choice([-1.0, 0.0, 0.5, 1.0, 2.0], network.cols)
-        # What every solve says of itself: where offsets and leaks cancel it may be more than the current.
+        # Each solve gives its own bound, which may be more than a current of offsets that cancel.
         halves, allowed = [], found.rest_error
         for one in (share, 1.0 - share):
             part = dataclasses.replace(
@@ -413,13 +411,11 @@ def superposed(s: Subject) -> Iterator[str]:
         yield from _first(wrong, "offsets and leaks in two parts: {!r}, not {!r}", both, rest)
 
 
-# Fields by how they scale where every resistance grows by a factor and every current shrinks by it.
+# Fields that grow and that shrink with every resistance, and currents of the converter, which shrink.
 _OHMS = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "r_trace_row_ohm", "r_trace_column_ohm")
 _SIEMENS = ("g_lateral_row_s", "g_lateral_column_s", "i_leak_a", "c_row_f", "c_column_f", "c_taxel_f")
 _AMPERES = ("i0_a", "c_int_f", "i_offset_a", "g_in_s", "q_mirror_c")
-
-
-# Between these the stand-ins for shorts and opens (dermis.array.array) are out of reach of 2^6 either way.
+# A factor of 2^6 keeps these limits away from the values that replace shorts and opens (dermis.array.array).
 _LEAST_OHM, _LEAST, _MOST = 1e-6, 1e-15, 1e12
 
 
@@ -428,7 +424,6 @@ def scaled(s: Subject) -> Iterator[str]:
     ohm = s.plan.resistance_ohm
     finite = ohm[(ohm > 0) & np.isfinite(ohm)]
     absolute = [float(np.max(v)) for v in s.plan.surrounding.values()]
-    # Stand-ins for shorts and opens do not scale; they are beyond any of these.
     if s.noisy or (finite.size and not (_LEAST_OHM <= finite.min() and finite.max() <= _MOST)):
         return
     if (ohm == 0).any() or any(v and not _LEAST < abs(v) < _MOST for v in absolute) or "t_meta_s" in s.active:
@@ -456,17 +451,15 @@ def scaled(s: Subject) -> Iterator[str]:
 
 
 def budget(s: Subject) -> Iterator[str]:
-    """What auto leaves out stays within its budget, and its certified codes hold those with everything on."""
-    if not s.auto:
-        return
-    if engines.refuses(s.chosen, s.chosen.engine):
+    """Effects that auto leaves out stay within its budget, and its certified codes hold those with all effects."""
+    if not s.auto or engines.refuses(s.chosen, s.chosen.engine):
         return
     yield COMPARED
     yield from _within_budget(s, s.result.codes, certificate.certify(s.chosen, engines.run(s.chosen)))
 
 
 def _within_budget(s: Subject, codes: NDArray[Any], found: Result) -> Iterator[str]:
-    """Compare codes of everything on with those of auto and with its certified codes."""
+    """Compare codes of all effects with those of auto and with its certified codes."""
     codes = codes.astype(int)
     outside = (codes < found.low) | (codes > found.high)
     yield from _first(outside, "all effects on: {}, certified {} .. {}", codes, found.low, found.high)
@@ -477,12 +470,12 @@ def _within_budget(s: Subject, codes: NDArray[Any], found: Result) -> Iterator[s
 
 
 def through_verilog(s: Subject) -> Iterator[str]:
-    """Engine rtl reads what engine event reads, at most one apart."""
+    """Engine rtl reads the codes of engine event, at most one apart."""
     yield from _neighbour(s, "rtl")
 
 
 def through_spice(s: Subject) -> Iterator[str]:
-    """Engine cosim reads what engine event reads, at most one apart."""
+    """Engine cosim reads the codes of engine event, at most one apart."""
     yield from _neighbour(s, "cosim")
 
 

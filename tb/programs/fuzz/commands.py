@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from dermis import cli
 from dermis.engines import batch, cosim, rtl
 from dermis.report import figures, output, plan_table, verdict
-from scripts import regression
+from scripts import calculator, regression
 from tb.programs.fuzz import inputs, oracle, scene
 from tb.programs.fuzz.oracle import Finding, Taken
 from tb.programs.fuzz.target import Target
@@ -86,7 +86,8 @@ def lines(draw: st.DrawFn) -> bytes:
         words += ["--out", draw(st.sampled_from(_OUTS))]
     if name == "sim":
         words += ["--frames", draw(st.sampled_from(_FRAMES)), "--rows", "3", "--cols", "2"]
-    for option in draw(st.lists(st.sampled_from(options), max_size=3)) if options else ():
+    count = draw(st.sampled_from((0, 1, 1, 2, 2, 3))) if options else 0
+    for option in draw(st.lists(st.sampled_from(options), min_size=count, max_size=count)) if count else ():
         known = st.sampled_from(_NAMED.get(option.name or "", _VALUES))
         if isinstance(option.type, click.Choice):
             known |= st.sampled_from([str(c) for c in option.type.choices])
@@ -133,7 +134,7 @@ def prepare(place: Path) -> None:
     cli.traceback = types.SimpleNamespace(format_exc=_remember)
     output.versions = dict
     figures.frame_figure = lambda made, codes, fit, path: path.write_bytes(b"")
-    cosim.run = rtl.run = plan_table.measure_costs = _taken
+    cosim.run = rtl.run = plan_table.measure_costs = calculator.write_design = _taken
     whole = batch.run
     batch.run = lambda made, *rest, processes=1, scheduler=None, **more: (
         _taken() if processes > 1 or scheduler else whole(made, *rest, **more)
