@@ -24,7 +24,7 @@ NONE = "-"
 _SIZE = 3
 _CODES = [100, 120]
 
-# Fields of Converter that change what flows in, not what is done with it.
+# Fields of Converter that change the input current and not its conversion.
 _DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
 
 _NO_BOUND_LSB = 1e6
@@ -42,7 +42,7 @@ def sample(
 ) -> Plan:
     """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare scene.
 
-    What the effect needs is on in both cases, at its defaults as well.
+    Effects that it requires are on in both cases.
     """
     names = [*EFFECTS[name].needs, *([name] if itself else [])] if name else []
     data: dict[str, Any] = {
@@ -186,7 +186,7 @@ def bounds(design: Design | None = None) -> str:
 
 
 def _everything(name: str, design: Design | None) -> Plan:
-    """Return a scene with every effect at its default in place of its own."""
+    """Return a scene with every effect at its default."""
     world = scene.load(scene.find(name), design)
     table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
     return plan.make(scene.with_effects(world, table, world.table.run.engine))

@@ -62,7 +62,7 @@ class Entry:
 
     @property
     def writable(self) -> bool:
-        """Whether a write is accepted."""
+        """True if a write is accepted."""
         return any(part.kind in ("value", "pulse") for part in self.parts)
 
     @property
@@ -72,12 +72,12 @@ class Entry:
 
     @property
     def write_mask(self) -> int:
-        """The bits that stay as written."""
+        """Bits that keep a written value."""
         return sum(part.mask for part in self.parts if part.kind == "value")
 
 
 class _Quoting(MessagePrinter):
-    """Keeps the compiler's messages for one line of ours."""
+    """Collects the messages of the compiler for one line."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
@@ -87,7 +87,7 @@ class _Quoting(MessagePrinter):
 
 
 def parameters(design: Design) -> dict[str, int]:
-    """The map's parameters for a design."""
+    """Return the parameters of the map for a design."""
     return {
         "ROWS": design.array.rows,
         "COLS": design.array.cols,
@@ -105,7 +105,7 @@ def entries(design: Design, root: Path) -> list[Entry]:
     Raises
     ------
     InputError
-        It is not SystemRDL, or uses what this does not write.
+        It is not SystemRDL, or uses an unsupported feature.
     """
     printer = _Quoting()
     compiler = RDLCompiler(message_printer=printer)

@@ -163,7 +163,7 @@ def draw_indenters() -> None:
 
 
 def run(cases: list[Case]) -> tuple[list[Row], bool]:
-    """Run cases side by side; return the rows in their order and whether a simulator failed."""
+    """Run cases in parallel; return the rows in order, and True if a simulator failed."""
     plans = [plan.load(case.scene, "cosim") for case in cases]
     for made in plans:
         engines.check(made)

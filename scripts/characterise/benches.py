@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is measured of the blocks in SKY130 transistors: a deck for every bench, and what follows from its `.meas`.
+"""Benches of the blocks in SKY130 transistors: a deck per bench, and the quantities from its `.meas`.
 
 A bench is one entry of BENCHES: the text of its device under test, stimulus and measures, and a function that turns
 what ngspice found into quantities in SI units. A quantity `q` is judged against `sky130.q` of models/spec.toml, which
@@ -20,7 +20,7 @@ SUPPLY_V = 1.65
 """Half the nominal supply: the rails are at plus and minus this (docs/sky130.md)."""
 
 Found = Mapping[str, float]
-"""What a deck's `.meas` found, by lower-case name."""
+"""Results of the `.meas` of a deck, by lower-case name."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Bench:
-    """One deck, and what it measures.
+    """One deck and its quantities.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ def _sweep(k: int) -> str:
 
 
 def chain_body(k: int, devices: int | None = None) -> str:
-    """Conveyor and mirror of a fixed ratio k; `devices`: so many in the mirror's input instead."""
+    """Conveyor and mirror of a fixed ratio k; `devices`: number of input devices instead of k."""
     return _CHAIN.format(pins="0 0", devices=devices or k) + _sweep(k)
 
 
@@ -208,9 +208,9 @@ def _off_line(x: Sequence[float], y: Sequence[float]) -> list[float]:
 
 
 def code_residual_lsb(found: Found, k: int) -> list[float]:
-    """What a taxel's code is off at each of SHARES, once gain and offset of its column are calibrated.
+    """Return the code error of a taxel at each of SHARES after calibration of gain and offset of its column.
 
-    A taxel of conductance G draws G (V_b - v(x)), with V_b = 0.5 V: what the conveyor gives way bends the code too.
+    A taxel of conductance G draws G (V_b - v(x)), with V_b = 0.5 V, so the input impedance of the conveyor matters.
     """
     siemens = [chain_full_a(k) * share / (0.5 - found[f"x{n}"]) for n, share in enumerate(SHARES)]
     return _off_line(siemens, chain_lsb(found))
@@ -267,7 +267,7 @@ def vfc_body(polarity: int) -> str:
 
 
 def vfc(found: Found, polarity: int) -> dict[str, float]:
-    """Preset, slope and packet; the preset is half a packet less what came in the 99 ns behind its release."""
+    """Preset, slope and packet; the preset is half a packet less the charge of the 99 ns after its release."""
     side = "sink" if polarity > 0 else "source"
     slope = (found["v_0"] - found["v_1"]) / 0.8e-6 * polarity
     packet = (found["v_2"] - found["v_1"]) * polarity + slope * 0.4e-6
@@ -409,7 +409,7 @@ vz z 0 -0.6
 
 
 def column(found: Found) -> dict[str, float]:
-    """Voltage of the column before the first gate, less what was put in; at the end of two gates, and in between."""
+    """Voltage of the column less the seeded offset before the first gate, and at the end of two gates and between."""
     return {
         "column_raw_offset_v": found["raw"] + _OFFSET_V,
         "column_offset_v": max(found["first"], found["second"], key=abs),
@@ -430,7 +430,7 @@ vz z 0 -0.6
 
 
 def r_x(found: Found) -> dict[str, float]:
-    """What the column sees at 1 mA, its 400 pF included and the offset null left out."""
+    """Impedance at the column at 1 mA, with its 400 pF and without the offset null."""
     return {f"r_x_ohm.f{f}": found[f"r{f}"] for f in R_X_HZ}
 
 
@@ -457,7 +457,7 @@ vsum sum 0 0
 
 
 def settling_body(side: str) -> str:
-    """A row of 64.25 kohm behind one of 500 ohm ("low"), or the other way round ("high")."""
+    """A row of 64.25 kohm after one of 500 ohm ("low"), or the reverse ("high")."""
     one, other = (0.5, 0) if side == "low" else (0, 0.5)
     times = "".join(f".meas tran x{t} find v(x) at={45200 + t}n\n" for t in SETTLING_NS)
     return _SETTLING.format(one=one, other=other) + times
@@ -490,7 +490,7 @@ xdut col d_charge d_preset comp ibias vdd_c vss_c channel_{topology}
 
 
 def supply_body(topology: str) -> str:
-    """A channel with rails of its own; the reference is on the deck's."""
+    """A channel with separate rails; the reference uses those of the deck."""
     return _SUPPLY.format(topology=topology)
 
 
@@ -523,7 +523,7 @@ SUPPLY_BLOCKS = (
 
 
 def supply_blocks(found: Found) -> dict[str, float]:
-    """What each block of a channel takes from vdd."""
+    """Current of each block of a channel from vdd."""
     return {f"supply_block_a.{name}": found[name] for name in _BLOCKS}
 
 
@@ -600,7 +600,7 @@ def row_driver_body(driven: int) -> str:
 
 
 def row_driver(found: Found, side: str) -> dict[str, float]:
-    """What a row sags with 16 mA, by that current."""
+    """Voltage drop of a row at 16 mA, over that current."""
     return {f"row_driver_r_ohm.{side}": (found["none"] - found["full"]) / 16e-3}
 
 
@@ -730,7 +730,7 @@ CODES_A_UNIT: dict[str, float] = {
     "comparator_delay_s": 0.5 / 200e-9,
 }
 
-# What a code bends in all: conveyor and mirror, and the packets behind them; sums of sizes, in lsb.
+# Total nonlinearity of a code: conveyor and mirror, and packets; sums of magnitudes, in lsb.
 SUMS: dict[str, tuple[str, ...]] = {
     f"code_inl_lsb.{side}": ("chain_code_inl_lsb.k80", f"packet_density_lsb.{side}")
     for side in ("sink", "source")

@@ -34,7 +34,7 @@ _SHORT_SAMPLES = 2
 
 
 def chosen(only: Sequence[str]) -> list[str]:
-    """Names of the benches that measure what `--only` names: benches, or quantities with or without `sky130.`.
+    """Return the benches of `--only`: names of benches, or of quantities with or without `sky130.`.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def chosen(only: Sequence[str]) -> list[str]:
 
 
 def _covers(name: str, quantity: str) -> bool:
-    """Whether a name is that of a quantity, or of all such quantities: `a.b` of `a.b.sink`."""
+    """Return True if a name is that of a quantity or of its group: `a.b` of `a.b.sink`."""
     return f"{quantity}.".startswith(f"{name}.")
 
 
@@ -115,7 +115,7 @@ def jobs_of(
 
 
 def print_table(found: Sequence[Series], rows: Sequence[verdict.Row], title: str) -> None:
-    """Print least, typical and most beside the limits, the worst condition, and how to run it again."""
+    """Print min, typ and max with the limits, the worst condition, and the command to rerun it."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=170)
@@ -188,7 +188,7 @@ def characterise_command(
         raise InputError("command line", "--sample and --samples", sample, "one of the two")
     names = chosen(only)
     if scheduler is not None:
-        # Refused now, not behind the decks, and also where all is kept and nobody would ask for it.
+        # Refused before the decks run, and also if all results are stored.
         with batch.cluster(scheduler):
             pass
     asked = [quantity_of(word) for word in only if _solved_otherwise(quantity_of(word))]
@@ -208,7 +208,7 @@ def characterise_command(
     if wanted and len(wanted) == len(only):
         found = [one for one in found if any(_covers(w, one.only) for w in wanted)]
     rows = [one.row() for one in found]
-    # A part leaves what others read of the last whole run as it is.
+    # A partial run does not change the results of the last whole run.
     if whole:
         results.write_values(runs.outcomes)
     verdict.write_rows("characterise" if whole else "characterise_part", rows)

@@ -36,7 +36,7 @@ Outcomes = Mapping[Job, Outcome]
 
 
 def _of(outcomes: Outcomes, bench: str) -> dict[Condition, Outcome]:
-    """What a bench came to at the conditions without mismatch where it was measured."""
+    """Return the results of a bench at all measured conditions without mismatch."""
     return {
         job.condition: outcome
         for job, outcome in outcomes.items()
@@ -57,7 +57,7 @@ def _corner_lines(axes: Any, lines: Mapping[Condition, tuple[Sequence[float], Se
 
 
 def residual(outcomes: Outcomes, path: Path) -> None:
-    """What a code is off against the current of its taxel, range by range."""
+    """Draw the code error against the current of a taxel, by range."""
     figure = Figure(figsize=(13.5, 6.5), layout="constrained")
     for axes, k in zip(figure.subplots(2, 2, sharex=True).flat, (80, 20, 40, 160), strict=True):
         found = _of(outcomes, f"chain_k{k}")
@@ -79,7 +79,7 @@ def residual(outcomes: Outcomes, path: Path) -> None:
 
 
 def input_resistance(outcomes: Outcomes, path: Path) -> None:
-    """What a column sees of its conveyor against frequency."""
+    """Draw the input impedance of the conveyor against frequency."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
     lines = {
@@ -98,7 +98,7 @@ def input_resistance(outcomes: Outcomes, path: Path) -> None:
 
 
 def settling(outcomes: Outcomes, path: Path) -> None:
-    """The column behind a change of rows, from a full to an open taxel."""
+    """Draw the column after a change of rows, from a full to an open taxel."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
     microseconds = [1e-3 * t for t in benches.SETTLING_NS]

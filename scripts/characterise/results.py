@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the runs come to: each quantity over its conditions against models/spec.toml, and the file that others read."""
+"""Results of the runs: each quantity over its conditions against models/spec.toml, and the file of values."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class _One:
 
 
 def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[_One]:
-    """Every quantity of every job that was solved as its bench says, and the sums of them."""
+    """Return every quantity of every solved job, and their sums."""
     there: dict[tuple[str, Condition], _One] = {}
     for job, outcome in outcomes.items():
         if not job.numerics:
@@ -131,7 +131,7 @@ def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[_One]:
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
-    """Every quantity over the corners, at typical where it has a limit of its own, over mismatch, and its drift."""
+    """Return every quantity over corners, at typical if limited there, over mismatch, and its drift."""
     found: dict[str, Series] = {}
     for it in _each(outcomes):
         names = [it.quantity if it.condition.sample is None else f"mismatch.{it.quantity}"]
@@ -150,12 +150,12 @@ def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
 
 
 def _has_limit(name: str) -> bool:
-    """Whether models/spec.toml limits exactly this, or what it is a part of, such as `a.b` of `a.b.sink`."""
+    """Return True if models/spec.toml limits this quantity or its group, such as `a.b` of `a.b.sink`."""
     return name in spec() or name.rpartition(".")[0] in spec()
 
 
 def _drifts(outcomes: Mapping[Job, Outcome]) -> Iterator[Series]:
-    """How much a quantity changes over temperature at one corner and supply: what no calibration at 27 C takes away."""
+    """Return the change of a quantity over temperature at one corner and supply, after calibration at 27 C."""
     groups: dict[tuple[str, str, str], dict[float, float]] = {}
     units: dict[str, str] = {}
     for it in _each(outcomes):
@@ -219,7 +219,7 @@ def load(path: Path | None = None) -> dict[Condition, dict[str, float]]:
     Raises
     ------
     InputError
-        There is no such run.
+        The run does not exist.
     """
     path = path or VALUES
     try:

@@ -24,10 +24,10 @@ SUPPLIES = (0.9, 1.0, 1.1)
 TYPICAL = Condition()
 
 EXTREMES = (TYPICAL, Condition("ss", -40.0, 0.9), Condition("ff", 125.0, 1.1))
-"""Where the numerics are tried, and what `--short` runs: typical, slowest and fastest."""
+"""Conditions of the numerical checks and of `--short`: typical, slowest and fastest."""
 
 GUESS_S = 0.3
-"""Seconds that a run takes on an idle core, the mean of all, where none of its bench are kept to say better."""
+"""Mean seconds of a run on an idle core, the estimate for a bench without stored results."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]]
 
 
 def is_transient(bench: Bench) -> bool:
-    """Whether a bench takes time steps."""
+    """Return True for a bench with time steps."""
     return _TRAN.search(bench.body) is not None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job: values of its quantities, or in `fault` why there are none."""
+    """Outcome of a job: values of its quantities, or in `fault` the reason for none."""
 
     values: Mapping[str, float]
     fault: str = ""
@@ -110,7 +110,7 @@ def samples(first: int, last: int, at: Condition = TYPICAL) -> list[Condition]:
 
 
 def outcome(job: Job, measured: runs.Measured) -> Outcome:
-    """The quantities that follow from what a job measured."""
+    """Return the quantities of the measurements of a job."""
     bench = BENCHES[job.bench]
     try:
         values = bench.values(measured.values)
@@ -122,7 +122,7 @@ def outcome(job: Job, measured: runs.Measured) -> Outcome:
 
 
 class Runs:
-    """Jobs, what is kept of them and what is left to do.
+    """Jobs, their stored results and the remaining ones.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Runs:
                 self.outcomes[job] = outcome(job, there)
 
     def seconds(self) -> float:
-        """About how long what is left will take a core: each bench as long as its runs that are kept did."""
+        """Estimate the core time of the remaining jobs from the stored runs of each bench."""
         took: dict[str, list[float]] = {}
         for job, done in self.outcomes.items():
             if done.measured is not None:
@@ -155,7 +155,7 @@ class Runs:
         return sum(usual.get(job.bench, GUESS_S) for job in self.todo)
 
     def run(self, jobs: int, scheduler: str | None, progress: Callable[[int], None]) -> None:
-        """Run what is left, and keep each result as soon as it is there.
+        """Run the remaining jobs and store each result at once.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Runs:
         InputError
             A scheduler that does not answer.
         SimulatorError
-            A cluster that is lost. What ngspice gives up is an Outcome.
+            The cluster is lost. A failure of ngspice is an Outcome.
         """
         if not self.todo:
             return
@@ -180,7 +180,7 @@ class Runs:
                 try:
                     measured = task.result()
                 except DermisError as error:
-                    # A job that fails has failed; that work can be had from elsewhere no more is no job's fault.
+                    # A failure of a job is a result; the loss of the workers is not.
                     if isinstance(error, InputError):
                         raise
                     self.outcomes[job] = Outcome({}, one_line(str(error), 400))

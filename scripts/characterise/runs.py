@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decks of the transistor blocks through ngspice, each once: what was measured is kept by the content of its deck.
+"""Decks of the transistor blocks through ngspice, each once: results are stored under the hash of their deck.
 
 A result stands in build/characterise/<hash>.json, and the hash is that of all that decides about it: the deck, the
 models of its corner, the blocks that it uses (and no others: a change of the mirror leaves the comparator's results
@@ -28,7 +28,7 @@ from scripts.characterise.benches import Condition, deck
 
 KEPT = ROOT / "build" / "characterise" / "kept"
 FAILED = ROOT / "build" / "characterise" / "failed"
-"""Deck and log of what ngspice gave up."""
+"""Decks and logs of failed runs."""
 
 START = ladder.Level(start=1)
 """Newton's method by itself finds the operating point of none of these decks: it is not tried first."""
@@ -43,7 +43,7 @@ _ENDS = re.compile(r"^\s*\.ends\b", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Measured:
-    """What a deck measured.
+    """Results of a deck.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ def _text(path: Path, _: int) -> str:
 
 
 def _lines(text: str, folder: Path) -> Iterator[str]:
-    """A deck's lines without comments and with its includes in their places, but for a corner's models."""
+    """Yield the lines of a deck without comments, includes resolved except the models of a corner."""
     for line in text.splitlines():
         if found := _INCLUDE.match(line):
             path = folder / found[1]
@@ -76,9 +76,9 @@ def _lines(text: str, folder: Path) -> Iterator[str]:
 
 
 def resolved(text: str) -> str:
-    """A deck in one piece: no comments, and of the blocks only those that it reaches.
+    """Return a deck in one piece, without comments and unused blocks.
 
-    What is run and what is hashed are then one and the same, whatever happens to the files meanwhile.
+    The deck that runs is the deck that is hashed, even if files change meanwhile.
     """
     own: list[str] = []
     circuits: dict[str, list[str]] = {}
@@ -102,14 +102,14 @@ def resolved(text: str) -> str:
 
 
 def key(text: str) -> str:
-    """The hash of all that decides about the results of a resolved deck."""
+    """Return the hash of all inputs of a resolved deck."""
     solved = (spice_batch.version(), START, ladder.START, ladder.STEPS)
     # A file of models is named after its content, and lies elsewhere on another machine.
     return hashlib.sha256(f"{solved}\n{text.replace(str(MODELS), '')}".encode()).hexdigest()[:24]
 
 
 def kept(name: str) -> Measured | None:
-    """What is there for a hash, or None."""
+    """Return the stored result of a hash, or None."""
     try:
         told = json.loads((KEPT / f"{name}.json").read_text(encoding="utf-8"))
         return Measured(dict(told["values"]), tuple(told["rungs"]), float(told["seconds"]))
@@ -118,7 +118,7 @@ def kept(name: str) -> Measured | None:
 
 
 def keep(name: str, what: str, measured: Measured) -> None:
-    """Write a result, whole or not at all; `what` says whose it is, for who looks into the file."""
+    """Store a result atomically; `what` names it for a reader of the file."""
     told = {
         "what": what,
         "values": dict(measured.values),
@@ -129,7 +129,7 @@ def keep(name: str, what: str, measured: Measured) -> None:
 
 
 def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
-    """Run a resolved deck, whatever is kept.
+    """Run a resolved deck without use of stored results.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
 def measured(
     body: str, condition: Condition, limit_s: float = 150.0, options: str = "", blocks: Path | None = None
 ) -> dict[str, float]:
-    """What the `.meas` of a bench's text find at a condition, from what is kept or from ngspice.
+    """Return the `.meas` of a bench at a condition, stored or from ngspice.
 
     Parameters
     ----------

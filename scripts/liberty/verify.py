@@ -238,7 +238,7 @@ def shortest_period(library: Path, corner: Corner, directory: Path) -> tuple[flo
 
     bench = Bench(cells.cell(FLOP), corner, directory)
     lines, calls = _chain(bench, steps, "launched", "caught")
-    caught = not _inverts(steps)  # what the second flop must take when the first rises
+    caught = not _inverts(steps)  # value for the second flop when the first rises
     first = 12.0
     low, high = 0.0, 2 * told
     for _ in range(10):

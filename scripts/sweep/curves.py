@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis sweep`: frequency against resistance as Verilog and ngspice read it, beside the converter's two laws."""
+"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws of the converter."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ LEFT_OFF = {
 """Effects that the physical sweep does without, and why."""
 
 
-# ---- what is swept -------------------------------------------------------------------------------------------
+# ---- resistances ---------------------------------------------------------------------------------------------
 
 
 def resistances(points: int, design: Design) -> Floats:
@@ -108,7 +108,7 @@ def _spread(values: Ints, most: int) -> Ints:
 
 
 def in_frames(resistance_ohm: Floats, rows: int, cols: int) -> Floats:
-    """Lay resistances out as frames [frames, rows + 1, cols], row by row; what is left over is open.
+    """Lay resistances out as frames [frames, rows + 1, cols], row by row; the rest is open.
 
     The last row of every frame is open: the packets of a row's last decisions are drawn in the slot after it, and
     that slot has to be on record.
@@ -132,10 +132,10 @@ def physical_effects(topology: str, design: Design) -> dict[str, Any]:
     named: dict[str, Any] = {
         e.name: True for e in effects.EFFECTS.values() if topology in e.topologies and e.name not in LEFT_OFF
     }
-    # Rows that are not read float, so that a point has its column for itself whatever else is in the frame.
+    # Unread rows float, so that each point has its column alone.
     named["row_driver"] = {"r_ohm": design.row_driver.r_on_ohm, "grounded_r_ohm": math.inf}
     if topology == "direct":
-        del named["column_input"]  # nothing stands between column and integrator, so there is no default
+        del named["column_input"]  # no block between column and integrator, so no default
     return named
 
 
@@ -170,7 +170,7 @@ def make_plan(
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What was measured at some resistances, all arrays [points].
+    """Measurements at some resistances, all arrays [points].
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
     return count, period, line
 
 
-# ---- what it is compared with --------------------------------------------------------------------------------
+# ---- comparison ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +285,7 @@ class Curve:
 
 
 def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: Any) -> Curve:
-    """Put a reading beside the two laws."""
+    """Return a reading with the two laws."""
     interface, gate = made.scene.table.interface, made.timing.gate_clocks
     unit = exact(interface.v_bias_v) / (interface.k * exact(interface.i0_a))
     points = resistance_ohm.size
@@ -309,13 +309,13 @@ def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: A
 
 
 def physical_duty(made: Plan, points: int) -> Floats:
-    """Packets a clock behind a plan's effects, but for leaks: currents of the array through the converters' gains."""
+    """Return packets per clock with the effects of a plan except leaks: array currents times converter gains."""
     currents = array.column_currents(made.network(0), made.conductance_s())
     return out_of_frames(made.converter.duty(currents) / (1.0 + made.converter.packet_error), points)
 
 
 def event_codes(made: Plan, points: int) -> Ints | None:
-    """What the event engine makes of a plan, or None where it refuses it."""
+    """Return the codes of the event engine, or None if it refuses the plan."""
     try:
         return out_of_frames(event.run(made).codes.astype(np.int64), points)
     except InputError:
@@ -403,7 +403,7 @@ def straight_line(
 
 
 def judge_laws(curves: Sequence[Curve]) -> Row:
-    """Whether the sweep tells the two laws apart: the interface that does so least has to."""
+    """Judge the separation of the two laws by the interface with the smallest one."""
     name = "sweep.eq3_difference_lsb"
     if not curves:
         return verdict.error(name, "no interface was read")
@@ -416,7 +416,7 @@ def judge_laws(curves: Sequence[Curve]) -> Row:
 
 
 def plain_ngspice(work: Path) -> list[Row]:
-    """A peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with a flip-flop of its own."""
+    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an XSPICE flip-flop."""
     name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
     if shutil.which("ngspice") is None:
         reason = "no ngspice on the path"
@@ -428,7 +428,7 @@ def plain_ngspice(work: Path) -> list[Row]:
     if given["r_taxel"] is None or given["n_clocks"] is None:
         reason = f"{BENCH.name} has no r_taxel or no n_clocks"
         return [verdict.error(name, reason, "pulses"), verdict.error(judged, reason)]
-    # A copy, because the runner writes beside the deck, and `.include` counts from the deck's folder.
+    # A copy, because the runner writes next to the deck, and `.include` is relative to it.
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(ROOT / "spice", work)
     try:
@@ -475,7 +475,7 @@ COLUMNS = (
 
 
 def table(curves: Sequence[Curve]) -> str:
-    """The sweep as csv, one line a resistance and interface; what was not measured is empty."""
+    """Return the sweep as csv, one line per resistance and interface; empty if not measured."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proof that a mapped netlist does what the Verilog says: every state bit and every output, for all inputs and states.
+"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and states.
 
 Both sides become combinational networks: each flop, latch and memory word is cut, its output an input of the network,
 and what drives it an output: data, clock with its edge, set and clear. ABC then proves the networks equal, output by
@@ -52,7 +52,7 @@ class Proof:
 
 @dataclass(frozen=True)
 class _State:
-    """A cut state element. All bits of the netlist; `constant` polarity 1 is active high or rising edge."""
+    """A state element at a cut, with bits of the netlist; True is active high or rising edge."""
 
     kind: str  # "flop" or "latch"
     q: int
@@ -64,7 +64,7 @@ class _State:
 
 
 def _state(kind: str, pins: Mapping[str, Sequence[Bit]]) -> _State | None:
-    """The state element of a Yosys gate-level cell, None for logic."""
+    """Return the state element of a Yosys gate-level cell, None for logic."""
 
     def pin(name: str, high: bool) -> tuple[Bit, bool]:
         return pins[name][0], high
@@ -174,7 +174,7 @@ class _Network:
         return self.net(bit) if high else self.gate("not", self.net(bit))
 
     def drive(self, key: str, state: _State | None, constant: str) -> list[str]:
-        """Outputs that say all of a state bit's behaviour; a constant has the behaviour of never leaving its value."""
+        """Return outputs that describe a state bit completely; a constant is a bit that never changes."""
         outputs = [f"{key}.{part}" for part in ("data", "clock", "set", "clear")]
         if state is None:
             for name in outputs:
