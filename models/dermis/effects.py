@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every non-ideality a scene may switch on: its meaning, its parameters and the record fields it sets.
+"""Every non-ideality that a scene may switch on: its meaning, its parameters and the record fields that it sets.
 
 To add one: a table of parameters, a function from them to record fields, one entry in EFFECTS. Engines and
 decks read the record fields and need nothing else.
@@ -33,7 +33,7 @@ _SMALL = "a finite number 0..0.1"
 
 @dataclass(frozen=True)
 class Setting:
-    """What an effect may look at besides its own parameters."""
+    """The part of a scene that an effect may read besides its own parameters."""
 
     cols: int
     topology: str
@@ -69,7 +69,7 @@ class Effect:
     Attributes
     ----------
     name, meaning : str
-        The word used in TOML, Python, Verilog and SPICE, and one line on what it is.
+        The word used in TOML, Python, Verilog and SPICE, and its meaning in one line.
     table : type
         Its parameters, pydantic; None marks a default that comes from `defaults`.
     defaults : callable
@@ -80,18 +80,17 @@ class Effect:
     topologies : tuple of str
         Where it exists.
     random : bool
-        Whether it draws numbers while frames are converted; its bound is then one at a stated confidence.
+        True if it draws random numbers during conversion; its bound then has a stated confidence.
     bound : callable
         bounds.Solved -> bounds.Bound: how far it moves decisions that engine closed made without it, in packets.
     considered : bool
-        Whether auto considers it without its being named; not where it changes what the scene is, rather than how
-        well it is read.
+        True if auto considers it without its being named; False for effects that change the scene itself.
     needs : mapping
         Effects and parameters that must be on as well, or this one moves no code.
     examples : mapping
         By topology: parameters that take the place of those of `example`.
 
-    The parameters of the table carry the rest: meaning, what is allowed, example and range (schema.entry).
+    The parameters of the table carry the rest: meaning, allowed values, example and range (schema.entry).
     """
 
     name: str
@@ -1039,7 +1038,7 @@ EffectsTable: type[Strict] = create_model(
 
 
 def considered(effect: Effect, setting: Setting) -> bool:
-    """Whether auto considers an effect that a scene does not name: the topology has it, its defaults are whole."""
+    """Return True if auto considers the effect unnamed: the topology has it and every parameter has a default."""
     if not effect.considered or setting.topology not in effect.topologies:
         return False
     filled = effect.table().model_dump() | effect.defaults(setting.design, setting.topology)
@@ -1097,7 +1096,7 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
     return on
 
 
-# What is impossible rather than bad: a negative resistance, a packet or a mirror that turns its sign.
+# Impossible values: a negative resistance, a packet or a mirror that changes its sign.
 _LOWEST = {("column_input", "r_ohm"): (0.0, True), ("mirror_ratio", "ratio_error"): (-1.0, False),
            ("charge_packet", "packet_error"): (-1.0, False)}  # fmt: skip
 
@@ -1187,12 +1186,12 @@ def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -
         raise InputError(file, key, value, allowed)
 
 
-# Fields that several effects may write: what they write adds up. Every other field has one effect.
+# Fields that several effects may write: their values add up. Every other field has one effect.
 _SUMS = frozenset({"g_in_s", "packet_error"})
 
 
 def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
-    """Collect what the effects that are on write."""
+    """Collect the record fields of all effects that are on."""
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is simulated: frames, records of network, converter and drive, and the effects with their reasons."""
+"""The plan of a simulation: frames, the records Network, Converter and Drive, and the effects with reasons."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _turns(f_ripple_hz: float, t_frame_s: float, f_clk_hz: float) -> tuple[int, 
 
 @dataclass(frozen=True)
 class Drive:
-    """What changes in time: one frame of resistances after the other, each read in t_frame_s seconds.
+    """Changes in time: frames of resistances follow each other, each read in t_frame_s seconds.
 
     The bias is v_bias (1 + ripple sin(2 pi f_ripple t + phase_ripple)), t from the first clock of frame 0. With
     `motion` a conductance runs straight from one frame to the next; without, it holds for a frame.
@@ -62,7 +62,7 @@ class Drive:
     motion: bool = False
 
     def turns(self, frame: int, clocks: int, f_clk_hz: float) -> float:
-        """Part of a turn, 0..1, in which the ripple stands `clocks` clocks into a frame, without its own phase.
+        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its own phase.
 
         In integers, of the decimals that were written: however long a run is, its last frame is as exact as its first.
         """
@@ -115,7 +115,7 @@ class Plan:
     first_frame : int
         Number of frame 0 in the whole run: a part of a plan keeps its place in time and its random numbers.
     next_resistance_ohm : ndarray or None
-        [rows, cols] of the frame behind the last one, which it moves to; None where it holds.
+        [rows, cols] of the frame after the last one, for motion; None if the last one holds.
     """
 
     scene: Scene
@@ -164,7 +164,7 @@ class Plan:
             return np.divide(1.0, self.resistance_ohm[frames])
 
     def next_conductance_s(self, frames: slice = slice(None)) -> Floats:
-        """Conductance of the frame behind each of some frames in siemens; the last frame of a run holds."""
+        """Return the conductance in siemens of the frame after each of some frames; the last frame of a run holds."""
         last = self.resistance_ohm[-1] if self.next_resistance_ohm is None else self.next_resistance_ohm
         first, stop, _ = frames.indices(self.frames)
         behind = self.resistance_ohm[first + 1 : stop + 1]
@@ -259,7 +259,7 @@ class Plan:
         return {e.name: self.scene.effects[e.name] for e in self.effects if e.on}
 
     def setting(self) -> effects.Setting:
-        """What effects may look at in this scene."""
+        """Return the part of this scene that effects may read."""
         return setting_of(self.scene)
 
 

@@ -289,7 +289,7 @@ def test_a_code_that_rounding_may_move_is_refused_by_name(write_scene: Callable[
     world = made(write_scene, lateral + "column_offset = { v_v = [1.0, 0.0, -1.0] }", OHM)
     for engine in ("closed", "event"):
         with pytest.raises(
-            SimulatorError, match=r"row \d, column 1 is known to .* LSB only .* try resistances less"
+            SimulatorError, match=r"row \d, column 1 is uncertain by .* LSB .* use resistances closer"
         ):
             engines.run(dataclasses.replace(world, engine=engine))
     # 1e12 A one way are a code of 0 or 255 whatever their last digits.

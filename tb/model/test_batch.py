@@ -307,7 +307,9 @@ def test_a_worker_that_stands_still_is_ended(make_plan, monkeypatch: pytest.Monk
     monkeypatch.setattr(batch, "_run_part", inject.stop)
     monkeypatch.setattr(pool, "STALL_S", 1.0)
     monkeypatch.setattr(pool, "LOOK_S", 0.2)
-    with pytest.raises(SimulatorError, match=r"frames \d+ to \d+: a worker process did not move for 1 s"):
+    with pytest.raises(
+        SimulatorError, match=r"frames \d+ to \d+: a worker process used no processor for 1 s"
+    ):
         batch.run(make_plan(), processes=2)
 
 

@@ -180,9 +180,7 @@ def test_what_moves_the_mean_charge_of_close_columns_is_refused(
 ) -> None:
     """Each was read `apart` counts from ngspice without a word: the mean of the walk was not the one in the chip."""
     coupled_by = {"lateral": {"r_ohm": r_ohm}, "integrator_gain": {"gain_dc": gain, "r_in_ohm": 1e9}}
-    with pytest.raises(
-        InputError, match=r"integrator_gain.*lateral.*known to 1 count.*engine cosim takes any"
-    ):
+    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*certain to 1 LSB.*use engine cosim"):
         event.run(made(tmp_path, np.array([ohm]), coupled_by | on, "direct"))
     # It is the coupling: far enough apart they are taken.
     event.run(made(tmp_path, np.array([ohm]), coupled_by | on | {"lateral": {"r_ohm": 1e8}}, "direct"))
@@ -194,7 +192,7 @@ def test_close_columns_that_move_in_a_gate_are_refused(tmp_path: Path) -> None:
     ohm = np.full((3, 2, 2), 1e5)
     ohm[:, 1] = [1e6, 2000.0], [250.0 / 0.82, 2000.0], [1e6, 2000.0]
     on = {"lateral": {"r_ohm": 1e3}, "integrator_gain": {"gain_dc": 1e3, "r_in_ohm": 1e9}, "motion": {}}
-    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*known to 1 count"):
+    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*certain to 1 LSB"):
         event.run(made(tmp_path, ohm, on, "direct"))
     event.run(made(tmp_path, ohm, on | {"lateral": {"r_ohm": 1e8}}, "direct"))
 
@@ -218,7 +216,7 @@ def test_columns_beside_a_range_that_bites_are_refused_where_their_coupling_deci
         "row_driver": {"r_ohm": 0.014, "grounded_r_ohm": 0.011},
     }
     ohm = np.array([[[1143.9, 3932.8], [847.3, 23428.0]]])
-    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*engine cosim takes any"):
+    with pytest.raises(InputError, match=r"integrator_gain.*lateral.*use engine cosim"):
         event.run(made(tmp_path, ohm, on, "direct"))
     for other in (
         {"integrator_range": {"v_max_v": 1.6, "v_min_v": -1.6}},

@@ -53,8 +53,8 @@ def compressed(h: float) -> dict[str, float]:
 @pytest.mark.paper
 def test_a_fast_ripple_beside_a_compression_is_refused_by_name(tmp_path: Path) -> None:
     plan = rippling(tmp_path, 250 / 530, 0.8, 4.1e6, range_switch={"r_ohm": 30.0, "v_overdrive_v": 0.1})
-    said = "effects.supply_ripple = on together with range_switch: a ripple whose course within a clock is known to "
-    said += "1 count in engines event and rtl, here 13; engine cosim takes any"
+    said = "effects.supply_ripple = on together with range_switch: a ripple whose waveform within a clock is "
+    said += "certain to 1 LSB (here 13); use engine cosim"
     for engine in ("event", "rtl"):
         assert str(engines.refuses(plan, engine)).endswith(said)
     with pytest.raises(InputError, match="here 13"):

@@ -83,7 +83,7 @@ FAULTY_CHIPS = {
         "dermis_frame_buffer.v",
         "assign frame_ready_o = ready_q;",
         "assign frame_ready_o = 1'b0;",
-        "never says that a frame is ready",
+        "never reports a frame as ready",
     ),
     "cipo_at_1": (
         "dermis_spi.v",

@@ -362,7 +362,7 @@ def writes(text: str) -> str:
         (writes("e2\n"), "frame 0: the chip answers FRAME with e2"),
         (writes("a50000\n"), "frame 0: no frame was stored since reset"),
         (writes(GOOD[:-3] + "\n"), "frame 0: the chip answers FRAME with a500"),
-        (writes(GOOD[:-3] + "xx\n"), "is not what a host receives"),
+        (writes(GOOD[:-3] + "xx\n"), "is not a frame of the host protocol"),
         (writes(BIT_LOST), "frame 0: frame of 18 bytes: CRC"),
         (writes(line(spi_protocol.pack_frame(frame(2)))), "handed over number 2 in place of 1"),
         (writes(line(spi_protocol.pack_frame(frame(slots=(1, 0))))), "slots (1, 0) in place of (0, 1)"),

@@ -182,7 +182,7 @@ def column_currents_by_source(
 
 
 def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
-    """The currents of `column_currents_by_source`, and how far each may be from that of the network.
+    """Return the currents of `column_currents_by_source` with their error bounds.
 
     A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where it is below
     `solve_error.Account.tolerance_a` nothing is done to make it smaller.
@@ -230,7 +230,7 @@ _PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
 
 
 def refuse_loops(network: Network, g: Floats) -> None:
-    """Raise NoSolution where shorts join what is held: column inputs, and rows on ideal drivers while grounded.
+    """Raise NoSolution where shorts join ideal sources: column inputs, and grounded rows on ideal drivers.
 
     The bias of an ideal driven row across a short into an ideal column is no such thing: it has the limit of any
     small resistance, more than full scale.
@@ -248,7 +248,7 @@ def refuse_loops(network: Network, g: Floats) -> None:
 
 
 def _joined(short: NDArray[np.bool_], column: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows and columns that shorts [rows, cols] join with one column."""
+    """Return the rows and columns that shorts [rows, cols] join with one column."""
     rows, columns = np.zeros(short.shape[0], dtype=bool), np.zeros(short.shape[1], dtype=bool)
     columns[column], before = True, 0
     while columns.sum() + rows.sum() > before:
@@ -273,7 +273,7 @@ _ACTS = frozenset(
 
 
 def in_range(network: Network) -> Network:
-    """Limit absurd values to where products of them stay finite."""
+    """Limit extreme values so that their products stay finite."""
     limited = {
         "r_row_driven_ohm": _R_OPEN_OHM,
         "r_column_ohm": _R_OPEN_OHM,
@@ -301,7 +301,7 @@ def _conductance(resistance_ohm: ArrayLike) -> Floats:
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
-    """above / below, 0 where there is nothing below (a row line that hangs on nothing)."""
+    """Return above / below, 0 where below is 0 (a row line without any conductance)."""
     return np.divide(
         above, below, out=np.zeros(np.broadcast_shapes(above.shape, below.shape)), where=below > 0
     )
@@ -371,7 +371,7 @@ Part = float | Floats
 
 
 def _of(part: Part, size: Floats) -> Floats:
-    """A part of sizes that are 0 or above; nothing of nothing, however large a part."""
+    """Return part * size for sizes of 0 or above; 0 for a size of 0, also if the part is infinite."""
     if isinstance(part, float) and part < np.inf:
         return part * size
     with np.errstate(over="ignore"):
@@ -382,7 +382,7 @@ def _of(part: Part, size: Floats) -> Floats:
 
 @dataclass
 class _Mesh:
-    """What is between the ideal sources of the columns once every node is eliminated, all of it 0 or above.
+    """Conductances between the ideal sources of the columns after elimination of all nodes, each 0 or above.
 
     `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own` [frames, cols] is
     the part of a current into a column's node that leaves through its own input. The others bound their errors.
@@ -398,7 +398,7 @@ class _Mesh:
 
 @dataclass
 class _Response:
-    """What the array does while all rows are grounded, and row r has the current that `drive` describes.
+    """Response of the array with all rows grounded to a current into row r.
 
     The current into the driver's node of row r is the one that would hold it at 1 V were all column lines
     grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at 1 + `lift`
@@ -464,7 +464,7 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
 
 
 def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
-    """Relative bound of what the driver of a row divides by."""
+    """Return the relative error bound of the divisor in the driver of a row."""
     if response.away_a is None or response.lift_v is None:
         return response.delivered_part
     # An ideal driver divides by nothing that is in doubt, however much what leaves its row is.
@@ -526,9 +526,7 @@ def _rest(
         with np.errstate(over="ignore", invalid="ignore"):
             rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
     if not np.isfinite(rest).all():
-        raise SimulatorError(
-            "array solve: offsets and leaks drive more current than a double holds; try smaller ones"
-        )
+        raise SimulatorError("array solve: current of offsets and leaks overflows; use smaller ones")
     return rest, error, len(slots)
 
 
@@ -558,7 +556,7 @@ def _add_neighbours(link: Floats, g: float) -> None:
 
 
 def _respond(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
-    """What drives do with rows on ground through `g_ground` [rows]."""
+    """Return the response to all drives with rows on ground through `g_ground` [rows]."""
     chained = network.r_trace_column_ohm > 0
     return (_respond_chain if chained else _respond_columns)(network, lines, g_ground)
 
@@ -751,7 +749,7 @@ def _eliminate(
 def _check_kirchhoff(
     link: Floats, leak: Floats, drive: Floats, v: Floats, most: float
 ) -> tuple[float, float]:
-    """Check every node for all drives together, each at unit strength, and every drive for all nodes together.
+    """Check Kirchhoff's law at every node for all drives together, and for every drive over all nodes.
 
     Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse turns leaks into
     1 V everywhere, so no row of |inverse| |matrix| sums to more.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a row slot's RC transient is left when the gate opens: extra column charge in every clock."""
+"""Unsettled RC transients of a row slot after the gate opens: extra column charge in every clock."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _tau_by_sum(network: Network, to_row: Floats, to_column: Floats) -> float:
 
 
 def _tau_by_share(network: Network, g: Floats) -> float:
-    """The largest ratio of y C y to y G y, bounded: the paths of all nodes split the conductances they share.
+    """Bound the largest ratio of y C y to y G y: the paths of all nodes split the conductances they share.
 
     Across a taxel (u - v)^2 <= 2 u^2 + 2 v^2, so its capacitance counts twice at either end.
     """
@@ -124,7 +124,7 @@ def slowest_s(network: Network, g_frames_s: ArrayLike | None = None) -> float:
 
 
 def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> Floats:
-    """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf where it says nothing.
+    """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf if there is no bound.
 
     Notes
     -----
@@ -250,12 +250,12 @@ def _follow(
         found = slots.transients(negligible_c, before_c)
     except np.linalg.LinAlgError:
         raise Unsupported(
-            "on between conductances too far apart to solve for modes",
+            "on between conductances that are too far apart to solve",
             "lines that settle before the gate, or engine cosim",
         ) from None
     if not slots.rounding_c <= bearable_c:
         raise Unsupported(
-            f"on with charges so large that what a gate gets of them is known to {slots.rounding_c:.1e} C only",
+            f"on with charges too large for double precision (rounding error {slots.rounding_c:.1e} C)",
             "smaller capacitances, leaks or column resistances, lines that settle before the gate, or engine cosim",
         )
     return found
@@ -339,7 +339,7 @@ class _Slots:
     def _rounding(
         self, phase: _Phase, voltage: Floats, strength: Floats, inflow: Floats, t_start: float
     ) -> float:
-        """What rounding may make of the charge of a whole gate in a row that begins at `voltage`.
+        """Return the rounding error of the charge of a whole gate in a row that begins at `voltage`.
 
         The strength of a mode rounds with all charges behind it; a shape with all other shapes at the same node, since
         eigenvectors are known to a rounding of whole ones. Each row adds its own to what the next one begins with.
@@ -420,7 +420,7 @@ class _Sums:
         self.size = max(self.size, count)
 
     def above(self, clocks: int, charge_c: float) -> NDArray[np.bool_]:
-        """Which modes bring more in so many clocks than their part of `charge_c`, somewhere."""
+        """Return the modes that bring more charge in these clocks than their share of `charge_c`, in any column."""
         whole = (1 - self.decay**clocks) / np.maximum(1 - self.decay, _EPS)
         return (np.abs(self.charge) * whole[:, :, np.newaxis] > charge_c / max(self.size, 1)).any(
             axis=(0, 1, 2)
@@ -429,7 +429,7 @@ class _Sums:
 
 @dataclass(frozen=True, eq=False)
 class _Phase:
-    """The network between two switchings: what hangs on sources, its modes and where it settles.
+    """The network between two switchings: its links to sources, its modes and its steady state.
 
     `to_source` [nodes] and `link` [frames, nodes, nodes] are conductances, `free` the nodes behind a resistance,
     `rest` [frames, nodes] their settled voltages, `lasting` the modes that outlast a clock's beginning.
@@ -444,7 +444,7 @@ class _Phase:
     capacitance: _Capacitance
 
     def strength(self, voltage: Floats) -> Floats:
-        """How much of each mode is there when the phase begins at `voltage` [frames, nodes], in volt."""
+        """Return the amplitude of each mode for a phase that begins at `voltage` [frames, nodes], in volt."""
         # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
         charge = self.capacitance.times(self.modes.full, (voltage - self.rest)[..., np.newaxis])[..., 0]
         return np.divide(charge, self.modes.norm, out=np.zeros_like(charge), where=self.modes.norm > 0)
@@ -465,7 +465,7 @@ class _Phase:
         return np.divide(part, self.modes.norm, out=np.zeros_like(part), where=self.modes.norm > 0)
 
     def clocks(self, t: float, t_clk: float, strength: Floats) -> tuple[Floats, Floats]:
-        """Integral of each mode over the clock that begins a time t later, and what is left of it a clock later."""
+        """Return the integral of each mode over the clock after a time t, and its decay over a clock."""
         rate = np.where(self.lasting, self.modes.rate_hz, 0.0)
         with np.errstate(under="ignore"):
             decay = np.where(self.lasting, np.exp(-t_clk * rate), 0.0)
@@ -583,7 +583,7 @@ class _Modes:
     def _check(
         self, links: Floats, leaks: Floats, between: Floats, to_ground: Floats, shift_hz: float
     ) -> None:
-        """Whether shift C shape = shift norm (G + shift C) shape; links and leaks are those of the right side."""
+        """Check that shift C shape = shift norm (G + shift C) shape; links and leaks are those of the right side."""
         size = np.abs(self.shape)
         left = (between.sum(axis=1) + to_ground)[:, np.newaxis] * self.shape - np.matmul(between, self.shape)
         most = (between.sum(axis=1) + to_ground)[:, np.newaxis] * size + np.matmul(between, size)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of the error of every array solve: bounds derived from its arithmetic, checks, and who asks for them.
+"""Error of array solves: bounds derived from their arithmetic, checks, and an account of both.
 
 docs/array.md, "Bounds", has the derivation. Counts are in roundings, u = 2^-53 each.
 """
@@ -73,7 +73,7 @@ def part(voltage: float, rows: int, cols: int) -> float:
 
 
 def balance(voltage: float) -> float:
-    """How far Kirchhoff's law may be missed, of the current there: as far as rounding may move voltages.
+    """Return the allowed relative miss of Kirchhoff's law: that of rounded voltages.
 
     Where that bound says little, 1e-9: a wrong term is of order 1.
     """
@@ -82,7 +82,7 @@ def balance(voltage: float) -> float:
 
 @dataclass
 class Figures:
-    """What is known of one solve, each as in Account."""
+    """Error figures of one solve, as in Account."""
 
     residual: float = 0.0
     condition: float = 1.0
@@ -92,7 +92,7 @@ class Figures:
 
 @dataclass
 class Account:
-    """What all solves since it was opened have in common: the largest of each figure.
+    """Error figures of all solves since it was opened: the largest of each.
 
     Attributes
     ----------
@@ -123,12 +123,12 @@ class Account:
     slots_alone: int = 0
 
     def tolerance_a(self, cols: int) -> Floats:
-        """Error of column currents [cols] in ampere below which nothing is solved in a slower way."""
+        """Return the error of column currents [cols] in ampere that needs no slower solve."""
         # A millionth of an LSB; without codes a millionth of the design's, 0.5 V / 64 kohm / 256.
         return np.full(cols, 1e-12) if self.lsb_a is None else 1e-6 * self.lsb_a
 
     def take(self, figures: Figures) -> None:
-        """Add what is known of a solve."""
+        """Add the figures of a solve."""
         self.residual = max(self.residual, figures.residual)
         self.condition = max(self.condition, figures.condition)
         self.bound = max(self.bound, figures.bound)
@@ -163,14 +163,14 @@ class Account:
             worst = error * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:
             raise SimulatorError(
-                f"array solve: the current of {where} is known to {worst:.1e} LSB only and {LIMIT_LSB:g} are "
-                "allowed: what offsets and leaks drive there cancels beyond double precision; try resistances "
-                "less far apart, smaller offsets, or engine cosim"
+                f"array solve: the current of {where} is uncertain by {worst:.1e} LSB (limit {LIMIT_LSB:g}), since "
+                "currents of offsets and leaks cancel beyond double precision; use resistances closer to each "
+                "other, smaller offsets, or engine cosim"
             )
         self.bound_lsb = max(self.bound_lsb, worst)
 
     def report(self) -> dict[str, Any]:
-        """The figures for a summary; nothing where nothing was solved."""
+        """Return the figures for a summary, empty without any solve."""
         if not self.solves:
             return {}
         return {
@@ -187,13 +187,13 @@ _account: ContextVar[Account | None] = ContextVar("account", default=None)
 
 
 def current() -> Account:
-    """The account of whoever asked for one; else one that is forgotten."""
+    """Return the open account, or a temporary one."""
     return _account.get() or Account()
 
 
 @contextmanager
 def account(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Iterator[Account]:
-    """Collect what is known of all solves inside, and refuse what codes of that size cannot bear."""
+    """Collect the error figures of all solves in the block; refuse errors that may move a code."""
     opened = Account(lsb_a, reach_a)
     token = _account.set(opened)
     try:

@@ -70,7 +70,7 @@ def _add_product(out, factor, a, b, first):  # type: ignore
 
 @_compiled
 def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ignore
-    """What one row line and its lateral resistors are between the columns, to the right of the diagonal."""
+    """Compute the links of one row line and its laterals between columns, to the right of the diagonal."""
     n = g.shape[0]
     for i in range(n):
         left = g[i] * seen[i] if bent else 0.0
@@ -129,7 +129,7 @@ def _invert(work, pivot, weights, out):  # type: ignore
 def _miss_of_row(  # type: ignore
     worst, most, v, r, out, to_driver, share, g, pass_on, seen, bent, lateral, step, end, came, beside, drives
 ):
-    """Raise worst[q], for every drive q, to how far row r misses Kirchhoff's law, in volt; and most[q] to its voltages.
+    """Raise worst[q], for every drive q, to the miss of Kirchhoff's law in row r, in volt, and most[q] to its voltages.
 
     What a node gets through its own share of the row line is counted on both sides, so that a row line is one sum for
     all of its nodes. `came` [n, drives] and `beside` [drives] are room to work in; the last drive injects `out`.
@@ -189,7 +189,7 @@ def _miss_of_row(  # type: ignore
 def chain(  # type: ignore
     g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, moved, away, last, largest, volt
 ):
-    """All slots of arrays whose column lines have resistance; returns how far Kirchhoff's law is missed at a node.
+    """All slots of arrays whose column lines have resistance; returns the largest miss of Kirchhoff's law at a node.
 
     Drives come in this order: one a row; maybe one a column, its source at 1 V; and one that injects into every node
     what it would pass on at 1 V, all that leaves it. The voltages under the last one turn residuals into errors.

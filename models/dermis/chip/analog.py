@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a co-simulation knows of an analog half, and the exact one that needs no circuit simulator."""
+"""Interface of an analog half of a co-simulation, and the exact one that needs no circuit simulator."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class AnalogHalf(Protocol):
         """Solve up to `to` seconds with these edges on the way; return one sample a comparator, high when > 0."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release its resources."""
 
 
 class ExactHalf:
@@ -97,4 +97,4 @@ class ExactHalf:
         return np.where(self.w >= -1e-9, 1.0, -1.0)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there are no resources."""

@@ -37,7 +37,7 @@ SPI_SHARE = 0.5
 
 @dataclass
 class Trace:
-    """What crossed the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
+    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
 
     `begins` has the number of entries before the first instant of each frame's analog half.
     """
@@ -268,11 +268,11 @@ class Bridge:
                     if _known(dut.frame_start_o, "frame_start_o"):
                         return
             charge, preset, row = new_charge, new_preset, new_row
-        raise SimulatorError(f"frame {frame} does not end {clock} clocks behind its first row")
+        raise SimulatorError(f"frame {frame} does not end {clock} clocks after its first row")
 
 
 class _Host:
-    """What sits at the SPI pins: reads each frame when the chip says that it is ready, and checks what came."""
+    """The host at the SPI pins: reads each frame when the chip reports it ready, and checks it."""
 
     def __init__(self, dut: Any, timing: Timing, cols: int) -> None:
         self._dut = dut
@@ -286,16 +286,16 @@ class _Host:
         self._period_ps = 2 * max(1, round(0.5 * period_ps))
 
     def require(self, frames: int) -> None:
-        """Raise what went wrong, or that fewer than so many frames were read."""
+        """Raise the first error, or an error if fewer frames than expected were read."""
         if self._failure is not None:
             raise self._failure
         if len(self._frames) < frames:
             raise SimulatorError(
-                f"read-out {len(self._frames) + 1} through SPI: the chip never says that a frame is ready"
+                f"read-out {len(self._frames) + 1} through SPI: the chip never reports a frame as ready"
             )
 
     def codes(self, frames: int) -> NDArray[np.uint16]:
-        """Codes [frames, rows, cols] of what was read."""
+        """Return the codes [frames, rows, cols] of the frames read."""
         self.require(frames)
         return np.array(self._frames[:frames])
 

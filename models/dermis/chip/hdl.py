@@ -40,7 +40,7 @@ PACK_MARGIN_CLOCKS = 15
 
 
 def beyond_the_chip(plan: Plan) -> InputError | None:
-    """What of a plan dermis_top is not made for, or None."""
+    """Return the error for a plan outside the limits of dermis_top, or None."""
     timing = plan.timing
     shortest = 2 + timing.break_clocks
     bits = timing.code_max.bit_length()
@@ -359,7 +359,7 @@ def program(
 
 
 def _whole(program: Path) -> bool:
-    """Whether a build has made its program: Icarus ends with 0 on a full disk, and leaves what there was room for."""
+    """Return True if a build has made its program: on a full disk Icarus ends with 0 and a part of it."""
     if not program.is_file():
         return False
     if program.suffix != ".vvp":
@@ -395,7 +395,9 @@ def _cached(
         log.unlink(missing_ok=True)
         make(target, log)
         if not _whole(target / name):  # kept, it would fail every run to come
-            raise SimulatorError(f"the build ended well and without a whole {target / name}", log)
+            raise SimulatorError(
+                f"the build ended with exit code 0 but without a complete {target / name}", log
+            )
         (target / "built").touch()
     return target
 

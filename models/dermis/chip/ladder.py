@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is tried when ngspice gives a circuit up: an ordered ladder of retries, each reported, and what lies beyond it.
+"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice after the last.
 
 There are two reasons to climb. Where no operating point is found, the next way to *start* is taken; where a transient
 stops half way, the next way to *step*. Nothing is switched on by ngspice itself: its own gmin stepping, source stepping
@@ -100,7 +100,7 @@ STEPS = (
 
 @dataclass(frozen=True)
 class Level:
-    """Where on the ladder a circuit stands: index of its start and of its steps."""
+    """Position of a circuit on the ladder: index of its start and of its steps."""
 
     start: int = 0
     steps: int = 0
@@ -113,12 +113,12 @@ class Level:
 
     @property
     def option_lines(self) -> tuple[str, ...]:
-        """Lines behind those of the deck."""
+        """Lines after those of the deck."""
         text = STEPS[self.steps].options
         return (f".options {text}",) if text else ()
 
     def above(self, phase: Phase) -> Level | None:
-        """The next rung for what failed, or None."""
+        """Return the next rung after a failure, or None."""
         if phase == "start" and self.start + 1 < len(START):
             return Level(self.start + 1, self.steps)
         if phase == "steps" and self.steps + 1 < len(STEPS):
@@ -156,7 +156,7 @@ class Abort(SimulatorError):
 
 @dataclass(frozen=True)
 class Retry:
-    """One attempt that was given up, as it stands in results and summaries.
+    """One failed attempt, as in results and summaries.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class Climb:
         self._report = report
 
     def up(self, abort: Abort) -> Level:
-        """Take the next rung behind an abort and say so.
+        """Take the next rung after an abort and report it.
 
         Raises
         ------
@@ -252,7 +252,7 @@ _NODES_SAID = (
 
 
 def node_of(text: str) -> str | None:
-    """The node or device that ngspice names in what it said, or None."""
+    """Return the node or device in a message of ngspice, or None."""
     for pattern in _NODES_SAID:
         found = [n for n in re.findall(pattern, text) if n != "cause"]
         if found:
@@ -261,7 +261,7 @@ def node_of(text: str) -> str | None:
 
 
 def advice(abort: Abort) -> str:
-    """What to try beyond the ladder."""
+    """Return advice for a circuit that fails on every rung."""
     at = f" at {abort.node}" if abort.node else ""
     if "singular" in abort.said:
         return (

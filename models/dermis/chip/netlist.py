@@ -56,7 +56,7 @@ HONOURS = frozenset(
         "motion",
     }
 )
-"""Record fields a deck can express; a field not named here is refused, never ignored."""
+"""Record fields that a deck can express; a field that is not named here is refused."""
 
 # Up to this part of a clock the delay of a comparator is the pole of its block: of a bend a clock ago 2e-9 is left.
 # Beyond, a pole makes bends round (3 % at 0.3 clock, beside a clamp 28 codes), so the block has none and its output is
@@ -124,7 +124,7 @@ def honours(plan: Plan) -> frozenset[str]:
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What the transistors of a plan's views are not made for, or None."""
+    """Return the error for a plan outside the limits of its transistor views, or None."""
     views, world = plan.views, plan.scene
     blocks = views.in_transistors(plan.topology)
     interface, design = world.table.interface, world.design
@@ -170,7 +170,7 @@ def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
 
 
 def _channel_in_transistors(views: Views, topology: str) -> bool:
-    """Whether the file of the channel is that of the transistors: with its conveyor, or in one piece if direct."""
+    """Return True if the channel is in transistors: with its conveyor, or as one block if direct."""
     blocks = views.in_transistors(topology)
     return ("conveyor" if topology != "direct" else "integrator") in blocks
 
@@ -243,13 +243,13 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
 
 
 def _late_s(plan: Plan) -> NDArray[np.float64]:
-    """How long before the clock each comparator is looked at, in s; 0 where its block has the delay."""
+    """Return the time before the clock at which each comparator is sampled, in s; 0 if its block has the delay."""
     delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
     return np.where(delay > _early_s(plan), delay, 0.0)
 
 
 def _early_s(plan: Plan) -> float:
-    """Delay beyond which a comparator is looked at earlier, in s."""
+    """Return the delay beyond which a comparator is sampled earlier, in s."""
     return _DELAY_POLE_CLOCKS / plan.timing.f_clk_hz
 
 
@@ -368,7 +368,7 @@ def frame_deck(
 
 
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
-    """A column whose channel is in another circuit: its virtual ground, behind what the network puts before it.
+    """Write a column whose channel is in another circuit: its virtual ground and the elements before it.
 
     Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm off by that change
     what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V: 0.003 LSB.
@@ -457,7 +457,7 @@ _LEAK_CLOCKS = 50.0
 
 
 def has_pole(plan: Plan) -> bool:
-    """Whether anything in the deck has a time constant besides the integrators that the steps must follow.
+    """Return True if the deck has a time constant, besides the integrators, that the steps must resolve.
 
     Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror, capacitance, and an integrator
     that leaks within some clocks. What only moves (ripple, taxels) is followed well enough by steps of a clock, or of

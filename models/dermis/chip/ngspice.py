@@ -244,7 +244,7 @@ class NgspiceHalf:
         raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
 
     def _guess(self) -> list[str]:
-        """Nodesets from an operating point that is not to be believed; none if there is not even that."""
+        """Return nodesets from an unconfirmed operating point, none if there is no operating point."""
         text = ctypes.create_string_buffer(_GUESS_BYTES)
         if _lib.lockstep_operating_point(text, _GUESS_BYTES):
             self._raise()
@@ -276,7 +276,7 @@ class NgspiceHalf:
         return self._told
 
     def _solve(self, to: float, edges: Sequence[Edge]) -> None:
-        """Solve up to time `to`, where a time point then stands."""
+        """Solve up to time `to`, which becomes a time point."""
         for i, (time, source, level) in enumerate(edges):
             self._source[i] = source
             self._time[i] = time
@@ -312,5 +312,5 @@ class NgspiceHalf:
         return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
-        """Make way for the next circuit of this process; possible once the transient has reached its end."""
+        """Release the circuit, so that this process can take another; only after the end of the transient."""
         _lib.lockstep_close()

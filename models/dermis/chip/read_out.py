@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as a host receives them from the chip: held against what was asked for, and made into codes."""
+"""Frames as a host receives them from the chip: checked against the request, and turned into codes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def frame_bytes(timing: Timing, cols: int) -> int:
 
 
 def codes_of_frame(data: bytes, frame: int, timing: Timing, cols: int) -> NDArray[np.uint16]:
-    """Codes [rows, cols] of the frame that was read as number `frame` behind a reset, from 0.
+    """Return the codes [rows, cols] of frame number `frame` after a reset, from 0.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def codes_of_frame(data: bytes, frame: int, timing: Timing, cols: int) -> NDArra
 
 
 def codes_of_frames(data: NDArray[np.uint8], timing: Timing, cols: int) -> NDArray[np.uint16] | None:
-    """Codes [frames, rows, cols] of frames [frames, bytes] read one after the other behind a reset.
+    """Return the codes [frames, rows, cols] of consecutive frames [frames, bytes] after a reset.
 
     None if anything is not as `codes_of_frame` wants it, which then says what.
     """

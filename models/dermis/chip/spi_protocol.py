@@ -35,23 +35,23 @@ Transaction = Generator[bytes, bytes, Result]
 
 
 class SpiError(DermisError):
-    """A transaction did not do what it was for."""
+    """A transaction failed."""
 
 
 class NoAnswer(SpiError):
-    """Nothing but wait bytes came: no clock, no chip, or CIPO stuck at 0."""
+    """Only wait bytes came: no clock, no chip, or CIPO stuck at 0."""
 
 
 class BadToken(SpiError):
-    """A byte came where a token must stand that is none: wrong mode, bit slip, CIPO stuck at 1."""
+    """A byte is not a token: wrong mode, bit slip, CIPO stuck at 1."""
 
 
 class UnknownCommand(SpiError):
-    """E0: the chip knows no such opcode."""
+    """E0: unknown opcode."""
 
 
 class BadCommandCrc(SpiError):
-    """E1: the command was damaged on its way; nothing was written."""
+    """E1: the command was corrupted; nothing was written."""
 
 
 class Busy(SpiError):
@@ -63,7 +63,7 @@ class NoSuchRegister(SpiError):
 
 
 class BadExchange(SpiError):
-    """The driver gave back another number of bytes than it was given."""
+    """The driver returned another number of bytes than it was given."""
 
 
 class BadAnswerCrc(SpiError):
@@ -71,7 +71,7 @@ class BadAnswerCrc(SpiError):
 
 
 class FrameError(SpiError):
-    """The bytes of a burst are no frame."""
+    """The bytes of a burst are not a frame."""
 
 
 class EmptyFrame(FrameError):
@@ -214,7 +214,7 @@ def _token(wanted: int, wait_limit: int) -> Transaction[int]:
 
 
 def run(transaction: Transaction[Result], exchange: Callable[[bytes], bytes]) -> Result:
-    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it behind this call."""
+    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it after this call."""
     try:
         send = next(transaction)
         while True:
@@ -327,7 +327,7 @@ def parse_frame(data: bytes) -> Frame:
 
 
 def pack_frame(frame: Frame) -> bytes:
-    """Put a frame together as the chip does: what tests compare with."""
+    """Pack a frame as the chip does, for comparison in tests."""
     flags = frame.test | frame.pedestal_mode << 1 | frame.dark << 3 | frame.fault << 4
     out = bytearray((FORMAT, flags, *divmod(frame.number, 256), frame.cols, frame.code_bits))
     out += bytes(divmod(frame.gate_clocks, 256))

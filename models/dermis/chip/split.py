@@ -40,11 +40,11 @@ class Workers:
         self._running: list[Child] = []
 
     def log_of(self, index: int) -> Path:
-        """Where ngspice's words of a worker go."""
+        """Return the log of ngspice in a worker."""
         return self._log.with_name(f"{self._log.stem}_{index}{self._log.suffix}")
 
     def first(self, count: int) -> list[Child]:
-        """So many of them."""
+        """Return the first `count` workers; start the missing ones."""
         while len(self._running) < count:
             console = self.log_of(len(self._running)).with_suffix(".console")
             with console.open("wb") as stream:
@@ -59,7 +59,7 @@ class Workers:
         return self._running[:count]
 
     def close(self) -> None:
-        """End them."""
+        """End all workers."""
         for child in self._running:
             child.end()
             for pipe in (child.stdin, child.stdout):
@@ -144,12 +144,12 @@ class SplitHalf:
         return time, {name: np.interp(time, t, values) for t, some in found for name, values in some.items()}
 
     def close(self) -> None:
-        """Make way for the next frame's circuits."""
+        """Release the circuits of this frame."""
         self._ask([("close",)] * len(self._workers))
 
 
 def _serve(calls: IO[bytes], answers: IO[bytes]) -> None:
-    """Do what a SplitHalf asks, until its end."""
+    """Answer the calls of a SplitHalf until it ends."""
     half: NgspiceHalf | None = None
     while True:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the columns of the direct interface do to each other through virtual grounds that give way.
+"""Coupling of the columns of the direct interface through virtual grounds of finite gain.
 
 Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground gives way to flows
 through the array into the others. Engine event has each column feel the mean of the others' charge over a gate; what
@@ -119,7 +119,7 @@ def _behind_lines(network: Network, g: Floats) -> Floats:
 
 
 class Way(NamedTuple):
-    """How far duties go in a gate, `low` and `high` [frames, rows, cols], and the conductances behind it, or None."""
+    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's conductances, or None."""
 
     low: Floats
     high: Floats
@@ -128,7 +128,7 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """What the columns of some frames do to each other.
+    """Coupling between the columns of some frames.
 
     `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames, rows, cols]:
     packets a clock from the others, each taken at the mean of its charge over the gate. `known` [frames, rows, 1]:
@@ -142,13 +142,13 @@ class Coupling:
 
 
 def couples(plan: Plan) -> bool:
-    """Whether columns of a plan feel each other."""
+    """Return True if columns of a plan are coupled."""
     active = plan.active_fields()
     return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
 
 
 def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupling | None:
-    """The coupling of frames whose duties are x [frames, rows, cols], infinite ones too; None where there is none.
+    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
     It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
@@ -179,14 +179,13 @@ def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupli
             plan.scene.path,
             "effects.integrator_gain" if "inv_gain_dc" in active else "effects.integrator_bandwidth",
             f"on together with {', '.join(sorted(names))}",
-            f"what columns of topology direct do to each other known to {_SETTLED:g} count in engines event "
-            f"and rtl, here {doubt:.2g}; engine cosim takes any",
+            f"column coupling that is certain to {_SETTLED:g} LSB (here {doubt:.2g}); use engine cosim",
         )
     return Coupling(columns.across_s, settled.others, columns.known(settled))
 
 
 class _Settled(NamedTuple):
-    """Where repetition ends, [frames, rows, cols] each.
+    """Fixed point of the coupling, [frames, rows, cols] each.
 
     Packets a clock from the `others`, and one repetition `before`; the duty that it `left`, and the `mean` charge over
     the gate at that duty.
@@ -199,7 +198,7 @@ class _Settled(NamedTuple):
 
 
 class _Columns:
-    """The columns of some frames with all that ties them together, in packets and clocks.
+    """Columns of some frames and the links between them, in packets and clocks.
 
     Parameters
     ----------
@@ -272,7 +271,7 @@ class _Columns:
         return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
 
     def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
-        """Counts [frames, rows, cols] by which a column may be off, where duties of mean x go from `low` to `high`."""
+        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between `low` and `high`."""
         clocks, left = self.clocks, settled.left
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
         doubts = doubts + self._in_traces() + self._on_the_way(np.minimum(low, left))
@@ -291,7 +290,7 @@ class _Columns:
         return doubts
 
     def _in_traces(self) -> Floats | float:
-        """Counts by which traces may be off: reckoned one taxel at a time, at most as wrong as all they do."""
+        """Return the error bound of the traces in LSB: one taxel at a time, at most their whole contribution."""
         if not self._plan.active_fields() & {"r_trace_row_ohm", "r_trace_column_ohm"}:
             return 0.0
         alone = np.minimum(self._g, G_ACROSS_S)
@@ -300,7 +299,7 @@ class _Columns:
         return 0.25 * self.clocks * off.sum(axis=1)[:, None, :] * self._per_clock
 
     def _on_the_way(self, slower: Floats) -> Floats:
-        """Counts by which what comes through links differs from its mean on the way through a gate.
+        """Return the variation in LSB of the current through links about its mean over a gate.
 
         The charge of a column swings by a packet in a period, of the duty `slower` at least, and the sum of what it
         gives is off by half a swing times a period: its own before it sends its next packet, or that of who takes it.
@@ -317,7 +316,7 @@ class _Columns:
         return course + np.matmul(self._links, swings[..., np.newaxis])[..., 0]
 
     def _unsure(self, low: Floats, high: Floats) -> Floats:
-        """Packets by which the mean charge of columns may stand off that of the walk over a gate.
+        """Return the error in packets of the mean charge of the walk over a gate.
 
         For packets of another size, noise at levels and starts, samples and outputs that are late, a window wider than
         a packet, and duties that move between `low` and `high`.
@@ -352,7 +351,7 @@ class _Columns:
         return np.minimum(given, bias_v / (converter.k * converter.i0_a))
 
     def _meets_range(self, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
-        """Where charge may meet a range that bites, with so many counts of doubt in a gate."""
+        """Return True where the charge may reach its limits, given the uncertainty in LSB over a gate."""
         converter = self._converter
         levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
         slack = (
@@ -371,7 +370,7 @@ class _Columns:
         return above | below | (x < 0.0) | self._moves
 
     def _over_gate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Mean of the charge over a gate, and its end, of converters of duties x with nothing on but a range."""
+        """Return mean and end of the charge over a gate, for converters with a range and no other effect."""
         mean, end = np.empty_like(x), np.empty_like(x)
         ends = (self._held, self.level, self._low, self._high)
         start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
@@ -383,7 +382,7 @@ class _Columns:
 
 
 def _biting(converter: Converter) -> Floats:
-    """Lower and upper end of the charge in packets, [2, cols]; none where no range bites."""
+    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit is reached."""
     if not converter.range_bites():
         return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
@@ -391,7 +390,7 @@ def _biting(converter: Converter) -> Floats:
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
-    """Mean of the charge over a gate, and its end, of a converter whose charge stops at low and high."""
+    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and high."""
     w, total, now, before = start, 0.0, False, False
     for _ in range(clocks):
         # The packet of the decision two edges ago is flowing in this clock.
@@ -409,7 +408,7 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
-    """Mean of the charge over a gate, and its end, of converters with nothing on but a range low .. high.
+    """Return mean and end of the charge over a gate, for converters with a range low .. high and no other effect.
 
     Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
     t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone

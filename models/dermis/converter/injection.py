@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What capacitances push into converters beyond what lines settle: an upper bound, for nobody here follows it."""
+"""Charge injected into converters by capacitances, beyond settling: an upper bound, not a simulation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def counts(plan: Any) -> dict[str, Floats]:
-    """Counts [cols] at most that capacitances move codes by beyond what lines settle, by the field that does it.
+    """Return upper bounds of the injected charge in LSB, [cols], by field.
 
     `ripple`: a bias that ripples pushes C dV through the taxel of the driven row.
 
@@ -62,7 +62,7 @@ def counts(plan: Any) -> dict[str, Floats]:
 
 
 def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
-    """Whether slow mirrors feel what a taxel's capacitance brings when its row is driven, [cols], in every frame."""
+    """Return True, by column, where a slow mirror follows the charge of a taxel when its row is driven."""
     network = plan.network(0)
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         return np.zeros(plan.cols, dtype=bool)

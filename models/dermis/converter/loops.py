@@ -6,8 +6,8 @@ removes what stands behind `is not None` before it looks at the rest, so no comp
 that is off, reads its parameters or draws its numbers.
 
 Cells run side by side (the inner loop is over cells and becomes vector instructions), because a cell by itself
-waits for the result of its own last clock. What needs a closer look, a decision within noise of its level, a
-comparator inside its window, a charge at a limit, is marked there and looked at afterwards, one cell at a time.
+waits for the result of its own last clock. Cells in a special state (a decision within noise of its level, a
+comparator inside its window, a charge at a limit) are marked there and computed afterwards, one at a time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SWIFT = 0.1
 
 @numba.njit(cache=True, inline="always")
 def _rounded_off(a, b):  # type: ignore
-    """What the sum a + b leaves out (Knuth's two-sum), exact."""
+    """Return the exact rounding error of the sum a + b (Knuth's two-sum)."""
     total = a + b
     of_b = total - a
     return (a - (total - of_b)) + (b - of_b)
@@ -104,7 +104,7 @@ def _grow(rate, length):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
-    """One piece of constant current: (a, b) behind it and the turning point of the output inside it, or nan.
+    """Return (a, b) after a piece of constant current, and the turning point of the output inside it, or nan.
 
     The charge stops at low and high. a + b is the output, (w - output) / lag its slope.
     """
@@ -229,7 +229,7 @@ def walk(  # type: ignore
     counts,
     end,
 ):
-    """Count the ones of `clocks` decisions for every cell; the charge behind the last one into `end`.
+    """Count the ones of `clocks` decisions for every cell; the charge after the last one into `end`.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random numbers that depend on what they are for and on nothing else.
+"""Random numbers that depend on their purpose and place alone.
 
 A number is a hash of (seed, stream, frame, row, column, counter): there is no state, so neither batches, nor processes,
 nor other cells or effects move it, and one that is never needed costs nothing. The hash is the output function of
@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-# Streams: what a number is for.
+# Streams: the purpose of a number.
 PRESET, FLICKER, WALK, LEVEL, EDGE, COIN = range(1, 7)
 
 _WEYL = np.uint64(0x9E3779B97F4A7C15)
@@ -180,7 +180,7 @@ def _path(key, clocks, out):  # type: ignore
 
 
 def path(key: int, clocks: int) -> NDArray[np.float64]:
-    """The whole Brownian path of one cell, W(0) .. W(clocks): what the loops see only pieces of."""
+    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only parts."""
     out = np.empty(clocks + 1)
     _path(np.uint64(key), clocks, out)
     return out

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a ripple does within a clock beyond its mean over it: a bound, for engine event takes means (event_input)."""
+"""Effect of a ripple within a clock, beyond its mean: a bound, since engine event uses means (converter.currents)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _within(plan: Plan) -> tuple[float, float]:
 
 
 def may_bend(plan: Plan) -> bool:
-    """Whether a ripple is so fast and large, beside what bends or cuts its course, that `bent` is to be asked early."""
+    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be evaluated."""
     if not plan.drive.ripple or not bends_courses(plan):
         return False
     clocks = plan.timing.gate_clocks
@@ -47,7 +47,7 @@ def may_bend(plan: Plan) -> bool:
 
 
 def bends_courses(plan: Plan) -> bool:
-    """Whether more of a current's course within a clock than its mean may move a code."""
+    """Return True if the waveform of a current within a clock may move a code beyond its mean."""
     converter = plan.converter
     return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_bites())
 
@@ -126,7 +126,7 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
 
 
 def check(plan: Plan, ways: Course) -> None:
-    """Refuse frames in which a ripple's course within clocks may move a code by more than a count.
+    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1 LSB.
 
     Raises
     ------
@@ -142,6 +142,6 @@ def check(plan: Plan, ways: Course) -> None:
                 plan.scene.path,
                 "effects.supply_ripple",
                 f"on together with {', '.join(beside)}",
-                f"a ripple whose course within a clock is known to {_BENT:g} count in engines event and rtl, "
-                f"here {counts.max():.2g}; engine cosim takes any",
+                f"a ripple whose waveform within a clock is certain to {_BENT:g} LSB (here {counts.max():.2g}); "
+                "use engine cosim",
             )

@@ -106,13 +106,13 @@ class Converter:
         return np.sort([self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v], axis=0)
 
     def range_bites(self) -> bool:
-        """Whether the range of an integrator is so small that charge is lost in normal use."""
+        """Return True if the range of an integrator is so small that it loses charge in normal use."""
         room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
         # A range of exactly so many packets, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
 
     def drowning(self) -> NDArray[np.float64]:
-        """Duty [cols] beyond which nothing changes: what drowns a packet, however large."""
+        """Return the duty [cols] beyond which every code is saturated."""
         return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 
     def duty(self, i_column_a: ArrayLike) -> NDArray[np.float64]:
@@ -276,12 +276,12 @@ def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, thresho
 
 
 def _settled(value: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Whole numbers beyond -1..most are all the same here, infinite ones too."""
+    """Limit whole numbers to -1..most, infinite ones too."""
     return np.clip(np.where(np.isnan(value), -1.0, value), -1.0, most)
 
 
 def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:
-    """min(code_max, count): what the saturating counter holds at the end of the gate."""
+    """Return min(code_max, count), the state of the saturating counter at the end of the gate."""
     return np.minimum(count(x, clocks, **start), code_max)
 
 

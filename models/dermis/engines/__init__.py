@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 _ASKED_CELLS = 32 * 32
-"""Taxels up to which engines are asked before a refusal names them: what has to settle is solved for that, row by
+"""Largest array for which a refusal asks each engine for its limits: settling lines are solved for that, row by
 row, which took more than 100 s of processor time on a sheet of 255 x 40."""
 
 
 @dataclass
 class Result:
-    """Codes [frames, rows, cols] of `code_type` and what else an engine found out.
+    """Codes [frames, rows, cols] of `code_type`, and further results of an engine.
 
     `low` and `high` have the same shape: the codes between which those of the chip lie, with every effect the
     plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
@@ -63,7 +63,7 @@ def refused(plan: Plan, engine: str) -> frozenset[str]:
 
 
 def refuses(plan: Plan, engine: str) -> InputError | None:
-    """What an engine that honours every field of a plan would refuse because of its values, or None.
+    """Return the error of an engine that honours every field of a plan but not its values, or None.
 
     Asked before a run so that it ends early; an engine may find more on its way through the frames.
     """
@@ -84,7 +84,7 @@ def _can(plan: Plan, engine: str) -> bool:
 
 
 def _named(plan: Plan) -> tuple[list[str], str]:
-    """Engines to name in a refusal, and what their names leave open."""
+    """Return the engines that a refusal names, and the condition on them."""
     from dermis.records import ENGINES
 
     able = [name for name in ENGINES if not refused(plan, name)]
@@ -94,7 +94,7 @@ def _named(plan: Plan) -> tuple[list[str], str]:
 
 
 def cheapest(plan: Plan, among: Iterable[str] | None = None) -> str | None:
-    """The first engine, in the order of what they cost, that refuses nothing of a plan; None if there is none."""
+    """Return the cheapest engine that refuses nothing of a plan; None if there is none."""
     from dermis.records import ENGINES
 
     return next((name for name in among or ENGINES if _can(plan, name)), None)
@@ -120,7 +120,7 @@ def _check_fields(plan: Plan) -> None:
         effects = sorted({effect for name in lost for effect in plan.effects_of_field(name)})
         what = f"effects.{effects[0]}" if effects else sorted(lost)[0]
         if not lost & plan.active_fields() - honours(plan.engine):  # only its views cannot
-            allowed = 'run.views = "behavioural" for its block: transistors do what their circuit does'
+            allowed = 'run.views = "behavioural" for its block: a block of transistors takes no parameters'
             raise InputError(plan.scene.path, what, "not possible with these run.views", allowed)
         allowed = (
             f"engine {' or '.join(able)}{open_}"
@@ -133,7 +133,7 @@ def _check_fields(plan: Plan) -> None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
     """Run a plan through its engine, which must honour its fields; options go to the engine.
 
-    info["array"] is what is known of the error of the array solves that the engine made (solve_error.Account).
+    info["array"] bounds the error of the array solves of the engine (solve_error.Account).
     """
     _check_fields(plan)
     _check_sources(plan)

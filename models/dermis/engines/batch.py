@@ -32,22 +32,22 @@ from dermis.processes import children, pool
 from dermis.records import Plan
 
 # 2^18 taxels are 1024 frames of 16x16: half a second to two seconds of the event engine with everything on, and
-# 4 MB of doubles both ways, below what Dask complains about.
+# 4 MB of doubles both ways, below the size at which Dask warns.
 _VALUES_A_PART = 1 << 18
 
 # Parts a worker, so that the slowest one does not hold up the rest for long.
 _PARTS_A_WORKER = 4
 
 CONNECT_S = 10
-"""How long a scheduler may take to answer."""
+"""Longest wait for the answer of a scheduler, in seconds."""
 
 _ADDRESS = r"(tcp|tls|ws|wss)://[^/\s]+:\d{1,5}"
 
 WORKER_S = 60
-"""How long a scheduler may take to have a worker, or to have one again once all are lost."""
+"""Longest wait for a first worker, and for another once all are lost, in seconds."""
 
 LOOK_S = 2.0
-"""Between two looks at whether a cluster is still there."""
+"""Seconds between two checks of a cluster."""
 
 _PACKAGE_FILES = ("**/*.py", "**/*.c")
 _DATA_FILES = (
@@ -62,7 +62,7 @@ _DATA_FILES = (
     "spice/**/*.sp",
     "spice/**/*.inc",
 )
-"""Files that decide about codes, of the package and of what comes with it."""
+"""Files of the package and of its data that determine codes."""
 
 
 def run(
@@ -219,7 +219,7 @@ def same_version(version: str) -> None:
     """
     if fingerprint() != version:
         raise SimulatorError(
-            f"a worker on {os.uname().nodename} has another version of dermis than the one that gives it work"
+            f"a worker on {os.uname().nodename} has another version of dermis than this machine"
         )
 
 
@@ -236,9 +236,9 @@ def fingerprint(package: Path = PACKAGE, root: Path = ROOT) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Leave unsaid what Dask has to say of a cluster that is lost: several tracebacks, for the run's own one line.
+    """Silence the tracebacks that Dask logs for a lost cluster; the run reports it in one line.
 
-    Around the client as well: it goes on trying to connect until it is closed, and says so then.
+    The client is inside too, since it logs failed connections until it is closed.
     """
     logging.disable(logging.CRITICAL)
     try:
@@ -249,7 +249,7 @@ def _quiet() -> Iterator[None]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
-    """The workers of a Dask scheduler as an executor, how many there are, and a look at whether they still are."""
+    """Connect to a Dask scheduler: yield its executor, the number of workers, and a check that some are alive."""
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
     if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
         raise InputError("command line", "--scheduler", address, allowed)
@@ -277,7 +277,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         def look() -> None:
             if client.status != "running":
                 raise gone
-            try:  # what the client knows by itself is what it last heard
+            try:  # the client itself only knows the last message
                 client.sync(client.scheduler.identity, callback_timeout=WORKER_S)
             except TimeoutError:
                 raise SimulatorError(f"the scheduler {address} has not answered for {WORKER_S} s") from None

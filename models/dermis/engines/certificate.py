@@ -54,7 +54,7 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
 
 
 def _steady(plan: Plan) -> bool:
-    """Whether the duty of a run serves again: it is the same in every clock, and no converter acts back on it."""
+    """Return True if the duty is constant over the gate and independent of the converters, so that it can be reused."""
     return not plan.active_fields() & currents.FIELDS and plan.topology != "direct"
 
 

@@ -49,7 +49,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns
     -------
     Result
-        codes [frames, rows, cols]; info["x"] is the duty behind them.
+        codes [frames, rows, cols]; info["x"] is the duty that they count.
     """
     base = plan.network(0)
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))

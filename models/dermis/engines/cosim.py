@@ -30,7 +30,7 @@ HONOURS = netlist.HONOURS
 """Of a plan in behavioural views; see `honours`."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
-"""What the exact half does: ideal converters; between ideal lines laterals carry no current."""
+"""Fields of the exact analog half: its converters are ideal, and laterals between ideal lines carry no current."""
 
 FRAMES_A_PROCESS = 4
 """A process costs about a second to start and a frame about four: short enough to share out, long enough to pay."""
@@ -49,12 +49,12 @@ may share it."""
 
 
 def honours(plan: Plan) -> frozenset[str]:
-    """Record fields that the decks of a plan can express: transistors do what they do."""
+    """Return the record fields that the decks of a plan can express; blocks of transistors take no parameters."""
     return netlist.honours(plan)
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What the chip or its transistors are not made for, or None."""
+    """Return the error for a plan outside the limits of the chip or of its transistors, or None."""
     return hdl.beyond_the_chip(plan) or netlist.refuses(plan)
 
 
@@ -62,7 +62,7 @@ def refuses(plan: Plan) -> InputError | None:
 class Solver:
     """How ngspice steps: edges last t_edge_s, no step is longer than t_max_step_s.
 
-    `options` is an `.options` line behind the deck's own: of options in two lines ngspice takes the later.
+    `options` is an `.options` line after the deck's own; ngspice takes the later of two values.
     """
 
     t_edge_s: float = 1e-9
@@ -72,7 +72,7 @@ class Solver:
 
 @dataclass(frozen=True)
 class Job:
-    """What the child process needs; see dermis.engines.cosim_hdl."""
+    """Work of one child process; see dermis.engines.cosim_hdl."""
 
     plan: Plan
     frames: tuple[int, ...]
@@ -190,7 +190,7 @@ class _Children:
             return child
 
     def end_one(self, child: Child) -> None:
-        """End a child and what it started."""
+        """End a child and its descendants."""
         child.end()
         with self._lock:
             self._running.discard(child)
@@ -211,7 +211,7 @@ def end_all() -> None:
 
 
 def _retries(part: dict[str, Any]) -> dict[str, Any]:
-    """By frame, what ngspice gave up in a process; told on stderr, which its own goes not to."""
+    """Return the retries of ngspice by frame, and report them on stderr."""
     found = {}
     for frame, retries in json.loads(str(part["retries"])).items():
         way = ladder.Climb(f"frame {frame}")

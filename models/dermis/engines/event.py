@@ -3,9 +3,9 @@
 
 Between two clocks the current into the integrator is constant on at most three pieces (the packet begins or
 ends, the comparator is sampled a delay before the clock). On a piece the charge is a straight line or, with a
-leak, an exponential; with finite bandwidth the output follows by a second one. What a clock does to a cell is
-so a handful of numbers that are worked out once a gate. Where an effect makes the input change inside a gate,
-its mean over each clock takes the place of the constant (event_input); noise is looked up only where it can
+leak, an exponential; with finite bandwidth the output follows by a second one. So a clock changes a
+cell by a few numbers, which are computed once a gate. Where an effect makes the input change inside a gate,
+its mean over each clock takes the place of the constant (converter.currents); noise is drawn only where it can
 change a decision (dermis.converter.noise).
 """
 
@@ -33,7 +33,7 @@ from dermis.records import Plan
 
 Floats = NDArray[np.float64]
 
-# Counts by which a capacitance may move a code in a way that this engine does not follow, as `event_columns.coupling`.
+# Uncertainty in LSB up to which charge injected by capacitances is accepted, as in `converter.coupling`.
 _DISPLACED = 1.0
 
 RANDOM = frozenset(
@@ -82,7 +82,7 @@ HONOURS = RANDOM | frozenset(
 )
 """Record fields that this engine simulates; a field that is not named here is refused."""
 
-# Of these, what is drawn once a slot and leaves no decision open.
+# Of these, the effects drawn once a slot; they leave no decision open.
 _SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})
 
 _LEAK_MAX = 1e12
@@ -95,7 +95,7 @@ _VALUES_AT_ONCE = 1 << 14
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Converters in packets and clocks, every field [n]: what the loops run over.
+    """Converters in packets and clocks, every field [n]: the input of the loops.
 
     `x` packets a clock; `leak` fraction of w lost a clock; `w0` start; `packet`; `rise` and `fall` the levels
     at which the comparator goes high and low; `low` and `high` the range of w; `delay` of the comparator in
@@ -118,14 +118,14 @@ class Cells:
 
 
 class Noise(NamedTuple):
-    """What is random in some cells: `rows` [4, n] (rows of converter.loops.walk) and a key a cell [n]."""
+    """Noise of some cells: `rows` [4, n] (rows of converter.loops.walk) and a key a cell [n]."""
 
     rows: Floats
     keys: NDArray[np.uint64]
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What this engine cannot follow of a plan, or None."""
+    """Return the error for a plan that this engine cannot simulate, or None."""
     return currents.refuses(plan) or _refuses_displaced(plan)
 
 
@@ -138,8 +138,8 @@ def _refuses_displaced(plan: Plan) -> InputError | None:
                 plan.scene.path,
                 "effects.line_capacitance",
                 f"on together with {', '.join(plan.effects_of_field(name))}",
-                f"what capacitances push into a converter known to {_DISPLACED:g} count in engines event and rtl, "
-                f"here {counts.max():.2g}; engine cosim takes any",
+                f"injected charge that is certain to {_DISPLACED:g} LSB (here {counts.max():.2g}); "
+                "use engine cosim",
             )
     return None
 
@@ -156,7 +156,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Returns
     -------
     Result
-        codes [frames, rows, cols]; info["x"] is the duty behind them (mean over the gate), info["w_end"] the
+        codes [frames, rows, cols]; info["x"] is their duty (mean over the gate), info["w_end"] the
         charge at the end of the gate in packets.
 
     Raises
@@ -229,7 +229,7 @@ def cells_of(
         if coupled is not None:
             g_in = g_in + coupled.across_s
         elif plan.topology == "direct":
-            # The whole column hangs on the virtual ground, whichever row is driven.
+            # The virtual ground carries the whole column, whichever row is driven.
             g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
         per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
         across = np.minimum(per_clock, _LEAK_MAX)
@@ -254,7 +254,7 @@ def cells_of(
 
 
 def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
-    """Draw what is drawn once a slot: where the preset lets go, and the size of the packet."""
+    """Draw the noise of a slot: the charge after the preset, and the size of the packet."""
     changed = {}
     if converter.v_preset_noise_v.any():
         spread = converter.v_preset_noise_v / converter.packet_v()
@@ -297,7 +297,7 @@ def noise_rows(
 
 
 class Rows(NamedTuple):
-    """What converter.loops.walk takes for n cells; None is off."""
+    """Arguments of converter.loops.walk for n cells; None is off."""
 
     slow: Floats
     fast: Floats | None
@@ -310,11 +310,11 @@ class Rows(NamedTuple):
 
 
 def rows_of(cells: Cells, charge_delay: float) -> Rows:
-    """Work out what a clock does to every cell, cells flattened.
+    """Compute the change of every cell over a clock, cells flattened.
 
     The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v) - leak v
     and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one near -leak carries
-    the charge, the one beyond -1 / lag what the output has not followed yet. The states here are the two parts
+    the charge, the one beyond -1 / lag the part that the output still lags behind. The states here are the two parts
     of v, v = a + b, and w = weight_a a + weight_b b.
     """
     if not 0 < charge_delay <= 1:
@@ -449,7 +449,7 @@ def _check_charge(end: Floats) -> None:
 
 
 def _grid_step(sigma: Floats, clocks: int) -> int:
-    """How far apart the Brownian paths are laid out: what costs least, for the numbers do not hang on it.
+    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend on it.
 
     A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is within 8 sigma of
     what the grid leaves open, sqrt(step) / 2.
@@ -591,13 +591,13 @@ class Draws(NamedTuple):
     """The noise of one cell in full, for the reference: nothing is left out because it cannot matter."""
 
     slow: list[float]  # sigma W(n), n = 1 ..
-    sample: list[float]  # what moves the level of sample n alone
+    sample: list[float]  # shift of the level of sample n alone
     coin: list[bool]
     aperture: float
 
 
 class Walk(NamedTuple):
-    """What the reference finds: bits, the charge at every clock, and how near the output came to a level."""
+    """Result of the reference: bits, the charge at every clock, and the least distance of the output from a level."""
 
     bits: list[bool]
     charge: list[mpmath.mpf]
@@ -729,7 +729,7 @@ def _turns(
 def _stopped(
     c: dict[str, mpmath.mpf], way: _Way, limit: mpmath.mpf, w: mpmath.mpf, v: mpmath.mpf, length: mpmath.mpf
 ) -> tuple[mpmath.mpf, mpmath.mpf]:
-    """The end of a piece whose charge stops at a limit: the output goes on towards it."""
+    """Return the end of a piece whose charge stops at a limit; the output settles towards it."""
     if c["lag"] == 0:
         return limit, limit
     end = way(length)[0]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of models/verilog.
 
-The array is solved here and its column currents are handed over in a file; everything behind the columns is
+The array is solved here and its column currents are handed over in a file; everything after the columns is
 Verilog. One build serves all scenes of the same size with the same effects, since what differs from column to column
 comes in at run time.
 """
@@ -75,7 +75,7 @@ FRAME_LIMIT_S = 120.0
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What the chip is not made for, or the currents cannot be worked out for; None if nothing."""
+    """Return the error for a plan outside the limits of the chip or of the array solve, or None."""
     return hdl.beyond_the_chip(plan) or event.refuses(plan)
 
 
@@ -143,7 +143,7 @@ def value_places(models: Path = MODELS) -> dict[str, int]:
     return {n: int(v) for n, v in re.findall(r"^`define DERMIS_(\w+)\s+(\d+)\b", text, re.MULTILINE)}
 
 
-# What a record field asks of the models; fields that are not here act on the column currents alone.
+# Bits of the models by record field; other fields act on the column currents alone.
 BUILT_FOR = {
     "gain": ("GAIN",),
     "i_offset_a": ("I_OFFSET",),
@@ -162,13 +162,13 @@ BUILT_FOR = {
 
 
 def effect_bits(plan: Plan, models: Path = MODELS) -> int:
-    """What a plan needs built: one bit an effect; 0 is the ideal reader."""
+    """Return the bits of the effects that a plan needs in the models; 0 is the ideal reader."""
     places = value_places(models)
     names = {name for field in plan.active_fields() for name in BUILT_FOR.get(field, ())}
     if "LEAK" in names and plan.topology == "direct":
         names.add(
             "EACH_ROW"
-        )  # what hangs on the virtual ground differs from frame to frame, and with its neighbours from row to row
+        )  # the load of the virtual ground differs from frame to frame, and with its neighbours from row to row
     return sum(1 << places[name] for name in names)
 
 
@@ -215,13 +215,13 @@ class Currents:
     Attributes
     ----------
     cells : ndarray
-        [frames, rows, cols, (1 + dark) terms + 2 (1 + fade) modes]: what course.sv makes a current of.
+        [frames, rows, cols, (1 + dark) terms + 2 (1 + fade) modes]: the input of course.sv.
     basis : ndarray
         [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
     terms, modes : int
         1 and 0 where a current is constant in its slot.
     dark, fade : int
-        1 where a slow mirror sees a current in the break behind a row, and where it sees lines settle.
+        1 where a slow mirror sees a current in the break after a row, and where it sees lines settle.
     coupling : Coupling or None
         How columns of the direct interface move each other; its current is in `cells` already.
     """
@@ -281,7 +281,7 @@ def write_inputs(
     sync_latch: bool,
     models: Path = MODELS,
 ) -> None:
-    """Write what array.sv and drive.sv read: big-endian words of 64 bits."""
+    """Write the input of array.sv and drive.sv: big-endian words of 64 bits."""
     places = value_places(models)
     each = bool(effects >> places["EACH_ROW"] & 1)
     values = run_time_values(plan, part, currents.coupling, each, sync_latch, places)
@@ -365,7 +365,7 @@ def run_time_values(
 def simulate(
     plan: Plan, command: list[str], work: Path, frames: int, on_rows: Callable[[int], None]
 ) -> NDArray[np.uint16]:
-    """Run the reader on work/currents.bin and return what it wrote, [frames, rows, cols]."""
+    """Run the reader on work/currents.bin and return its codes, [frames, rows, cols]."""
     out, log = work / "frames.txt", work / "simulator.log"
     out.unlink(missing_ok=True)
     width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
@@ -376,7 +376,7 @@ def simulate(
     try:
         patience = children.Patience(FRAME_LIMIT_S)
         while True:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # it still runs: look whether it comes on
+            with contextlib.suppress(subprocess.TimeoutExpired):  # it still runs: check its progress
                 code = child.wait(0.05)
                 break
             now = out.stat().st_size if out.exists() else 0
@@ -392,7 +392,7 @@ def simulate(
 
 
 ANSWER_BYTES = 3
-"""Token and length stand before a frame."""
+"""Bytes before a frame: token and length."""
 
 
 def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uint16]:
@@ -426,7 +426,7 @@ def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uin
 
 
 def _one_by_one(plan: Plan, text: bytes, frames: int, path: Path) -> NDArray[np.uint16]:
-    """Take the lines apart with care, to say what is wrong."""
+    """Parse the lines one by one to name the error."""
     lines = text.decode(errors="replace").split("\n")
     if lines.pop() or len(lines) != frames:
         raise SimulatorError(f"the simulator left {len(lines)} whole frames instead of {frames}", path)
@@ -435,7 +435,7 @@ def _one_by_one(plan: Plan, text: bytes, frames: int, path: Path) -> NDArray[np.
         try:
             answer = bytes.fromhex(line)
         except ValueError:
-            said = f"frame {frame}: {line[:40]!r} is not what a host receives"
+            said = f"frame {frame}: {line[:40]!r} is not a frame of the host protocol"
             raise SimulatorError(said, path) from None
         head, data = answer[:ANSWER_BYTES], answer[ANSWER_BYTES:]
         if head[:1] != bytes([spi_protocol.TOKEN_DATA]) or int.from_bytes(head[1:], "big") != len(data):

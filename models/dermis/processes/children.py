@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs that a command starts: each in a session of its own, with a limit, and ended with all that it started.
 
-A watchdog beside the command ends them where the command cannot: after its own SIGKILL (see dermis.processes.watchdog).
+A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dermis.errors import SimulatorError, one_line
 from dermis.processes import watchdog
 
 STARTED_S = 10.0
-"""How long the watchdog may take to end with this process: it has nothing to do then."""
+"""Longest wait for the end of the watchdog, in seconds."""
 
 _WATCHDOG = (sys.executable, "-I", "-S", watchdog.__file__)
 
@@ -38,7 +38,7 @@ _watchdog: subprocess.Popen[bytes] | None = None
 
 
 def guard() -> str:
-    """Mark what this process starts, and have it ended whatever becomes of this process; return the mark."""
+    """Return the mark of all processes that this one starts; a watchdog ends them once this process is gone."""
     global _watchdog
     with _lock:
         if _watchdog is None:
@@ -57,7 +57,7 @@ def guard() -> str:
 
 @atexit.register
 def _leave() -> None:
-    """Let the watchdog go, and wait until it has: a command leaves nothing behind."""
+    """End the watchdog and wait for it, so that a command leaves no process."""
     if _watchdog is not None and _watchdog.stdin is not None:
         _watchdog.stdin.close()
         with contextlib.suppress(
@@ -85,8 +85,8 @@ class Child(subprocess.Popen[bytes]):
 
     Parameters
     ----------
-    command : what is run
-    environment : variables beside those of this process
+    command : program and arguments
+    environment : variables added to those of this process
     options : as for subprocess.Popen
     """
 
@@ -99,7 +99,7 @@ class Child(subprocess.Popen[bytes]):
         super().__init__(command, env=marked, start_new_session=True, pass_fds=held, **options)
 
     def processes(self) -> set[watchdog.Process]:
-        """Live processes of its tree: what it started, in whatever session, also once itself is gone."""
+        """Return the live processes of its tree, in any session, also after its own end."""
         found = watchdog.marked(self.mark)
         # A process that was forked and has not yet become another program shows the environment it came from.
         pids = tree(self.pid) if self.returncode is None else set()
@@ -131,7 +131,7 @@ _held = threading.local()
 
 @contextlib.contextmanager
 def holding(handle: int | None) -> Iterator[None]:
-    """Let what this thread starts meanwhile keep a file open: a lock on it lasts until the last of them is gone."""
+    """Let children started in the block inherit an open file: a lock on it lasts until the last of them ends."""
     before = getattr(_held, "handles", ())
     _held.handles = before if handle is None else (*before, handle)
     try:
@@ -151,15 +151,15 @@ def run_child(
 
     Parameters
     ----------
-    command, directory : what is run, and where
+    command, directory : program and arguments, working directory
     log : file that its output is added to
     limit_s : seconds until it is ended with all that it started
-    environment : variables beside those of this process
+    environment : variables added to those of this process
 
     Raises
     ------
     SimulatorError
-        It cannot be started; or `threads` is ending: nothing new is started, and no answer of what was ended counts.
+        It cannot be started, or `threads` is ending.
     """
     with log.open("ab") as out:
         return _run(command, limit_s, environment, log, cwd=directory, stdout=out, stderr=subprocess.STDOUT)
@@ -220,7 +220,7 @@ def run_logged(
 
 
 def ended(code: int) -> str:
-    """How a program ended: its exit code, or the signal that ended it."""
+    """Return the exit code of a program in words, or the signal that ended it."""
     if code >= 0:
         return f"exit code {code}"
     try:
@@ -235,12 +235,12 @@ def output_of(
     directory: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> tuple[int | None, str]:
-    """Run a command; return its exit code, None if it was ended at its limit, and what it wrote.
+    """Run a command; return its exit code, None if it was ended at its limit, and its output.
 
     Raises
     ------
     SimulatorError
-        It cannot be started, or what it writes has no place.
+        It cannot be started, or there is no room for its output.
     """
     import tempfile
 
@@ -257,7 +257,7 @@ def output_of(
 
 
 def tree(root: int) -> set[int]:
-    """A process, those of its session, and what they started, also in sessions of their own; no watchdogs."""
+    """Return a process, those of its session and all their descendants, but no watchdogs."""
     parents: dict[int, tuple[int, int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # gone meanwhile
@@ -288,10 +288,9 @@ def end_tree(child: subprocess.Popen[Any]) -> None:
 
 
 class Patience:
-    """How long something has not moved, in time that this process itself was running.
+    """Timeout of something without progress, measured in time that this process itself was running.
 
-    A process that was stopped with Ctrl-Z, or a machine too busy to run it, has not looked: what it did not see counts
-    no more than `LOOK_S`.
+    Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most `LOOK_S`.
     """
 
     LOOK_S = 5.0
@@ -303,7 +302,7 @@ class Patience:
         self._looked = time.monotonic()
 
     def over(self, seen: Any, limit_s: float | None = None) -> bool:
-        """Look at something that changes while all is well; return whether it has not for longer than the limit."""
+        """Return True if `seen`, which changes while there is progress, has not changed for longer than the limit."""
         now = time.monotonic()
         self._idle_s = 0.0 if seen != self._seen else self._idle_s + min(now - self._looked, self.LOOK_S)
         self._seen, self._looked = seen, now
@@ -311,7 +310,7 @@ class Patience:
 
 
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
-"""What asks a command to end, and the exit code it then has: 128 and the number, as in a shell."""
+"""Signals that end a command, and its exit code: 128 plus the number, as in a shell."""
 
 GRACE_S = 20.0
 """How long a command may take to end once asked: to end its children, and to leave earlier results as they were."""
@@ -344,7 +343,7 @@ def _leave_when_asked(number: int, _: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def ending() -> Iterator[None]:
-    """Let what asks a command to end be an exception meanwhile, so that what runs is ended on the way out.
+    """Turn signals that end a command into an exception in the block, so that its children are ended.
 
     SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be
     lost, in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with that code all
@@ -355,7 +354,7 @@ def ending() -> Iterator[None]:
     if inner or threading.current_thread() is not threading.main_thread():
         yield
         return
-    # Ignored is what nohup makes of SIGHUP, and a shell of SIGINT for what runs behind it; it stays so.
+    # An ignored signal stays ignored: nohup ignores SIGHUP, a shell ignores SIGINT in background jobs.
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in (number for number, was in before.items() if was is not signal.SIG_IGN):
         signal.signal(number, _leave_when_asked)
@@ -369,7 +368,7 @@ def ending() -> Iterator[None]:
 
 @contextlib.contextmanager
 def held() -> Iterator[None]:
-    """Put off what asks this process to end until the block is done: it is short, and must not end in its middle."""
+    """Defer signals that end a command until the end of a short block that must not be interrupted."""
     if threading.current_thread() is not threading.main_thread():
         yield  # the exception is raised in the main thread
         return
@@ -387,7 +386,7 @@ def held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads for `run_child`: Ctrl-C, SIGTERM or an error ends what they run at once, and then them."""
+    """Yield threads for `run_child`; Ctrl-C, SIGTERM or an error ends their children at once."""
     pool = ThreadPoolExecutor(workers)
     with ending():
         try:

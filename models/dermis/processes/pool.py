@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of this machine as an executor: each takes calls from a pipe, and ends with the process that gives them.
+"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with its caller.
 
-multiprocessing's own pools leave the end to signals that a busy worker need not see, wait for ever for one that was
-stopped, start a helper whose death is a traceback, and import the caller's main module once more. Here a worker is a
-child as any other (dermis.processes.children): marked, watched, and ended with all that it started.
+A worker is a child as any other (dermis.processes.children): marked, watched, and ended with all its descendants.
+The pools of multiprocessing cannot end a worker that is busy in compiled code, wait for ever for one that was
+stopped, and import the caller's main module in every worker.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-"""Each worker has one core; linear algebra that starts a thread a core in each of them would only fight for it."""
+"""A worker has one core: more threads of linear algebra would compete for it."""
 
 STALL_S = 900.0
-"""How long a worker and all that it started may use no processor at all: it may wait for a build, which has 600 s."""
+"""Longest time without any processor time of a worker and its children; a build may take 600 s."""
 
 LOOK_S = 2.0
-"""Between two looks at whether a worker moves."""
+"""Seconds between two checks of a worker."""
 
 _LENGTH = struct.Struct(">Q")
 
@@ -136,7 +136,7 @@ class Workers(Executor):
         data, worker = _packed(call), self._worker()
         try:
             self._put(worker, data)
-            done, value = self._get(worker)  # the call is read: what it imports does not count
+            done, value = self._get(worker)  # the call is read: its imports do not count for the limit
             if done:
                 done, value = self._get(worker, limit_s)
         except _Late as late:
@@ -192,7 +192,7 @@ class Workers(Executor):
             if time.monotonic() >= until:
                 raise _Late(LimitReached, "a call took longer than its limit")
             if patience.over(_used(worker)):
-                said = f"a worker process did not move for {STALL_S:g} s and was ended"
+                said = f"a worker process used no processor for {STALL_S:g} s and was ended"
                 raise _Late(WorkerLost, said)
 
 
@@ -205,7 +205,7 @@ class _Late(Exception):
 
 
 def _used(worker: Child) -> int:
-    """Ticks of processor time that a worker and all it started have had."""
+    """Return the processor time of a worker and its descendants, in ticks."""
     ticks = 0
     for pid, _ in worker.processes():
         try:
@@ -222,13 +222,13 @@ def _packed(value: Any) -> bytes:
 
 
 def send(pipe: IO[bytes], value: Any) -> None:
-    """Write a value to a pipe, pickled behind its length."""
+    """Write a value to a pipe: its length, then its pickle."""
     pipe.write(_packed(value))
     pipe.flush()
 
 
 def receive(pipe: IO[bytes]) -> Any:
-    """Read what `send` wrote; EOFError where the other side is gone, in the middle of a value as well."""
+    """Read a value of `send`; raise EOFError if the other side is gone."""
     head = pipe.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
         raise EOFError
@@ -261,12 +261,12 @@ def _answer(
 ) -> tuple[bool, Any]:
     try:
         return True, function(*arguments, **options)
-    except Exception as error:  # whatever it is, it is the caller's
+    except Exception as error:  # any error belongs to the caller
         return False, error
 
 
 def _reply(pipe: IO[bytes], done: bool, value: Any) -> None:
-    """Send an answer; of one that cannot be sent or read again its kind and words are all there is."""
+    """Send an answer; one that cannot be pickled is replaced by its type and message."""
     try:
         if not done:
             pickle.loads(pickle.dumps(value))
@@ -280,10 +280,10 @@ def _reply(pipe: IO[bytes], done: bool, value: Any) -> None:
 
 def main() -> None:
     """Take calls until there are no more."""
-    # Ctrl-C reaches every process of a terminal; the one that gives the work decides what becomes of it.
+    # Ctrl-C reaches every process of a terminal; the caller decides how to end its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # What work prints, or reads, must not fall among the calls.
+    # Input and output of the work must not mix with the calls.
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.path[:] = receive(calls)

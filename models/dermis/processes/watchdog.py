@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ends what a killed command has left running: a process of its own, told by a pipe that its command is gone.
+"""Ends the children of a killed command: a process of its own, which sees the end of its command by a pipe.
 
-Whatever a command starts carries a mark in its environment, which its own children inherit. That finds processes whose
-parent is dead and those with a session of their own, which neither a process group nor PR_SET_PDEATHSIG reaches.
+Every child of a command carries a mark in its environment, which its own children inherit. The mark finds processes
+whose parent is dead, and sessions of their own, which neither a process group nor PR_SET_PDEATHSIG reaches.
 Standard library alone, so that it runs within milliseconds: `python -I -S watchdog.py MARK`.
 """
 
@@ -26,7 +26,7 @@ Process = tuple[int, int]
 
 
 def identity(pid: int) -> Process | None:
-    """A live process by its id; None if there is none, or only one that has ended and was not waited for."""
+    """Return a live process by its id, None if it has ended."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
             fields = file.read().rpartition(b")")[2].split()
@@ -36,7 +36,7 @@ def identity(pid: int) -> Process | None:
 
 
 def marked(mark: str) -> set[Process]:
-    """Live processes that carry a mark, or one below it, beside this one."""
+    """Return the live processes that carry a mark, or one below it, except this one."""
     entry = f"\0{VARIABLE}={mark}".encode()
     found = set()
     for name in os.listdir("/proc"):
@@ -55,7 +55,7 @@ def marked(mark: str) -> set[Process]:
 
 
 def end(find: Callable[[], set[Process]]) -> None:
-    """Kill the processes that `find()` gives, until it gives no more or they cannot be killed."""
+    """Kill the processes that `find()` returns, until it returns no more or END_LIMIT_S is over."""
     found: set[Process] = set()
     # Stopped first, so that none of them starts another one meanwhile.
     while new := find() - found:
@@ -78,7 +78,7 @@ def _send(process: Process, number: signal.Signals) -> None:
 
 
 def main(mark: str) -> None:
-    """Wait until nobody holds the other end of standard input any more; then end what carries the mark."""
+    """Wait until the other end of standard input is closed; then end all processes with the mark."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     while os.read(0, 1):
