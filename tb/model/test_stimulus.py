@@ -549,7 +549,7 @@ WRONG_NUMPY = [
     ("npy", b"\x93NUMPY\x01\x00\xff\xff{", "file", "readable npy"),
     ("npy", b"not numpy at all" * 10, "file", "readable npy"),
     ("npy", _claims_a_petabyte(), "shape", "at most"),
-    ("npy", _claims_more_than_it_has(), "shape", "as many values"),
+    ("npy", _claims_more_than_it_has(), "shape", "no more values than"),
     ("npy", _pickled(), "dtype", "integers or floating"),
     ("npy", npy(CODES.astype(complex)), "dtype", "integers or floating"),
     ("npy", npy(CODES.astype(bool)), "dtype", "integers or floating"),
