@@ -23,6 +23,7 @@ from dermis.processes import children
 from dermis.scene import design as designs
 from dermis.scene.design import Design
 from scripts import generate
+from scripts.demo import demo
 
 SOURCE, SITE = BUILD / "site_source", BUILD / "site"
 CONFIG = ROOT / "mkdocs.yml"
@@ -314,12 +315,34 @@ def _signature(function: Callable[..., object]) -> str:
     return "(\n    " + ",\n    ".join(lines) + ",\n)" if lines else "()"
 
 
+DEMO_MARK = "<!-- demo -->"
+
+
+def demo_page(source: Path) -> None:
+    """Put the demo page beside the others and into the first one; where it cannot be built, a line says how."""
+    if reason := demo.have_compiler():
+        shown = f"The demo is not in this build: {reason}."
+    else:
+        demo.build(source / "chip.html")
+        shown = (
+            '<iframe src="chip.html" title="The chip in this page: press the skin" '
+            'style="width: 100%; height: 46rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
+        )
+    for name in ("index.md", "demo.md"):
+        page = source / name
+        text = page.read_text(encoding="utf-8")
+        if text.count(DEMO_MARK) != 1:
+            raise SimulatorError(f"docs/{name} has no single mark {DEMO_MARK}")
+        page.write_text(text.replace(DEMO_MARK, shown), encoding="utf-8")
+
+
 def write_source(source: Path | None = None) -> None:
     """Copy docs/ and add the pages and tables of the site alone."""
     source = SOURCE if source is None else source
     design = designs.load()
     shutil.rmtree(source, ignore_errors=True)
     shutil.copytree(ROOT / "docs", source)
+    demo_page(source)
     (source / "commands.md").write_text(commands_page(), encoding="utf-8")
     (source / "library.md").write_text(api_page(), encoding="utf-8")
     timing_diagram(design, source / "figures" / "timing.svg")

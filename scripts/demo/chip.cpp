@@ -378,7 +378,8 @@ EXPORT(correct) void correct(int sweeps) {
         for (int i = 0; i < CELLS; ++i) {
             double follows = current_a[i] - rest[i], each = follows > 0 ? g[i] / follows : 0;
             double wanted = g[i] + (measured[i] - current_a[i]) * (each > 1 / v ? each : 1 / v);
-            g[i] = wanted > 0 ? wanted : 0;
+            // A code of 0 says no more than that the current is below half a count, or negative: open fits it.
+            g[i] = wanted > 0 && measured[i] > 0 ? wanted : 0;
         }
     }
     for (int i = 0; i < CELLS; ++i) measured[i] = g[i];

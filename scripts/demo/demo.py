@@ -24,14 +24,14 @@ from dermis import __version__
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.places import ROOT
+from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
 
 HERE = Path(__file__).parent
-WORK = ROOT / "build" / "demo"
+WORK = BUILD / "demo"
 PAGE = WORK / "demo.html"
 
 VERILATE_LIMIT_S, COMPILE_LIMIT_S = 120, 600
@@ -169,6 +169,20 @@ def build(out: Path = PAGE) -> Path:
     return out
 
 
+def report_size() -> verdict.Row:
+    """Return the size of the report page of the newest `make sim`."""
+    from dermis.report import html
+
+    runs = sorted(path.parent for path in (BUILD / "sim").glob("*/summary.json"))
+    table = BUILD / "sim.json"
+    if not runs or not table.is_file():
+        return verdict.skip("report.size_kb", "no results of make sim in build/")
+    with tempfile.TemporaryDirectory() as scratch:
+        page = Path(scratch) / "sim.html"
+        html.write(page, "dermis sim", {"sim": json.loads(table.read_text())}, runs)
+        return verdict.judge("report.size_kb", page.stat().st_size / 1000, f"{len(runs)} runs, waves of one")
+
+
 @click.command("demo")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=PAGE, help="The page; default build/demo/demo.html."
@@ -186,7 +200,7 @@ def demo_command(out: Path, check: bool) -> int:
     if check:
         from scripts.demo import browser
 
-        rows += browser.measure(out)
+        rows += [*browser.measure(out), report_size()]
     verdict.write_rows("demo", rows)
     verdict.print_rows(rows, "demo")
     click.echo(f"open {out} in a browser")
