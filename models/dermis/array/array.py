@@ -325,7 +325,7 @@ class _RowLines:
         self.bent = network.r_trace_row_ohm > 0
         if not self.bent:
             return
-        # The line as a ladder, from its far end: `total` hangs on node c from there on, `pass_on` is the part
+        # The line as a ladder, from its far end: `total` is the conductance from node c on, `pass_on` is the part
         # of a current into node c (nothing but what lies before it connected) that goes towards the driver.
         segment = float(_conductance(network.r_trace_row_ohm))
         total = np.zeros_like(g[:, :, 0])

@@ -15,7 +15,7 @@ from dermis.timing import Timing
 Floats = NDArray[np.float64]
 
 # A taxel below 0.1 milliohm counts as that, a driver or input as none: the voltage across it is a difference that has
-# lost the digits of so small a current, and nothing slow hangs on so little.
+# lost the digits of so small a current, and no slow time constant comes from so little.
 _G_MAX_S = 1e4
 # A lateral resistor carries no current that is read, and is eliminated without a subtraction.
 _G_LATERAL_MAX_S = 1e15
@@ -445,7 +445,7 @@ class _Phase:
 
     def strength(self, voltage: Floats) -> Floats:
         """Return the amplitude of each mode for a phase that begins at `voltage` [frames, nodes], in volt."""
-        # Charge does not jump on a node that hangs on resistances, whatever the fixed ones do.
+        # The charge of a node on resistances does not jump, even if sources do.
         charge = self.capacitance.times(self.modes.full, (voltage - self.rest)[..., np.newaxis])[..., 0]
         return np.divide(charge, self.modes.norm, out=np.zeros_like(charge), where=self.modes.norm > 0)
 

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 G_ACROSS_S = 1e12
 # Duty that no neighbour moves back into the range of codes.
 _X_SATURATED = 0.6
-# Counts to which the coupling of columns must have settled after so many repetitions, and below which it has.
+# LSB to which the coupling of columns must have converged after the last repetition, and at which it has.
 _SETTLED = 1.0
 _REPEATS = 6
 _UNMOVED = 0.01
@@ -62,7 +62,7 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
     if network.r_row_driven_ohm != network.r_row_grounded_ohm:
         resistance = np.full((rows, rows), network.r_row_grounded_ohm)
         np.fill_diagonal(resistance, network.r_row_driven_ohm)
-    # A row is a star: what it takes from a column goes on to others and, where it hangs on something, to ground.
+    # A row is a star: current from one column flows to the others and, through a driver, to ground.
     total = g.sum(axis=2)[:, None, :]
     floats = np.isinf(resistance)
     tied = np.where(floats, 0.0, resistance)
@@ -70,7 +70,7 @@ def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
         np.where(floats, 1.0, tied), np.where(floats, total, 1.0 + tied * total),
         out=np.zeros(np.broadcast_shapes(total.shape, tied.shape)), where=~floats | (total > 0),
     )  # fmt: skip
-    # [frames, driven, cols, cols], a product of its own each: the digits do not hang on how many there are.
+    # [frames, driven, cols, cols], a product of its own each: the digits do not depend on their number.
     link = np.matmul(g.transpose(0, 2, 1)[:, None] * onward[:, :, None, :], g[:, None])
     ground = np.matmul(np.where(floats, 0.0, 1.0 / (1.0 + tied * total)), g)
     beside = np.arange(cols - 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What flows into the converters clock by clock, where it changes inside a gate: ripple, motion, slow mirror,
+"""Input charge of the converters clock by clock, if it changes inside a gate: ripple, motion, slow mirror,
 settling.
 
 Ripple and motion make a column current a sum of six functions of time with one coefficient each a cell; the
@@ -58,7 +58,7 @@ _COURSE_MISS = 1e-4
 
 
 def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
-    """Column currents of frames as (part that follows the bias, part that offsets and leaks make)."""
+    """Return column currents of frames as (part proportional to the bias, part of offsets and leaks)."""
     follows, rest = column_currents_by_source(network, g)
     return follows, np.zeros_like(follows) if rest is None else rest
 
@@ -142,7 +142,7 @@ def _through_frame(
 
 
 def _between(now: Floats, then: Floats, share: float | Floats) -> Floats:
-    """Conductances on their way: each end alone where its share is 1, whatever the other is."""
+    """Interpolate conductances; at a share of 0 or 1 the other end does not enter, not even if infinite."""
     return (1.0 - share) * now + share * then
 
 
@@ -162,12 +162,12 @@ def _polynomial(count: int, where: Floats) -> Floats:
 
 
 def _per_c(plan: Plan) -> Floats:
-    """Packets a clock that a coulomb a clock in each column is, [cols]."""
+    """Return packets a clock for a coulomb a clock in each column, [cols]."""
     return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
 
 
 def _transients(plan: Plan, frame: int) -> settling.Transients | None:
-    """What has not settled in one frame: whether it is followed, and how, hangs on nothing but the frame."""
+    """Return the unsettled transients of one frame; the method depends on the frame alone."""
     network = plan.network(0)
     if not network.active_fields() & CAPACITANCES:
         return None
@@ -191,7 +191,7 @@ def _transients(plan: Plan, frame: int) -> settling.Transients | None:
 
 
 def _joined(found: list[settling.Transients | None], rows: int, cols: int) -> settling.Transients | None:
-    """Several frames as one: those with fewer exponentials, or none, have some of no charge beside them."""
+    """Join frames; those with fewer exponentials are padded with exponentials of zero charge."""
     if all(f is None for f in found):
         return None
     # [rows, modes] or [rows, cols, modes] of no mode
@@ -209,7 +209,7 @@ def _joined(found: list[settling.Transients | None], rows: int, cols: int) -> se
 
 
 def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
-    """Frames of a part that are worked out alike, in their order, and their slots.
+    """Yield runs of frames that are computed in the same way, in order, with their slots.
 
     None where nothing changes inside a gate: capacitance is all that could, and what it holds has settled before.
     """
@@ -360,14 +360,14 @@ def charges_of(
 
 
 def glows(plan: Plan) -> bool:
-    """Whether a slow mirror sees a current while no row is driven."""
+    """Return True if a slow mirror has an input current while no row is driven."""
     active = plan.active_fields()
     sources = active & {"v_column_offset_v", "i_leak_a"}
     return bool(plan.timing.break_clocks and "q_mirror_c" in active and sources)
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """What `Slots` and `coupling` would refuse in the frame with the most conductance, or None."""
+    """Return the error of `Slots` and `coupling` for the frame with the most conductance, or None."""
     if not couples(plan) and not plan.active_fields() & CAPACITANCES and not ripple.may_bend(plan):
         return None
     first = plan.fullest_frame()
@@ -414,7 +414,7 @@ class Slots:
 
     @classmethod
     def of(cls, plan: Plan, part: slice) -> Slots:
-        """The slots of some frames of a plan, whatever may change in them."""
+        """Return the slots of some frames of a plan."""
         found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
         return cls(plan, part, _joined(found, plan.rows, plan.cols))
 
@@ -476,7 +476,7 @@ class Slots:
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
     def _way(self, g_behind: Floats | None) -> tuple[Floats, Way]:
-        """Mean duties over the gate, [frames, rows, cols], and how far they go, in front of a compression."""
+        """Return the mean duties over the gate, [frames, rows, cols], and their range, before compression."""
         gate = self.basis[self._settle : self._settle + self._gate]
         ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
         means = self.terms * gate.mean(axis=0)[:, np.newaxis]

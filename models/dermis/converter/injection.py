@@ -66,7 +66,7 @@ def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
     network = plan.network(0)
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         return np.zeros(plan.cols, dtype=bool)
-    # Only where rows float do time constants hang on taxels.
+    # Time constants depend on taxels only where rows float.
     frames = range(plan.frames if not np.isfinite(network.r_row_grounded_ohm) else 1)
     slowest_s = min(settling.slowest_s(network, plan.conductance_s(slice(f, f + 1))) for f in frames)
     felt = slowest_s * plan.timing.f_clk_hz > settling.BRISK_CLOCKS

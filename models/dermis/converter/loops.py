@@ -32,7 +32,7 @@ SIGMA, WHITE, SLOPE, APERTURE = range(4)
 
 # Charge a clock up to which a limit is seen inside a clock too; more ends at the limit anyway.
 SLOPE_MAX = 2.0
-# Packets by which a charge may stand off its limit and still be at it.
+# Distance in packets from a limit up to which a charge counts as at the limit.
 AT_LIMIT = 1e-14
 # Clocks of lag up to which the output of a clock is that of its own charge to a fifth.
 SWIFT = 0.1
@@ -112,7 +112,7 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
     rate_b, drive_b, weight_b = fast
     turn = math.nan
     if rate_b != 0.0:
-        # A charge that stands at its limit and is pushed on stays there.
+        # A charge at its limit that is pushed further stays there.
         w = weight_a * a + weight_b * b
         push = weight_a * (rate_a * a + drive_a * current) + weight_b * (rate_b * b + drive_b * current)
         if (w >= high - AT_LIMIT and push > 0.0) or (w <= low + AT_LIMIT and push < 0.0):
@@ -383,7 +383,7 @@ def walk(  # type: ignore
                 if latch is not None:
                     new_a -= half_a[c] * q1[c]
                 if carry is not None:
-                    # The same sum one by one; what each step rounds off is summed up beside it.
+                    # The same sum one by one; the rounding errors of the steps are summed separately.
                     added, taken, lost = gain_a[c] * x_c[c], -take_a[c] * q2[c], loss_a[c] * a
                     most = main_c[c]
                     rest = _rounded_off(most, added)
