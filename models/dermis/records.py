@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -68,6 +68,12 @@ class Drive:
         """
         per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
         return (frame * per_frame + clocks * per_clock) % whole / whole
+
+    def turns_at(self, frames: Iterable[int], clocks: Iterable[int], f_clk_hz: float) -> list[list[float]]:
+        """`turns` of every frame at every one of `clocks`, [frames, clocks]."""
+        per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
+        within = [clock * per_clock for clock in clocks]
+        return [[(frame * per_frame + clock) % whole / whole for clock in within] for frame in frames]
 
     def active_fields(self) -> frozenset[str]:
         """Return the names of the fields that make something change inside a frame."""

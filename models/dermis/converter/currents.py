@@ -274,7 +274,7 @@ def phases(plan: Plan, part: slice) -> Floats:
     timing, drive = plan.timing, plan.drive
     begins = range(0, plan.rows * timing.slot_clocks, timing.slot_clocks)
     frames = range(plan.first_frame + part.start, plan.first_frame + part.stop)
-    turns = [[drive.turns(frame, clock, timing.f_clk_hz) for clock in begins] for frame in frames]
+    turns = drive.turns_at(frames, begins, timing.f_clk_hz)
     return 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
 
 

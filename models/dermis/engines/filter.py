@@ -9,6 +9,7 @@ event, for random numbers depend on the cell alone (docs/auto.md).
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -81,7 +82,7 @@ class Table:
             "level_1": self.drawn,
             "everything": self.walked,
             "reason": self.reason,
-            "bound_over_shift": float(np.median(self.looseness)) if self.looseness else 0.0,
+            "bound_over_shift": statistics.median(self.looseness or [0.0]),
             "effects": effects,
         }
 
@@ -106,7 +107,7 @@ def merged(tables: list[dict[str, Any]]) -> dict[str, Any]:
             )
             one[2] += walked
     sums = {name: sum(t[name] for t in tables) for name in ("decided", "level_1", "everything")}
-    looseness = float(np.median([t["bound_over_shift"] for t in tables]))
+    looseness = statistics.median(t["bound_over_shift"] for t in tables)
     return sums | {"reason": tables[0]["reason"], "bound_over_shift": looseness, "effects": effects}
 
 
@@ -291,7 +292,8 @@ class _Part:
             codes, open_ = self._decide(s.x, shift, rest, start, packet, plan.budget_lsb)
             moved = np.abs(shift - s.late).ravel()[::_EACH]
             if (felt := moved > _ROUNDING).any():
-                self.table.looseness.append(float(np.median(rest.ravel()[::_EACH][felt] / moved[felt])))
+                ratio = np.sort(rest.ravel()[::_EACH][felt] / moved[felt])
+                self.table.looseness.append(float(ratio[ratio.size // 2]))
         self._tally()
         cells = np.nonzero(open_)
         self.table.decided += codes.size - cells[0].size
