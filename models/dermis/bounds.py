@@ -35,14 +35,16 @@ class Bound(NamedTuple):
     """Error of an effect in packets, each broadcastable to [frames, rows, cols].
 
     In a quiet cell (`Solved.quiet`) the level at the last decision is off by `shift`, known to `rest`. In any cell no
-    level is off by more than `whole`. `drawn` and `drawn_whole` take the place of `rest` and `whole` once the random
-    numbers of the cell are drawn; None changes nothing. `level` says that it moves levels; otherwise it moves the
-    charge that comes, within the limits that `Solved.low` and `high` state.
+    level is off by more than `whole`. `random` comes on top of both: SIGMAS standard deviations of a normal number that
+    is independent of those of other effects, so that they add as squares. `drawn` takes its place in a quiet cell once
+    the random numbers of the cell are drawn, `drawn_whole` in any cell; None changes nothing. `level` says that it
+    moves levels; otherwise it moves the charge that comes, within the limits that `Solved.low` and `high` state.
     """
 
     shift: ArrayLike = 0.0
     rest: ArrayLike = 0.0
     whole: ArrayLike = 0.0
+    random: ArrayLike = 0.0
     drawn: ArrayLike | None = None
     drawn_whole: ArrayLike | None = None
     level: bool = True
@@ -289,7 +291,7 @@ def integrator_range(s: Solved) -> Bound:
 def _drawn_once(sd: ArrayLike) -> Bound:
     """An error that is one normal number of the slot."""
     most = SIGMAS * np.asarray(sd)
-    return Bound(0.0, most, most, 0.0, 0.0)
+    return Bound(random=most, drawn=0.0, drawn_whole=0.0)
 
 
 def _path(s: Solved, variance: ArrayLike) -> Bound:
@@ -303,12 +305,11 @@ def _path(s: Solved, variance: ArrayLike) -> Bound:
     variance = np.asarray(variance)
     sigma = np.sqrt(variance)
     whole = SIGMAS * math.sqrt(n) * sigma
-    # The end of the gate between 0 and the end of the grid; and the deviation grows a little with the current.
-    bridge = SIGMAS * sigma * math.sqrt(n * (span - n) / span) + 0.02 * whole
+    bridge = SIGMAS * sigma * math.sqrt(n * (span - n) / span)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         climbs = np.where(variance > 0, (SIGMAS**2 / 4.0) * variance / np.maximum(s.low, 1e-30), 0.0)
-    early = np.minimum(climbs, 2.0 * whole)
-    return Bound(0.0, np.minimum(whole + early, 2.0 * whole), whole, bridge + early)
+    # The deviation grows a little with the current.
+    return Bound(rest=np.minimum(climbs, whole) + 0.02 * whole, random=whole, drawn=bridge)
 
 
 def thermal_noise(s: Solved) -> Bound:
@@ -330,13 +331,13 @@ def clock_jitter(s: Solved) -> Bound:
     rate = np.minimum(np.maximum(np.abs(s.low), np.abs(s.high)), 0.5)
     path = _path(s, 2.0 * jitter**2 * rate)
     sample = SIGMAS * jitter * np.maximum(np.abs(s.low), np.abs(s.high))
-    return path._replace(rest=path.rest + sample, whole=path.whole + sample, drawn=path.drawn + sample)
+    return path._replace(rest=path.rest + sample, whole=sample)
 
 
 def comparator_noise(s: Solved) -> Bound:
     """Every decision has a level of its own."""
     most = SIGMAS * s.converter.v_comp_noise_v / s.output_v
-    return Bound(0.0, most, most)
+    return Bound(random=most)
 
 
 def metastability(s: Solved) -> Bound:

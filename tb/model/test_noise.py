@@ -363,7 +363,7 @@ def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> 
         variances.append(event._noise_variance(plan, plan.conductance_s()))
         part = filter._Part(plan, slice(0, 1), filter.bounding(plan), filter.Table())
         # The bound is as many standard deviations of the path at the end of the gate.
-        told = part.found["thermal_noise"].whole
+        told = part.found["thermal_noise"].random
         most = bounds.SIGMAS * np.sqrt(plan.timing.gate_clocks * variances[-1])
         assert told == pytest.approx(np.broadcast_to(most, np.shape(told)), rel=1e-12)
     # As above.

@@ -216,7 +216,6 @@ def compare(world: scene.Scene, name: str, warm: set[Any] | None = None, repeats
         return engines.run(planning.make(world, "event"))
 
     chosen = planning.make(world, "event")
-    engines.check(chosen)
     if warm is not None and _loops(chosen) not in warm:
         warm.add(_loops(chosen))
         everything(), filtered()
@@ -278,7 +277,7 @@ def mutants(count: int, seed: int, frames: int) -> tuple[list[str], list[str]]:
 
         def halved(s: bounds.Solved, own: bounds.Bounding = effect.bound) -> bounds.Bound:
             bound = own(s)
-            parts = (None if v is None else 0.5 * np.asarray(v) for v in bound[:5])
+            parts = (None if v is None else 0.5 * np.asarray(v) for v in bound[:6])
             return bounds.Bound(*parts, level=bound.level)
 
         effects.EFFECTS[name] = replace(effect, bound=halved)

@@ -273,14 +273,18 @@ class _Part:
         found = {}
         for name, function in functions.items():
             found[name] = bound = function(self.s)
-            self.s.error = self.s.error + bound.whole
+            most = bound.whole + np.asarray(bound.random)
+            self.s.error = self.s.error + most
             if bound.level:
-                self.s.levels = self.s.levels + bound.whole
+                self.s.levels = self.s.levels + most
         return found
 
     def error(self) -> Floats:
         """Packets that the level at the decisions of each cell is known to, without random numbers drawn."""
-        return np.where(self.quiet, sum((b.rest for b in self.found.values()), 0.0), self.s.error)
+        bounds_ = self.found.values()
+        rest, whole = (sum((getattr(b, part) for b in bounds_), 0.0) for part in ("rest", "whole"))
+        squares = sum((np.square(b.random) for b in bounds_ if np.any(b.random)), 0.0)
+        return np.where(self.quiet, rest, whole) + np.sqrt(squares)
 
     def codes(self) -> NDArray[np.unsignedinteger]:
         """Codes of these frames."""
@@ -298,7 +302,7 @@ class _Part:
         cells = np.nonzero(open_)
         self.table.decided += codes.size - cells[0].size
         if cells[0].size and self.keys is not None and plan.active_fields() & event.RANDOM:
-            still = self._draw(cells, codes, shift[cells], rest[cells])
+            still = self._draw(cells, codes, shift[cells])
             self.table.drawn += cells[0].size - int(still.sum())
             cells = tuple(index[still] for index in cells)
         if cells[0].size:
@@ -356,7 +360,6 @@ class _Part:
         cells: tuple[NDArray[np.intp], ...],
         codes: NDArray[np.unsignedinteger],
         shift: Floats,
-        rest: Floats,
     ) -> Bools:
         """Decide open cells with the random numbers of their slots; where they stay open."""
         plan, s = self.plan, self.s
@@ -366,11 +369,15 @@ class _Part:
             return np.broadcast_to(np.asarray(value, dtype=float), shape)[cells]
 
         quiet = self.quiet[cells]
+        rest = np.full(cells[0].size, _ROUNDING)
+        squares = np.zeros(cells[0].size)
         for bound in self.found.values():
-            if bound.drawn is not None:
-                rest = rest + np.where(quiet, at(bound.drawn) - at(bound.rest), 0.0)
-            if bound.drawn_whole is not None:
-                rest = rest + np.where(quiet, 0.0, at(bound.drawn_whole) - at(bound.whole))
+            rest = rest + np.where(quiet, at(bound.rest), at(bound.whole))
+            if np.any(bound.random):
+                known = bound.random if bound.drawn is None else bound.drawn
+                always = bound.random if bound.drawn_whole is None else bound.drawn_whole
+                squares = squares + np.where(quiet, at(known), at(always)) ** 2
+        rest = rest + np.sqrt(squares)
         chosen = self._chosen(cells)
         drawn, converter = event.cells_chosen(plan, chosen)
         variance = event.path_variance(converter, at(s.g_column_s))
@@ -447,7 +454,7 @@ class _Part:
         for name, bound in self.found.items():
             tally = self.table.effects[name]
             tally.caused = max(tally.caused, float(np.max(np.abs(bound.shift))))
-            tally.possible = max(tally.possible, float(np.max(bound.whole)))
+            tally.possible = max(tally.possible, float(np.max(bound.whole + np.asarray(bound.random))))
 
     def _blame(self, cells: tuple[NDArray[np.intp], ...]) -> None:
         """Count each walked cell for the effect whose bound is the largest there."""
@@ -457,7 +464,8 @@ class _Part:
         parts = []
         for bound in self.found.values():
             rest, whole = (
-                np.broadcast_to(np.asarray(v, dtype=float), shape)[cells] for v in (bound.rest, bound.whole)
+                np.broadcast_to(np.asarray(v + np.asarray(bound.random), dtype=float), shape)[cells]
+                for v in (bound.rest, bound.whole)
             )
             parts.append(np.where(quiet, rest, whole))
         for index, many in zip(*np.unique(np.argmax(parts, axis=0), return_counts=True), strict=True):
@@ -468,7 +476,7 @@ def largest(plan: Plan) -> dict[str, float]:
     """Largest error in packets that each effect of a plan may cause in engine closed, 0 where that honours it."""
     functions = bounding(plan)
     part = _Part(plan, slice(0, plan.frames), functions, Table())
-    found = {name: float(np.max(bound.whole)) for name, bound in part.found.items()}
+    found = {name: float(np.max(b.whole + np.asarray(b.random))) for name, b in part.found.items()}
     return dict.fromkeys(plan.on, 0.0) | found
 
 
@@ -490,11 +498,8 @@ def random_margin(plan: Plan) -> Floats:
         # Cells with a larger error are walked.
         linear = np.where(linear <= plan.budget_lsb, linear, 0.0)
         for name in names:
-            whole = np.asarray(part.found[name].whole)
-            if name == "metastability":
-                linear = linear + whole
-            else:
-                squares = squares + (whole * (sigma / bounds.SIGMAS)) ** 2
+            linear = linear + part.found[name].whole
+            squares = squares + (np.asarray(part.found[name].random) * (sigma / bounds.SIGMAS)) ** 2
         window = s.converter.v_hysteresis_v / s.output_v
         kept = window + np.where(part.quiet, 0.0, (s.delay + s.lag) * s.packet)
         cells = linear + np.sqrt(squares)
