@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import random
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -19,24 +20,12 @@ from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.report.progress import slots
 from dermis.scene import scene
-from dermis.scene.design import TOPOLOGIES
-from dermis.scene.design import load as load_design
 from dermis.scene.scene import SCENES
+from tb.reference import scenes
+from tb.reference.scenes import PROFILES, World
 
 _LONG = 200
 """Frames of a long scene."""
-KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
-# Values of effects are drawn this many decades below and above their defaults.
-_DECADES = (-3.0, 0.3)
-_SIGNED = {"ratio_error", "packet_error", "v_v", "i_a", "delta_k", "tc_per_k"}
-_BELOW = {"t_aperture_s": 1e-7, "t_s": 1e-7, "relative": 0.5}
-
-
-# These couple the columns of topology direct; where they do so by more than a count, engine event refuses them
-# together with finite gain.
-_COUPLING = ("lateral", "row_driver", "column_input", "trace")
-# Those that have resistance in the way of a taxel's current.
-_LINES = ("row_driver", "column_input", "trace")
 
 
 @dataclass(frozen=True)
@@ -64,118 +53,10 @@ class Outcome:
         return self.walked / self.conversions
 
 
-def random_scene(rng: np.random.Generator, directory: Path, frames: int = 24) -> dict[str, Any]:
-    """Data of a random scene with auto on; files it needs are written into `directory`."""
-    rows, cols = (16, 16) if rng.random() < 0.5 else (int(v) for v in rng.integers(3, 20, 2))
-    topology = str(rng.choice(TOPOLOGIES))
-    design = load_design()
-    on: dict[str, Any] = {"auto": {}}
-    motion = rng.random() < 0.15
-    for effect in effects.EFFECTS.values():
-        if topology not in effect.topologies:
-            continue
-        if effect.name.startswith("sensor_") and rng.random() < 0.8:
-            continue
-        if effect.name == "motion":
-            if motion:
-                on["motion"] = {}
-            continue
-        values = effect.table().model_dump() | effect.defaults(design, topology)
-        if None in values.values():
-            values = {name: 10.0 ** rng.uniform(-1, 1) if v is None else v for name, v in values.items()}
-        if rng.random() < 0.7:
-            signed = effect.name not in ("comparator_noise", "comparator_hysteresis")
-            on[effect.name] = {name: _drawn(rng, name, v, signed) for name, v in values.items()}
-    if topology == "direct":
-        couples = rng.random() < 0.5
-        on |= dict.fromkeys(("integrator_gain", "integrator_bandwidth") if couples else _COUPLING, False)
-    law, kind = str(rng.choice(["inverse", "inverse", "power"])), str(rng.choice(KINDS))
-    if kind == "resistance" and not any(on.get(name, True) for name in _LINES):
-        # A short across sources of unlike voltages is refused.
-        on["column_offset"] = False
-    return {
-        "array": {"rows": rows, "cols": cols},
-        "sensor": {"law": law},
-        "stimulus": stimulus(rng, kind, rows, cols, frames, directory),
-        "interface": {
-            "topology": topology,
-            "k": int(rng.choice(design.interface.k_options)),
-            "v_bias_v": float(rng.uniform(0.25, 0.6)),
-        },
-        "effects": on,
-        "run": {"seed": int(rng.integers(1 << 31))},
-    }
-
-
-def _drawn(rng: np.random.Generator, name: str, default: Any, signed: bool) -> Any:
-    if name in ("v_max_v", "v_min_v", "v_overdrive_v", "temperature_c", "frequency_hz"):
-        return float(default) * float(rng.uniform(0.85, 1.1))
-    if name == "phase_deg":
-        return float(rng.uniform(-180, 180))
-    if name == "spread":
-        return 0.0 if rng.random() < 0.5 else float(10 ** rng.uniform(-4, -2))
-    if name in ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm"):  # the larger the better
-        return float(default) * float(10 ** -rng.uniform(*_DECADES))
-    value = float(default) * float(10 ** rng.uniform(*_DECADES))
-    value = min(value, _BELOW.get(name, np.inf))
-    return -value if signed and name in _SIGNED and rng.random() < 0.5 else value
-
-
-def body(rng: np.random.Generator, rows: int, cols: int) -> dict[str, Any]:
-    """Shape, size and place of a random body."""
-    return {
-        "shape": str(rng.choice(["flat", "triangular", "cylindrical", "spherical", "round"])),
-        "width": float(rng.uniform(1, cols)),
-        "length": float(rng.uniform(1, rows)),
-        "center_row": float(rng.uniform(0, rows - 1)),
-        "center_col": float(rng.uniform(0, cols - 1)),
-        "angle_deg": float(rng.uniform(-180, 180)),
-        "samples": int(rng.integers(1, 4)),
-    }
-
-
-def stimulus(
-    rng: np.random.Generator, kind: str, rows: int, cols: int, frames: int, directory: Path
-) -> dict[str, Any]:
-    """[stimulus] of a kind; what it reads goes into `directory`."""
-    forces = [float(f) for f in rng.uniform(0, 18, frames)]
-    if kind == "uniform":
-        codes = [int(c) for c in rng.integers(0, 256, frames)]
-        ohms = [float(r) for r in 10.0 ** rng.uniform(2.4, 5, frames)]
-        choice = [{"code": codes}, {"force_n": forces}, {"r_ohm": ohms}][rng.integers(3)]
-        return {"kind": kind} | choice
-    if kind in ("frames", "resistance"):
-        shape = (frames, rows, cols)
-        if kind == "frames":
-            touched = rng.random(shape) < rng.uniform(0.05, 1.0)
-            values, more = np.where(touched, rng.integers(0, 256, shape), 0), {"unit": "codes"}
-        else:
-            values, more = 10.0 ** rng.uniform(2.6, 6, shape), {}
-            values[rng.random(shape) < 0.3] = np.inf
-            if rng.random() < 0.3:
-                values[0, 0, 0] = 0.0
-        np.save(directory / f"{kind}.npy", values)
-        return {"kind": kind, "file": f"{kind}.npy"} | more
-    form = body(rng, rows, cols)
-    if kind == "indenter":
-        return {"kind": kind, "force_n": forces} | form
-    if kind == "slip":
-        speed, way = float(10 ** rng.uniform(0, 3)), float(rng.uniform(-180, 180))
-        moving = {"speed_pitch_per_s": speed, "direction_deg": way, "force_n": forces[0]}
-        return {"kind": kind, "frames": frames} | moving | form
-    if kind == "tapping":
-        return {
-            "kind": kind,
-            "frames": frames,
-            "frequency_hz": float(rng.uniform(5, 80)),
-            "force_n": forces[0],
-        } | form
-    if kind == "ramp":
-        return {"kind": kind, "frames": frames, "force_n": forces[:4]} | form
-    parts = [
-        {"kind": "ramp", "frames": frames, "force_n": forces[:3]} | body(rng, rows, cols) for _ in range(2)
-    ]
-    return {"kind": "several", "parts": parts}
+def random_scene(seed: int, number: int, frames: int) -> World:
+    """Return random scene `number` of a seed, with auto."""
+    limits = replace(PROFILES["auto"], frames=(frames,))
+    return scenes.random_scene(random.Random(f"{seed} {number}"), limits)
 
 
 # Each of these is on or off in a compiled loop of its own.
@@ -258,9 +139,7 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
 
     with tempfile.TemporaryDirectory() as directory, slots("auto-check", count, "scenes") as on_done:
         for number in range(count):
-            rng = np.random.default_rng([seed, number])
-            data = random_scene(rng, Path(directory), frames)
-            take(scene.from_data(data, Path(directory) / "scene.toml"), f"random {number}")
+            take(random_scene(seed, number, frames).read(Path(directory)), f"random {number}")
             on_done(number + 1)
     for path in sorted(SCENES.glob("*.toml")) if stored else ():
         take(auto.with_auto(scene.load(path)), path.stem)

@@ -169,6 +169,7 @@ PROFILES = {
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
 
 _LARGER_IS_WEAKER = ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm")
+_LEVELS = ("v_max_v", "v_min_v", "v_overdrive_v", "temperature_c", "frequency_hz")
 _EXTREMES = (0.0, 1e-30, 1e-21, 1e-12, 1e-6, 1.0, 1e3, 1e9, 1e15, 1e21, 1e30)
 # With few effects on, these go as many decades further up: capacitances, currents that bend or come late, ripple.
 _FURTHER = {"line_capacitance": 4.5, "range_switch": 1.5, "mirror_lag": 1.5, "supply_ripple": 2.5}
@@ -214,7 +215,7 @@ def random_scene(rng: Rng, profile: Profile) -> World:
     if rng.random() > 1.0 - max(profile.auto, float(few and profile.auto > 0)):
         on = {"auto": {"budget_lsb": rng.choice(profile.budgets), "sigma": 6.0}} | _off(profile, few) | on
     if profile.gentle:
-        _gentle(rng, topology, kind, on)
+        _gentle(rng, topology, on)
     scene |= {"interface": interface, "effects": on, "run": {"seed": rng.getrandbits(31)}}
     return World(scene, design, files)
 
@@ -288,7 +289,7 @@ def _taxel(rng: Rng, unit: float, gate: int, profile: Profile, few: bool) -> Cal
 
     def ohm() -> float:
         if share and rng.random() < share:
-            return rng.choice((0.0, math.inf))
+            return math.inf if profile.gentle else rng.choice((0.0, math.inf))
         if few:
             return unit / number(rng, low, high)
         if way < 0.45 or profile.gentle:
@@ -366,18 +367,23 @@ def _value(rng: Rng, name: str, key: str, default: float | None = None, decades:
     """Draw a parameter within its range, or decades beyond; with a default no stronger than twice that."""
     effect = effects.EFFECTS[name]
     low, high = effect.range()[key]
-    if default is not None:
-        weak, strong = (0.5, 1e3) if key in _LARGER_IS_WEAKER else (1e-3, 2.0)
-        low, high = max(low, weak * abs(default)), min(high, strong * abs(default))
+    if default:
+        size = abs(default)
+        if key in _LARGER_IS_WEAKER:
+            low, high = max(low, 0.5 * size), 1e3 * size
+        elif key in _LEVELS:
+            low, high = max(low, 0.8 * size), min(high, 1.2 * size)
+        else:
+            low, high = 1e-3 * size, min(high, 2.0 * size)
     return rng.choice(effect.signs(key)) * number(rng, low / 10.0**decades, max(low, high) * 10.0**decades)
 
 
-def _gentle(rng: Rng, topology: str, kind: str, on: Data) -> None:
+def _gentle(rng: Rng, topology: str, on: Data) -> None:
     """Switch off effects that engine event refuses together."""
     if topology == "direct":
         on |= dict.fromkeys(rng.choice(_COUPLING), False)
-    if kind == "resistance" and not any(on.get(name, True) for name in _COUPLING[0][1:]):
-        on["column_offset"] = False  # a short across sources of unlike voltages is refused
+    if "motion" in on and not {"line_capacitance", "mirror_lag"} <= on.keys():
+        del on["motion"]  # refused with both at their defaults
 
 
 def _body(rng: Rng, rows: int, cols: int) -> Data:
