@@ -18,7 +18,7 @@ HALF_NS = 100  # half a clock of 5 MHz
 
 
 def scenario() -> dict[str, Any]:
-    """What the pytest side asked for."""
+    """Return the scenario from pytest."""
     return json.loads(os.environ["DERMIS_SCENARIO"])
 
 
@@ -28,13 +28,13 @@ def report(result: Any) -> None:
 
 
 async def rise(dut: Any) -> None:
-    """Rising edge of clk_i and the half clock behind it, short of the falling edge by 1 ns."""
+    """Drive a rising edge of clk_i and the half clock after it, less 1 ns."""
     dut.clk_i.value = 1
     await Timer(HALF_NS - 1, "ns")
 
 
 async def fall(dut: Any) -> None:
-    """Falling edge of clk_i and the half clock behind it; an input written now is there 1 ns before the next rise."""
+    """Drive a falling edge of clk_i and the half clock after it; inputs written now are stable 1 ns before the rise."""
     await Timer(1, "ns")
     dut.clk_i.value = 0
     await Timer(HALF_NS - 1, "ns")
@@ -69,11 +69,11 @@ class ReaderBench:
     settings : mapping
         Inputs other than those of `everything`, by port name.
     comp_in_preset : "model", "ones" or "random"
-        What the comparators say while preset is on; a real one may say anything before its integrator has settled.
+        Comparator levels during preset; a real comparator may show any level then.
     shift_clocks : int
         Clocks in which the taker takes one column; dermis_packer takes one or two.
     busy : bool
-        Whether the taker says busy_i until it has taken all columns, as dermis_packer does.
+        True if busy_i is high until all columns are taken, as by dermis_packer.
     checks : bool
         Assert the protocol each clock; off only for the traps.
     """
@@ -101,7 +101,7 @@ class ReaderBench:
         self.edge = -1
         self.row_select = self.preset = self.charge = 0
         self.switches: list[tuple[int, int, int]] = []  # (edge, row_select, preset) at each change
-        self.frame_starts: list[int] = []  # edges behind which frame_start_o was high
+        self.frame_starts: list[int] = []  # edges after which frame_start_o was high
         self.slots: list[dict[str, Any]] = []
         self.taking: int | None = None  # clocks since row_valid_o of the row that is being taken
         self.rising_edges = [0] * self.cols  # of charge_o, whole run
@@ -131,7 +131,7 @@ class ReaderBench:
             await self._clock()
 
     async def run_slots(self, slots: int, limit: int) -> None:
-        """Run until so many more slots were delivered; fail after `limit` clocks."""
+        """Run until a number of slots is delivered; fail after `limit` clocks."""
         wanted = len(self.slots) + slots
         for _ in range(limit):
             if len(self.slots) >= wanted and self.taking is None:
@@ -142,7 +142,7 @@ class ReaderBench:
     async def _clock(self) -> None:
         dut, analog = self.dut, self.analog
         self.edge += 1
-        await Timer(1, "ns")  # what was written since the last clock is there before the edge
+        await Timer(1, "ns")  # values written since the last clock are stable before the edge
         dut.clk_i.value = 1
         await Timer(HALF_NS, "ns")
         row_select, preset = int(dut.row_select_o.value), int(dut.preset_o.value)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns through the closed loop in processes, each once: what one showed is kept by the content of its deck."""
+"""Columns through the closed loop in processes, each once: records are stored under the hash of their deck."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ CONDITIONS = (
     Condition("sf", 27.0),
     Condition("fs", 27.0),
 )
-"""What is extracted: typical, both ends of speed at the temperature that makes them worse, both skews."""
+"""Extracted conditions: typical, slow and fast at their worse temperature, both skews."""
 
 RANGES = (80, 20, 40, 160)
 
 _SHOWN = "slots"
-"""Name of what a column's file keeps."""
+"""Key of the record in the file of a column."""
 
 _OPEN_S, _CLOCK_S = 120.0, 1.0
-"""Limit of a column: its operating point, and each of its clocks, thirty times what they take on an idle core."""
+"""Time limits of a column: operating point and clock, thirty times those on an idle core."""
 
 
 def everything() -> list[Case]:
@@ -79,20 +79,20 @@ def _unpack(packed: Sequence[dict[str, Any]]) -> list[Slot]:
 def simulate(case: Case, made: Deck, log: Path) -> list[dict[str, Any]]:
     """A column in this process, which ngspice wants for itself."""
     log.parent.mkdir(parents=True, exist_ok=True)
-    os.chdir(log.parent)  # the transistor model writes a file of its own where it runs
+    os.chdir(log.parent)  # the transistor model writes a file in its working directory
     design = design_module.load()
     sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
     return _pack(loop.column(made, case.clocks, sign, design, log))
 
 
 def stamp() -> str:
-    """Of what decides about a column besides its deck: who steps ngspice, and how."""
+    """Return the digest of the code that steps ngspice, which decides about a column besides its deck."""
     files = (Path(loop.__file__), ngspice.SOURCE, Path(ngspice.__file__))
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
 
 
 def deck(case: Case, blocks: Path | None = None) -> Deck:
-    """The deck of a case in one piece: what is hashed is what is run, whatever happens to the netlists meanwhile."""
+    """Return the deck of a case in one piece, so that the hashed deck is the one that runs."""
     design = design_module.load()
     ohm = gate.resistances(case, design).tolist()
     made = loop.deck_of(case.topology, case.k, ohm, case.condition, design, blocks)
@@ -107,7 +107,7 @@ def shown(
     fresh: bool = False,
     work: Path = WORK,
 ) -> list[list[Slot] | str]:
-    """What columns show, in the order in which they are asked for; a text where one was not measured says why.
+    """Return the records of columns in order; a text is the reason for a missing one.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from tb.programs.equivalence import cases, extract, gate
 from tb.programs.equivalence.gate import Case
 
 LENGTH = Case(codes=(0, 64, 200, 250))
-"""What is read with a gate of the chip's own length as well."""
+"""Cases that are also read with a gate of the full length."""
 
 DOCS = ROOT / "docs" / "equivalence.md"
 
@@ -81,7 +81,7 @@ def gate_rows(chosen_cases: Sequence[Case], jobs: int, fresh: bool = False) -> l
 
 
 def length_rows(jobs: int, fresh: bool = False) -> list[Row]:
-    """The short gate against one of the chip's own length: codes counted there, and what the short one foresaw."""
+    """Judge the short gate against the full one: counted codes, and predictions of the short one."""
     short = LENGTH
     with progress.slots("equivalence", 2, "gates") as tell:
         found = cases.shown([(short, None), (cases.full(short), None)], jobs, tell, fresh)
@@ -90,7 +90,7 @@ def length_rows(jobs: int, fresh: bool = False) -> list[Row]:
         return [verdict.error(name, "; ".join(s for s in found if isinstance(s, str)))]
     foreseen = gate.read(found[0]).counts()
     counted = [int(slot.bits.sum()) for slot in found[1]]
-    # A count is what it was cut to: up to one below the number that was foreseen.
+    # A count is truncated: up to one below the prediction.
     beyond = [max(c - u, u - c - 1.0, 0.0) for c, u in zip(counted, foreseen, strict=True)][
         gate.SETTLING_ROWS :
     ]

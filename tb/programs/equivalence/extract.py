@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the effects of a channel in transistors are: benches on its blocks alone, and the parameters they give.
+"""Effects of a channel in transistors: benches of its blocks, and their parameters.
 
 No bench closes the loop: the parameters predict how the loop will count, and tb.programs.equivalence.gate measures
 whether it does.
@@ -18,23 +18,23 @@ from scripts.characterise.benches import AMPLIFIER, Condition, amplifier, row_dr
 
 Found = Mapping[str, float]
 Measure = Callable[[str, Condition], Found]
-"""Runs the body of a deck at a condition and returns what its `.meas` found."""
+"""Runs the body of a deck at a condition and returns its `.meas`."""
 
 I0_A, C_F, T_CLK_S = 25e-6, 5e-12, 200e-9
-"""What the circuit was drawn for; a packet is I0_A * T_CLK_S."""
+"""Nominal values of the circuit; a packet is I0_A * T_CLK_S."""
 
 POINTS = 11
 """Currents of a line, from none to x = 1/2, evenly."""
 
 LIFT_V = 0.02
-"""How far the summing node is moved to see what hangs on it: far more than the amplifier lets it move."""
+"""Step of the summing node that measures its load: far more than in operation."""
 
 TOPOLOGIES = ("conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
 """Channels with a conveyor; the direct interface has its own parameters (docs/equivalence.md)."""
 
 
 def polarity(topology: str) -> int:
-    """-1 where the mirror sinks what it copies, and all behind it turns round."""
+    """-1 if the mirror sinks, and all blocks after it are inverted."""
     return -1 if topology == "conveyor_mirror_inverted" else 1
 
 
@@ -117,7 +117,7 @@ def column(found: Found, k: int) -> list[Measured]:
 
 
 def chain_body(topology: str, k: int) -> str:
-    """The way from the column to the summing node, and a charge source on a node of its own."""
+    """Return the path from column to summing node, and a charge source on a separate node."""
     meas = "".join(f".meas dc out{n} find i(vsum) at={n}\n" for n in range(POINTS + 2))
     meas += "".join(f".meas dc off{n} find i(vout) at={n}\n" for n in (0, 11, 12))
     meas += ".meas dc supply find i(vdd) at=5\n"
@@ -128,10 +128,10 @@ def chain_body(topology: str, k: int) -> str:
 
 
 def chain(found: Found, topology: str, k: int) -> list[Measured]:
-    """A line through the current, and what hangs on the summing node."""
+    """Fit a line through the current, and the load of the summing node."""
     duty = np.linspace(0.0, 0.5, POINTS)
     out = polarity(topology) * np.array([found[f"out{n}"] for n in range(POINTS)]) / I0_A
-    # Of all lines the one that is nearest where it is farthest: its distance is half of what the chord's is.
+    # The minimax line: its distance is half of that of the chord.
     gain, offset = _nearest_line(duty, out)
     apart_lsb = 510.0 * float(np.max(np.abs(out - gain * duty - offset)))
     g_out = (found["out11"] - found["out12"]) / (2.0 * LIFT_V)
@@ -178,7 +178,7 @@ def _ohm(conductance_s: float) -> float:
 
 # ---- integrator and charge source ----------------------------------------------------------------------------
 
-# Two runs of packets behind a preset each: one every other clock, which x = 1/2 asks for, and one every eighth.
+# Two runs of packets, each after a preset: one every second clock, as at x = 1/2, and one every eighth.
 _FAST = {"at": 1e-6, "i": 11e-6, "free": 3, "pace": 2, "packets": 8}
 _SLOW = {"at": 7e-6, "i": 2.9e-6, "free": 8, "pace": 8, "packets": 3}
 _BEFORE_S = 10e-9  # a value is read so long before an edge
@@ -213,7 +213,7 @@ def vfc_body(sign: int) -> str:
 
 
 def vfc_runs(found: Found, sign: int) -> dict[str, dict[str, float]]:
-    """Of both runs: the capacitor, the start and the packet, each against what it should be."""
+    """Return capacitor, start and packet of both runs, each relative to nominal."""
     values = {}
     for name, run in (("fast", _FAST), ("slow", _SLOW)):
         held, begin, to, end = (sign * found[f"{name}_{at}"] for at in ("held", "from", "to", "end"))
@@ -258,7 +258,7 @@ _RAMPS = {"fast": (0.1, 100e-9, 2.5e6), "slow": (0.02, 100e-9, 5e4)}
 
 
 def comparator_body(sign: int) -> str:
-    """The comparator as the converter has it, behind two ramps."""
+    """Return the comparator as in the converter, on two ramps."""
     lines, meas = [], ""
     for name, (start, begin, slope) in _RAMPS.items():
         end = begin + 2.0 * start / slope
@@ -301,7 +301,7 @@ def bodies(topology: str, k: int) -> dict[str, str]:
 
 
 def parameters(name: str, found: Found, topology: str, k: int) -> list[Measured]:
-    """What one of these decks found, as parameters."""
+    """Return the results of one deck as parameters."""
     if name == "amplifier":
         amp = amplifier(found)
         gain = 10.0 ** (amp["amplifier_gain_db"] / 20.0)
@@ -324,7 +324,7 @@ def parameters(name: str, found: Found, topology: str, k: int) -> list[Measured]
 
 
 def effects(found: Mapping[str, Found], topology: str, k: int) -> list[Measured]:
-    """The parameters of a channel from what all its decks found, in the order of the effects."""
+    """Return the parameters of a channel from all its decks, in the order of the effects."""
     every = [m for name in found for m in parameters(name, found[name], topology, k)]
     return sorted(every, key=lambda m: list(EFFECTS).index(m.effect))
 

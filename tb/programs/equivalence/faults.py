@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single faults seeded in the netlists of spice/sky130, and what notices them: a block's bench, or the closed loop.
+"""Single faults seeded in the netlists of spice/sky130, found by the bench of a block or the closed loop.
 
 The faults are those of drawing and wiring: a device left out, turned round, of the wrong kind or number, pins and
 controls exchanged, a line open, two lines joined, a switch that does not switch. They are made by rule from every line
@@ -39,13 +39,13 @@ FILES = (
     "vfc.sp",
     "channel_conveyor_mirror.sp",
 )
-"""What the channel of Fig. 5a is made of, besides devices."""
+"""Blocks of the channel of Fig. 5a."""
 
 USED_WITH = {"polarity > 0": True, "k > 0": True}
 """Which side of an `.if` that channel takes."""
 
 LOOP = Case(codes=(0, 0, 64, 200, 250), clocks=64)
-"""The closed loop for what no bench notices."""
+"""The closed loop, for faults that no bench finds."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Element:
-    """A line of a netlist: its name, nodes, what it is, and what follows."""
+    """A line of a netlist: name, nodes, model and parameters."""
 
     file: str
     line: int
@@ -176,11 +176,11 @@ def written(fault: Fault, folder: Path) -> Path:
     return place
 
 
-# ---- what a bench notices ------------------------------------------------------------------------------------
+# ---- benches --------------------------------------------------------------------------------------------------
 
-# How far a value may be from that of the netlist as it stands. Both are computed by the same solver from the same deck
-# and repeat to 1e-6. What moves a code may move it by a quarter of a count; what moves none by a fiftieth (a twentieth
-# where it is a ratio of small differences), far above what convergence leaves and below one device in sixteen.
+# Allowed difference from the value without a fault. Both come from the same solver and deck
+# and repeat to 1e-6. A value that affects a code may change it by a quarter of a count; others by 2 % (5 %
+# for a ratio of small differences), far above convergence errors and below one device in sixteen.
 TOLERANCES: Mapping[str, tuple[float, float]] = {  # absolute, relative
     "row_driver.r_ohm": (0.0, 0.02),
     "row_driver.grounded_r_ohm": (0.0, 0.02),
@@ -192,7 +192,7 @@ TOLERANCES: Mapping[str, tuple[float, float]] = {  # absolute, relative
     "integrator_gain.r_in_ohm": (
         math.inf,
         0.0,
-    ),  # of a device that is off; what leaks stands in offset_current
+    ),  # of a device that is off; leakage is in offset_current
     "integrator_gain.gain_dc": (0.0, 0.05),
     "integrator_bandwidth.gbw_hz": (0.0, 0.02),
     "charge_packet.packet_error": (1e-3, 0.0),
@@ -241,12 +241,12 @@ def moved(have: Sequence[Measured], want: Sequence[Measured]) -> str:
 
 
 BENCH_LIMIT_S = 90.0
-"""Of one attempt at a bench with a fault: twenty times what it takes without on an idle core."""
+"""Time limit of a bench with a fault: twenty times its time without on an idle core."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What became of a fault.
+    """Outcome of a fault.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ class Found:
 
 
 def _of_the_circuit(what: str) -> bool | None:
-    """Whether an error of ngspice is one of the circuit: no solution on any rung, or what is measured never comes.
+    """Return True if an error of ngspice is due to the circuit: no solution on any rung, or a missing measurement.
 
     A limit that was reached, a process that was lost: of those the circuit may be innocent.
     """
@@ -299,7 +299,7 @@ def _parameters(name: str, found: Mapping[str, float]) -> list[Measured]:
 
 
 def bench(fault: Fault, folder: Path) -> Found:
-    """What a block's bench notices of a fault; benches that the fault does not reach are kept from the run without."""
+    """Return the findings of the benches of a block; benches without the fault reuse the results of the sound run."""
     blocks = written(fault, folder)
     for name, body in bodies().items():
         should = runs.measured(body, TYPICAL)
@@ -314,7 +314,7 @@ def bench(fault: Fault, folder: Path) -> Found:
 
 
 def loop(slots: list[Slot] | str) -> Found:
-    """What the closed loop says of a fault."""
+    """Return the finding of the closed loop."""
     if isinstance(slots, str):
         return Found("closed loop", slots[:100], _of_the_circuit(slots))
     try:

@@ -31,7 +31,7 @@ from tb.programs.equivalence.loop import Slot
 
 CODES = (0, 0, 2, 20, 64, 128, 200, 250)
 """Ideal codes of a column's taxels: both ends, and steps between. Above 250 a gain of 2 % is beyond full scale. In the
-first slot behind power-on the offset null finds its level; it is read like any other, and not compared."""
+first slot after power-on the offset null settles; it is read like any other, and not compared."""
 
 SETTLING_ROWS = 1
 
@@ -97,7 +97,7 @@ def read(slots: Sequence[Slot]) -> Reading:
     Raises
     ------
     ValueError
-        No row has a packet: nothing says what one is.
+        No row has a packet, so its size is unknown.
     """
     rows = len(slots)
     parts, values = [], []
@@ -121,7 +121,7 @@ def read(slots: Sequence[Slot]) -> Reading:
 
 
 def _levels(slots: Sequence[Slot]) -> NDArray[np.float64]:
-    """Where each row's comparator turns, half way between what it called low and high.
+    """Return the threshold of the comparator in each row, half way between its highest low and lowest high.
 
     A row in which it called everything the same has the level of the nearest row in which it did not.
     """
@@ -161,7 +161,7 @@ def resistances(case: Case, design: Design) -> NDArray[np.float64]:
 
 
 def model_slots(made: Plan, clocks: int) -> list[Slot]:
-    """What the event engine shows of a column, clock by clock, from gates of every length; charge in packets."""
+    """Return a column of the event engine clock by clock, from gates of every length; charge in packets."""
     g = made.conductance_s()
     x = made.converter.duty(column_currents(made.network(0), g))
     cells = event.cells_of(made, x, g)
@@ -171,7 +171,7 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
     slots = []
     for row in range(made.rows):
         bits = np.diff(counts[row], prepend=0) > 0
-        # Right behind a one the comparator is not asked, and `read` does not ask what it said.
+        # After a one the comparator is not sampled, and `read` skips it.
         slots.append(Slot(bits, bits, np.concatenate([[cells.w0[0, row, 0]], charge[row]])))
     return slots
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One channel in transistors with its loop closed: ngspice in lock-step with the synchronizer, row after row.
+"""Closed loop of one channel in transistors: ngspice in lock-step with the synchronizer, row after row.
 
-A column of taxels hangs on the channel as in the array: one row is driven, the others lie on ground, and at each slot
-the next one takes its turn behind a preset of the chip's own length. The two flip-flops and the gating are the few
-lines of `_slot`: with them a channel is compared apart from the Verilog, which has proofs of its own.
+The column loads the channel as in the array: one row is driven, the others are at ground, and each slot drives the
+next row after a preset of full length. The synchronizer is that of tb/reference/chip.py, so that a channel is judged
+apart from the Verilog, which has its own proofs.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from dermis.chip.spice_text import spice_number
 from dermis.scene.design import Design
 from scripts.characterise.benches import SUPPLY_V, Condition
 from scripts.characterise.runs import START
+from tb.reference.chip import Synchronizer
 
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """What a slot showed, clock by clock from 1 on.
+    """Record of a slot, clock by clock from 1.
 
     Attributes
     ----------
@@ -118,7 +119,7 @@ def column(
 
 
 class _Run:
-    """One attempt of a column: time in clocks, and the edges that begin where it stands."""
+    """One attempt of a column: time in clocks, and the edges from there."""
 
     def __init__(
         self, deck: Deck, clocks: int, sign: float, design: Design, log: Path, level: ladder.Level
@@ -127,7 +128,7 @@ class _Run:
         self.clocks, self.sign = clocks, sign
         self.t_clk, self.v_bias_v = 1.0 / design.converter.f_clk_hz, design.interface.v_bias_v
         self.settle, self.pause = design.timing.settle_clocks, design.timing.break_clocks
-        # Behind the last decision two more clocks, in which its packet is drawn.
+        # After the last decision two more clocks for its packet.
         self.slot_clocks = self.settle + clocks + 2
         self.now = 0
         self.edges: list[tuple[float, int, float]] = []
@@ -162,26 +163,25 @@ class _Run:
         self.edges.append((self.now * self.t_clk, source, level))
 
     def _change_row(self, row: int) -> None:
-        """Preset, let go of a row, and after the pause drive the next one."""
+        """Preset, release a row, and after the break drive the next one."""
         self._put(self.rows, 1.0)
         self._put(row - 1, 0.0)
         self._go(self.now + self.pause)
         self._put(row, self.v_bias_v)
 
     def _read(self, release: int) -> Slot:
-        """Let go of the preset at a clock and count."""
+        """Release preset at a clock and count."""
         n = self.clocks
         comparator, bits, stored = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.zeros(n + 1)
         stored[0] = self.sign * self._go(release)[1]
         self._put(self.rows, 0.0)
-        bit = charge = False
+        flops = Synchronizer()
         for clock in range(1, n + 3):
             high, v_int = self._go(release + clock)
-            # What the first flip-flop took at the clock before is handed on, and it takes what it finds now.
-            if bit != charge:
-                charge = bit
-                self._put(self.rows + 1, float(charge))
-            bit = bool(high > 0.0) and not bit and clock <= n
+            charge = flops.charge
+            bit = flops.clock(bool(high > 0.0) and clock <= n)
+            if flops.charge != charge:
+                self._put(self.rows + 1, float(flops.charge))
             if clock <= n:
                 comparator[clock - 1], bits[clock - 1], stored[clock] = high > 0.0, bit, self.sign * v_int
         return Slot(comparator, bits, stored)

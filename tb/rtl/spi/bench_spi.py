@@ -17,7 +17,7 @@ PERIOD_PS = 200_000
 
 
 class OtherSide:
-    """Registers and a frame buffer behind the toggles; `delay_ps` from a toggle to its acknowledge, None for ever."""
+    """Model of registers and frame buffer at the toggles; `delay_ps` from toggle to acknowledge, None for no answer."""
 
     def __init__(self, dut: Any) -> None:
         self.dut = dut
@@ -102,7 +102,7 @@ async def commands(dut: Any) -> None:
         before = len(other.accesses)
         waits = await host.run(spi.write_register(address, value))
         assert other.accesses[before:] == [(1, address, value)]
-        # The acknowledge is seen by the third edge behind it, and acted on at the end of that byte.
+        # The acknowledge is sampled by the third edge after it, and used at the end of that byte.
         assert waits == -(-(other.delay_ps // PERIOD_PS + 3) // 8), (waits, other.delay_ps)
         assert await host.run(spi.read_register(address)) == value
         assert int(dut.cipo_oe_o.value) == 0
@@ -133,7 +133,7 @@ async def commands(dut: Any) -> None:
         await host.deselect()
         errors ^= 1
         assert error_toggle() == errors
-        # A frame, and zeros behind it.
+        # A frame, then zeros.
         other.frame = rng.randbytes(rng.choice((0, 1, 2, 255, 256, 300)))
         await host.select()
         assert await host.answer(spi.read_frame_bytes()) == other.frame
@@ -144,7 +144,7 @@ async def commands(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def busy(dut: Any) -> None:
-    """A request that never comes back: what follows is told so, nothing moves, and all goes on when it does."""
+    """A request without answer: later commands are told busy, nothing changes, and all continues with the answer."""
     host, other = await start(dut)
     await host.run(spi.write_register(7, 0x1234))
     for first, opposite in ((spi.read_command(7), 1), (spi.write_command(7, 0x5678), 0)):
@@ -171,7 +171,7 @@ async def busy(dut: Any) -> None:
         await Timer(4 * PERIOD_PS, "ps")
         assert len(other.accesses) == before + 1
         assert await host.run(spi.read_register(7)) == (0x5678 if opposite == 0 else 0x1234)
-    # A frame claim that hangs: the next transaction waits for it, then makes one of its own.
+    # A pending frame claim: the next transaction waits for it, then makes its own.
     other.frame = b"frame"
     other.delay_ps = None
     await host.select()
@@ -191,7 +191,7 @@ async def busy(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def bits_and_resets(dut: Any) -> None:
-    """Any number of bits, then CS or reset: no request; and the rest of a command behind a reset is none."""
+    """Any number of bits, then CS or reset, gives no request; nor does the rest of a command after a reset."""
     rng = random.Random(2)
     host, other = await start(dut)
     for count in range(41):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""cocotb tests of dermis_top through its pins; test_top.py says what each claims."""
+"""cocotb tests of dermis_top through its pins; test_top.py has their claims."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ async def client(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def registers(dut: Any) -> None:
-    """Every address: reset value, what a write leaves, what is refused."""
+    """Check reset value, write mask and refusal of every address."""
     p = scenario()["parameters"]
     rng = random.Random(3)
     chip = Chip(dut, p)
@@ -140,7 +140,7 @@ async def configuration(dut: Any) -> None:
         await host.run(spi.write_register(address, value))
 
     async def frame_clocks() -> float:
-        """Clocks from frame to frame, of the second frame behind now."""
+        """Return the clocks from frame to frame, of the second frame from now."""
         await RisingEdge(dut.frame_start_o)
         await RisingEdge(dut.frame_start_o)
         begun = get_sim_time("ps")
@@ -148,7 +148,7 @@ async def configuration(dut: Any) -> None:
         return (get_sim_time("ps") - begun) / chip.clock_ps
 
     async def frame(**expected: Any) -> spi.Frame:
-        """The next frame that begins behind now."""
+        """Return the next frame that begins after now."""
         number = chip.frame + 1
         while True:
             await wait_ready(chip, 4000)
@@ -185,7 +185,7 @@ async def configuration(dut: Any) -> None:
     await write(rm.CONTROL, CONTINUOUS | DARK | pedestal_mode(2))
     got = await frame(gate=50, row_mask=0b0101, dark=True, pedestal_mode=2)
     assert not got.slot(spi.SLOT_DARK).any()
-    # A gate so long that the count passes full scale: the code stays there and the bit says so.
+    # A gate long enough to pass full scale: the code saturates and the overflow bit is set.
     await write(rm.CONTROL, CONTINUOUS)
     await write(rm.GATE, 600)
     got = await frame(gate=600, row_mask=0b0101)
@@ -237,7 +237,7 @@ def rng_word(n: int) -> int:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def self_test(dut: Any) -> None:
-    """A self-test frame finds what is broken outside, and nothing where nothing is."""
+    """A self-test frame finds seeded faults outside the chip, and no others."""
     p = scenario()["parameters"]
     chip = Chip(dut, p)
     host = Pins(dut, chip.clock_ps)
@@ -298,7 +298,7 @@ async def size(dut: Any) -> None:
     await host.run(spi.write_register(rm.PEDESTAL + chip.cols - 1, 5))
     await host.run(spi.write_register(rm.CONTROL, CONTINUOUS | pedestal_mode(1)))
     pedestals = [0] * (chip.cols - 1) + [5]
-    # Long frames are read once: the third from here on began behind the write, whatever is still being packed.
+    # Long frames are read once: the third from here began after the write.
     begun = chip.frame
     while chip.frame < begun + 3:
         await RisingEdge(dut.frame_start_o)
@@ -350,7 +350,7 @@ async def ratios(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def slow_reader(dut: Any) -> None:
-    """A read that lasts several frames sees one frame; what was missed meanwhile is counted."""
+    """A read that lasts several frames sees one frame; missed frames are counted."""
     s = scenario()
     p = s["parameters"]
     chip = Chip(dut, p, levels=own_pattern)
@@ -375,7 +375,7 @@ async def slow_reader(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def cuts(dut: Any) -> None:
-    """Reset and CS at any moment of a transaction: nothing is written by what was cut, and the next one works."""
+    """Reset or CS at any moment of a transaction: an aborted one writes nothing, and the next one works."""
     p = scenario()["parameters"]
     rng = random.Random(scenario()["seed"])
     chip = Chip(dut, p, levels=own_pattern)
@@ -410,7 +410,7 @@ async def cuts(dut: Any) -> None:
             assert check == spi.crc8((3, rm.SETTLE, high, low))
             assert high << 8 | low == value
         else:
-            # Reset falls into it, and what is left of it comes behind the reset: no command, whatever it spells.
+            # Reset during a transaction: the rest after the reset is no command.
             dut.rst_ni.value = 0
             await Timer(rng.randrange(5_000, 300_000), "ps")
             dut.rst_ni.value = 1
@@ -439,7 +439,7 @@ async def traffic(dut: Any) -> None:
     host = Pins(dut, chip.clock_ps)
     await chip.reset()
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
-    # Left alone by accepted writes, so that every frame can be foretold: what a frame is made with.
+    # Settings of a frame, which accepted writes leave unchanged, so that every frame can be predicted.
     fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
     free = sorted(set(model.values) - fixed)
     done = dict.fromkeys(("write", "refused", "read", "frame", "crc", "cut", "opcode", "stop", "bounce"), 0)
@@ -519,7 +519,7 @@ async def traffic(dut: Any) -> None:
             assert answer == bytes((spi.TOKEN_OPCODE,)) + bytes(len(answer) - 1)
             await host.deselect()
         elif kind == "stop":
-            # SCK stands in the middle of a word for a frame or so; then the rest comes, as if nothing had been.
+            # SCK stops in the middle of a word for about a frame, then continues.
             address, value = rng.choice(free), rng.getrandbits(16)
             command = spi.write_command(address, value)
             at = rng.randrange(5)

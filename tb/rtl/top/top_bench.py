@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""dermis_top through its pins: clock, what stands for the analog side, and the registers as a model."""
+"""Bench of dermis_top through its pins: clock, a stand-in for the analog side, and a model of the registers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Chip:
     parameters : mapping
         Those of dermis_top.
     levels : callable, optional
-        Comparators that stand still during a slot: a column at 1 counts every second sample. Fast, and exact.
+        Comparators constant during a slot: a column at 1 counts every second sample. Fast and exact.
     x : [rows][cols] of Duty, optional
         Duties for charge-balance columns instead.
     """
@@ -63,7 +63,7 @@ class Chip:
             Clock(dut.clk_i, clock_ps, "ps").start()
 
     async def clocks(self, count: float) -> None:
-        """Wait so many clock periods."""
+        """Wait a number of clock periods."""
         await Timer(int(count * self.clock_ps), "ps")
 
     async def reset(self, enable: bool = True) -> None:
@@ -129,7 +129,7 @@ class Chip:
         pedestal_mode: int = 0,
         pedestals: Sequence[int] | None = None,
     ) -> Frame:
-        """What frame `number` must hold."""
+        """Return the expected content of frame `number`."""
         full = 2**self.code_bits - 1
         mask = (1 << self.rows) - 1 if row_mask is None else row_mask
         rows = [r for r in range(self.rows) if mask >> r & 1]
@@ -159,7 +159,7 @@ class Chip:
 
 
 class RegisterModel:
-    """The registers that a host can write, as the map says."""
+    """Model of the writable registers, from the map."""
 
     def __init__(self, rows: int, cols: int, code_bits: int, resets: Mapping[str, int]) -> None:
         self.bits: dict[int, int] = {}  # address -> bits that exist and stay as written
@@ -175,7 +175,7 @@ class RegisterModel:
                     self.read_only.add(address)
 
     def exists(self, address: int) -> bool:
-        """Whether a read is answered."""
+        """Return True if a read is answered."""
         return address in self.bits or address in self.read_only
 
     def write(self, address: int, value: int) -> bool:
