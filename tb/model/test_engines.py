@@ -20,11 +20,12 @@ from dermis.converter import loops
 from dermis.converter.vfc import Converter, count
 from dermis.effects import EFFECTS
 from dermis.engines import closed, event, rtl
-from dermis.engines.event import Cells, cells_of, count_cells, walk_reference
+from dermis.engines.event import Cells, cells_of, count_cells
 from dermis.errors import InputError
 from dermis.records import Drive
 from dermis.scene import scene
 from dermis.scene.design import ROOT, TOPOLOGIES
+from tb.reference.converter_walk import walk_reference
 
 Write = Callable[..., Path]
 

@@ -19,8 +19,9 @@ from dermis import plan as planning
 from dermis.converter import loops, noise
 from dermis.effects import EFFECTS
 from dermis.engines import event, filter
-from dermis.engines.event import Cells, Draws, Noise, count_cells, walk_reference
+from dermis.engines.event import Cells, Noise, count_cells
 from dermis.scene import scene
+from tb.reference.converter_walk import Draws, walk_reference
 
 GATE = 510
 RANDOM = [effect.name for effect in EFFECTS.values() if effect.random]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact counts for hard cases: slow, obvious walks in integers, rationals or fifty digits.
 
-Nothing is shared with the loops and formulas of the engines; `event.walk_reference`, the walk in fifty digits, stands
-beside them as the reference that their own tests use.
+Nothing is shared with the loops and formulas of the engines. `converter_walk.walk_reference`, the walk in fifty digits,
+is the reference of their own tests.
 
 Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels
 moved by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one
@@ -19,7 +19,7 @@ from typing import Any
 
 import mpmath
 
-from dermis.engines.event import walk_reference
+from tb.reference.converter_walk import walk_reference
 
 DIGITS = 50
 

@@ -23,6 +23,7 @@ from dermis.scene import extracted, scene
 from dermis.scene.schema import read_toml
 from tb.programs.equivalence import cases, command, faults, gate, loop
 from tb.programs.equivalence.gate import Case
+from tb.reference.converter_walk import walk_reference
 
 TYPICAL = {"corner": "tt", "temperature_c": 27.0}
 SHORT = Case(codes=(0, 64, 240), clocks=48)
@@ -135,7 +136,7 @@ def test_the_charge_of_the_model_is_that_of_the_slow_reference_clock_by_clock() 
     cells = event.cells_of(made, made.converter.duty(column_currents(made.network(0), g)), g)
     for row, slot in enumerate(gate.model_slots(made, case.clocks)):
         cell = {f.name: float(getattr(cells, f.name)[0, row, 0]) for f in dataclasses.fields(cells)}
-        walk = event.walk_reference(cell, case.clocks, made.timing.charge_delay_clocks, digits=20)
+        walk = walk_reference(cell, case.clocks, made.timing.charge_delay_clocks, digits=20)
         assert walk.bits == slot.bits.tolist()
         # What doubles sum up over so few clocks, many times over.
         assert np.allclose(np.array(walk.charge, dtype=float), slot.stored_v[1:], atol=1e-9)

@@ -29,6 +29,7 @@ from dermis.converter import coupling, currents, vfc
 from dermis.engines import Result, certificate, closed, event
 from dermis.errors import InputError, SimulatorError
 from dermis.records import Plan
+from tb.reference.converter_walk import walk_reference
 from tb.reference.scenes import World
 
 Floats = NDArray[np.float64]
@@ -243,7 +244,7 @@ def fifty_digits(s: Subject) -> Iterator[str]:
         return
     yield COMPARED
     clocks = min(int(rng.integers(1, 40)), s.plan.timing.gate_clocks)
-    walk = event.walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
+    walk = walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
     one = event.Cells(**{name: np.array([value]) for name, value in cell.items()})
     count = int(event.count_cells(one, clocks, s.plan.timing.charge_delay_clocks)[0][0])
     # Errors of 1e-12 packet (docs/event.md) may decide a state that is as close to a level.

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The charge balance of one converter in fifty digits: the slow reference of engine event and of its compiled loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mpmath
+
+
+class Draws(NamedTuple):
+    """The noise of one cell in full, for the reference: nothing is left out because it cannot matter."""
+
+    slow: list[float]  # sigma W(n), n = 1 ..
+    sample: list[float]  # shift of the level of sample n alone
+    coin: list[bool]
+    aperture: float
+
+
+class Walk(NamedTuple):
+    """Result of the reference: bits, the charge at every clock, and the least distance of the output from a level."""
+
+    bits: list[bool]
+    charge: list[mpmath.mpf]
+    nearest: float
+
+
+def walk_reference(
+    cell: dict[str, float],
+    clocks: int,
+    charge_delay: float,
+    digits: int = 50,
+    vary: list[float] | None = None,
+    draws: Draws | None = None,
+) -> Walk:
+    """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow reference.
+
+    `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are kept as a
+    list of intervals, and the walk stops at every instant where anything can change; nothing is shared with the
+    loops.
+    """
+    with mpmath.workdps(digits):
+        one, zero = mpmath.mpf(1), mpmath.mpf(0)
+        c = {name: mpmath.mpf(value) for name, value in cell.items()}
+        late = mpmath.mpf(charge_delay)
+        now, w, v = zero, c["w0"], c["w0"]
+        is_high = v >= c["rise"]
+        packets: list[tuple[mpmath.mpf, mpmath.mpf]] = []
+        bits: list[bool] = []
+        charge: list[mpmath.mpf] = []
+        nearest = mpmath.inf
+        for n in range(1, clocks + 1):
+            x = c["x"] if vary is None else mpmath.mpf(vary[n - 1])
+            slow, alone = (zero, zero) if draws is None else (mpmath.mpf(d[n - 1]) for d in draws[:2])
+            rise, fall = c["rise"] - slow, c["fall"] - slow
+            sample = n - c["delay"]
+            edges = {t for begin, end in packets[-2:] for t in (begin, end) if now < t < n}
+            seen, at_sample, active = is_high, v, fall if is_high else rise
+            for until in sorted(edges | {sample, mpmath.mpf(n)}):
+                middle = (now + until) / 2
+                current = x - sum((c["packet"] for begin, end in packets[-2:] if begin < middle < end), zero)
+                way = _way(c, w, v, current)
+                for time in [*_turns(c, w, v, current, until - now), until - now]:
+                    w_then, v_then = way(time)
+                    if time == until - now and not c["low"] <= w_then <= c["high"]:
+                        limit = c["high"] if w_then > c["high"] else c["low"]
+                        w_then, v_then = _stopped(c, way, limit, w, v, until - now)
+                    nearest = min(nearest, abs(v_then - rise), abs(v_then - fall))
+                    if v_then >= rise:
+                        is_high = True
+                    elif v_then < fall:
+                        is_high = False
+                w, v = w_then, v_then
+                if until == sample:
+                    at_sample = v + alone
+                    nearest = min(nearest, abs(at_sample - rise), abs(at_sample - fall))
+                    seen = is_high
+                    if alone != 0:
+                        seen = True if at_sample >= rise else (False if at_sample < fall else is_high)
+                now = until
+            if draws is not None and abs(at_sample - active) < draws.aperture:
+                seen = draws.coin[n - 1]
+            bits.append(bool(seen and not (bits and bits[-1])))
+            if bits[-1]:
+                packets.append((n + late, n + late + one))
+            charge.append(w)
+        return Walk(bits, charge, float(nearest))
+
+
+_Way = Callable[[mpmath.mpf], tuple[mpmath.mpf, mpmath.mpf]]
+
+
+def _way(c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf) -> _Way:
+    """(w, v) as a function of time at a constant current, limits aside."""
+    if c["lag"] == 0:
+
+        def alone(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+            if c["leak"] == 0:
+                at = w + current * t
+            else:
+                at = current / c["leak"] + (w - current / c["leak"]) * mpmath.exp(-c["leak"] * t)
+            return at, at
+
+        return alone
+    # v'' + v' (1 / lag + across) + v leak / lag = current / lag
+    b, d = 1 / c["lag"] + c["across"], c["leak"] / c["lag"]
+    root = mpmath.sqrt(b * b - 4 * d)
+    slow, fast = (-b + root) / 2, (-b - root) / 2
+    slope = (w - v) / c["lag"]
+    if c["leak"] == 0:  # v = p + q t + r exp(fast t)
+        q = current / (c["lag"] * b)
+        r = (slope - q) / fast
+        p = v - r
+
+        def pair(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+            e = mpmath.exp(fast * t)
+            at = p + q * t + r * e
+            return at + c["lag"] * (q + r * fast * e), at
+
+        return pair
+    rest = current / c["leak"]
+    r = (slope - slow * (v - rest)) / (fast - slow)
+    p = v - rest - r
+
+    def both(t: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
+        e, f = mpmath.exp(slow * t), mpmath.exp(fast * t)
+        at = rest + p * e + r * f
+        return at + c["lag"] * (p * slow * e + r * fast * f), at
+
+    return both
+
+
+def _turns(
+    c: dict[str, mpmath.mpf], w: mpmath.mpf, v: mpmath.mpf, current: mpmath.mpf, length: mpmath.mpf
+) -> list[mpmath.mpf]:
+    """Where inside a piece the output turns: w = v there."""
+    if c["lag"] == 0:
+        return []
+    way = _way(c, w, v, current)
+
+    def apart(t: mpmath.mpf) -> mpmath.mpf:
+        at = way(t)
+        return at[0] - at[1]
+
+    if apart(mpmath.mpf(0)) * apart(length) >= 0 or not c["low"] <= way(length)[0] <= c["high"]:
+        return []
+    return [_bisect(apart, mpmath.mpf(0), length)]
+
+
+def _stopped(
+    c: dict[str, mpmath.mpf], way: _Way, limit: mpmath.mpf, w: mpmath.mpf, v: mpmath.mpf, length: mpmath.mpf
+) -> tuple[mpmath.mpf, mpmath.mpf]:
+    """Return the end of a piece whose charge stops at a limit; the output settles towards it."""
+    if c["lag"] == 0:
+        return limit, limit
+    end = way(length)[0]
+    hit = mpmath.mpf(0)
+    if (w - limit) * (end - limit) < 0:
+        hit = _bisect(lambda t: way(t)[0] - limit, mpmath.mpf(0), length)
+        v = way(hit)[1]
+    return limit, limit + (v - limit) * mpmath.exp(-(length - hit) / c["lag"])
+
+
+def _bisect(f: Callable[[mpmath.mpf], mpmath.mpf], low: mpmath.mpf, high: mpmath.mpf) -> mpmath.mpf:
+    at_low = f(low)
+    for _ in range(110):  # 33 digits: far beyond a double
+        middle = (low + high) / 2
+        at = f(middle)
+        if at * at_low > 0:
+            low, at_low = middle, at
+        else:
+            high = middle
+    return (low + high) / 2
