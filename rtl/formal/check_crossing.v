@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the two clock domains together: SPI peripheral, register port and frame buffer.
-// Interface: both clocks, CS, COPI, reset and the frames are free at every step of a global clock, so is their phase and ratio.
+// Theorems of both clock domains together: SPI peripheral, register port and frame buffer.
+// Interface: both clocks (any phase and ratio), CS, COPI, reset and frames are free at every step of a global clock.
 // Timing: a step is any part of a period of either clock. Every synchronizer may take its input a clock late.
-// Why the whole peripheral and not a model of it: what holds between the domains depends on when it asks.
+// Why the whole peripheral and not a model: the theorems depend on the time of its requests.
 `default_nettype none
 
 module check_crossing #(
-  // For searches only: reset is over for good, SCK moves at every step.
+  // For searches only: no further reset, SCK changes at every step.
   parameter SEARCH = 0
 ) (
   input wire        clk_i,
@@ -100,7 +100,7 @@ module check_crossing #(
     .length_o      (frame_length)
   );
 
-  // Shown from inside, for the proof only.
+  // Internal signals, for the proof only.
   wire [3:0] tap_state;
   wire       tap_front;
   wire       tap_held;
@@ -132,7 +132,7 @@ module check_crossing #(
     front_q   <= tap_front;
     reading_q <= reading & ~cs_ni;
     if (request != request_q) payload_q <= {write, address, wdata};
-    // A command on its way: out of the SPI domain, not yet at the registers.
+    // A pending command: sent by the SPI domain, not yet at the registers.
     if (!rst_ni)                                pending_q <= 1'b0;
     else if (request != request_q)              pending_q <= 1'b1;
     else if (valid_q && clk_i && !clk_q)        pending_q <= 1'b0;
@@ -147,7 +147,7 @@ module check_crossing #(
     if (started_q && clk_i && !clk_q) assume (rst_ni == rst_nq);
     if (SEARCH != 0 && started_q) assume (rst_ni && sck_i == (!sck_q && rst_nq));
 
-    // While length and bytes go out their bank stays the front bank, held, and is not written.
+    // While length and bytes are sent, their bank stays the front bank, held and not written.
     if (alive && reading && !cs_ni) bank_is_held: assert (tap_held && !(tap_front ? tap_we1 : tap_we0));
     if (alive && reading && reading_q && !cs_ni) bank_stays: assert (tap_front == front_q);
     // One access for each command, with its payload, within four edges.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the frame buffer: a held frame is one whole frame, byte by byte, and rests until it is let go.
-// Interface: frames, the hold request and CS are free at every clock, so the samples of their synchronizers are as well.
+// Theorems of the frame buffer: a held frame is one whole frame, byte by byte, and stable until its release.
+// Interface: frames, the hold request and CS are free at every clock, and so are the samples of their synchronizers.
 // Timing: one step is one clock.
-// Why the read address is any constant: the read is combinational, so no state depends on it, and a theorem of one free
-// address is one of all of them. The memory is an array of the solver, so the size of a bank does not matter to it.
+// Why the read address is any constant: the read is combinational, no state depends on it, and a theorem of one free
+// address holds for all. The memory is an array of the solver, so the size of a bank does not matter.
 `default_nettype none
 
 module check_frame_buffer #(
@@ -44,7 +44,7 @@ module check_frame_buffer #(
     .length_o      (length)
   );
 
-  // Shown from inside, for the induction only.
+  // Internal signals, for the induction only.
   wire        tap_front;
   wire        tap_held;
   wire        tap_waiting;
@@ -61,7 +61,7 @@ module check_frame_buffer #(
   reg started_q = 1'b0;
   always @(posedge clk_i) started_q <= 1'b1;
 
-  // The reference: three frames, each as its length and its byte at the address. One is written, one may wait, one is shown.
+  // Reference: length and byte at the address of three frames: one written, one waiting, one readable.
   reg         open_q;
   reg  [15:0] written_q;
   reg  [7:0]  written_byte_q;
@@ -129,7 +129,7 @@ module check_frame_buffer #(
       else if (free && (end_i || waiting_q)) new_q <= 1'b1;
     end
 
-  // What was seen a clock ago, for the theorem that needs no reference.
+  // Values one clock ago, for the theorem without reference.
   reg         resting_q;
   reg  [15:0] length_q;
   reg  [7:0]  rdata_q;
@@ -159,7 +159,7 @@ module check_frame_buffer #(
     counts_lost: assert (lost == lost_q);
     tells_a_new_frame: assert (ready == new_q);
 
-    // For the induction: the parts of the design are where the reference says.
+    // For the induction: the state of the design matches the reference.
     lemma_control: assert (tap_held == held_q && tap_waiting == waiting_q && tap_waddr == written_q
       && tap_deselected == deselected_q[1] && tap_hold == hold_q[1]);
     lemma_wait: assert (!(waiting_q && open_q) && (!waiting_q || held_q));

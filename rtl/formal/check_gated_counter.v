@@ -2,7 +2,7 @@
 // Theorems of the gated counter: it equals min(edges, full scale) and never falls within a gate.
 // Interface: gate and pulse are free at every clock, reset may fall at any time.
 // Timing: one step is one clock.
-// Why a reference one bit wider that stops at its own end: min(min(n, 2m + 1), m) is min(n, m), so it stands for one without end.
+// Why a saturating reference one bit wider: min(min(n, 2m + 1), m) is min(n, m), the same as an unbounded one.
 `default_nettype none
 
 module check_gated_counter #(

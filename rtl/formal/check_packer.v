@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the packer: every byte of a frame is the one that docs/rtl.md says, in its place, and their number is the length.
+// Theorems of the packer: every byte of a frame is that of docs/rtl.md in its place, and their number is the length.
 // Interface: rows come at any time when the packer is idle, with any slot, flags and counts; pedestals are free at every clock.
 // Timing: one step is one clock. place_q counts the bytes of a row: 0..7 header, 8 slot, then codes, overflow bits, CRC.
-// Why rows without a header start at place 8: then a place says what the byte is, whatever the row.
+// Why rows without a header start at place 8: the place then determines the kind of the byte in any row.
 `default_nettype none
 
 module check_packer #(
@@ -69,7 +69,7 @@ module check_packer #(
     .column_slot_o   (column_slot)
   );
 
-  // Shown from inside, for the induction only.
+  // Internal signals, for the induction only.
   wire [2:0]                tap_phase;
   wire [6:0]                tap_index;
   wire                      tap_low;
@@ -88,7 +88,7 @@ module check_packer #(
     end
   endfunction
 
-  // The row as it was offered: the reader keeps it until it is packed, which is assumed here and proved of the reader.
+  // The offered row: stable until it is packed, assumed here and proved of the reader.
   reg        started_q = 1'b0;
   reg        working_q;
   reg [9:0]  place_q;
@@ -103,7 +103,7 @@ module check_packer #(
   reg [COLS-1:0] over_q;
   wire [33:0] row = {slot_i, first_i, last_i, test_frame_i, dark_frame_i, gate_clocks_i, 6'd0};
 
-  // One column, any, and what its last dark slot gave: the pedestal of mode 2.
+  // Any one column, and the count of its last dark slot: the pedestal of mode 2.
   (* anyconst *) wire [6:0] one;
   reg [CODE_BITS-1:0] dark_q;
 
@@ -113,7 +113,7 @@ module check_packer #(
   wire        low      = (B == 1) | offset[0];
   wire        special  = (slot_i[7:4] == 4'hF);
   wire [CODE_BITS-1:0] pedestal = special ? 0 : mode_q == 1 ? (pedestal_i >> (number * CODE_BITS)) : mode_q == 2 ? dark_q : 0;
-  // Theorems of the values are of the one column, so that one word of the ring is enough; it is any column.
+  // Theorems of values are for one free column, so that one word of the ring is enough.
   wire [CODE_BITS+1:0] above = (count_i > pedestal) ? count_i - pedestal : 0;
   wire        over     = above > ((1 << CODE_BITS) - 1);
   wire [15:0] code     = over ? (1 << CODE_BITS) - 1 : above;
@@ -174,7 +174,7 @@ module check_packer #(
         working_q <= (place_q != ends);
         if (place_q == CRC + 1) open_q <= 1'b0;
         if (place_q < CRC) crc_q <= crc16(crc_q, byte_out);
-        // What the design says is over; that it is right is theorem code, for the one column.
+        // The overflow of the design; its correctness for the one column is part of theorem each_byte.
         if (in_codes && low && number == one) over_q[one] <= over;
         if (in_codes && low && number != one) over_q[number] <= tap_is_over;
         if (in_codes && low && number == one && slot_i == 8'hF1) dark_q <= code[CODE_BITS-1:0];
@@ -182,7 +182,7 @@ module check_packer #(
     end
   wire tap_is_over;
 
-  // Places of the one column in the design's rotating words.
+  // Places of the one column in the rotating words of the design.
   wire [6:0] done = in_codes ? number : 7'd0;
   wire [6:0] at   = (one >= done) ? one - done : one + COLS - done;
   wire [COLS*CODE_BITS-1:0] rotated = tap_ring >> (at * CODE_BITS);

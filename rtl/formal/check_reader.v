@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorem of the reader with its packer: no row comes before the one in front of it is packed, so nothing is lost.
+// Theorems of the reader with its packer: no row comes before the previous one is packed, so nothing is lost.
 // Interface: enable, requests, row mask and settings are free at every clock; the settings within the small ranges below.
 // Timing: one step is one clock.
-// Why this size: what matters is the gate against PACK_CLOCKS, 18 here; gates from 1 to 31 lie on both sides of it.
+// Why this size: only the gate against PACK_CLOCKS matters, 18 here; gates from 1 to 31 are on both sides of it.
 `default_nettype none
 
 module check_reader #(

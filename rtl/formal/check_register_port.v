@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the register port: one access a request, and its answer rests; refusals are counted.
-// Interface: the requests' toggles and the registers' answers are free at every clock.
+// Theorems of the register port: one access per request, a stable answer, and counted refusals.
+// Interface: toggles of requests and answers of registers are free at every clock.
 // Timing: one step is one clock.
-// Why toggles without the peripheral's manners: an access for each change is what is claimed, however soon the next comes.
+// Why toggles without the protocol of the peripheral: the claim is one access per change, at any rate of changes.
 `default_nettype none
 
 module check_register_port (
@@ -46,7 +46,7 @@ module check_register_port (
     .error_i          (error_i)
   );
 
-  // Shown from inside, for the induction only.
+  // Internal signals, for the induction only.
   wire tap_request;
   wire tap_request1;
   wire tap_error;

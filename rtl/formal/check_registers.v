@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the register map: an access reaches one register and no other, and no bit that the map does not have.
-// Interface: accesses and the words that are only read are free at every clock.
+// Theorems of the register map: an access reaches one register, and no bit outside the map.
+// Interface: accesses and read-only words are free at every clock.
 // Timing: one step is one clock.
-// Why a memory of 256 words as the reference, with a mask of what may be written: the map is then a table, as in docs/registers.md.
+// Why a reference of 256 words with write masks: the map is then a table, as in docs/registers.md.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -87,7 +87,7 @@ module check_registers #(
   reg started_q = 1'b0;
   always @(posedge clk_i) started_q <= 1'b1;
 
-  // Every state bit that the ports show, and what it was a clock ago.
+  // Every state bit at the ports, and its value one clock ago.
   wire [4:0]   control = {range_per_column, pedestal_mode, dark, continuous};
   wire [103:0] words   = {full_min, dark_max, test_rate, gate, settle, {14'd0, range}, 3'd0, control};
   wire [ROWS+(2+CODE_BITS)*COLS+103:0] state = {row_mask, range_column, pedestal, words};
@@ -106,7 +106,7 @@ module check_registers #(
     out_of_reset_q <= rst_ni;
   end
 
-  // Bits of a word that may be written, and whether the address is there at all: the table of docs/registers.md.
+  // Writable bits of a word, and existence of the address: the table of docs/registers.md.
   function [15:0] writable;
     input [7:0] address;
     begin
@@ -125,10 +125,10 @@ module check_registers #(
       || address == 8'h30 || address == 8'h38 || address == 8'h40;
   endfunction
 
-  // A column's count at full scale: every second clock of the gate, as far as the counter goes.
+  // Count of a column at full scale: every second clock of the gate, saturated.
   localparam FULL = (`DERMIS_GATE_CLOCKS / 2 < (2 << CODE_BITS)) ? `DERMIS_GATE_CLOCKS / 2 : (2 << CODE_BITS) - 1;
 
-  // One address, any: what it reads, from what was last written there and came through the mask.
+  // Any one address: its read value from the last write through the mask.
   (* anyconst *) wire [7:0] one;
   reg  [15:0] word_q;
   always @(posedge clk_i or negedge rst_ni)
@@ -156,7 +156,7 @@ module check_registers #(
       : address_i == 8'h08 ? rdata == frame_number_i : address_i == 8'h09 ? rdata == lost_i : address_i == 8'h0A ? rdata == spi_errors_i
       : address_i == 8'h0C ? rdata == test_count_i : address_i == 8'h28 ? rdata == row_fault_i : address_i == 8'h30 ? rdata == inject_fault_i
       : address_i == 8'h38 ? rdata == dark_fault_i : address_i == 8'h40 ? rdata == full_fault_i : 1'b1);
-    // The ports show the words: what an address reads is what the chip works with.
+    // The ports show the words: the chip uses the values that an address reads.
     if (one == 8'h03) port_control: assert (control == {word_q[6:3], word_q[0]});
     if (one == 8'h04) port_settle: assert (settle == word_q);
     if (one == 8'h05) port_gate: assert (gate == word_q);

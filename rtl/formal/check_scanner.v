@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Theorems of the slot sequencer: one row, break before make, exact slot times, slots in order, no deadlock, one shot one frame.
 // Interface: every input is free at every clock: enable, requests, all 16 bits of settle and gate, the row mask, busy.
-// Timing: one step is one clock; the clock behind e0 is the one with since_q 0.
-// Why a reference that counts up where the design counts down: it is the timing table of docs/rtl.md, not a copy of the design.
+// Timing: one step is one clock; since_q is 0 in the clock after e0.
+// Why the reference counts up and the design down: it is the timing table of docs/rtl.md, not a copy of the design.
 `default_nettype none
 
 module check_scanner #(
@@ -79,7 +79,7 @@ module check_scanner #(
     .done_gate_o   (done_gate)
   );
 
-  // Shown from inside, for the induction and for what the design still has to do.
+  // Internal signals, for the induction and for the rest of a slot.
   wire [15:0]      tap_clocks;
   wire             tap_break;
   wire             tap_short;
@@ -92,7 +92,7 @@ module check_scanner #(
   wire             tap_dark_frame;
   wire             tap_first;
 
-  // Clocks that the design still has to count in this slot, by its own counter and settings.
+  // Clocks left in this slot, from counter and settings of the design.
   wire [17:0] left = tap_break ? 18'd2 + tap_clocks + tap_settle + tap_gate
                    : preset    ? 18'd1 + tap_clocks + tap_gate
                    :             18'd1 + tap_clocks;
@@ -106,7 +106,7 @@ module check_scanner #(
   reg started_q = 1'b0;
   always @(posedge clk_i) started_q <= 1'b1;
 
-  // The reference.
+  // Reference.
   reg             run_q;
   reg             gating_q;
   reg [15:0]      since_q;
@@ -172,7 +172,7 @@ module check_scanner #(
       end
     end
 
-  // What was seen a clock ago.
+  // Values one clock ago.
   reg [ROWS-1:0] row_select_q;
   reg [7:0]      dark_clocks_q;
   reg            ended_q;
@@ -204,7 +204,7 @@ module check_scanner #(
     if (lowest[1]) slot_q <= 8'hF1;
     if (lowest[2]) slot_q <= 8'hF2;
     if (lowest[3]) slot_q <= 8'hF3;
-    // Clocks without a row, as far as they matter.
+    // Clocks without a row, saturated.
     if (row_select != 0)                   dark_clocks_q <= 8'd0;
     else if (!started_q)                   dark_clocks_q <= 8'd1;
     else if (dark_clocks_q < BREAK_CLOCKS) dark_clocks_q <= dark_clocks_q + 8'd1;
@@ -228,7 +228,7 @@ module check_scanner #(
       || (done_slot == slot_q && {done_first, done_last, done_test, done_dark} == flags_q && done_gate == slot_gate_q)));
     if (settled) marks_the_frame: assert (frame_start == begins_q);
 
-    // No deadlock: a slot's clocks run down one by one but for those of busy, and each slot takes one off a finite list.
+    // No deadlock: the clocks of a slot fall by one except while busy, and each slot removes one from a finite list.
     if (settled && scanning && scanning_q && !slot_end_q) slot_is_bounded: assert (left_q > 1 && left == left_q - !waits_q);
     if (settled && slot_end) slot_ends_when_none_is_left: assert (left == 1);
     if (settled && scanning) list_is_not_empty: assert (tap_slots != 0 && (!scanning_q || load_q

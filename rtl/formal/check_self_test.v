@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the self-test: a mask bit is set by its own fault, stays until a self-test frame begins, and by nothing else.
+// Theorems of the self-test: a mask bit is set by its fault and nothing else, and stays until a self-test frame begins.
 // Interface: rows, columns, counts and limits are free at every clock.
 // Timing: one step is one clock.
-// Why one free column and one free row: the masks' bits do not look at each other.
+// Why one free column and one free row: mask bits are independent.
 `default_nettype none
 
 module check_self_test #(
@@ -69,7 +69,7 @@ module check_self_test #(
   reg full_q;
   reg row_q;
   reg done_q;
-  // A request that no frame since has begun for.
+  // A request without a frame since.
   reg newer_q;
   wire tap_latest;
   wire begins = row_valid_i & first_i & test_frame_i;

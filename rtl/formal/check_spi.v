@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the SPI peripheral: a request goes out behind a complete command only, with its payload, which then rests.
+// Theorems of the SPI peripheral: only a complete command gives a request, with a payload that is then stable.
 // Interface: SCK, CS, COPI, reset and the time of each acknowledge are free at every step of a global clock.
-// Timing: a step is any part of a period of SCK; CS and reset do not move in the very step in which SCK rises (set-up and hold).
-// Why a CRC bit by bit and a count of bits: what the host sent is worked out here without bytes, states or tables of the design.
+// Timing: a step is any part of a period of SCK; CS and reset are stable in the step of a rising SCK (setup and hold).
+// Why a CRC bit by bit and a count of bits: the reference has no bytes, states or tables of the design.
 `default_nettype none
 
 module check_spi #(
-  // For searches only: SCK moves at every step and reset is over for good.
+  // For searches only: SCK changes at every step, no further reset.
   parameter SEARCH = 0
 ) (
   input wire rst_ni,
@@ -37,7 +37,7 @@ module check_spi #(
   reg         granted_q;
   reg  [15:0] rdata_q;
   reg         refused_q;
-  // Masked, for a flop of the global clock knows no asynchronous reset.
+  // Masked, because a flop of the global clock has no asynchronous reset.
   wire        ack_q      = answered_q & rst_ni;
   wire        hold_ack_q = granted_q & rst_ni;
 
@@ -63,7 +63,7 @@ module check_spi #(
     .error_toggle_o   (error)
   );
 
-  // Shown from inside, for the proof only.
+  // Internal signals, for the proof only.
   wire [2:0]  tap_bit;
   wire [6:0]  tap_in;
   wire [7:0]  tap_crc;
@@ -74,7 +74,7 @@ module check_spi #(
   wire        tap_ack1;
   wire        tap_ack2;
 
-  // The bus side: answers when it likes, and only what was asked. What it answers rests with the acknowledge.
+  // Bus side: answers requests at any time; answers are stable with the acknowledge.
   always @(posedge global)
     if (!rst_ni) begin
       answered_q <= 1'b0;
@@ -111,7 +111,7 @@ module check_spi #(
   wire rises = sck_i & ~sck_q;
   wire alive = started_q & rst_ni & rst_nq;
 
-  // Bit by bit, as the polynomial says.
+  // Bit by bit from the polynomial.
   function [7:0] crc8;
     input [7:0] crc;
     input [7:0] data;
@@ -132,7 +132,7 @@ module check_spi #(
     end
   endfunction
 
-  // What the host sent since CS fell: how many bits (counting on in eights from 48), the bits, the CRC of the first 32.
+  // Bits since CS fell: their number (modulo 8 from 48 on), the bits, the CRC of the first 32.
   wire        selected = ~cs_ni & rst_ni;
   reg  [5:0]  bits_q;
   reg  [39:0] sent_q;
@@ -148,13 +148,13 @@ module check_spi #(
       if (bits_q < 32 && bits_q[2:0] == 3'd7) crc_q <= crc8(crc_q, {sent_q[6:0], copi_i});
     end
 
-  // A transaction that CS began behind the latest reset.
+  // A transaction that began after the latest reset.
   reg begun_q;
   always @(negedge cs_ni or negedge rst_ni)
     if (!rst_ni) begun_q <= 1'b0;
     else         begun_q <= 1'b1;
 
-  // Was an earlier request still on its way when this command's opcode came? And what the opcode was.
+  // True if an earlier request was pending at the opcode; and the opcode.
   reg [7:0] opcode_q;
   always @(posedge sck_i or negedge selected)
     if (!selected) opcode_q <= 8'd0;
@@ -176,14 +176,14 @@ module check_spi #(
     if (started_q && rises && !cs_ni && bits_q <= 8) quiet_in_the_opcode: assert (!cipo);
     if (started_q && rises && !cs_ni && opcode_q == 8'h02 && bits_q <= 40) quiet_in_a_write: assert (!cipo);
     if (started_q && rises && !cs_ni && opcode_q == 8'h03 && bits_q <= 16) quiet_in_a_read: assert (!cipo);
-    // Nothing good is left out either: not busy, complete, right: the request is out with the very bit.
+    // No correct command is left out: not busy, complete, correct: the request is sent with its last bit.
     if (alive && rises && !cs_ni && begun_q && bits_q == 6'd40 && opcode_q == 8'h02 && sent_q[7:0] == crc_q && !tap_busy)
       good_write_goes_out: assert (request != request_q);
     if (alive && rises && !cs_ni && begun_q && bits_q == 6'd16 && opcode_q == 8'h03 && !tap_busy)
       good_read_goes_out: assert (request != request_q);
     if (started_q && (cs_ni || !rst_ni)) silent_when_not_selected: assert (!cipo && bits_q == 0 && cipo_oe == !cs_ni);
 
-    // State by what was sent: the machine has no other way through its states.
+    // State from the bits sent: there is no other path through the states.
     if (started_q) begin
       states: assert (
         bits_q < 8   ? tap_state == 0 :

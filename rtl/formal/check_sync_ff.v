@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the two-flop synchronizer: no two consecutive ones, a one only for a sample taken, none taken in preset.
+// Theorems of the two-flop synchronizer: no two consecutive ones, a one only for a sample, no sample in preset.
 // Interface: comparator and preset are free at every clock, reset may fall at any time.
 // Timing: one step is one clock.
-// Why the comparator alone need not be modelled between edges: only its level at an edge enters; a late decision is one level or the other.
+// Why edges suffice for the comparator: only its level at an edge enters, and a late decision is either level.
 `default_nettype none
 
 module check_sync_ff (
@@ -24,7 +24,7 @@ module check_sync_ff (
 
   reg       started_q = 1'b0;
   reg       last_q;
-  // The reference: q[n] = comparator and not q[n-1] and not preset, shown a clock later.
+  // Reference: q[n] = comparator and not q[n-1] and not preset, one clock later.
   reg [1:0] sample_q;
   reg [2:0] allowed_q;
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Theorems of the flop-and-latch synchronizer: no two consecutive ones, a one is one clock long, none is taken in preset.
+// Theorems of the flip-flop + latch synchronizer: no two consecutive ones, each one clock long, none from preset.
 // Interface: the comparator is free at every step of a global clock, so also between the edges; preset moves at rising edges.
 // Timing: a step is any part of a half period; the clock itself is free, so is its duty.
-// Why a global clock: a latch is transparent for half a period, and what happens there is what is to be shown.
+// Why a global clock: a latch is transparent for half a period, which the theorems are about.
 `default_nettype none
 
 module check_sync_latch (
@@ -39,7 +39,7 @@ module check_sync_latch (
   wire rises = clk_i & ~clk_q;
   wire falls = ~clk_i & clk_q;
 
-  // The reference: q[n] = comparator and not q[n-1] and not preset. And what the switch showed in the last two low phases.
+  // Reference: q[n] = comparator and not q[n-1] and not preset; and the switch in the last two low phases.
   reg sample_q;
   reg shown_q;
   reg before_q;
@@ -49,7 +49,7 @@ module check_sync_latch (
 
   always @(posedge global) begin
     if (!started_q) assume (!rst_ni && !clk_i);
-    // Preset is a flop of the same clock; a reset that is let go while the clock is low or falls at any time.
+    // Preset is a flop of the same clock; reset is released while the clock is low, and may fall at any time.
     if (started_q && inhibit_i != inhibit_q) assume (rises);
     if (started_q && rst_ni && !rst_nq) assume (!clk_i && !clk_q);
     if (started_q) begin

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// For proofs: the two-flop synchronizer whose first flop, where it meets its input moving, takes the old level or the new one.
-// Interface: as rtl/dermis_tech_sync.v, whose place it takes.
-// Timing: a change is seen by the edge that meets it or by the next one, whichever the solver likes.
-// Why any level of the last clock and not only one at the very edge: the solver then has every skew of data against clock as well.
+// For proofs: two-flop synchronizer whose first flop takes the old or the new level of a changing input.
+// Interface: as rtl/dermis_tech_sync.v, which it replaces.
+// Timing: the first or the second edge after a change samples it, at the choice of the solver.
+// Why any level of the last clock, not only that at the edge: this includes every skew of data against clock.
 `default_nettype none
 
 module dermis_tech_sync (
