@@ -43,6 +43,7 @@ def test_a_ball_on_a_touch_grid_is_weighed() -> None:
         full = codes == 255
         assert ((found.low_n <= touch * (1 + 1e-9)) & (touch <= found.high_n * (1 + 1e-9))).all()
         assert np.isinf(found.high_n[full]).all()
-    # One taxel carries the ball: half a code of 15 N / 255. The ball itself still rolls a little.
-    assert found.force_n.sum() == pytest.approx(touch.sum(), abs=0.03)
-    assert touch.sum() == pytest.approx(0.4 * 9.81, rel=0.05)
+    # One taxel carries the ball, to half a code of 15 N / 255. Its neighbours are up to half a code too.
+    assert found.force_n[touch > 0] == pytest.approx(touch[touch > 0], abs=0.03)
+    assert touch.sum() == pytest.approx(0.4 * 9.81, rel=0.01)
+    assert found.force_n.sum() == pytest.approx(touch.sum(), abs=0.09)

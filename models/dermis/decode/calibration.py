@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -271,11 +271,6 @@ def load(path: Path | str) -> Calibration:
     except ValueError as error:
         raise InputError(path, "network", "its values", str(error)) from None
     return made
-
-
-def with_temperature(calibration: Calibration, relative: float) -> Calibration:
-    """Return the calibration of a sheet that conducts more by a relative amount."""
-    return replace(calibration, factor=calibration.factor * (1.0 + relative))
 
 
 @dataclass(frozen=True)
