@@ -64,13 +64,18 @@ def session(
         try:
             driver.set_page_load_timeout(LIMIT_S)
             driver.set_script_timeout(LIMIT_S)
-            scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-            driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
-            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
-            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            screen(driver, width, height, dark)
             yield driver
         finally:
             driver.quit()
+
+
+def screen(driver: Any, width: int, height: int, dark: bool) -> None:
+    """Give the browser a screen of a size, dark or light."""
+    scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
 
 
 def visit(driver: Any, page: Path, fragment: str = "") -> None:
