@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hostile input: fuzzers guided by coverage for everything that comes from outside, and what they have found."""
+"""Hostile input for everything that reads from outside, drawn and shrunk by Hypothesis."""
