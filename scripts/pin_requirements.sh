@@ -20,7 +20,7 @@ PYTHON
 {
     echo "# SPDX-License-Identifier: Apache-2.0"
     echo "# Every Python package of .venv, pinned; made by scripts/pin_requirements.sh from the names in pyproject.toml."
-    "$scratch/venv/bin/python" -m pip freeze | "$scratch/venv/bin/python" scripts/keep_markers.py "$scratch/wanted.txt"
+    "$scratch/venv/bin/python" -m pip freeze
 } >"$scratch/requirements.txt"
 # What comes without its dependencies stands in a list of its own.
 "$scratch/venv/bin/python" - >"$scratch/bare.txt" <<'PYTHON'
@@ -33,7 +33,6 @@ PYTHON
 {
     echo "# SPDX-License-Identifier: Apache-2.0"
     echo "# What is installed with --no-deps, pinned; made by scripts/pin_requirements.sh as well."
-    # Against names and versions alone: a line there may end in a marker.
-    "$scratch/venv/bin/python" -m pip freeze | grep -vxFf <(sed 's/;.*//' "$scratch/requirements.txt")
+    "$scratch/venv/bin/python" -m pip freeze | grep -vxFf "$scratch/requirements.txt"
 } >"$scratch/requirements_bare.txt"
 cp "$scratch/requirements.txt" "$scratch/requirements_bare.txt" .

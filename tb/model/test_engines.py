@@ -255,6 +255,7 @@ def cells_from(made_cells: list[dict[str, float]]) -> Cells:
     return Cells(**{f.name: np.array([c[f.name] for c in made_cells]) for f in fields(Cells)})
 
 
+@pytest.mark.long
 @settings(max_examples=80, deadline=None)
 @given(one=cell(), latch=st.booleans(), clocks=st.integers(1, 50))
 def test_event_is_the_walk_in_fifty_digits_to_1e_12(one: dict[str, float], latch: bool, clocks: int) -> None:

@@ -269,6 +269,7 @@ def after(y: mpmath.mpf, x: mpmath.mpf, time: mpmath.mpf) -> mpmath.mpf:
     return x * y * grown / (x + y * (grown - 1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("clocks", [0, 1, 4])
 @pytest.mark.parametrize("q_c", [5e-14, 2e-11])
 def test_slow_mirror_falls_while_no_row_is_driven(tmp_path: Path, clocks: int, q_c: float) -> None:

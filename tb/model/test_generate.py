@@ -53,6 +53,7 @@ def test_the_tree_is_up_to_date() -> None:
     assert tuple(generate.generate_all()) == GENERATED
 
 
+@pytest.mark.long
 @pytest.mark.paper
 @pytest.mark.parametrize(
     ("path", "old", "new"),

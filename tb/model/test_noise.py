@@ -133,6 +133,7 @@ def cell(rng: np.random.Generator, kind: str) -> dict[str, float]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["plain", "hysteresis", "all"])
 def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) -> None:
     rng = np.random.default_rng(5)
@@ -185,6 +186,7 @@ def test_noise_of_a_charge_that_stands_at_its_limit_is_all_there(
     assert min(len(set(counts[:6])), len(set(counts[6:]))) > 1, "the noise must be large enough to be seen"
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(step=st.sampled_from([8, 16, 32, 128, 512]), first=st.integers(0, 150))
 def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -> None:

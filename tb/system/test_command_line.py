@@ -158,6 +158,7 @@ line_capacitance = { c_row_f = 1e-7, c_column_f = 1e-7 }
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("processes", ["1", "2"])
 def test_a_run_that_fails_in_its_engine_leaves_nothing(tmp_path: Path, processes: str) -> None:
     scene = scene_with(tmp_path, FAILS_IN_THE_ENGINE)
@@ -209,6 +210,7 @@ def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path: Path, name: str
 
 
 # 335 bytes of build/run.json pass, 384 of codes.npy do not.
+@pytest.mark.long
 @pytest.mark.parametrize("limit", [360, 8192], ids=["codes", "figure"])
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) -> None:
     """A limit on the size of a file stands for a full disk."""

@@ -53,6 +53,7 @@ def test_verilog_counts_what_charge_balance_says(
     assert np.array_equal(got, closed.run(made).codes)
 
 
+@pytest.mark.long
 def test_a_host_reads_wide_arrays_in_time(resistance_plan: MakePlan) -> None:
     """100 columns are 912 bits in 625 clocks: the clock of the host is faster than that of the chip."""
     made = resistance_plan(300 * 300 ** np.random.default_rng(8).random((3, 1, 100)))
@@ -106,6 +107,7 @@ FAULTY_CHIPS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTY_CHIPS)
 def test_a_faulty_chip_is_a_simulator_error(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str

@@ -136,6 +136,7 @@ def test_random_scenes_read_as_in_the_event_engine(tmp_path: Path, reader: DeckR
     assert worst <= 1
 
 
+@pytest.mark.long
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:
     """Ties the chip of deck_bench, which all of the above is read with, to the real one; motion over two frames."""
     on = effects_of("conveyor_mirror") | {"mirror_lag": {"q_c": 1e-11}}

@@ -26,7 +26,8 @@ def test_a_scene_runs_or_is_refused_with_an_engine_that_can(path: Path, engine: 
     said = _run(path, engine)
     if said:
         assert engine != "event"  # it does everything
-        assert path.stem == "noisy_channel" or engine != "rtl"  # all that rtl leaves to others is random
+        # All that rtl leaves to event is random: the noise of one scene, and what auto adds to another.
+        assert engine != "rtl" or path.stem in ("noisy_channel", "quarter_code_fingertip")
         assert "\n" not in said
         assert set(re.findall(r"engine (\w+)", said)) & set(ENGINES) - {engine}, said
 

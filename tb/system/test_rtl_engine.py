@@ -126,6 +126,7 @@ def test_parts_of_a_run_follow_each_other(resistance_plan: MakePlan, monkeypatch
 # ---- effects
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name: str) -> None:
     ohm = random_ohm(5, 2, 2, 12)

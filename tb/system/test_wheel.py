@@ -70,6 +70,7 @@ def test_the_wheel_has_every_file_that_decides_about_codes(wheel: Path) -> None:
     assert not [name for name in held if name.startswith(("scripts/", "tb/", "dermis/_data/rtl/synth"))]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_an_empty_environment_gets_a_library_and_a_command(wheel: Path, tmp_path: Path) -> None:
     python = tmp_path / "venv" / "bin" / "python"

@@ -18,7 +18,7 @@ from typing import Any
 import click
 from hypothesis import strategies as st
 
-from dermis import cli
+from dermis import cli, engines, plan
 from dermis.engines import batch, cosim, rtl
 from dermis.report import figures, output, plan_table, verdict
 from scripts import calculator, regression
@@ -120,6 +120,8 @@ def prepare(place: Path) -> None:
     small = '[array]\nrows = 3\ncols = 2\n[stimulus]\nkind = "frames"\nfile = "frames.csv"\nunit = "codes"\n'
     for name in ("scene.toml", "..toml", "a\nb.toml", "$(touch x).toml"):
         (place / name).write_text(small)
+    for engine in ("closed", "event"):  # loops compile on first use, and take more memory than an input may
+        engines.run(plan.load(place / "scene.toml", engine))
     (place / "empty.toml").touch()
     (place / "link_out").symlink_to("elsewhere")
     (place / "loop_out").symlink_to("loop_out")
