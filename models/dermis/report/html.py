@@ -232,8 +232,9 @@ def _run(body: _Body, directory: Path, waves: bool) -> None:
     body.text(f"<h2>{_say(summary['title'] or directory.name)}</h2>")
     scene = directory / "resolved.toml"
     again = shlex.join(["dermis", "run", str(scene), "--engine", summary["engine"]])
+    frames = "1 frame" if summary["frames"] == 1 else f"{summary['frames']} frames"
     body.text(
-        f"<p class='soft'>{summary['frames']} frames of {summary['rows']} x {summary['cols']}, engine "
+        f"<p class='soft'>{frames} of {summary['rows']} x {summary['cols']}, engine "
         f"{_say(summary['engine'])}, seed {summary['seed']}. Again with: <code>{_say(again)}</code></p>"
     )
     codes = np.load(directory / "codes.npy")
@@ -342,7 +343,7 @@ def _effects(states: Sequence[Mapping[str, Any]]) -> str:
         said = _Markup("<span class='PASS'>in</span>") if state["on"] else "left out"
         lines.append((state["name"], said, state["reason"], "" if bound is None else f"{bound:.3g}"))
     rest = (
-        f"<p class='soft'>Off, for the scene does not name them: {_say(', '.join(unnamed))}.</p>"
+        f"<p class='soft'>Off, for the scene does not name them: {html.escape(', '.join(unnamed))}.</p>"
         if unnamed
         else ""
     )
