@@ -195,4 +195,5 @@ def _everything(name: str, design: Design | None) -> Plan:
 def _bound(value: float | None) -> str:
     if value is None:
         return NONE
-    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}" if value else "exact"
+    # Below a billionth of an LSB only rounding is left, which differs from processor to processor.
+    return "none" if value > _NO_BOUND_LSB else f"{value:.2g}" if value > 1e-9 else "exact"

@@ -236,6 +236,7 @@ def test_a_budget_moves_codes_by_one_and_walks_less(budget: float) -> None:
     loose = made({"auto": {"budget_lsb": budget}}, stimulus=stimulus)
     exact = made({"auto": {}}, stimulus=stimulus)
     result, everything = certified(loose), engines.run(exact)
+    # A budget below 1 LSB moves a decision over one threshold at most.
     assert np.abs(result.codes.astype(int) - everything.codes).max() <= 1
     assert ((result.low <= everything.codes) & (everything.codes <= result.high)).all()
     assert result.info["filter"]["everything"] < everything.info["filter"]["everything"]

@@ -54,6 +54,7 @@ def test_conductances_come_back_from_exact_currents(shape: tuple[int, int], fiel
     net = network(*shape, **fields)
     solved = crosstalk.solve(net, column_currents(net, g))
     assert solved.converged.all()
+    # The limit of decode.noise_free_error; 4e-14 is usual.
     assert worst_relative(solved.conductance_s, g) <= 1e-8
 
 
@@ -77,6 +78,7 @@ def test_the_error_stays_within_the_proven_bound() -> None:
         error = np.abs(solved.conductance_s - g).sum(axis=(1, 2))
         assert np.isfinite(solved.error_s).all()
         assert (error <= solved.error_s).all()
+        # The stop test leaves TOLERANCE, 1e-13 of the sum; the bound is within a hundred times that.
         assert (solved.error_s <= 1e-11 * g.sum(axis=(1, 2))).all()
 
 
@@ -94,11 +96,13 @@ def test_the_bound_covers_a_solution_that_is_not_converged(monkeypatch: pytest.M
         _, moved, _ = crosstalk.sweep(found, again, total, u, taken, v_bias, driven, ground, through)
         factor = crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, 0.0)
         if factor < 1:
+            # The bound of the contraction that is under test: no error may exceed it.
             radius = moved / (1 - factor)
             if np.isfinite(
                 crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, radius)
             ):
                 assert np.abs(found - g[0]).sum() <= radius
+                # An error that has reached rounding would prove nothing.
                 assert np.abs(found - g[0]).sum() > 1e-12
         found = again
 
@@ -110,6 +114,7 @@ def test_a_fully_pressed_array_converges_where_the_proof_ends() -> None:
     solved = crosstalk.solve(net, column_currents(net, g))
     assert solved.converged.all()
     assert np.isinf(solved.error_s).all()
+    # Without a bound the sweeps stop at TOLERANCE, 1e-13; the array stretches it by less than 1000.
     assert worst_relative(solved.conductance_s, g) <= 1e-10
 
 
@@ -118,6 +123,7 @@ def test_newtons_method_finds_the_same() -> None:
     net = network(5, 4, r_column_ohm=20.0, r_trace_row_ohm=0.5, r_trace_column_ohm=0.5, **SOURCES)
     current = column_currents(net, g)
     slow = crosstalk.solve_by_newton(net, current[0])
+    # The slow solver differentiates numerically and stops at 1e-9.
     assert np.abs(crosstalk.solve(net, current).conductance_s[0] - slow).max() <= 1e-9 * slow.max()
 
 
@@ -128,6 +134,7 @@ def test_currents_of_the_nodal_reference_come_back() -> None:
         g[0], 0.5, 25.0, 10.0, np.array([1.0, 2.0, 5.0, 0.0]), 1e-3, g_lateral_row_s=1e-3, i_leak_a=1e-6
     )
     solved = crosstalk.solve(net, nodal.column_currents(net)[np.newaxis])
+    # The forward and the nodal solve agree to 1e-12; the inverse stretches that by less than 100.
     assert worst_relative(solved.conductance_s, g) <= 1e-10
 
 
@@ -137,9 +144,11 @@ def test_shorts_and_open_taxels_have_defined_answers() -> None:
     net = network(4, 4, r_column_ohm=1.0)
     solved = crosstalk.solve(net, column_currents(net, g))
     assert np.isinf(solved.conductance_s[0, 1, 2])
+    # Rounding of a column current: 1e-16 of 0.5 A through the short, over 0.5 V, a few hundred times.
     assert solved.conductance_s[0, 3, 0] == pytest.approx(0, abs=1e-13)
     others = np.isfinite(solved.conductance_s) & (g > 0)
     assert others.sum() == 14
+    # Rounding of 0.5 A beside 0.5 mA, and SHORT_S for infinity: five digits of 1e-3 S.
     assert np.abs(solved.conductance_s[others] - 1e-3).max() < 1e-8
 
 

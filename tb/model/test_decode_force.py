@@ -52,6 +52,7 @@ def test_curves_are_the_laws_of_the_scene(force: float) -> None:
         ohm = made_by.resistance_ohm(force)
         with np.errstate(divide="ignore"):
             g = 1 / ohm
+        # One formula in two orders: a power and a quotient round to 1e-15 each.
         assert law.of_sensor(made_by).force_n(g) == pytest.approx(float(made_by.force_n(ohm)), rel=1e-12)
 
 
@@ -61,7 +62,9 @@ def test_brimacombes_laws_are_found_in_their_own_data() -> None:
     own = {"linear": 7500 * g, "power": 3e4 * g**1.3, "cubic": 5e3 * g - 1e6 * g**2 + 6e8 * g**3}
     for kind, force in own.items():
         curve = law.fit(kind, g, force)
+        # A fit of exact points is off by the rounding of least squares, 1e-12 times its condition of 100.
         assert law.rms_error_n(curve, g, force) < 1e-9 * force.max()
+        # The inverse adds one root, found to the same digits.
         assert curve.conductance_s(force) == pytest.approx(g, rel=1e-9)
     assert law.rms_error_n(law.fit("table", g, own["cubic"], 20), g, own["cubic"]) < 0.01 * own["cubic"].max()
     errors = [
@@ -109,6 +112,7 @@ def test_a_saturated_taxel_has_an_open_end_and_its_row_is_still_covered() -> Non
     assert ((found.flags & SATURATED > 0) == full).all()
     assert np.isinf(found.high_n[full]).all()
     assert np.isfinite(found.high_n[~full]).all()
+    # Forces on the edge of an interval round by some 1e-15 either way.
     assert ((found.low_n <= plan.force_n * (1 + 1e-9)) & (plan.force_n <= found.high_n * (1 + 1e-9))).all()
     assert ((found.flags & ZERO > 0) == (codes == 0)).all()
 
@@ -155,6 +159,7 @@ def test_worn_sheets_are_decoded_frame_by_frame_as_in_one_go() -> None:
     stream = decoder_of(plan)
     each = np.array([stream.decode(frame).force_n for frame in codes])
     assert (each == whole.force_n).all()
+    # Forces on the edge of an interval round by some 1e-15 either way.
     assert ((whole.low_n <= plan.force_n) & (plan.force_n <= whole.high_n * (1 + 1e-9))).mean() > 0.999
 
 

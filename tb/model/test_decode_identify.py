@@ -74,7 +74,9 @@ def fitted() -> Calibration:
 
 def test_gains_and_offsets_come_from_test_currents() -> None:
     true, found = Calibration.of_plan(skin().plan), fitted()
+    # Four of the fit's own standard deviations, over 16 columns.
     assert np.abs(found.step_a / true.step_a - 1).max() < 4 * found.step_part.max() < 0.01
+    # The same for the offsets.
     assert np.abs(found.start_code - true.start_code).max() < 4 * found.start_sigma_code.max()
     assert np.abs(true.step_a / true.step_a.mean() - 1).max() > 0.02
 
@@ -126,6 +128,7 @@ def test_one_cycle_tells_hysteresis_and_creep() -> None:
         Calibration.of_plan(made.plan), memory=calibration.MemoryLaw(np.empty(0), np.empty(0))
     )
     found, values = identify.fit_memory(known, made.read(force), force, 2e-3)
+    # Half a code of 170 at the turn of the loop is 0.003 of it; creep is fitted from the same readings.
     assert values["hysteresis"][0] == pytest.approx(0.1, abs=0.003)
     assert values["creep_per_decade"][0] == pytest.approx(0.05, abs=0.003)
     assert found.memory.radius.size == 1
@@ -138,6 +141,7 @@ def test_noise_is_found_below_and_above_the_step_of_a_code(sigma: float) -> None
     rng = np.random.default_rng(1)
     exact = rng.uniform(0, 200, 4000)
     codes = np.round(exact + sigma * rng.standard_normal((10, exact.size)))
+    # 40 000 readings give a sigma to 0.4 %; rounding to codes adds some per cent below one code.
     assert identify.fit_noise(codes) == pytest.approx(sigma, rel=0.05, abs=1e-3)
 
 
@@ -174,6 +178,7 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
     status, said = run(str(path), "--out", str(tmp_path / "sheet.toml"))
     assert status == 0, said
     made = calibration.load(tmp_path / "sheet.toml")
+    # Whole codes at few loads: half a code of the 5 codes that 4 ohm cost, averaged over the taxels.
     assert made.network["r_row_driven_ohm"] == pytest.approx(4.0, rel=0.05)
     assert made.reference[0][:2] == (0, 1)
     drifted = dataclasses.replace(made, step_a=made.step_a * np.where(np.arange(SIZE) == 5, 1.05, 1.0))

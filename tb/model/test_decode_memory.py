@@ -65,6 +65,7 @@ def test_unquantised_cycles_come_back_within_their_interval(seed: int) -> None:
     # A rise or a fall that is longer than the loop's flat piece is known exactly.
     certain = high - low < 1e-6
     assert certain.mean() > 0.5
+    # Newtons; the bisection of the inverse stops at 1e-7 of the full force.
     assert np.abs(found - force)[certain].max() < 1e-6
 
 
@@ -83,6 +84,7 @@ def test_quantised_cycles_come_back() -> None:
 def test_a_force_that_is_held_stays() -> None:
     force = np.r_[np.linspace(0, 10, 40), np.full(400, 10.0)][:, np.newaxis]
     _, found, _ = undone(sheet(force))
+    # Creep that is taken back at every step rounds 440 times.
     assert found[-200:] == pytest.approx(10, rel=1e-6)
 
 
@@ -95,8 +97,8 @@ def test_a_general_loop_is_inverted_exactly() -> None:
         g = forward.apply(frame, DT)
         ends = g.copy(), g, g.copy()
         back.undo(*ends, DT)
-        # Readings count as still below ROUNDING, which the flattest piece stretches by 1 / 0.3.
         for end in ends:
+            # Readings count as still below ROUNDING, which the flattest piece stretches by 1 / 0.3.
             assert np.abs(end / frame - 1).max() < 1e-8
 
 

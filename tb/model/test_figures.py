@@ -86,6 +86,7 @@ def test_names_at_the_ends_of_curves_do_not_overlap() -> None:
     axes.set_ylim(0, 1)
     figures.end_labels(axes, [(1.0, y, f"{y}", "k") for y in (0.5, 0.501, 0.502, 0.99, 0.995)])
     heights = sorted(text.get_position()[1] for text in axes.texts)
+    # Positions are sums of floats; 1e-9 of the axis is no pixel.
     assert np.diff(heights).min() >= 0.045 - 1e-9
     assert heights[-1] <= 1.0
 

@@ -368,6 +368,7 @@ def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> 
         # The bound is as many standard deviations of the path at the end of the gate.
         told = part.found["thermal_noise"].random
         most = bounds.SIGMAS * np.sqrt(plan.timing.gate_clocks * variances[-1])
+        # The same product in two orders.
         assert told == pytest.approx(np.broadcast_to(most, np.shape(told)), rel=1e-12)
     # As above.
     assert variances[1] == pytest.approx(4.0 * variances[0], rel=1e-12)

@@ -62,6 +62,7 @@ def test_every_text_gives_the_same_frames(tmp_path: Path, name: str) -> None:
     path.write_text(content, encoding="utf-8")
     found = recording.load(path, Layout(**layout))
     assert (found.values == FRAMES).all()
+    # Seconds; the file has nine digits behind the point.
     assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
     assert found.present.all()
 
@@ -81,6 +82,7 @@ def test_binary_files_give_the_same_frames(tmp_path: Path, suffix: str) -> None:
         layout = {"time_key": "skin/time"}
     found = recording.load(path, Layout(**layout))
     assert (found.values == FRAMES).all()
+    # Seconds; the file has nine digits behind the point.
     assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
 
 
@@ -148,10 +150,12 @@ def test_the_command_writes_codes_and_forces_with_time(tmp_path: Path) -> None:
     status, said = run(str(path), "--rows", "4", "--cols", "6", "--unit", "newtons", "--out", str(out))
     assert status == 0, said
     force, low, high = (np.load(out / f"forces{part}_n.npy") for part in ("", "_low", "_high"))
+    # Half a code of 15 N, and a tenth for the network that is taken back.
     assert np.abs(force - FRAMES).max() < 0.6 * 15 / 255
     assert ((low <= FRAMES) & (FRAMES <= high)).all()
     table = np.genfromtxt(out / "forces_n.csv", delimiter=",", names=True)
     assert table["time_s"][::4] == pytest.approx(0.02 * np.arange(7))
+    # The csv has six digits.
     assert table["c5"].reshape(7, 4) == pytest.approx(force[:, :, 5], rel=1e-5)
     columns = np.genfromtxt(out / "codes.csv", delimiter=",", names=True)
     assert (columns["c0"].reshape(7, 4) == np.load(out / "codes.npy")[:, :, 0]).all()

@@ -102,6 +102,7 @@ def test_frame_by_frame_is_the_same_as_in_one_batch(name: str) -> None:
 def test_forces_come_back_inside_their_interval(name: str) -> None:
     skin, forces, codes = world(name)
     found = skin.decode(codes)
+    # Forces on the edge of an interval round by some 1e-15 either way.
     inside = (found.low_n <= forces * (1 + 1e-9)) & (forces <= found.high_n * (1 + 1e-9))
     assert inside.mean() >= 0.999
 

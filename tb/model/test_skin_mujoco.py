@@ -41,6 +41,7 @@ def test_a_ball_on_a_touch_grid_is_weighed() -> None:
         codes = skin.read(touch, model.opt.timestep)
         found = skin.decode(codes, model.opt.timestep)
         full = codes == 255
+        # Forces on the edge of an interval round by some 1e-15 either way.
         assert ((found.low_n <= touch * (1 + 1e-9)) & (touch <= found.high_n * (1 + 1e-9))).all()
         assert np.isinf(found.high_n[full]).all()
     # One taxel carries the ball, to half a code of 15 N / 255. Its neighbours are up to half a code too.

@@ -121,6 +121,7 @@ def test_pointer_presses_where_it_is(fresh: Any) -> None:
     wait(fresh, "demo.toml().includes('center_col = 2')")
     text = fresh.execute_script("return demo.toml()")
     row, col = (float(re.search(rf"center_{axis} = ([\d.]+)", text)[1]) for axis in ("row", "col"))
+    # A press snaps to a tenth of a taxel.
     assert (row, col) == pytest.approx((12, 2), abs=0.1)
     wait(fresh, "demo.state().latest.codes[12 * 16 + 2] > 100")
 

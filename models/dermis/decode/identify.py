@@ -161,6 +161,7 @@ def _fit_loads(
     # Half a code in a small reading counts less; of the two sets of effects one constant is free.
     weight = codes[used] * np.sqrt(12)
     left, size, _ = np.linalg.svd(weight[:, None] * matrix, full_matrices=False)
+    # The free constant is 1e-16 of the largest direction by rounding; the least that loads determine is above 1e-4.
     basis = left[:, size > 1e-9 * size[0]]
     currents = calibration.step_a * (codes - calibration.start_code)
 
@@ -183,6 +184,7 @@ def _fit_loads(
     scale = found.x
     values = {}
     for k, (name, start) in enumerate(NETWORK_START.items()):
+        # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
         blind = np.linalg.norm(found.jac[:, k]) < 1e-3
         values[name] = (scale[k] * start, np.inf if blind else sigma[k] * start)
     network = dict(calibration.network) | {n: v for n, (v, _) in values.items()}
@@ -289,6 +291,7 @@ def fit_memory(
     memory = law_of(p)
     if play > 1 - max(3 * sigma[1], 0.02):
         memory = MemoryLaw(np.array([radius * play]), np.ones(1), creep_per_decade, memory.creep_start_s)
+    # A loop of under 1/1000 of the force is below half a code at full scale, 1/510.
     if radius * play < 1e-3:
         memory = MemoryLaw(np.empty(0), np.empty(0), creep_per_decade, memory.creep_start_s)
     values = {

@@ -176,6 +176,7 @@ def _table(g: Floats, force: Floats, points: int) -> Curve:
     means, values = values, isotonic_regression(values).x
     if np.abs(means - values).max() > CONTRADICTION * values.max():
         raise LawError(f"loads contradict each other: force falls with conductance near {means.max():.4g} N")
+    # Knots closer than rounding would divide a difference of values by noise.
     keep = np.concatenate([[True], (np.diff(knots) > 1e-12 * knots[-1]) & (np.diff(values) > 0)])
     knots, values = knots[keep], values[keep]
     if knots.size < 2:

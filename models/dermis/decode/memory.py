@@ -131,6 +131,7 @@ def advance_creep(creep, loaded, rate, weight, dt_s):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _log(g):
+    # exp(LOG_OPEN): below it a taxel conducts nothing.
     return np.log(g) if g > 1.9e-35 else LOG_OPEN
 
 

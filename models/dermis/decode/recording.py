@@ -22,6 +22,7 @@ UNITS = ("codes", "newtons", "kpa", "ohm")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TIME = re.compile(r"[%#]?(.*[./ _])?(time|t|stamp|timestamp|secs?|seconds)([ _.\[(].*)?", re.IGNORECASE)
 _NUMBERED = re.compile(r"(.*?)\[?\d+\D*")
+# Half a frame: beyond it the nearest whole number of frames is another.
 _TIME_SPREAD = 0.5
 """Part of the median by which a step of time may differ before frames count as lost."""
 

@@ -150,6 +150,7 @@ def read_frames(
         kept = np.where(rec.present & np.isfinite(forces), forces, 0.0)
         for key, (value, unit) in error_figures(force, kept, rec.time_s, used).items():
             rows.append(verdict.report(f"read.{name}.{key}", value, unit, "pressed taxels below full scale"))
+    # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
     inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
     rows.append(verdict.report("read.interval_coverage", float(inside[:, rec.present].mean()), "1"))
     note = "a wrong --unit or --scale? k of the scene sets the range"
@@ -226,6 +227,7 @@ def read_command(
         ),
         0.0,
     )
+    # Times of a file have six digits; a frame that is shorter by less is the same.
     if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
         least_s = chip.timing.frame_s
         allowed = f"at most {1 / least_s:.4g} frames a second: the chip reads {rows} rows in {least_s:g} s"

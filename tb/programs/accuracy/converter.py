@@ -62,12 +62,14 @@ def options_with(line: str, **other: float | str) -> str:
 def tolerances(reltol: float, **other: str) -> str:
     """Return the options with a pole and all tolerances moved together, so that none hides the others."""
     share = reltol / 1e-4  # at 1e-4 they are those of netlist.py
+    # Every tolerance keeps its ratio to reltol, as in the deck of an engine.
     moved = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
     return options_with(POLE, reltol=reltol, **moved, **other)
 
 
 def step_words(seconds: float) -> str:
     """Return a step in ns or us."""
+    # A change of unit, not a tolerance: below a microsecond, ns.
     return f"{1e9 * seconds:g} ns" if seconds < 1e-6 else f"{1e6 * seconds:g} us"
 
 

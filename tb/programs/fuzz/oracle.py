@@ -273,6 +273,7 @@ def judge(
             check_line(error)
         elif not str(error).isprintable() or not str(error):
             found = Finding("line", place_of(error), repr(str(error)[:200]))
+    # The input reached a command that the target replaces: taken.
     except Taken:
         pass
     except Finding:

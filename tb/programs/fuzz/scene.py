@@ -118,6 +118,7 @@ def prepare(place: Path) -> None:
     deck.includes()
     for scene in bases()[:-40:2]:
         (place / "scene.toml").write_bytes(scene)
+        # Some bases are refused by design; what counts is that loading has loaded its modules.
         with contextlib.suppress(InputError):
             look(planning.load(place / "scene.toml"), place, again=True)
     # Loops compile on first use, for longer than an input may take: arrays with traces, offsets and leaks.

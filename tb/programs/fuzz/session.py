@@ -28,6 +28,8 @@ AGAIN = 500
 """Inputs after which the memory limit is set anew, for Hypothesis remembers inputs."""
 
 SHRINK_S = 30.0
+ROOM_BYTES = 8 << 30
+"""Address space for preparing a target, in bytes: compilers of loops and their libraries."""
 
 
 @contextlib.contextmanager
@@ -38,6 +40,9 @@ def prepared(name: str) -> Iterator[tuple[target.Target, Path]]:
         place = Path(directory).resolve()
         configuration.set_hypothesis_home_dir(place / "hypothesis")
         loaded = target.load(name)
+        oracle.limit_memory(
+            ROOM_BYTES
+        )  # that of the target before is too small for what loads and compiles now
         loaded.prepare(place)
         try:
             yield loaded, place
