@@ -87,7 +87,7 @@ def test_a_finding_is_shrunk_and_the_round_runs_all_its_inputs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(session.target, "load", _Made.load)
-    monkeypatch.setattr(oracle, "limit_memory", lambda: None)
+    monkeypatch.setattr(oracle, "limit_memory", lambda *_: None)
     piece = session.fuzz("made", 200, 1, str(tmp_path / "last"))
     assert [one["data"] for one in piece["found"]] == ["!"]
     assert piece["counts"]["inputs"] == 200

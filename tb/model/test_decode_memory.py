@@ -65,7 +65,7 @@ def test_unquantised_cycles_come_back_within_their_interval(seed: int) -> None:
     # A rise or a fall that is longer than the loop's flat piece is known exactly.
     certain = high - low < 1e-6
     assert certain.mean() > 0.5
-    # Newtons; the bisection of the inverse stops at 1e-7 of the full force.
+    # Newtons of 15: the steps below ROUNDING, 1e-9 of a reading, that a run leaves out add up.
     assert np.abs(found - force)[certain].max() < 1e-6
 
 

@@ -62,7 +62,7 @@ def test_every_text_gives_the_same_frames(tmp_path: Path, name: str) -> None:
     path.write_text(content, encoding="utf-8")
     found = recording.load(path, Layout(**layout))
     assert (found.values == FRAMES).all()
-    # Seconds; the file has nine digits behind the point.
+    # Seconds; differences of stamps of 100 s round to 1e-14, and the finest unit of a file is 1 ns.
     assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
     assert found.present.all()
 
@@ -82,7 +82,7 @@ def test_binary_files_give_the_same_frames(tmp_path: Path, suffix: str) -> None:
         layout = {"time_key": "skin/time"}
     found = recording.load(path, Layout(**layout))
     assert (found.values == FRAMES).all()
-    # Seconds; the file has nine digits behind the point.
+    # Seconds; differences of stamps of 100 s round to 1e-14, and the finest unit of a file is 1 ns.
     assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
 
 
