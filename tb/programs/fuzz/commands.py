@@ -153,10 +153,10 @@ def prepare(place: Path) -> None:
 
 
 def _policy(words: list[str], place: Path) -> oracle.Policy:
-    """Allow OUT, its working copy .OUT.partial_N, and the output of the project."""
+    """Allow OUT, its working copy .OUT.partial_N, the page of --html, and the output of the project."""
     build = place / "root" / "build"
-    named = [b for a, b in itertools.pairwise(words) if a == "--out"]
-    named += [word.removeprefix("--out=") for word in words if word.startswith("--out=")]
+    named = [b for a, b in itertools.pairwise(words) if a in ("--out", "--html")]
+    named += [word.partition("=")[2] for word in words if word.startswith(("--out=", "--html="))]
     outs = [Path(way(out)) for out in named for way in (os.path.realpath, os.path.abspath)]
 
     def allowed(path: Path) -> bool:
@@ -171,6 +171,8 @@ def _policy(words: list[str], place: Path) -> oracle.Policy:
             for p in (path, *path.parents)
             if ".partial_" in p.name
         ]
+        if path.name.startswith("."):  # a file on its way to its name: .NAME.N
+            copies.append(path.parent / path.name[1:].rpartition(".")[0])
         if any(out in (path, *path.parents, *copies) or path in out.parents for out in outs):
             if place not in path.parents and path != place:
                 raise Taken  # a path that the user names elsewhere ends the input before anything is written

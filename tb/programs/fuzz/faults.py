@@ -112,7 +112,7 @@ def _traceback_on_option() -> None:
     whole = calculator.make_targets
 
     def brittle(**targets: Any) -> Any:
-        return whole(**targets) if targets.get("rows") is None else {}["rows"]
+        return whole(**targets) if all(value is None for value in targets.values()) else {}["rows"]
 
     calculator.make_targets = brittle
 
