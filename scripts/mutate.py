@@ -290,7 +290,7 @@ def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, b
             shutil.rmtree(outcome.work, ignore_errors=True)
             if outcome.status == "FAIL":
                 return f"proof {name}.{outcome.failed[0] if outcome.failed else '?'}", True
-        # A timeout is no evidence.
+        # A timeout is not evidence.
         if outcome.status == "UNKNOWN":
             doubt = f"proof {name}, which no longer succeeds"
     return doubt, False

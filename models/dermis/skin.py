@@ -133,7 +133,7 @@ def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_l
     for i in range(rows):
         for c in range(cols):
             out[0, c] += g[i, c] * (volt[i] - v_offset[c])
-    # The last row first, for row 0 holds what all rows share.
+    # The last row first: row 0 holds the values that all rows share.
     for r in range(rows - 1, -1, -1):
         drawn = 0.0
         for c in range(cols):

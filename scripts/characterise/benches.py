@@ -566,7 +566,7 @@ NOISE_PACKET = _NOISE.format(
     share="s^2",
     highest="1meg",
 )
-# What the offset null stores when a gate begins, less the mean of the same noise over the gate:
+# The value that the offset null stores when a gate begins, less the mean of the same noise over the gate:
 # 1 - sinc exp(-j pi f T).
 # Stored and followed are both through the pole of the amplifier on 20 pF, across which it stands while it is closed
 # on itself.

@@ -102,7 +102,7 @@ def settling(outcomes: Outcomes, path: Path) -> None:
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
     microseconds = [1e-3 * t for t in benches.SETTLING_NS]
-    # Where a column comes to rest is its offset, which settles no further.
+    # The final voltage of a column is its offset, so the last value is the reference.
     last = f"settling_v.t{benches.SETTLING_NS[-1]}"
     lines = {
         c: (

@@ -104,7 +104,7 @@ def resolved(text: str) -> str:
 def key(text: str) -> str:
     """Return the hash of all inputs of a resolved deck."""
     solved = (spice_batch.version(), START, ladder.START, ladder.STEPS)
-    # A file of models is named after its content, and lies elsewhere on another machine.
+    # A model file is named after its content; its folder differs between machines.
     return hashlib.sha256(f"{solved}\n{text.replace(str(MODELS), '')}".encode()).hexdigest()[:24]
 
 

@@ -29,7 +29,7 @@ IDEAL: dict[str, Any] = {
 }  # fmt: skip
 """The ideal converter, as a cell of `cell_of`."""
 
-# Fields beside which the walk needs no more than rationals.
+# If all other fields are ideal, the walk needs only rationals.
 _RATIONAL = frozenset({"x", "w0", "packet", "rise", "fall"})
 
 # Beyond this duty every second clock has a one, whatever else happens; infinite duties have no walk.
@@ -66,7 +66,7 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     x = min(max(cell["x"], -_X_SURE), _X_SURE)
     plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
     if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
-        # The latch takes the packet earlier, but behind the one and before the next sample that may be another.
+        # The latch takes the packet earlier, but still after its own one and before the next sample that may be a one.
         return count(Fraction(x), clocks, *(Fraction(cell[n]) for n in ("w0", "packet", "rise")))
     with mpmath.workdps(DIGITS):
         numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}

@@ -21,8 +21,8 @@ from dermis.array.array import Network
 Node = tuple[Any, ...]
 Element = tuple[Node, Node, Any]
 
-# A taxel of 0 ohm is the limit of small equal resistances. 1e-80 ohm is nearer to it, beside anything above 1e-23 ohm,
-# than any double can tell (1e-57), and so many digits more are carried.
+# A taxel of 0 ohm is the limit of small equal resistances. Compared with anything above 1e-23 ohm, 1e-80 ohm differs
+# from it by 1e-57, less than a double resolves; _SHORT_DIGITS more digits are carried.
 SHORT_S = 10**80
 _SHORT_DIGITS = 200
 

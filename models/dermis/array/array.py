@@ -15,7 +15,7 @@ from dermis.errors import SimulatorError
 
 Floats = NDArray[np.float64]
 
-# Conductances that stand for a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
+# Conductances of a short. A taxel of 0 ohm is the limit of small equal resistances, which decides
 # how a current splits between two of them; a series resistance of 0 ohm is harder than any taxel. The
 # eliminations below never subtract them, and products of any two of them and of conductances down to 1e-60 S
 # stay far from where doubles end.
@@ -326,7 +326,7 @@ class _RowLines:
         if not self.bent:
             return
         # The line as a ladder, from its far end: `total` is the conductance from node c on, `pass_on` is the part
-        # of a current into node c (nothing but what lies before it connected) that goes towards the driver.
+        # of a current into node c that goes towards the driver, with only the nodes before c connected.
         segment = float(_conductance(network.r_trace_row_ohm))
         total = np.zeros_like(g[:, :, 0])
         pivot = np.empty_like(g)
@@ -443,7 +443,7 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
         "in the slot of a row",
         solve_error.balance(response.voltage),
     )
-    # All rows grounded becomes row r driven: another voltage behind another resistance at one node.
+    # From all rows grounded to row r driven: the source voltage and resistance of one node change.
     scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
     driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
     part = response.delivered_part + _scale_part(network, response, scale)
@@ -515,7 +515,7 @@ def _rest(
         part = part + _scale_part(network, response, scale)
         error += _of(part, lifted * (delivered * size_source).sum(axis=2, keepdims=True))
         error += error_held[:, np.newaxis, :]
-    # A bound that is no number is as good as none.
+    # A bound that is NaN counts as infinite.
     error = np.where(np.isnan(error), np.inf, error)
     slots = np.argwhere(((lifted > 0) & (error > account.tolerance_a(network.cols))).any(axis=2))
     for row in np.unique(slots[:, 1]):

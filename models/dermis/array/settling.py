@@ -19,10 +19,10 @@ Floats = NDArray[np.float64]
 _G_MAX_S = 1e4
 # A lateral resistor carries no current that is read, and is eliminated without a subtraction.
 _G_LATERAL_MAX_S = 1e15
-# What conducts less takes longer than anything lasts.
+# Time constants of smaller conductances exceed any simulated time.
 _G_MIN_S = 1e-60
-# Time constant in clocks up to which nobody feels lines settle before the gate: what they hold back is less than this
-# part of what flows in a clock.
+# Time constant in clocks up to which settling before the gate is negligible: the charge that lines hold back is less
+# than this part of the charge of a clock.
 BRISK_CLOCKS = 0.05
 
 
@@ -262,12 +262,12 @@ def _follow(
 
 
 class _Slots:
-    """One frame's slots, all frames at once. Nodes: rows behind their drivers, then columns."""
+    """One frame's slots, all frames at once. Nodes: rows after their drivers, then columns."""
 
     def __init__(self, network: Network, g: Floats, timing: Timing) -> None:
         self.network, self.g, self.timing = network, g, timing
         self.capacitance = _Capacitance(network.rows, network.cols, network)
-        # What rounding may make of the charge of a whole gate, once transients are found.
+        # Bound of the rounding error of a whole gate's charge, set once transients are found.
         self.rounding_c = 0.0
 
     def _phase(self, driven: int | None, modes: _Modes | None) -> _Phase:

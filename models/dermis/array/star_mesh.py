@@ -180,7 +180,7 @@ def _miss_of_row(  # type: ignore
                 came[i, q] += step * v[r + 1, i, q]
         for q in range(drives):
             miss = abs(v[r, i, q] - came[i, q] / out[i])
-            # a comparison with what is no number is false
+            # a comparison with NaN is false
             worst[q] = miss if not miss <= worst[q] else worst[q]
             most[q] = max(most[q], v[r, i, q])
 
@@ -328,7 +328,7 @@ def chain(  # type: ignore
                     volt[f], most, v, r, out[r], to_driver[f, r], share[f, r], g[f, r], pass_on[f, r], seen[f, r],
                     bent, lateral, step, end, carry, beside, drives,
                 )  # fmt: skip
-            # What rounding hides: sums of n terms, products along a row line of up to n of them, u = 1.1e-16 each.
+            # Rounding error: sums of n terms, products along a row line of up to n of them, u = 1.1e-16 each.
             for q in range(drives):
                 volt[f, q] += (8 * n + 64) * 1.2e-16 * most[q]
             # The last drive is its own measure: its true voltages are at most its own over 1 - volt.

@@ -28,7 +28,7 @@ class AnalogHalf(Protocol):
 
 
 class ExactHalf:
-    """Ideal converters, integrated exactly, behind the sources of a channel deck.
+    """Ideal converters, integrated exactly, driven by the sources of a channel deck.
 
     Sources are ordered as in dermis.chip.netlist: rows, preset, charge. Charge is counted in packets, and an edge is
     the same linear ramp that ngspice sees, so that the two halves agree to the accuracy of ngspice.

@@ -176,7 +176,7 @@ class Bridge:
             clock.stop()
 
     async def _watch(self, handle: Any) -> None:
-        """Note that a net moved: looking at it every clock takes longer, and these two stand still for hundreds."""
+        """Note that a net moved. Polling is slower: these two nets are constant for hundreds of clocks."""
         while True:
             await handle.value_change
             self._moved = True
@@ -300,7 +300,7 @@ class _Host:
         return np.array(self._frames[:frames])
 
     async def read(self, frames: int) -> None:
-        """Read so many frames; stop at the first one that is not right."""
+        """Read `frames` frames; stop at the first one that is not right."""
         from cocotb.triggers import RisingEdge, Timer
 
         dut = self._dut
@@ -341,7 +341,7 @@ class _Host:
             dut.spi_cs_ni.value = 1
 
     async def _exchange(self, send: bytes) -> bytes:
-        """Send bytes and return those that came meanwhile; COPI stands still where all to be sent is 0."""
+        """Send bytes and return those received meanwhile; COPI is constant if all bytes sent are 0."""
         from cocotb.triggers import FallingEdge, RisingEdge
 
         dut, cipo = self._dut, self._dut.spi_cipo_o

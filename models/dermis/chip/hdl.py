@@ -36,7 +36,7 @@ MOST_CLOCKS = 2**16 - 1
 
 
 PACK_MARGIN_CLOCKS = 15
-"""Clocks that packing a row takes beside its bytes, a byte a clock (PACK_CLOCKS in dermis_row_scanner)."""
+"""Clocks to pack a row, in addition to one per byte (PACK_CLOCKS in dermis_row_scanner)."""
 
 
 def beyond_the_chip(plan: Plan) -> InputError | None:
@@ -187,7 +187,7 @@ def build(
             _reuse_runtime(runtime, target)
         try:
             runner = get_runner(simulator)
-            # cocotb's own way has no limit and would leave compilers behind; the runner's place is its environment.
+            # cocotb's own call has no time limit and would leave compilers running; `runner.env` is its environment.
             runner._execute = lambda cmds, cwd: _execute(cmds, Path(cwd), log, runner.env)
             runner.build(
                 sources=sources,
@@ -388,7 +388,7 @@ def _cached(
     with locked(target.with_suffix(".lock")) as lock, children.holding(lock):
         if (target / "built").exists():
             return target
-        # Only behind the lock: another process may be asking for the same build.
+        # Only with the lock held: another process may need the same build.
         shutil.rmtree(target, ignore_errors=True)
         target.mkdir()
         log = target.with_suffix(".log")

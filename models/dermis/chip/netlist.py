@@ -72,10 +72,10 @@ OF_BLOCK = {
     "comparator": {"v_comp_offset_v", "v_hysteresis_v", "t_comp_delay_s"},
     "charge_source": {"packet_error"},
 }
-"""Record fields that say what a block does. Transistors do what they do: beside them such a field is refused."""
+"""Record fields that set the behaviour of a block; refused for a block of transistors."""
 
 # A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a
-# capacitor follows those exactly at any step: there is no truncation error to watch (trtol), and the tolerances are
+# capacitor follows those exactly at any step: there is no truncation error to limit (trtol), and the tolerances are
 # those of Newton's method, which linear decks meet in the least number of iterations anyway.
 _OPTIONS_EXACT = {"reltol": 1e-6, "abstol": 1e-13, "vntol": 1e-9, "trtol": 1e12}
 
@@ -87,11 +87,11 @@ _OPTIONS_POLE = {"reltol": 1e-4, "abstol": 1e-12, "vntol": 1e-7, "chgtol": 1e-14
 # falls on. At 1e-4 a code of a range of -0.25 .. 0.6 V is off by 3; at 1e-5 by 1; here by none.
 _OPTIONS_CLAMP = {"reltol": 1e-6, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
 # abstol there, of the deck's largest reference current: 1e-13 A at 25 uA. The direct interface has k times that: with
-# 1e-13 A beside its milliampere Newton's method could not meet the rounding of a capacitance between two ideal sources
+# 1e-13 A and its milliampere Newton's method could not meet the rounding of a capacitance between two ideal sources
 # ("timestep too small").
 _ABSTOL_CLAMP = 4e-9
 
-# There an edge of a packet lasts so many clocks (1 ps). A ramp of r clocks takes r / 2 of a packet out behind the
+# There an edge of a packet lasts this part of a clock (1 ps). A ramp of r clocks takes r / 2 of a packet out behind the
 # sample at its end and hands x^2 r / 2 of one to the clamp. Elsewhere that comes back; here what is left decides which
 # clock the next packet falls on: 3 codes by 1 ns at x = 0.495 and a range of -0.56 V.
 _EDGE_CLAMP_CLOCKS = 5e-6
@@ -306,7 +306,7 @@ def frame_deck(
         lines += sky130.REFERENCE
     else:
         lines.append("vibias ibias 0 0")
-    # A dc value beside `external` crashes libngspice 39.
+    # A dc value together with `external` crashes libngspice 39.
     names = source_names(rows, cols, columns)
     lines += [f"{name} {name[2:]} 0 external" for name in names]
     if "row_driver" in transistors:

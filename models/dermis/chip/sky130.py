@@ -166,10 +166,10 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
 
 
 V_REF_V = 0.5
-"""What spice/sky130/bias.sp is made for: 10 uA over its resistor."""
+"""Reference voltage of spice/sky130/bias.sp: 10 uA through its resistor."""
 
 REFERENCE = (f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias")
-"""What makes the line ibias of a deck, once for all blocks that hang on it; behind its supplies."""
+"""Source of the net ibias, shared by all blocks of a deck; placed after the supplies."""
 
 
 def deck_head(

@@ -274,7 +274,7 @@ def slot_bytes(cols: int, code_bits: int) -> int:
 
 
 def frame_bytes(slots: int, cols: int, code_bits: int) -> int:
-    """Bytes of a frame of so many slots."""
+    """Return the bytes of a frame of `slots` slots."""
     return HEADER_BYTES + slots * slot_bytes(cols, code_bits) + CRC_BYTES
 
 

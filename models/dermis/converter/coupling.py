@@ -168,7 +168,7 @@ def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupli
     columns = _Columns(plan, g, way)
     settled = columns.settle(x)
     doubts = columns.doubts(settled, x, low, high)
-    # What saturates does so whatever its neighbours do, and so does what stays dark.
+    # Saturated and dark columns keep their codes for any codes of their neighbours.
     full = _X_SATURATED * np.maximum(1.0 + plan.converter.packet_error, 1.0)
     bright = columns.clocks * (settled.left + high - x) + doubts > columns.level - columns.start
     doubt = np.where((low <= full) & bright, doubts, 0.0).max()
@@ -214,8 +214,8 @@ class _Columns:
         self.clocks = plan.timing.gate_clocks
         converter, network = plan.converter, plan.network(0)
         a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
-        # Packets a clock through 1 S for a packet that stands in the integrator, and packets through it for one by
-        # which the output moves: with finite bandwidth the virtual ground stands off by the slope of the output.
+        # Packets a clock through 1 S for a packet stored in the integrator, and packets through it for one by
+        # which the output moves: with finite bandwidth the virtual ground is off by the slope of the output.
         self._per_clock = a_clock * converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
         self._per_swing = a_clock * converter.t_gbw_s * converter.f_clk_hz
         matrix = seen_from_grounds(network, g)
@@ -247,7 +247,7 @@ class _Columns:
     def settle(self, x: Floats) -> _Settled:
         """Repeat until duties x no longer move each other.
 
-        A frame that no longer moves is left as it is, so that its result does not hang on the frames beside it.
+        A frame that no longer moves is left as it is, so that its result does not depend on other frames.
         """
         # What is left to move grows where a range bites, see `doubts`.
         bites = self._converter.range_bites()
@@ -276,7 +276,7 @@ class _Columns:
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
         doubts = doubts + self._in_traces() + self._on_the_way(np.minimum(low, left))
         # How far means go with duties that are off by all that is allowed: near a simple ratio of whole numbers a
-        # phase stands still for a gate, and the mean with it.
+        # phase is constant for a gate, and so is the mean.
         least, most = left - _SETTLED / clocks, left + _SETTLED / clocks
         at_least, at_most = (self._over_gate(v)[0] for v in (least, most))
         moved = np.maximum(np.abs(at_least - settled.mean), np.abs(at_most - settled.mean))
@@ -360,7 +360,7 @@ class _Columns:
             + np.minimum(1.0, converter.t_gbw_s * converter.f_clk_hz)
             + np.abs(converter.packet_error)
         )
-        # A packet is gone two clocks behind the decision for it.
+        # A packet has left two clocks after the decision.
         duty = np.clip(x, 0.0, 0.5)
         top, bottom = 2.0 * duty + slack, 2.0 * duty - 1.0 - slack
         off = doubts / self.clocks

@@ -39,7 +39,7 @@ WIDEST = 128
 FAR = 0.03
 # Up to here the series of 1 - exp(-t) with eight terms is exact.
 _NEAR = 0.05
-# Conductance that stands for a short on its way to another value; as in dermis.array.array.
+# Conductance of a short that changes to another value; as in dermis.array.array.
 _G_SHORT_S = 1e40
 # A driver that is not there; as in dermis.array.array.
 _OPEN_OHM = 1e30
@@ -78,7 +78,7 @@ def course(plan: Plan, part: slice, dark: bool = False) -> Course:
     slot = np.arange(plan.rows) * timing.slot_clocks + timing.settle_clocks
     at = np.concatenate([slot, slot + timing.gate_clocks, slot + timing.gate_clocks / 2])
     clocks = plan.drive.t_frame_s * timing.f_clk_hz
-    # The last gate may end with the frame: a rounding of its length there would leave a part of a short behind, or less
+    # The last gate may end with the frame: a rounding of its length there would leave a part of a short over, or less
     # than nothing. A recording may be faster than the chip: then the next frame is reached before the gate is over.
     if abs(clocks - round(clocks)) <= 1e-9 * clocks:
         clocks = float(round(clocks))

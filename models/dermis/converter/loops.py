@@ -130,7 +130,7 @@ def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
         if rate_b == 0.0:
             return limit / weight_a, 0.0, turn
         # Beyond the limit the charge would go straight on: find when it gets there, then the output follows a
-        # charge that stands still. The charge is nearly a straight line, so Newton's steps are few; halving
+        # constant charge. The charge is nearly a straight line, so Newton's steps are few; halving
         # keeps them inside.
         left, right = 0.0, length
         if (w - limit) * (w_end - limit) >= 0.0:
@@ -337,7 +337,7 @@ def walk(  # type: ignore
             if limits is not None:
                 weight_a[c] = slow[WEIGHT, i]
                 # Marked from here on. The charge may turn between two points by less than lag times a slope,
-                # and stand farther out where a packet begins inside a clock than at either edge.
+                # and be farther out where a packet begins inside a clock than at either edge.
                 inside = 0.0
                 if fast is not None:
                     weight_b[c] = fast[WEIGHT, i]
@@ -437,7 +437,7 @@ def walk(  # type: ignore
                     if window is None:
                         mark = mark & (q1[c] == 0.0)
                     else:
-                        # What the comparator is at the end of the clock matters where the next sample may be near.
+                        # The comparator's state at the end of the clock matters where the next sample may be near.
                         stays = (abs(x_c[c]) <= stay[c]) | (abs(x_c[c] - packet_c[c]) <= stay[c])
                         mark = mark & ((q1[c] == 0.0) | stays)
                         if early is not None:

@@ -44,7 +44,7 @@ def _uniform(key, stream, counter):  # type: ignore
 
 @numba.njit(cache=True)
 def inverse_normal(p):  # type: ignore
-    """Value below which a normal number lies with probability p: AS241, relative error about 1e-16."""
+    """Return the quantile p of the standard normal distribution: AS241, relative error about 1e-16."""
     q = p - 0.5
     # Where AS241 changes from one polynomial to the next.
     if abs(q) <= 0.425:

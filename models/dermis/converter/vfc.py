@@ -31,7 +31,7 @@ LONGEST_GATE = 1 << 16
 Y_MIN = 1e-6
 # A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
 X_MAX = 1e12
-# Packets a clock that stand for an infinite current among the coefficients of functions of time: so far out that no
+# Packets a clock of an infinite current among the coefficients of functions of time: so far out that no
 # current of numbers is cut short, which would bend the course it takes; sums and products of it stay finite.
 X_INFINITE = 1e100
 _SWING_PACKETS = 1.5  # the stored charge stays within -1 .. 1 below x = 1/2
@@ -108,7 +108,7 @@ class Converter:
     def range_bites(self) -> bool:
         """Return True if the range of an integrator is so small that it loses charge in normal use."""
         room = np.minimum(self.v_int_max_v, -self.v_int_min_v)
-        # A range of exactly so many packets, up to rounding, is enough.
+        # A range of exactly _SWING_PACKETS, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
 
     def drowning(self) -> NDArray[np.float64]:

@@ -263,7 +263,7 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
 
 
 def arguments(network: Network) -> tuple:
-    """Return what `solve_frame` takes of a network between the currents and `g`."""
+    """Return the arguments of `solve_frame` between the currents and `g`."""
     with np.errstate(divide="ignore"):
         g_ground = min(float(np.divide(1.0, network.r_row_grounded_ohm)), 1e60)
     g_lateral = network.rows * network.g_lateral_row_s

@@ -50,7 +50,7 @@ class Curve:
     force_on_n: float = 0.0
 
     def arguments(self) -> tuple:
-        """Return what `force_of` takes after the conductance."""
+        """Return the arguments of `force_of` after the conductance."""
         return self.logarithmic, self.knots, self.coefficients, self.g_open_s, self.force_on_n
 
     def force_n(self, conductance_s: ArrayLike) -> Floats:

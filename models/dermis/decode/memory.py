@@ -17,7 +17,7 @@ from dermis.scene.sensor import creep_rates
 Floats = NDArray[np.float64]
 
 LOG_OPEN = -80.0
-"""Logarithm of the conductance that stands for an open taxel: 1e-35 S."""
+"""Logarithm of the conductance of an open taxel: 1e-35 S."""
 ROUNDING = 1e-9
 """Relative conductance that is not a movement: rounding of the creep factor and of logarithms."""
 HISTORY = 256
@@ -30,7 +30,7 @@ LONGEST_S = 1e7
 
 @dataclass(frozen=True, eq=False)
 class MemoryLaw:
-    """What a sheet remembers.
+    """Hysteresis and creep of a sheet.
 
     Hysteresis is a Prandtl-Ishlinskii operator on x, the logarithm of the conductance by the law: a mean of play
     operators, z = clip(z, x - radius, x + radius), with weights that sum to 1. It is shifted so that a first rise
@@ -60,7 +60,7 @@ class MemoryLaw:
 
     @property
     def active(self) -> bool:
-        """Whether there is anything to remember."""
+        """Return True if the sheet has hysteresis or creep."""
         return bool(self.radius.size or self.creep_per_decade)
 
 
@@ -207,7 +207,7 @@ def undo_frame(
             _move(x_low, z[1, t], radius)
             _move(x_high, z[2, t], radius)
             if radius.size == 1:
-                # The state of a single play is what is read.
+                # The state of a single play is read directly.
                 z[1, t, 0] = max(z[1, t, 0], y_low - radius[0])
                 z[2, t, 0] = min(z[2, t, 0], y_high - radius[0])
             past[t, frame % HISTORY] = x

@@ -29,7 +29,7 @@ _TIME_SPREAD = 0.5
 
 @dataclass(frozen=True)
 class Layout:
-    """What a file does not say; None is to be found out.
+    """Layout that a file does not state; None is to be found out.
 
     Attributes
     ----------

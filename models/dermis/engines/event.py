@@ -547,7 +547,7 @@ def cells_chosen(plan: Plan, chosen: Chosen, drawn: bool = True) -> tuple[Cells,
 
 
 def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
-    """Counts [n] of chosen cells, those that `run` gives them: random numbers hang on the cell alone."""
+    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell alone."""
     timing, active = plan.timing, plan.active_fields()
     cells, converter = cells_chosen(plan, chosen)
     walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)

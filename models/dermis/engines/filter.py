@@ -37,7 +37,7 @@ Bools = NDArray[np.bool_]
 _VALUES_AT_ONCE = 1 << 14
 # Duty beyond which a larger current changes no code: 1/2 is full scale.
 _X_CLIP = 0.75
-# Duty that stands for any larger one where the charge of a clock counts.
+# Duty that replaces any larger one where the charge of a clock counts.
 _X_LARGE = 1.0
 # Packets that roundings of the two ways to a level may differ by: a sum of 510 clocks, and polynomials of a course.
 _ROUNDING = 1e-7
@@ -48,7 +48,7 @@ _FORGOTTEN = 1e-12
 _SETTLED = 1e-10
 # Time constants after which a mirror that was anywhere is where it goes, to 1e-17.
 _MEMORY = 60.0
-# One cell of so many is looked at for the ratio of bound and shift.
+# Every n-th cell is sampled for the ratio of bound and shift.
 _EACH = 7
 # Effects whose bounds need the sum of the others, in this order.
 _LAST = ("integrator_bandwidth", "integrator_gain", "integrator_range")
@@ -56,7 +56,7 @@ _LAST = ("integrator_bandwidth", "integrator_gain", "integrator_range")
 
 @dataclass
 class Tally:
-    """What an effect did in a run: its largest shift and bound in packets, and the cells walked because of it."""
+    """Influence of an effect in a run: its largest shift and bound in packets, and the cells walked because of it."""
 
     caused: float = 0.0
     possible: float = 0.0
@@ -112,7 +112,7 @@ def merged(tables: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def refuses(plan: Plan) -> Any:
-    """What engine event would refuse."""
+    """Return the error of engine event for this plan, or None."""
     return event.refuses(plan)
 
 
@@ -242,7 +242,7 @@ class _Part:
         return s
 
     def _follow_mirror(self, s: Solved, u: Floats, away: Floats | float, offset: Floats) -> None:
-        """Replace x, low and high by those behind slow mirrors, and say how late these are."""
+        """Replace x, low and high by those after slow mirrors, and set the delay of the mirrors."""
         plan, c, timing = self.plan, self.plan.converter, self.plan.timing
         kappa = c.q_mirror_c * timing.f_clk_hz / c.i0_a
         net, dark = s.network, np.zeros((u.shape[0], 1, u.shape[2]))

@@ -50,7 +50,7 @@ FORMS = {
 """Name -> the form, to be met by the whole line."""
 
 PARAMETER = rf"\.param [a-z][a-z0-9_]* = {_NUMBER}"
-"""What spice/design.inc holds besides comments."""
+"""Form of a line of spice/design.inc that is not a comment."""
 
 _DECK = re.compile("|".join(f"(?:{form})" for form in FORMS.values()))
 

@@ -57,7 +57,7 @@ THINGS: tuple[Callable[[Path, bytes], Any], ...] = (
     lambda path, data: os.mkfifo(path), lambda path, data: None, _link("loop.csv"),
     *(_link(device) for device in _DEVICES),
 )  # fmt: skip
-"""What may be at the place of a frame file, by the first byte of the input."""
+"""Makers of the object at the path of a frame file, chosen by the first byte of the input."""
 
 NAMES = (
     *["loop.csv", "loop.npy", "loop.npz"] * 12, "loop.CSV", "loop.txt", "loop", "", ".", "..", "loop.csv/",

@@ -453,7 +453,7 @@ def switch_extremes() -> Measured:
 
 def stiff_pair() -> Measured:
     """Charge a stage of 1 s through one of 1e-15 s, for a second."""
-    # abstol and vntol are 1e-9 of the microampere and the volt that flow and stand
+    # abstol and vntol are 1e-9 of the largest current (1 uA) and voltage (1 V)
     lines = (
         "r1 d0 a 1",
         "c1 a 0 1f",

@@ -116,7 +116,7 @@ def _event(world: World) -> NDArray[Any]:
     return event.codes_of(made, x)
 
 
-# What the one Verilator build for all effects holds; an effect that is off then has its neutral value.
+# Parameters of the one Verilator build for all effects; an effect that is off has its neutral value.
 # (DELAY has none: a comparator without it is built to be looked at where the charge is.)
 _EVERY = ("PACKET", "W_PRESET", "RISE", "FALL", "W_LOW", "LEAK")
 

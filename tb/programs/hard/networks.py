@@ -34,7 +34,7 @@ CLOCKS, CODE_MAX = 510, 255
 
 DIGITS = 120
 
-# A current that is 0 comes out as what stand-ins for ideal sources let through (docs/array.md, Bounds).
+# A current of 0 is computed as the leakage of the stand-ins for ideal sources (docs/array.md, Bounds).
 NOTHING_A = 1e-45
 
 

@@ -68,7 +68,7 @@ class StiffCircuit:
 
 
 def charge_lines(name: str, ends: tuple[str, str], charge: str, unit_c: float, start_c: float) -> list[str]:
-    """A charge (expression in coulomb) between two nodes; it stands at start_c at time 0."""
+    """Return lines of a charge (expression in coulomb) between two nodes; it is start_c at time 0."""
     return [
         f"bq_{name} q_{name} 0 v = ({charge})/{unit_c!r}",
         f"cq_{name} q_{name} m_{name} {unit_c!r}",
@@ -249,7 +249,7 @@ def _nand_lines() -> tuple[str, ...]:
 
 
 def _nand_input(t: float, delay: float, high: float, period: float) -> tuple[float, float]:
-    """An input and its slope: 5 ns up, `high` ns at 5 V, 5 ns down; on an edge of time the slope behind it."""
+    """Return an input and its slope: 5 ns up, `high` ns at 5 V, 5 ns down; at a corner the slope after it."""
     phase = t % period
     if phase < delay:
         return 0.0, 0.0
@@ -275,7 +275,7 @@ def _nand_current(
 
 
 def _nand_rates(t: float, y: Floats, piece: float) -> Floats:
-    """dy/dt in V/ns; `piece` lies inside the piece between two corners of the inputs that t belongs to."""
+    """Return dy/dt in V/ns; `piece` is a time between the two corners of the inputs around t."""
     slopes = [_nand_input(piece, 5.0, 5.0, 20.0)[1], _nand_input(piece, 15.0, 15.0, 40.0)[1]]
     levels = [_nand_input(piece, 5.0, 5.0, 20.0)[0], _nand_input(piece, 15.0, 15.0, 40.0)[0]]
     v = {f"y{i}": x for i, x in enumerate(y.tolist(), 1)} | {"0": 0.0, "vdd": 5.0}
