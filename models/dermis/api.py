@@ -264,7 +264,7 @@ def _scene(
     seed: int | None = None,
     tables: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Resolve a scene with everything that the caller changes in it."""
+    """Resolve a scene with the changes of the caller."""
     path = Path(_HERE)
     if isinstance(scene, str | os.PathLike):
         path = scenes.find(os.fspath(scene))
@@ -312,7 +312,7 @@ def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return what a TOML file could hold: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
+    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

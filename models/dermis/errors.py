@@ -21,14 +21,14 @@ def one_line(value: Any, length: int = _VALUE_LENGTH) -> str:
             text = repr(value)
         except (ValueError, RecursionError):  # an integer too long, a table too deep to print
             text = f"a {type(value).__name__} too large to print"
-    # A value may be a whole file: what is not shown is not looked at either.
+    # A value may be a whole file: only the part that is shown is examined.
     text = "".join(c if c.isprintable() else " " for c in text[: 16 * length])
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 3] + "..."
 
 
 def quoted(value: Any) -> Any:
-    """Put text in quotes, as it stands in a TOML file, and leave everything else alone."""
+    """Put text in quotes, as in a TOML file, and return anything else unchanged."""
     return f'"{one_line(value)}"' if isinstance(value, str) else value
 
 
@@ -60,7 +60,7 @@ class InputError(DermisError):
         self.key = key
         self.value = value
         self.allowed = allowed
-        # Each part is seen, also a key of TOML that is empty or holds nothing printable.
+        # Each part is visible, also a TOML key that is empty or has no printable character.
         said = [
             one_line(part, length) or EMPTY
             for part, length in ((self.file, 400), (key, 200), (value, _VALUE_LENGTH), (allowed, 1000))

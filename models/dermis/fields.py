@@ -10,7 +10,7 @@ import numpy as np
 
 
 def active(record: Any, given: frozenset[str]) -> frozenset[str]:
-    """Return the fields of a record that are away from their defaults; `given` are those that a scene always sets.
+    """Return the fields of a record that differ from their defaults; `given` are those that a scene always sets.
 
     Every other field counts, whoever added it: an engine refuses each one that it does not list.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes files whole or not at all, so that nothing half-written stays behind."""
+"""Writes files whole or not at all."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dermis.errors import InputError
 from dermis.places import BUILD
 
 _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP)
-"""What file systems over a network answer, some of them for directories alone."""
+"""Error codes of network file systems, some of them for directories alone."""
 
 
 @contextlib.contextmanager
@@ -38,7 +38,7 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write a file beside its target and move it there; text gets LF line ends on every system."""
+    """Write a temporary file next to the target and rename it; text gets LF line ends on every system."""
     with atomic(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 

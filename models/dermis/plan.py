@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a scene to what is simulated: frames, records of network and converter, effects with their reasons."""
+"""From a scene to a plan: frames, records of network and converter, effects with their reasons."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     if engine is None and not engines.refused(everything, "closed"):
         chosen = "closed"
     states = tuple(_with_auto(world, state) for state in everything.effects)
-    # In place: what the plan knows of its fields by now is kept.
+    # In place: cached values of the plan stay valid.
     for name, value in (
         ("engine", chosen),
         ("filtered", chosen == "event"),

@@ -31,7 +31,7 @@ ENGINES = ("closed", "event", "rtl", "cosim")
 
 
 class EffectState(NamedTuple):
-    """Whether an effect is simulated, and why."""
+    """Decision on an effect: simulated or not, with the reason."""
 
     name: str
     on: bool
@@ -76,11 +76,11 @@ class Drive:
         return [[(frame * per_frame + clock) % whole / whole for clock in within] for frame in frames]
 
     def active_fields(self) -> frozenset[str]:
-        """Return the names of the fields that make something change inside a frame."""
+        """Return the names of the fields that change within a frame."""
         return fields.active(self, _DRIVE_GIVEN)
 
 
-# Fields of Drive that move nothing by themselves.
+# Fields of Drive that have no effect by themselves.
 _DRIVE_GIVEN = frozenset({"t_frame_s", "f_ripple_hz", "phase_ripple_rad"})
 
 
@@ -237,7 +237,7 @@ class Plan:
             return self.v_bias_v / (self.converter.k * self.converter.i0_a) / (np.asarray(x) + 0.0)
 
     def active_fields(self) -> frozenset[str]:
-        """Names of the record fields that are away from the ideal."""
+        """Names of the record fields that differ from the ideal."""
         return self._active
 
     @functools.cached_property

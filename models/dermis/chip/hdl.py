@@ -115,7 +115,7 @@ def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
 
 
 def prepare(simulator: str) -> str:
-    """Put the simulator within reach of this process and its children; return what identifies its version.
+    """Put the simulator on the path of this process and its children; return a text that identifies its version.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def build(
         arguments = ["-Wall", "-g2005"]
         runtime = target.parent / f"runtime_{hashlib.sha256(f'{tool} {optimise}'.encode()).hexdigest()[:16]}"
         if simulator == "verilator":
-            # Unknowns become random, not zero: what Icarus shows as X must not pass here by luck.
+            # Unknowns become random, not zero, so that an X of Icarus cannot pass here by chance.
             arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
             # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
             arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]

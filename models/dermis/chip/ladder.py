@@ -32,7 +32,7 @@ length decides how good a guess is, not how good a result is: Newton's method co
 
 @dataclass(frozen=True)
 class Rung:
-    """A way to start, or to step.
+    """A method to start, or to step.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ def _to_stderr(line: str) -> None:
 
 
 class Climb:
-    """The way of one circuit up the ladder.
+    """The rungs that one circuit has climbed.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def climb(attempt: Callable[[Level], T], way: Climb) -> T:
             way.up(abort)
 
 
-# ---- what ngspice says ---------------------------------------------------------------------------------------
+# ---- messages of ngspice -------------------------------------------------------------------------------------
 
 _NODES_SAID = (
     r"trouble with node \"([^\"]+)\"",

@@ -188,7 +188,7 @@ class NgspiceHalf:
         step_s = min(t_max_step_s, deck.longest_step_s)
         # Times this close are one here: a step between them would be near ngspice's smallest, 1e-11 of the largest.
         self._tiny = 1e-10 * step_s
-        # Longest first: the order in which they are looked at on the way to a sample.
+        # Longest first: the order in which they are tried before a sample.
         values = sorted({float(late) for late in late_s if late > self._tiny}, reverse=True)
         self._late = [(late, np.flatnonzero(late_s == late)) for late in values]
         self._prompt = np.flatnonzero(late_s <= self._tiny)

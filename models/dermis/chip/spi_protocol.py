@@ -150,7 +150,7 @@ def read_command(address: int) -> bytes:
 
 
 def frame_command() -> bytes:
-    """The byte that asks for the newest whole frame."""
+    """The command byte for the newest whole frame."""
     return bytes((OP_FRAME,))
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes: started with a limit, and ended with everything they started."""
+"""Child processes: started with a time limit, and ended with all their own children."""

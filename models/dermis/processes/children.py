@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that a command starts: each in a session of its own, with a limit, and ended with all that it started.
+"""Programs that a command starts: each in its own session, with a time limit, ended with all its children.
 
 A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
@@ -43,7 +43,7 @@ def guard() -> str:
     with _lock:
         if _watchdog is None:
             mark = f"{os.environ.get(watchdog.VARIABLE, '')}/{secrets.token_hex(6)}"
-            # In a session of its own, for Ctrl-C in a terminal is not for it; marked as this process itself is.
+            # In its own session, so that Ctrl-C in a terminal does not reach it; it carries the mark of this process.
             _watchdog = subprocess.Popen(
                 [*_WATCHDOG, mark],
                 stdin=subprocess.PIPE,
@@ -81,7 +81,7 @@ os.register_at_fork(after_in_child=_forked)
 
 
 class Child(subprocess.Popen[bytes]):
-    """A program in a session of its own that carries a mark of its own.
+    """A program in its own session with its own mark.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def run_child(
     limit_s: float,
     environment: Mapping[str, str] | None = None,
 ) -> int | None:
-    """Run a command in a session of its own and return its exit code, None if it was ended at its limit.
+    """Run a command in its own session and return its exit code, None if it was ended at its time limit.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def end_tree(child: subprocess.Popen[Any]) -> None:
 
 
 class Patience:
-    """Timeout of something without progress, measured in time that this process itself was running.
+    """Timeout without progress, measured in time during which this process itself was running.
 
     Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most `LOOK_S`.
     """

@@ -118,7 +118,7 @@ class Workers(Executor):
         return worker
 
     def _drop(self, worker: Child) -> list[str]:
-        """End a worker and all it started; return the commands of what it started."""
+        """End a worker and its children; return the commands of its children."""
         left = worker.end_others()
         worker.end()
         for pipe in (worker.stdin, worker.stdout):

@@ -81,7 +81,7 @@ def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row
 
 
 def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row]:
-    """Judge as many frames from the first on as hold `taxels`, as `compare` does."""
+    """Judge the first frames that hold `taxels` taxels in all, as `compare` does."""
     frames = min(made.frames, -(-taxels // (made.rows * made.cols)))
     first = made.part(0, frames)
     rows = compare(first, Result(result.codes[:frames]), name)

@@ -148,7 +148,7 @@ def _curves(
     curve: Any,
     rest: Any,
 ) -> None:
-    """Draw code against force of every taxel with the fitted line, and what the line leaves."""
+    """Draw code against force of every taxel with the fitted line, and the residual."""
     assert made.force_n is not None
     code_max = made.timing.code_max
     full_n = 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max())
@@ -207,7 +207,7 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     shown = (time_s >= first - t_clk) & (time_s <= last + t_clk)
     low, high = float(v_int[columns][:, shown].min()), float(v_int[columns][:, shown].max())
     span = np.arange(start - 3, start + clocks + 1)
-    # The switch has a band of its own below all voltages.
+    # The switch is drawn in a separate band below all voltages.
     top, bottom = low - 0.12 * (high - low), low - 0.32 * (high - low)
     for axes, column in zip(rows, columns, strict=True):
         axes.plot((time_s[shown] - start * t_clk) * 1e6, v_int[column][shown], color=BLUE, lw=1.2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `dermis plan`: what a run simulates, and what its filter would decide, for a sample of its frames."""
+"""The command `dermis plan`: the effects of a run, and the decisions of its filter for a sample of its frames."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def print_plan(plan: records.Plan) -> None:
 
 
 def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
-    """Print what the filter did: for each effect its shifts and the cells walked because of it, and the verdicts."""
+    """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked because of it."""
     table = Table(title=None, box=box.SIMPLE_HEAD)
     for heading in ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it"):
         table.add_column(heading, justify="left" if heading == "effect" else "right")

@@ -25,7 +25,7 @@ QUIET_S = 10.0
 
 
 class Tell(Protocol):
-    """Takes the number of units done, and what is running now."""
+    """Receives the number of units done and the name of the current step."""
 
     def __call__(self, done: int, doing: str = "") -> None: ...
 
@@ -74,7 +74,7 @@ class _Rate(ProgressColumn):
 
 @contextmanager
 def slots(what: str, total: int, unit: str = "row slots") -> Iterator[Tell]:
-    """Give a function to call with the number of row slots (or other units) done of `total`, and what is running."""
+    """Return a function that takes the number of row slots (or other units) done of `total` and the current step."""
     if not sys.stderr.isatty():
         begin = said = time.monotonic()
 

@@ -140,7 +140,7 @@ def error(name: str, reason: str, unit: str = "") -> Row:
 
 
 WRITTEN: list[tuple[str, list[Row]]] = []
-"""Tables that this process has written, by target: what a report page shows."""
+"""Tables that this process has written, by target, for the report page."""
 
 
 def write_rows(target: str, rows: Sequence[Row]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The taxel: what resistance a force makes, what force a resistance means, and how a sheet departs from that law."""
+"""The taxel: resistance from force, force from resistance, and the spread of a sheet about that law."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _OhmPoint = Annotated[float, Field(ge=1e-6, le=1e15)]
 # Neighbouring points this close have no slope worth the name, and the logarithm of their ratio would vanish.
 _POINT_RATIO = 1.001
 
-# A force beyond is infinite: of a law so flat that nothing makes such a resistance. Sums over a sheet stay numbers.
+# Larger forces are infinite: the law is so flat that no force gives such a resistance. Sums over a sheet stay finite.
 _FORCE_MAX_N = 1e300
 
 
@@ -78,7 +78,7 @@ _KEYS = {
 
 
 class Sensor(Protocol):
-    """A law. It has no memory: what a sheet remembers is `age`."""
+    """A law without memory; `age` adds the memory of a sheet."""
 
     def resistance_ohm(self, force_n: ArrayLike) -> Floats:
         """Resistance in ohm of a force in newtons, any shape; F = inf gives 0."""
@@ -135,7 +135,7 @@ class PowerSensor:
     r_open_ohm: float
 
     def exponents(self) -> Floats:
-        """Exponent n of R ~ F^-n behind each point; the last goes on as the one before."""
+        """Exponent n of R ~ F^-n after each point; the last equals the one before."""
         force, ohm = np.array(self.force_points_n), np.array(self.r_points_ohm)
         slopes = np.log(ohm[:-1] / ohm[1:]) / np.log(force[1:] / force[:-1])
         return np.append(slopes, slopes[-1])

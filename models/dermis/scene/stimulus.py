@@ -406,11 +406,11 @@ def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -
 
 def _pressure(table: _Body, down: Floats, right: Floats) -> Floats:
     angle = math.radians(table.angle_deg)
-    # A width of next to nothing over 2 is 0.
+    # Half of the smallest positive width rounds to 0.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         t = (right * math.cos(angle) + down * math.sin(angle)) / (table.width / 2)
         s = (down * math.cos(angle) - right * math.sin(angle)) / (table.length / 2)
-        # A centre on the edge counts as touched whatever way the sine of 90 degrees rounds.
+        # A centre on the edge counts as touched for any rounding of the sine of 90 degrees.
         edge = 1 + 1e-9
         if table.shape in ("spherical", "round"):
             touched = t * t + s * s <= edge

@@ -73,7 +73,7 @@ class Views:
 
     @classmethod
     def of(cls, said: str | ViewsTable) -> Views:
-        """Return the views that [run] of a scene asks for."""
+        """Return the views of [run] of a scene."""
         if isinstance(said, str):
             return cls(**dict.fromkeys(BLOCKS, said))
         values = {name: getattr(said, name) or said.default for name in BLOCKS}
