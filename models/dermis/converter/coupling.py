@@ -284,7 +284,7 @@ class _Columns:
         given = moved * self._per_clock + self._wound_up(least + (low - x), most + (high - x), settled.mean)
         doubts = doubts + clocks * np.matmul(self._links, given[..., np.newaxis])[..., 0]
         if self._converter.range_bites():
-            # Where charge is lost every packet may lose as much again as it is off, as in `displacement.counts`.
+            # Where charge is lost every packet may lose as much again as it is off, as in `injection.counts`.
             ones = np.clip(clocks * left + 1.0, 1.0, self._most_ones)
             doubts = np.where(self._meets_range(left, doubts), doubts * (1.0 + ones), doubts)
         return doubts
