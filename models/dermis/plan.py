@@ -63,7 +63,7 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     # In place: cached values of the plan stay valid.
     for name, value in (
         ("engine", chosen),
-        ("filtered", chosen == "event"),
+        ("filtered", chosen in ("event", "cosim")),
         ("budget_lsb", auto.budget_lsb),
         ("effects", states),
     ):

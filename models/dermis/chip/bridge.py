@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import read_out, spi_protocol
+from dermis.chip import read_out, register_map, spi_protocol
 from dermis.chip.analog import AnalogHalf, Edge
 from dermis.errors import SimulatorError
 from dermis.records import Timing
@@ -53,9 +53,13 @@ HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
 """(frame, source levels at the frame's first instant) -> analog half; sources are rows, preset, charge."""
 
 
-def analog_s(timing: Timing) -> float:
-    """Seconds of a frame on the analog side: from its first driven row to the next frame's first edge."""
-    return (timing.rows * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
+def analog_s(timing: Timing, rows: int | None = None) -> float:
+    """Seconds of a scan on the analog side: from its first driven row to the next frame's first edge.
+
+    `rows` is the number of rows that are scanned; all by default.
+    """
+    slots = timing.rows if rows is None else rows
+    return (slots * timing.slot_clocks - timing.break_clocks) / timing.f_clk_hz
 
 
 def _bits(samples: NDArray[np.float64]) -> int:
@@ -89,6 +93,7 @@ class Bridge:
     timing : Timing
     cols : number of columns
     sync_latch : the chip was built with the flip-flop + latch synchronizer
+    rows : adjacent rows that the chip scans, written to its ROW_MASK before it is enabled; all by default
     trace : keep what crossed, clock by clock
     progress : called with the number of slots done
     """
@@ -99,6 +104,7 @@ class Bridge:
         timing: Timing,
         cols: int,
         *,
+        rows: range | None = None,
         sync_latch: bool = False,
         trace: bool = False,
         progress: Callable[[int], None] = lambda slots: None,
@@ -106,6 +112,7 @@ class Bridge:
         self._dut = dut
         self._timing = timing
         self._cols = cols
+        self._rows = range(timing.rows) if rows is None else rows
         self._sync_latch = sync_latch
         self._progress = progress
         self._slots = 0
@@ -113,10 +120,10 @@ class Bridge:
         self.trace = Trace() if trace else None
         self.charge_delay_clocks = 0.5 if sync_latch else 0.0  # the latch opens with the falling edge
         self._half_ps = max(1, round(0.5e12 / timing.f_clk_hz))
-        self._host = _Host(dut, timing, cols)
+        self._host = _Host(dut, timing, cols, self._rows)
 
     async def run(self, frames: int, make_half: HalfFactory) -> NDArray[np.uint16]:
-        """Reset the chip and read `frames` frames; return codes [frames, rows, cols].
+        """Reset the chip and read `frames` frames; return codes [frames, scanned rows, cols].
 
         Raises
         ------
@@ -147,6 +154,9 @@ class Bridge:
             await FallingEdge(dut.clk_i)
         dut.rst_ni.value = 1
         await FallingEdge(dut.clk_i)
+        if len(self._rows) < self._timing.rows:
+            await self._host.mask_rows()
+            await FallingEdge(dut.clk_i)
         dut.enable_i.value = 1
         host = cocotb.start_soon(self._host.read(frames))
         watchers = [cocotb.start_soon(self._watch(handle)) for handle in (dut.row_select_o, dut.preset_o)]
@@ -190,9 +200,10 @@ class Bridge:
                 break
             await self._next_clock()
             self._record()
-        if levels[:rows] != [1.0] + [0.0] * (rows - 1) or levels[rows] != 1.0:
-            raise SimulatorError(f"frame {frame} does not begin with row 0 driven and the preset on")
-        dut.row_sense_i.value = 1
+        first = self._rows[0]
+        if levels[:rows] != [float(row == first) for row in range(rows)] or levels[rows] != 1.0:
+            raise SimulatorError(f"frame {frame} does not begin with row {first} driven and the preset on")
+        dut.row_sense_i.value = 1 << first
         return levels
 
     def _record(self) -> None:
@@ -238,7 +249,7 @@ class Bridge:
         if trace is not None:
             trace.begins.append(len(trace.row_select))
         half.advance(0.0, [])
-        for clock in range(1, rows * (timing.slot_clocks + START_CLOCKS)):
+        for clock in range(1, len(self._rows) * (timing.slot_clocks + START_CLOCKS)):
             now = clock * t_clk
             bits = _bits(half.advance(now, edges)[:cols])
             if bits != sent:
@@ -274,14 +285,15 @@ class Bridge:
 class _Host:
     """The host at the SPI pins: reads each frame when the chip reports it ready, and checks it."""
 
-    def __init__(self, dut: Any, timing: Timing, cols: int) -> None:
+    def __init__(self, dut: Any, timing: Timing, cols: int, rows: range) -> None:
         self._dut = dut
+        self._rows = rows
         self._timing = timing
         self._cols = cols
         self._frames: list[NDArray[np.uint16]] = []
         self._failure: SimulatorError | None = None
-        self.frame_ps = 1e12 * timing.frame_s
-        bits = 8 * (16 + read_out.frame_bytes(timing, cols))
+        self.frame_ps = 1e12 * timing.frame_s * len(rows) / timing.rows
+        bits = 8 * (16 + read_out.frame_bytes(timing, cols, len(rows)))
         period_ps = min(SPI_CLOCKS * 1e12 / timing.f_clk_hz, SPI_SHARE * self.frame_ps / bits)
         self._period_ps = 2 * max(1, round(0.5 * period_ps))
 
@@ -308,20 +320,37 @@ class _Host:
             for frame in range(frames):
                 if not _known(dut.frame_ready_o, "frame_ready_o"):
                     await RisingEdge(dut.frame_ready_o)
-                data = await self._fetch()
-                self._frames.append(read_out.codes_of_frame(data, frame, self._timing, self._cols))
+                data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
+                self._frames.append(
+                    read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
+                )
                 # CS stays high longer than the chip takes to see it.
                 await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
         except (SimulatorError, spi_protocol.SpiError) as error:
             self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
 
-    async def _fetch(self) -> bytes:
-        """The bytes of the newest frame."""
+    async def mask_rows(self) -> None:
+        """Write ROW_MASK, so that the chip scans only the rows of this host."""
+        from cocotb.triggers import Timer
+
+        mask, bits = sum(1 << row for row in self._rows), self._timing.code_max.bit_length()
+        words = register_map.REGISTERS["ROW_MASK"].words(self._timing.rows, self._cols, bits)
+        for word in range(len(words)):
+            value = mask >> 16 * word & 0xFFFF
+            try:
+                await self._transact(
+                    spi_protocol.write_register(register_map.ROW_MASK + word, value, WAIT_BYTES)
+                )
+            except spi_protocol.SpiError as error:
+                raise SimulatorError(f"ROW_MASK through SPI: {error}") from None
+            await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
+
+    async def _transact(self, transaction: spi_protocol.Transaction[Any]) -> Any:
+        """Run a transaction with CS around it; return its result."""
         from cocotb.clock import Clock
         from cocotb.triggers import FallingEdge
 
-        dut = self._dut
-        transaction, ended = spi_protocol.read_frame_bytes(WAIT_BYTES), False
+        dut, ended = self._dut, False
         dut.spi_cs_ni.value = 0
         sck = Clock(dut.spi_sck_i, self._period_ps, unit="ps", impl="gpi")
         sck.start(start_high=False)

@@ -264,6 +264,7 @@ def frame_deck(
     *,
     record: bool = False,
     columns: Sequence[int] | None = None,
+    first_row: int = 0,
 ) -> Deck:
     """Write the deck of one frame.
 
@@ -278,6 +279,8 @@ def frame_deck(
         Probe the integrators as well, for waveforms.
     columns : sequence of int, optional
         Those that the deck has channels for (see `parts`). The others end at their virtual grounds.
+    first_row : int
+        Row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all rows.
 
     Returns
     -------
@@ -291,13 +294,14 @@ def frame_deck(
     transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
     supply = plan.scene.design.supply
+    begin = first_row * plan.timing.slot_clocks + plan.timing.break_clocks
     lines = [
         f"dermis frame {frame}: {rows} x {cols}, {plan.topology}",
         *_includes(views, plan.topology),
         f".param converter_f_clk_hz={spice_number(plan.timing.f_clk_hz)}",
         f"vdd vdd 0 {spice_number(supply.vdd_v * views.supply_scale)}",
         f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
-        f"vbias vbias 0 {_bias(plan, frame)}",
+        f"vbias vbias 0 {_bias(plan, frame, begin)}",
     ]
     late = _late_s(plan)[list(columns)]
     if late.any():
@@ -321,7 +325,7 @@ def frame_deck(
             driver["follow"] = 1
         lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
 
-    lines += _array(plan, frame, network)
+    lines += _array(plan, frame, network, begin)
     if network.c_row_f:
         lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
     if network.c_column_f:
@@ -382,21 +386,21 @@ def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
     yield f"vfar{column} {end} 0 {spice_number(v)}"
 
 
-def _bias(plan: Plan, frame: int) -> str:
-    """The bias: a number, or a sine whose phase at the frame's first instant carries on from the frame before."""
+def _bias(plan: Plan, frame: int, begin: int) -> str:
+    """The bias: a number, or a sine that runs on from frame to frame; `begin` is time zero in clocks of the frame."""
     drive, level = plan.drive, plan.v_bias_v
     if not drive.ripple:
         return spice_number(level)
     if not drive.f_ripple_hz:  # ngspice would take one period a transient
         return spice_number(level * (1.0 + drive.ripple * math.sin(drive.phase_ripple_rad)))
-    turns = drive.turns(plan.first_frame + frame, plan.timing.break_clocks, plan.timing.f_clk_hz)
+    turns = drive.turns(plan.first_frame + frame, begin, plan.timing.f_clk_hz)
     phase = math.degrees(drive.phase_ripple_rad) + 360.0 * turns
     numbers = (level, drive.ripple * level, drive.f_ripple_hz, 0.0, 0.0, phase)
     return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
 
 
-def _array(plan: Plan, frame: int, network: Network) -> list[str]:
-    """The array of one frame; its taxels move to those of the next frame if the plan says so."""
+def _array(plan: Plan, frame: int, network: Network, begin: int) -> list[str]:
+    """The array of one frame from clock `begin` on; its taxels move to those of the next frame if the plan says so."""
     slope = None
     g_taxel_s = network.g_taxel_s
     floor = plan.scene.design.array.r_floor_ohm
@@ -406,7 +410,7 @@ def _array(plan: Plan, frame: int, network: Network) -> list[str]:
             for g in (network.g_taxel_s, plan.next_conductance_s(slice(frame, frame + 1))[0])
         )
         slope = (then - now) / plan.drive.t_frame_s
-        g_taxel_s = now + slope * (plan.timing.break_clocks / plan.timing.f_clk_hz)
+        g_taxel_s = now + slope * (begin / plan.timing.f_clk_hz)
     with np.errstate(divide="ignore"):
         resistance = np.divide(1.0, g_taxel_s)
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))

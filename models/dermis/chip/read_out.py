@@ -13,18 +13,23 @@ from dermis.records import Timing
 _CRC16 = np.array([spi_protocol.crc16([byte], 0) for byte in range(256)], dtype=np.uint16)
 
 
-def frame_bytes(timing: Timing, cols: int) -> int:
-    """Bytes of a frame of all rows."""
-    return spi_protocol.frame_bytes(timing.rows, cols, timing.code_max.bit_length())
+def frame_bytes(timing: Timing, cols: int, rows: int | None = None) -> int:
+    """Bytes of a frame of some number of rows; of all by default."""
+    slots = timing.rows if rows is None else rows
+    return spi_protocol.frame_bytes(slots, cols, timing.code_max.bit_length())
 
 
-def codes_of_frame(data: bytes, frame: int, timing: Timing, cols: int) -> NDArray[np.uint16]:
+def codes_of_frame(
+    data: bytes, frame: int, timing: Timing, cols: int, rows: range | None = None
+) -> NDArray[np.uint16]:
     """Return the codes [rows, cols] of frame number `frame` after a reset, from 0.
+
+    `rows` are the rows that are not masked; all by default.
 
     Raises
     ------
     SimulatorError
-        It is damaged, it is another one, or not one of every row once with nothing subtracted.
+        It is damaged, it is another one, or not one of each of these rows once with nothing subtracted.
     """
     try:
         got = spi_protocol.parse_frame(data)
@@ -36,7 +41,7 @@ def codes_of_frame(data: bytes, frame: int, timing: Timing, cols: int) -> NDArra
         "cols": cols,
         "code_bits": bits,
         "gate_clocks": timing.gate_clocks,
-        "slots": tuple(range(timing.rows)),
+        "slots": tuple(range(timing.rows) if rows is None else rows),
         "test": False,
         "pedestal_mode": 0,
         "dark": False,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own."""
+"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own.
+
+In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dermis.chip import hdl, ladder, netlist
-from dermis.engines import Result
+from dermis.engines import Result, masking
+from dermis.engines.masking import Block
 from dermis.errors import InputError, SimulatorError
 from dermis.processes.children import Child, Patience
 from dermis.records import Plan
@@ -72,16 +76,24 @@ class Solver:
 
 @dataclass(frozen=True)
 class Job:
-    """Work of one child process; see dermis.engines.cosim_hdl."""
+    """Work of one child process; see dermis.engines.cosim_hdl.
+
+    `scans` are runs of the chip from a reset: blocks of the same rows, read frame after frame.
+    """
 
     plan: Plan
-    frames: tuple[int, ...]
+    scans: tuple[tuple[Block, ...], ...]
     simulator: str
     build: Path
     sync_latch: bool
     analog: Literal["ngspice", "exact"]
     solver: Solver = field(default_factory=Solver)
     record: bool = False
+
+    @property
+    def slots(self) -> list[tuple[int, int]]:
+        """Frame and row of every slot, in the order in which they are read."""
+        return [(block.frame, row) for scan in self.scans for block in scan for row in block.rows]
 
 
 def run(
@@ -113,7 +125,8 @@ def run(
     -------
     Result
         codes uint8 [frames, rows, cols]; info has seconds, those of a processor, ngspice's step counts, by frame the
-        attempts that ngspice gave up (docs/ladder.md; on stderr as well) and, if recorded, the records.
+        attempts that ngspice gave up (docs/ladder.md; on stderr as well), in a scene with auto the rows that were
+        solved and, if recorded, the records.
 
     Raises
     ------
@@ -130,31 +143,47 @@ def run(
             "not possible with the exact analog half",
             "ideal converters, or analog ngspice",
         )
-    jobs = max(min(os.cpu_count() or 1, plan.frames), math.ceil(plan.frames / FRAMES_A_PROCESS))
+    start = time.perf_counter()
     build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
-    done = [0] * jobs
-    chunks = [tuple(int(f) for f in part) for part in np.array_split(np.arange(plan.frames), jobs)]
     children = _Children()
 
-    def one(index: int, directory: Path) -> dict[str, Any]:
-        def on_slots(slots: int) -> None:
-            done[index] = slots
-            if progress is not None:
-                progress(sum(done))
+    def scanned(blocks: tuple[Block, ...], files: Path) -> list[dict[str, Any]]:
+        slots = sum(len(block.rows) for block in blocks)
+        masked = plan.frames * plan.rows - slots
+        jobs = max(min(os.cpu_count() or 1, len(blocks)), math.ceil(slots / plan.rows / FRAMES_A_PROCESS))
+        done = [0] * jobs
 
-        job = Job(plan, chunks[index], simulator, build, sync_latch, analog, solver or Solver(), record)
-        with _cores:
-            return _run_job(job, directory, on_slots, children)
+        def one(index: int) -> dict[str, Any]:
+            def on_slots(slots: int) -> None:
+                done[index] = slots
+                if progress is not None:
+                    progress(masked + sum(done))
 
-    start = time.perf_counter()
-    with hdl.work_directory("cosim", plan, work) as files, ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(one, i, files / f"job_{i}") for i in range(jobs)]
-        try:
-            parts = [future.result() for future in futures]
-        except BaseException:
-            children.end()
-            raise
-    codes = np.concatenate([part["codes"] for part in parts])
+            mine = blocks[index * len(blocks) // jobs : (index + 1) * len(blocks) // jobs]
+            # Whole frames follow each other, as the chip scans them by itself. A mask is written after a reset.
+            scans = tuple((block,) for block in mine) if masked else (mine,)
+            job = Job(plan, scans, simulator, build, sync_latch, analog, solver or Solver(), record)
+            with _cores:
+                return _run_job(job, files / f"job_{index}", on_slots, children)
+
+        with ThreadPoolExecutor(max(jobs, 1)) as pool:
+            futures = [pool.submit(one, i) for i in range(jobs)]
+            try:
+                return [future.result() for future in futures]
+            except BaseException:
+                children.end()
+                raise
+
+    rows = masking.everything(plan, "waveforms are of whole frames")
+    if not record:
+        rows = masking.decide(plan) if plan.filtered else masking.everything(plan)
+    with hdl.work_directory("cosim", plan, work) as files:
+        parts = scanned(rows.blocks, files)
+        codes = rows.with_solved(line for part in parts for line in part["codes"])
+        if codes is None:
+            rows = masking.everything(plan, "ngspice reads a cell otherwise than engine event is certain of")
+            parts = scanned(rows.blocks, files / "all_rows")
+            codes = rows.with_solved(line for part in parts for line in part["codes"])
     info: dict[str, Any] = {
         "seconds": time.perf_counter() - start,
         "processor_s": float(sum(part["processor_s"] for part in parts)),
@@ -164,9 +193,11 @@ def run(
         },
         "retries": {name: said for part in parts for name, said in _retries(part).items()},
     }
+    if plan.filtered:
+        info["masked"] = rows.as_dict(plan.first_frame)
     if record:
         info["records"] = parts
-    return Result(codes.astype(np.uint8) if plan.timing.code_max < 256 else codes, info)
+    return Result(codes, info)
 
 
 class _Children:
@@ -263,8 +294,8 @@ def _run_job(
 
 
 def _place(job: Job, slots: int) -> str:
-    frame = min(slots // job.plan.rows, len(job.frames) - 1)
-    return f"frame {job.frames[frame]}, row {slots % job.plan.rows}"
+    frame, row = job.slots[min(slots, len(job.slots) - 1)]
+    return f"frame {frame}, row {row}"
 
 
 def _result(job: Job, directory: Path, slots: int) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from dermis.files import write_atomic
 
 if TYPE_CHECKING:
     from dermis.engines.cosim import Job
+    from dermis.engines.masking import Block
 
 JOB_VARIABLE = "DERMIS_COSIM_JOB"
 
@@ -52,30 +53,36 @@ def load(job_dir: Path) -> Job:
     return pickle.loads((job_dir / "job.pickle").read_bytes())
 
 
+_STATISTICS = ("accepted", "rejected", "loads")
+
+
 async def _frames(dut: Any, job_dir: Path) -> None:
     job = load(job_dir)
     plan = job.plan
     waveforms: list[tuple[Any, Any]] = []
-    statistics = {"accepted": 0, "rejected": 0, "loads": 0}
+    statistics = dict.fromkeys(_STATISTICS, 0)
+    total = dict.fromkeys(_STATISTICS, 0)
     ways: dict[int, ladder.Climb] = {}
     running: list[int] = []
+    scanned, before = [], 0
 
     parts = netlist.parts(plan)
     workers = Workers(job_dir / "ngspice.log")
 
-    def circuit(index: int, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
-        decks = {}
+    def circuit(block: Block, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
+        index, first, decks = block.frame, block.first, {}
         for part in parts:
-            deck = netlist.frame_deck(plan, index, levels, record=job.record, columns=part)
+            deck = netlist.frame_deck(plan, index, levels, record=job.record, columns=part, first_row=first)
             if job.solver.options:
                 deck = replace(deck, lines=(*deck.lines, job.solver.options))
-            name = f"frame_{index}" if len(parts) == 1 else f"frame_{index}_column_{part[0]}"
+            name = f"frame_{index}" + (f"_row_{first}" if first else "")
+            name += f"_column_{part[0]}" if len(parts) > 1 else ""
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
         options: dict[str, Any] = {
             "t_edge_s": job.solver.t_edge_s,
             "t_max_step_s": job.solver.t_max_step_s,
-            "t_stop_s": bridge.analog_s(plan.timing),
+            "t_stop_s": bridge.analog_s(plan.timing, len(block.rows)),
             "record": job.record,
             "level": level,
         }
@@ -103,39 +110,51 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 waveforms.append(self._half.waveform())
             self._half.close()
 
-    def make_half(frame: int, levels: list[float]) -> Any:
-        index = job.frames[frame]
+    def make_half(block: Block, levels: list[float]) -> Any:
+        index = block.frame
         running.append(index)
         if job.analog == "exact":
             duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
             return ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
         way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
-        return Counted(ladder.climb(lambda level: circuit(index, levels, level), way))
+        return Counted(ladder.climb(lambda level: circuit(block, levels, level), way))
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
     def on_slot(slots: int) -> None:
-        os.pwrite(progress, f"{slots}\n".encode(), 0)
+        os.pwrite(progress, f"{before + slots}\n".encode(), 0)
 
-    while True:
-        chip = bridge.Bridge(
-            dut, plan.timing, plan.cols, sync_latch=job.sync_latch, trace=job.record, progress=on_slot
-        )
-        running.clear()
-        try:
-            codes = await chip.run(len(job.frames), make_half)
-            break
-        except ladder.Abort as abort:
-            # Once more from reset, with this frame on its next rung: what the Verilog did with the samples before the
-            # abort is not taken on, since on another rung they may be others.
-            ways[running[-1]].up(abort)
-            workers.close()
-            os.ftruncate(progress, 0)
-            statistics.update(dict.fromkeys(statistics, 0))
-            waveforms.clear()
+    for scan in job.scans:
+        while True:
+            chip = bridge.Bridge(
+                dut,
+                plan.timing,
+                plan.cols,
+                rows=scan[0].rows,
+                sync_latch=job.sync_latch,
+                trace=job.record,
+                progress=on_slot,
+            )
+            running.clear()
+            try:
+                codes = await chip.run(len(scan), lambda at, levels, scan=scan: make_half(scan[at], levels))
+                break
+            except ladder.Abort as abort:
+                # Once more from reset, with this frame on its next rung: what the Verilog did with the samples before
+                # the abort is not taken on, since on another rung they may be others.
+                ways[running[-1]].up(abort)
+                workers.close()
+                os.ftruncate(progress, 0)
+                statistics.update(dict.fromkeys(statistics, 0))
+                waveforms.clear()
+        scanned.append(codes.reshape(-1, plan.cols))
+        before += len(scanned[-1])
+        total = {name: value + statistics[name] for name, value in total.items()}
+        statistics.update(dict.fromkeys(statistics, 0))
     workers.close()
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    arrays: dict[str, Any] = {"codes": codes, **{f"statistics_{k}": v for k, v in statistics.items()}}
+    arrays: dict[str, Any] = {"codes": np.concatenate(scanned)}
+    arrays |= {f"statistics_{name}": value for name, value in total.items()}
     arrays["processor_s"] = sum(some.ru_utime + some.ru_stime for some in used)
     arrays["retries"] = json.dumps(
         {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}

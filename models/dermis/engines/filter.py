@@ -480,15 +480,16 @@ def largest(plan: Plan) -> dict[str, float]:
     return dict.fromkeys(plan.on, 0.0) | found
 
 
-def random_margin(plan: Plan) -> Floats:
+def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
     """Packets [frames, rows, cols] by which other random numbers, and the budget, may move decisions.
 
     Hysteresis, a late comparator and a slow output keep a decision's own order only to their own size, which is added.
+    `more_lsb` adds packets, one number or [frames, rows, cols], by which levels may be off for another reason.
     """
     margin = np.zeros(plan.resistance_ohm.shape)
     sigma = (plan.scene.table.effects.auto or AutoTable()).sigma
     names = [name for name in bounding(plan) if EFFECTS[name].random]
-    if not names and not plan.budget_lsb:
+    if not names and not plan.budget_lsb and not np.any(more_lsb):
         return margin
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
@@ -496,7 +497,7 @@ def random_margin(plan: Plan) -> Floats:
         part = _Part(plan, frames, bounding(plan), Table())
         s, squares, linear = part.s, np.zeros(part.g.shape), part.error()
         # Cells with a larger error are walked.
-        linear = np.where(linear <= plan.budget_lsb, linear, 0.0)
+        linear = np.where(linear <= plan.budget_lsb, linear, 0.0) + plan.of_frames(more_lsb, frames)
         for name in names:
             linear = linear + part.found[name].whole
             squares = squares + (np.asarray(part.found[name].random) * (sigma / bounds.SIGMAS)) ** 2

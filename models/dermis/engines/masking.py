@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the others.
+
+Engine event, with everything on, is run with its levels moved up and down by what ngspice may differ. A cell
+that has the same code in both runs is decided; a row of decided cells needs no circuit simulator (docs/auto.md).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import engines
+from dermis.array import settling
+from dermis.array.array import Network, column_currents
+from dermis.converter import injection, mirror
+from dermis.converter.coupling import couples
+from dermis.engines import certificate, filter
+from dermis.records import Plan
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+APART_LSB = 0.01
+"""Packets by which levels of ngspice and engine event may differ: ten times the largest difference that was measured
+(docs/cosimulation.md)."""
+
+FORGOTTEN_LSB = 1e-3
+"""Packets of an earlier row that may be left in an open cell: what the steps of ngspice themselves move a level by."""
+
+_SWITCHED_LSB = 4.0
+"""Packets by which an integrator's output may be away from its preset when the preset begins."""
+
+
+class Block(NamedTuple):
+    """Adjacent rows first..stop-1 of a frame of a plan, read in one scan."""
+
+    frame: int
+    first: int
+    stop: int
+
+    @property
+    def rows(self) -> range:
+        """Numbers of the rows."""
+        return range(self.first, self.stop)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Codes [frames, rows, cols] of engine event, the cells that stay open, and the blocks of rows to be solved.
+
+    `early` counts rows that are solved only because a later open row remembers them. `reason` says why all rows
+    are solved; it is empty otherwise.
+    """
+
+    codes: NDArray[np.unsignedinteger]
+    open: Bools
+    blocks: tuple[Block, ...]
+    early: int = 0
+    reason: str = ""
+
+    def with_solved(self, read: Iterable[NDArray[Any]]) -> NDArray[np.unsignedinteger] | None:
+        """Codes with those of open rows from `read` [cols], row after row of the blocks.
+
+        None if ngspice read a decided cell otherwise: then levels differ by more than APART_LSB.
+        """
+        codes, found = self.codes.copy(), self.codes.copy()
+        for (frame, row), line in zip(
+            ((block.frame, row) for block in self.blocks for row in block.rows), read, strict=True
+        ):
+            found[frame, row] = line
+        rows = self.open.any(axis=2)
+        codes[rows] = found[rows]
+        return None if (codes != self.codes)[~self.open].any() else codes
+
+    def as_dict(self, first_frame: int) -> dict[str, Any]:
+        """The table for summary.json; rows are named by the frames of the whole run."""
+        solved = sum(len(block.rows) for block in self.blocks)
+        rows: dict[str, list[str]] = {}
+        for block in self.blocks:
+            last = f"-{block.stop - 1}" if block.stop > block.first + 1 else ""
+            rows.setdefault(f"frame {first_frame + block.frame}", []).append(f"{block.first}{last}")
+        return {
+            "rows_solved": solved,
+            "rows_masked": self.codes.shape[0] * self.codes.shape[1] - solved,
+            "rows_before": self.early,
+            "cells_open": int(self.open.sum()),
+            "reason": self.reason,
+            "rows": {frame: ", ".join(names) for frame, names in rows.items()},
+        }
+
+
+def merged(tables: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """The table of several parts of one run."""
+    tables = list(tables)
+    sums = Counter({name: 0 for name, value in tables[0].items() if isinstance(value, int)})
+    for table in tables:
+        sums.update({name: table[name] for name in sums})
+    rows = {frame: text for table in tables for frame, text in table["rows"].items()}
+    return dict(sums) | {"reason": next((t["reason"] for t in tables if t["reason"]), ""), "rows": rows}
+
+
+def everything(plan: Plan, reason: str = "") -> Verdict:
+    """Return the verdict that every row has to be solved."""
+    blocks = tuple(Block(frame, 0, plan.rows) for frame in range(plan.frames))
+    codes = np.zeros(plan.resistance_ohm.shape, engines.code_type(plan.timing.code_max))
+    return Verdict(codes, np.ones(codes.shape, bool), blocks, reason=reason)
+
+
+def decide(plan: Plan) -> Verdict:
+    """Find the rows of a plan of engine cosim that have to be solved."""
+    like = replace(plan, engine="event", budget_lsb=0.0)
+    if plan.views.in_transistors(plan.topology):
+        return everything(plan, "blocks of transistors have no error bounds")
+    if lost := engines.refused(like, "event"):
+        return everything(plan, f"engine event cannot do {', '.join(sorted(lost))}")
+    if error := engines.refuses(like, "event"):
+        return everything(plan, f"engine event refuses {error.key}")
+    if couples(plan):
+        return everything(plan, "columns of the direct interface move each other")
+    lag = plan.converter.t_gbw_s * plan.converter.f_clk_hz
+    settle = plan.timing.settle_clocks - plan.timing.break_clocks
+    with np.errstate(divide="ignore"):
+        slow = _SWITCHED_LSB * np.exp(-settle / lag) > FORGOTTEN_LSB
+    apart = APART_LSB + sum(injection.counts(plan).values())
+    apart = np.broadcast_to(np.where(slow, np.inf, apart), plan.resistance_ohm.shape)
+    like = replace(like, margin_lsb=filter.random_margin(like, apart))
+    low, high = certificate.certified(like, engines.run(like))
+    open_ = low != high
+    return Verdict(low, open_, *_blocks(open_, _memory(plan, open_)))
+
+
+def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], int]:
+    """Blocks that hold every open row and the rows that it remembers; and how many rows only the latter asks for."""
+    wanted = open_.any(axis=2)
+    solved = wanted.copy()
+    for frame, row in zip(*np.nonzero(wanted), strict=True):
+        solved[frame, row - memory[frame, row] : row] = True
+    edges = np.diff(np.pad(solved, ((0, 0), (1, 1))).astype(int), axis=1)
+    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
+    blocks = [Block(int(f), int(r), int(end)) for (f, r), (_, end) in zip(begins, ends, strict=True)]
+    return tuple(blocks), int(solved.sum() - wanted.sum())
+
+
+def _memory(plan: Plan, open_: Bools) -> NDArray[np.intp]:
+    """Rows before each row [frames, rows] that its open cells still remember when their gates begin.
+
+    A block begins at the operating point of its first row, where lines and slow mirrors are settled. Row 0 of a whole
+    scan begins so as well.
+    """
+    depth = np.zeros(open_.shape[:2], dtype=np.intp)
+    for frame in np.flatnonzero(open_.any(axis=(1, 2))):
+        network, g = plan.network(frame), plan.conductance_s(slice(frame, frame + 1))
+        left = np.maximum(_lines(plan, network, g), _mirrors(plan, network, g))
+        kept = np.where(open_[frame], left, 0.0).max(axis=2) > FORGOTTEN_LSB
+        # Row 0 needs no row before: the last entry that counts is that of the whole way back.
+        depth[frame] = np.minimum(kept.argmin(axis=0), np.arange(plan.rows))
+    return depth
+
+
+def _lines(plan: Plan, network: Network, g: Floats) -> Floats:
+    """Packets [rows + 1, 1, cols] of unsettled lines in a gate, after no, one, ... rows before."""
+    c, back = plan.converter, np.arange(plan.rows + 1)[:, None, None]
+    charge = settling.bound_c(network, g, plan.timing) * np.abs(c.gain) * c.f_clk_hz / (c.k * c.i0_a)
+    tau = settling.slowest_s(network, g) * c.f_clk_hz
+    fade = np.exp(-back * plan.timing.slot_clocks / tau) if tau else 1.0 * (back == 0)
+    left = np.where(charge > 0, charge * fade, 0.0)
+    left[-1] = 0.0
+    return left
+
+
+def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
+    """Packets [rows + 1, rows, cols] by which slow mirrors differ, after no, one, ... rows before."""
+    c, timing = plan.converter, plan.timing
+    left = np.zeros((plan.rows + 1, plan.rows, plan.cols))
+    if not c.q_mirror_c.any():
+        return left
+    kappa = c.q_mirror_c * timing.f_clk_hz / c.i0_a
+    settled = np.maximum(c.duty(column_currents(network, g)) - c.i_offset_a / c.i0_a, mirror.Y_MIN)
+    none = np.zeros(settled.shape)
+    found = mirror.outputs(
+        settled, none, none[:, :1], kappa, timing.break_clocks, timing.settle_clocks, timing.gate_clocks
+    )
+    # The inverse of an output is linear in time, so relative differences fade with it. 2 d covers -log(1 - d).
+    begin, end = (np.abs(y[0, 0] / settled[0] - 1.0) for y in (found.begin, found.end))
+    left[0] = begin
+    for row in range(plan.rows):
+        fade = found.keeps_begin[0, row]
+        for back in range(1, row + 1):
+            left[back, row] = end[row - back] * fade
+            fade = fade * found.keeps[0, row - back]
+    return kappa * np.log1p(2.0 * left)
