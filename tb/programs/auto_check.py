@@ -15,11 +15,11 @@ import numpy as np
 
 from dermis import auto, bounds, effects, engines, records
 from dermis import plan as planning
-from dermis.engines import event
+from dermis.engines import event, masking
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.report.progress import slots
-from dermis.scene import scene
+from dermis.scene import scene, schema
 from dermis.scene.scene import SCENES
 from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World
@@ -168,6 +168,47 @@ def mutants(count: int, seed: int, frames: int) -> tuple[list[str], list[str]]:
     return caught, missed
 
 
+_OPEN_ROWS = (5, 10)
+
+
+def two_open_rows(cols: int, seed: int) -> records.Plan:
+    """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two open rows.
+
+    Taxels that engine event is not certain of are drawn again; in the two rows only after one is open there.
+    """
+    rng = np.random.default_rng(seed)
+    random_off = {e.name: False for e in effects.EFFECTS.values() if e.random}
+    ohm = 520 * 60 ** rng.random((16, cols))
+    data = {
+        "array": {"rows": 16, "cols": cols},
+        "stimulus": {"kind": "resistance", "file": "taxels.npy"},
+        "effects": {"auto": {}} | random_off,
+    }
+    table = schema.validate(scene.SceneTable, data, Path("cosim_speedup.toml"))
+    while True:
+        stimulus = table.stimulus.given(ohm)
+        world = scene.resolve(table.model_copy(update={"stimulus": stimulus}), Path("cosim_speedup.toml"))
+        made = planning.make(world, "cosim")
+        open_ = masking.decide(made).open[0]
+        again = open_.copy()
+        for row in _OPEN_ROWS:
+            again[row] = not open_[row].any()
+        if not again.any():
+            return made
+        ohm = np.where(again, 520 * 60 ** rng.random(ohm.shape), ohm)
+
+
+def cosim_speedup(cols: int, seed: int) -> verdict.Row:
+    """Row of the processor time of a frame with every row solved over that with two, if no code differs."""
+    made = two_open_rows(cols, seed)
+    masked, whole = engines.run(made), engines.run(replace(made, filtered=False))
+    wrong = int((masked.codes != whole.codes).sum())
+    times = [result.info["processor_s"] for result in (whole, masked)]
+    rows_solved = masked.info["masked"]["rows_solved"]
+    note = f"{times[0]:.3g} s and {times[1]:.3g} s for 16 x {cols}; {rows_solved} rows solved, {wrong} codes differ"
+    return verdict.judge("auto.cosim_speedup", 0.0 if wrong else times[0] / times[1], note)
+
+
 def rows(
     few: list[Outcome],
     many: list[Outcome],
@@ -229,11 +270,21 @@ def rows(
     type=click.IntRange(min=0),
     help="Scenes a halved bound.",
 )
-def auto_check_command(scenes: int, seed: int, frames: int, long: int, halved: int) -> int:
+@click.option(
+    "--cosim",
+    "cols",
+    default=16,
+    show_default=True,
+    type=click.IntRange(min=0, max=64),
+    help="Columns of the frame for engine cosim; 0 for none.",
+)
+def auto_check_command(scenes: int, seed: int, frames: int, long: int, halved: int, cols: int) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
     found = rows(few, many, refused + more, mutants(halved, seed, frames) if halved else None)
+    if cols:
+        found.append(cosim_speedup(cols, seed))
     verdict.write_rows("auto", found)
     verdict.print_rows(
         found, f"{scenes} random scenes and every stored one, auto against all effects in engine event"

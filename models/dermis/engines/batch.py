@@ -25,7 +25,7 @@ import numpy as np
 
 from dermis import engines
 from dermis.array import solve_error
-from dermis.engines import Result, certificate, filter
+from dermis.engines import Result, certificate, filter, masking
 from dermis.errors import InputError, SimulatorError, one_line, optional
 from dermis.places import PACKAGE, ROOT
 from dermis.processes import children, pool
@@ -198,6 +198,8 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         info["certify_cpu_s"] = sum(part.info["certify_cpu_s"] for part in parts)
     if all("filter" in part.info for part in parts):
         info["filter"] = filter.merged([part.info["filter"] for part in parts])
+    if all("masked" in part.info for part in parts):
+        info["masked"] = masking.merged([part.info["masked"] for part in parts])
     whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
     return Result(**whole, info={name: value for name, value in info.items() if value is not None})
 

@@ -27,11 +27,11 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
-"""Packets by which levels of ngspice and engine event may differ: ten times the largest difference that was measured
-(docs/cosimulation.md)."""
+"""Packets by which levels of ngspice and engine event may differ: three times the largest difference that was
+measured (docs/cosimulation.md)."""
 
 FORGOTTEN_LSB = 1e-3
-"""Packets of an earlier row that may be left in an open cell: what the steps of ngspice themselves move a level by."""
+"""Packets of an earlier row that may be left in an open cell: as much as other steps of ngspice move a level by."""
 
 _SWITCHED_LSB = 4.0
 """Packets by which an integrator's output may be away from its preset when the preset begins."""

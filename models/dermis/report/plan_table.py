@@ -13,6 +13,7 @@ from rich.table import Table
 from dermis import auto, engines, records
 from dermis import plan as planning
 from dermis.converter import injection
+from dermis.engines import masking
 from dermis.errors import InputError
 from dermis.report.ablate import busiest
 from dermis.scene import scene as scenes
@@ -61,6 +62,24 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
         console.print(f"margin of the model, in counts that no engine follows: {counts}", highlight=False)
 
 
+def print_rows(found: dict[str, Any]) -> None:
+    """Print the rows that engine cosim solves in ngspice, and why."""
+    words = f"of {found['rows_solved'] + found['rows_masked']} rows ngspice solves {found['rows_solved']}"
+    if found["reason"]:
+        words += f": {found['reason']}"
+    else:
+        words += f", for {found['cells_open']} cells of which engine event is not certain"
+        if found["rows_before"]:
+            words += f"; {found['rows_before']} of them only because a later row remembers them"
+    console = _console()
+    console.print(words, highlight=False)
+    if not found["reason"]:
+        for frame, rows in list(found["rows"].items())[:_SAMPLE]:
+            console.print(f"{frame}: rows {rows}", highlight=False)
+        if (more := len(found["rows"]) - _SAMPLE) > 0:
+            console.print(f"and rows of {more} more frames: summary.json, info.masked", highlight=False)
+
+
 @click.command("plan")
 @click.argument("scene", required=False)
 @click.option("--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest one.")
@@ -78,5 +97,8 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
     if made.filtered:
         sample = busiest(made, _SAMPLE)
         click.echo(f"filter, {sample.frames} of {made.frames} frames:")
-        print_filter(sample, engines.run(sample).info["filter"])
+        if made.engine == "cosim":
+            print_rows(masking.decide(sample).as_dict(sample.first_frame))
+        else:
+            print_filter(sample, engines.run(sample).info["filter"])
     return 0
