@@ -26,7 +26,7 @@ from tb.programs.campaign.shrink import shrink
 from tb.reference.scenes import PROFILES, World, random_scene
 
 STATE = ROOT / "build" / "campaign"
-FOUND = ROOT / "tb" / "hard" / "found"
+FOUND = ROOT / "tb" / "programs" / "campaign" / "found"
 CODE = ROOT / "tb" / "programs" / "campaign", ROOT / "tb" / "reference"
 DOCS = BUILD / "campaign.md"
 # Seconds to shrink one example, and examples stored of each law.

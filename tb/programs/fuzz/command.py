@@ -23,7 +23,7 @@ from tb.programs.fuzz.faults import FAULTS
 from tb.programs.fuzz.target import NAMES
 
 WORK = BUILD / "fuzz"
-FOUND = ROOT / "tb" / "fuzz" / "found"
+FOUND = ROOT / "tb" / "programs" / "fuzz" / "found"
 DOCS = BUILD / "fuzz.md"
 CODE = Path(__file__).parent, ROOT / "tb" / "reference", ROOT / "scripts"
 
@@ -58,7 +58,7 @@ def rounds(wanted: Mapping[str, int], seed: int) -> dict[str, workers.Task]:
 
 
 def store_finding(name: str, kind: str, signature: str, data: bytes) -> Path:
-    """Write the input of a finding to tb/fuzz/found, whence `make test` replays it."""
+    """Write the input of a finding to FOUND; `make test` replays it."""
     path = FOUND / f"{name}_{kind}_{hashlib.sha256(signature.encode()).hexdigest()[:8]}"
     if not path.exists():
         write_atomic(path, data)
@@ -166,7 +166,8 @@ def fuzz_command(
 ) -> int:
     """Give hostile input to everything that reads; rows in build/fuzz.json.
 
-    An interrupted run continues, unless the code has changed. A finding is shrunk and stored in tb/fuzz/found.
+    An interrupted run continues, unless the code has changed. A finding is shrunk and stored in
+    tb/programs/fuzz/found.
     """
     wanted = _wanted(inputs, only)
     if docs and (only or inputs is not None or not seed_faults):

@@ -19,7 +19,6 @@ from dermis.converter import coupling
 from dermis.effects import EFFECTS
 from dermis.engines import Result, certificate, closed, cosim, event, filter, rtl
 from dermis.records import Plan
-from dermis.scene.design import ROOT
 from scripts import workers
 from scripts.checkpoint import Checkpoint
 from tb.programs.campaign import command, laws
@@ -27,9 +26,9 @@ from tb.programs.campaign.shrink import lines_of, shrink
 from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World, random_scene
 
-FOUND = sorted((ROOT / "tb" / "hard" / "found").glob("*.toml"))
+FOUND = sorted(command.FOUND.glob("*.toml"))
 # Defects that are not cured yet (docs/verification.md); a cured case moves to FOUND.
-OPEN = sorted((ROOT / "tb" / "hard" / "open").glob("*.toml"))
+OPEN = sorted((command.FOUND.parent / "open").glob("*.toml"))
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 
 
@@ -264,7 +263,7 @@ def test_offsets_that_do_not_add_are_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_to_the_last_digits() -> None:
-    case = scenes.load(ROOT / "tb" / "hard" / "found" / "symmetric_shorted_neighbours.toml")
+    case = scenes.load(command.FOUND / "symmetric_shorted_neighbours.toml")
     with tempfile.TemporaryDirectory() as scratch:
         plan = case.plan(Path(scratch), "event")
     apart = dataclasses.replace(

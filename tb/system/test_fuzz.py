@@ -184,8 +184,8 @@ def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyP
         ("x = " + "[" * 900 + "]" * 900 + "\n", None, ""),
     ],
 )
-def test_keys_that_no_scene_has_are_one_line(place: Path, text: str, key: str | None, said: str) -> None:
-    path = place / "scene.toml"
+def test_keys_that_no_scene_has_are_one_line(tmp_path: Path, text: str, key: str | None, said: str) -> None:
+    path = tmp_path / "scene.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         scene.load(path)
@@ -195,8 +195,8 @@ def test_keys_that_no_scene_has_are_one_line(place: Path, text: str, key: str | 
     assert ": : " not in str(caught.value)
 
 
-def test_a_file_takes_no_more_memory_than_it_has(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = place / "x.csv"
+def test_a_file_takes_no_more_memory_than_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.csv"
     path.write_text("1,2\n")
     asked: list[int] = []
     real = os.stat(path).st_size
@@ -256,13 +256,13 @@ def test_the_reference_model_follows_the_document() -> None:
     assert said == bytes((*[0] * 6, 0x5A, *[0] * 3, 0xA5, 1, 0xFE, crc, 0, 0xE0, 0, 1, 0, 0))
 
 
-def test_what_an_oracle_lets_through(place: Path) -> None:
+def test_what_an_oracle_lets_through(tmp_path: Path) -> None:
     """Each oracle alone, with a call that it must see and one that it must not."""
-    inside = oracle.inside(place)
-    assert oracle.judge(lambda: (place / "x").write_text("x"), inside) == "taken"
+    inside = oracle.inside(tmp_path)
+    assert oracle.judge(lambda: (tmp_path / "x").write_text("x"), inside) == "taken"
     seen = {}
     calls = {
-        "write": lambda: (place.parent / "beside").write_text("x"),
+        "write": lambda: (tmp_path.parent / "beside").write_text("x"),
         "process": lambda: os.system("true"),
         "escape": lambda: {}["x"],
         "exit": lambda: (_ for _ in ()).throw(SystemExit(3)),
@@ -273,7 +273,7 @@ def test_what_an_oracle_lets_through(place: Path) -> None:
             oracle.judge(call, inside)
         seen[kind] = found.value.kind
     assert seen == {kind: kind for kind in calls}
-    assert not (place.parent / "beside").exists()
+    assert not (tmp_path.parent / "beside").exists()
     with pytest.raises(oracle.Finding, match="time"):
         oracle.judge(
             _work,
