@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error bounds of the filter: how far each effect moves a decision that `closed` made without it.
 
-Everything is counted in packets and made from solved currents. docs/auto.md derives every line. An effect that engine
-`closed` honours has no error here. One without a bound keeps every cell open.
+Everything is counted in packets and made from solved currents, cell by cell in one compiled loop. docs/auto.md derives
+every line. An effect that engine `closed` honours has no error here. One without a bound keeps every cell open.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dermis.array.array import Network
 from dermis.array.settling import BRISK_CLOCKS
@@ -29,167 +29,177 @@ SIGMAS = 8.0
 SLOW_CLOCKS = 1.0
 # Voltage by which a line may be away from rest, relative to the sources: two switchings, one at either end of a break.
 _SWITCHED = 4.0
+# Current in full scales that stands for any larger one.
+_TOP = 1e9
+
+_compiled = numba.njit(cache=True, error_model="numpy", forceinline=True)
+
+
+@dataclass(frozen=True)
+class Bounding:
+    """Bound of an effect: the number of its function in `verdicts`, and a factor on all of it, for tests."""
+
+    number: int
+    factor: float = 1.0
+
+
+honoured = Bounding(-1)
+"""Engine closed does all of it."""
+unknown = Bounding(0)
+"""Nothing is known: every cell stays open."""
+supply_ripple, motion, mirror_lag, line_capacitance = (Bounding(n) for n in range(1, 5))
+comparator_hysteresis, comparator_delay, integrator_bandwidth = (Bounding(n) for n in range(5, 8))
+integrator_gain, integrator_range = Bounding(8), Bounding(9)
+thermal_noise, shot_noise, clock_jitter, comparator_noise = (Bounding(n) for n in range(10, 14))
+metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(14, 17))
+COUNT = 17
 
 
 class Bound(NamedTuple):
-    """Error of an effect in packets, each broadcastable to [frames, rows, cols].
+    """Error of an effect in one cell, in packets.
 
-    In a quiet cell (`Solved.quiet`) the level at the last decision is off by `shift`, known to `rest`. In any cell no
-    level is off by more than `whole`. `random` comes on top of both: SIGMAS standard deviations of a normal number that
-    is independent of those of other effects, so that they add as squares. `drawn` takes its place in a quiet cell once
-    the random numbers of the cell are drawn, `drawn_whole` in any cell; None changes nothing. `level` says that it
-    moves levels; otherwise it moves the charge that comes, within the limits that `Solved.low` and `high` state.
+    In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In any cell no level is
+    off by more than `whole`. `random` comes on top of both: SIGMAS standard deviations of a normal number that is
+    independent of those of other effects, so that they add as squares. `drawn` takes its place in a quiet cell once the
+    random numbers of the cell are drawn, `drawn_whole` in any cell.
     """
 
-    shift: ArrayLike = 0.0
-    rest: ArrayLike = 0.0
-    whole: ArrayLike = 0.0
-    random: ArrayLike = 0.0
-    drawn: ArrayLike | None = None
-    drawn_whole: ArrayLike | None = None
-    level: bool = True
+    shift: float
+    rest: float
+    whole: float
+    random: float
+    drawn: float
+    drawn_whole: float
 
 
-NONE = Bound()
-OPEN = Bound(0.0, np.inf, np.inf)
+# Rows of the table of converters [26, cols] that `columns` makes.
+(
+    TOP, PER_A, SQUEEZE, OFFSET, KAPPA, PACKET, LEVEL, BEGIN, MOVE, AWAY, WINDOW, DELAY, LAG, G_IN, CROSS, LEAK,
+    LOW, HIGH, PRESET, NOISE, APERTURE, JITTER, THERMAL, SHOT, PRESET_NOISE, FLICKER,
+) = range(26)  # fmt: skip
 
 
-@dataclass
-class Solved:
-    """Solved currents of some frames, in packets a clock, [frames, rows, cols] unless another shape is given.
+def columns(c: Converter) -> Floats:
+    """Converters in packets and clocks, [26, cols]; the rows are named above."""
+    f, amplitude = c.f_clk_hz, 1.0 / (1.0 + c.inv_gain_dc)
+    packet_v = c.packet_v()
+    output_v = packet_v * amplitude
+    low, high = c.range_v() / output_v
+    full = c.k * c.i0_a
+    gain = np.abs(c.gain)
+    begin = W_PRESET + c.preset_error_v / packet_v
+    return np.array(
+        [
+            _TOP * full, c.gain / full, c.inv_i_range_a * full / np.maximum(gain, 1e-30), c.i_offset_a / c.i0_a,
+            c.q_mirror_c * f / c.i0_a, 1.0 + c.packet_error, c.v_comp_offset_v / output_v,
+            np.minimum(np.maximum(begin, low), high), 1.0 / amplitude, c.v_comp_offset_v / packet_v,
+            c.v_hysteresis_v / output_v, c.t_comp_delay_s * f, c.t_gbw_s * f * amplitude, c.g_in_s,
+            1.0 / (c.c_int_f * f), c.inv_gain_dc * amplitude, low, high, np.abs(c.preset_error_v) / packet_v,
+            c.v_comp_noise_v / output_v, 0.5 * c.t_meta_s * f, c.t_jitter_s * f,
+            2.0 * c.kt_noise_j * (c.gain / c.k) ** 2 * f / c.i0_a**2, c.q_shot_c * f / c.i0_a,
+            c.v_preset_noise_v / packet_v, c.packet_flicker,
+        ]
+    )  # fmt: skip
 
-    Attributes
-    ----------
-    network, converter, timing : Network, Converter, Timing
-        What surrounds the taxels, the converters [cols] and the clocks.
-    x : ndarray
-        Mean charge a clock over the gate of what `closed` honours, clipped where every converter saturates.
-    low, high : ndarray
-        Least and largest charge in any clock of the gate.
-    swing : ndarray or float
-        Amplitude of the ripple on it, `swing_sum` [frames, rows, 1] the sum of its sine over the gate, `swing_reach`
-        the largest sum over any part of it, `swing_bent` packets of second order.
-    moved : ndarray or float
-        Largest partial sum over a gate of what conductances in motion add to the mean.
-    late, late_known : ndarray or float
-        Packets by which a slow mirror is late over the gate, which `x` holds already, and how well that is known.
-    g_column_s : ndarray
-        [frames, 1, cols] conductance on each column.
-    leak, across : ndarray or float
-        Part of the charge that is lost a clock, and part of what an output has not followed yet, as in event.Cells.
-    v_v : float
-        Largest voltage of any source.
-    slow_mirror : bool
-        Whether any mirror is slow.
-    error, levels : ndarray
-        Sum of `whole` of the effects so far, and of those that move levels.
+
+class Cell(NamedTuple):
+    """A solved cell in packets and clocks.
+
+    `x` is the mean charge a clock of what `closed` honours, `low` and `high` the least and largest
+    in any clock of the gate. `swing` is the amplitude of the ripple on it, `swing_sum` the sum of
+    its sine over the gate, `swing_bent` packets of second order; `moved` the largest partial sum of
+    what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
+    already, known to `late_known`. `unsettled` is what lines may bring. `leak` of the charge is
+    lost a clock, and `across` of what an output has not followed yet (as in event.Cells). `thermal`
+    is the variance of its noise a clock. The others are those of the converter. `root` and
+    `root_bridge` are deviations of a path of variance 1 at the end of the gate, and there if the
+    path is known at the end of its grid.
     """
 
-    network: Network
-    converter: Converter
-    timing: Timing
-    x: Floats
-    low: Floats
-    high: Floats
-    g_column_s: Floats
-    v_v: float
-    swing: ArrayLike = 0.0
-    swing_sum: ArrayLike = 0.0
-    swing_reach: float = 0.0
-    swing_bent: ArrayLike = 0.0
-    moved: ArrayLike = 0.0
-    late: ArrayLike = 0.0
-    late_known: ArrayLike = 0.0
-    leak: ArrayLike = 0.0
-    across: ArrayLike = 0.0
-    slow_mirror: bool = False
-    error: ArrayLike = 0.0
-    levels: ArrayLike = 0.0
-
-    @property
-    def clocks(self) -> int:
-        """Decisions in a gate."""
-        return self.timing.gate_clocks
-
-    @property
-    def packet(self) -> Floats:
-        """Size of a packet [cols], in ideal ones."""
-        return 1.0 + self.converter.packet_error
-
-    @property
-    def output_v(self) -> Floats:
-        """Voltage of the integrator's output for one packet, [cols]."""
-        return self.converter.packet_v() / (1.0 + self.converter.inv_gain_dc)
-
-    @property
-    def lag(self) -> Floats:
-        """Clocks by which an integrator's output is late, [cols]."""
-        c = self.converter
-        return c.t_gbw_s * c.f_clk_hz / (1.0 + c.inv_gain_dc)
-
-    @property
-    def delay(self) -> Floats:
-        """Clocks by which a comparator is late, [cols]."""
-        return self.converter.t_comp_delay_s * self.converter.f_clk_hz
-
-    def highest(self) -> Floats:
-        """Highest charge of a converter that packets keep up with."""
-        pile = self.clocks * np.maximum(self.x - 0.5 * self.packet, 0.0)
-        # Packets keep up in every clock, or only on the whole: then what comes early piles up.
-        early = np.where(2.0 * self.high > self.packet, self.error, 0.0)
-        return 2.0 * self.high + self.levels + pile + early
-
-    def lowest(self) -> Floats:
-        """Lowest charge of a converter."""
-        packet = self.packet * (1.0 + SIGMAS * self.converter.packet_flicker) - 2.0 * np.maximum(
-            self.low, 0.0
-        )
-        preset = W_PRESET - np.abs(self.converter.preset_error_v) / self.converter.packet_v()
-        return np.minimum(-packet, preset) - self.levels - self.clocks * np.maximum(-self.low, 0.0)
-
-    def quiet(self) -> NDArray[np.bool_]:
-        """Where the count is that of the charge up to the last decision (docs/auto.md, "The last decision").
-
-        No clock takes charge away, and three clocks after a decision began no level is in reach again before all of
-        its packet has gone.
-        """
-        window = self.converter.v_hysteresis_v / self.output_v
-        reach = (
-            3.0 * self.high + 2.0 * np.asarray(self.levels) + window + self.packet * (self.delay + self.lag)
-        )
-        return (self.low >= 0.0) & (reach < self.packet)
+    clocks: float
+    root: float
+    root_bridge: float
+    x: float
+    low: float
+    high: float
+    swing: float
+    swing_sum: float
+    swing_reach: float
+    swing_bent: float
+    moved: float
+    late: float
+    late_known: float
+    unsettled: float
+    leak: float
+    across: float
+    thermal: float
+    packet: float
+    window: float
+    delay: float
+    lag: float
+    limit_low: float
+    limit_high: float
+    preset: float
+    noise: float
+    aperture: float
+    jitter: float
+    shot: float
+    preset_noise: float
+    flicker: float
 
 
-Bounding = Callable[[Solved], Bound]
+@_compiled
+def _highest(s, levels, error):  # type: ignore
+    """Highest charge of a converter that packets keep up with."""
+    pile = s.clocks * max(s.x - 0.5 * s.packet, 0.0)
+    # Packets keep up in every clock, or only on the whole: then what comes early piles up.
+    return 2.0 * s.high + levels + pile + (error if 2.0 * s.high > s.packet else 0.0)
 
 
-def honoured(_: Solved) -> Bound:
-    """Engine closed does all of it."""
-    return NONE
+@_compiled
+def _lowest(s, levels):  # type: ignore
+    """Lowest charge of a converter."""
+    packet = s.packet * (1.0 + SIGMAS * s.flicker) - 2.0 * max(s.low, 0.0)
+    return min(-packet, W_PRESET - s.preset) - levels - s.clocks * max(-s.low, 0.0)
 
 
-def unknown(_: Solved) -> Bound:
-    """Keep every cell open: nothing is known."""
-    return OPEN
+@_compiled
+def quiet(s, levels):  # type: ignore
+    """Whether the count is that of the charge up to the last decision (docs/auto.md, "The last decision").
+
+    No clock takes charge away, and three clocks after a decision began no level is in reach again before all of its
+    packet has gone.
+    """
+    reach = 3.0 * s.high + 2.0 * levels + s.window + s.packet * (s.delay + s.lag)
+    return s.low >= 0.0 and reach < s.packet
 
 
 # --- what moves the current within a gate ------------------------------------------------------------------------
 
 
-def supply_ripple(s: Solved) -> Bound:
+@_compiled
+def _supply_ripple(s):  # type: ignore
     """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order rest."""
-    swing = np.asarray(s.swing)
-    return Bound(swing * s.swing_sum, s.swing_bent, np.abs(swing) * s.swing_reach + s.swing_bent, level=False)
+    whole = abs(s.swing) * s.swing_reach + s.swing_bent
+    return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0)
 
 
-def motion(s: Solved) -> Bound:
+@_compiled
+def _motion(s):  # type: ignore
     """The mean over the gate is solved; partial sums leave it."""
-    return Bound(whole=s.moved, level=False)
+    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0)
 
 
-def mirror_lag(s: Solved) -> Bound:
+@_compiled
+def _mirror_lag(s):  # type: ignore
     """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the beginning)."""
-    return Bound(0.0, s.late_known, np.abs(s.late) + s.late_known, level=False)
+    return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0)
+
+
+@_compiled
+def _line_capacitance(s):  # type: ignore
+    """Charge of lines that have not settled; a slow mirror would keep what it saw before the gate."""
+    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0)
 
 
 def settling_s(network: Network) -> float:
@@ -203,157 +213,227 @@ def settling_s(network: Network) -> float:
     return max(across + n.r_trace_row_ohm * n.c_taxel_f * cols * (cols + 1), along)
 
 
-def unsettled(s: Solved) -> Floats | float:
-    """Packets [frames, 1, cols] that lines which have not settled bring into a gate, at most; inf where unknown."""
-    net, c = s.network, s.converter
-    rows, cols = net.g_taxel_s.shape
+def brisk(network: Network, c: Converter) -> bool:
+    """Whether lines settle so fast that a slow mirror feels nothing of it."""
+    return settling_s(network) * c.f_clk_hz <= BRISK_CLOCKS
+
+
+def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats, v_v: float) -> Floats:
+    """Packets [frames, cols] that lines which have not settled bring into a gate, at most; inf where unknown.
+
+    `v_v` is the largest voltage of any source, `g_column_s` [frames, cols] the conductance on each column.
+    """
+    net, (rows, cols) = network, network.g_taxel_s.shape
     tau = settling_s(net)
     if tau == 0.0:
-        return 0.0
-    settle = s.timing.settle_clocks - s.timing.break_clocks
+        return np.zeros_like(g_column_s)
+    settle = timing.settle_clocks - timing.break_clocks
     rest = math.exp(-settle / c.f_clk_hz / tau) if tau < math.inf else 1.0
     if not rest < 0.25:
-        return np.inf
+        return np.full_like(g_column_s, np.inf)
     farads = rows * net.c_row_f + cols * net.c_column_f + 4 * rows * cols * net.c_taxel_f
-    stored = math.sqrt(farads) * _SWITCHED * s.v_v
+    stored = math.sqrt(farads) * _SWITCHED * v_v
     side = 2.0 * rows * net.g_lateral_row_s if cols > 1 else 0.0
-    onto = np.sqrt(s.clocks / c.f_clk_hz * (s.g_column_s + side) / 2.0)
+    onto = np.sqrt(timing.gate_clocks / c.f_clk_hz * (g_column_s + side) / 2.0)
     charge = (onto + 2.0 * math.sqrt(rows * net.c_taxel_f)) * stored * rest
     return charge * c.f_clk_hz * np.maximum(1.0, np.abs(c.gain)) / (c.k * c.i0_a)
-
-
-def line_capacitance(s: Solved) -> Bound:
-    """Charge of lines that have not settled; a slow mirror would keep what it saw before the gate."""
-    if s.slow_mirror and settling_s(s.network) * s.converter.f_clk_hz > BRISK_CLOCKS:
-        return OPEN
-    found = unsettled(s)
-    return Bound(0.0, found, found, level=False)
 
 
 # --- levels ------------------------------------------------------------------------------------------------------
 
 
-def comparator_hysteresis(s: Solved) -> Bound:
+@_compiled
+def _comparator_hysteresis(s):  # type: ignore
     """A quiet converter leaves the window after every packet, so it decides at the upper level."""
-    window = s.converter.v_hysteresis_v / s.output_v
-    return Bound(-0.5 * window, 0.0, 1.5 * window)
+    return Bound(-0.5 * s.window, 0.0, 1.5 * s.window, 0.0, 0.0, 0.0)
 
 
-def comparator_delay(s: Solved) -> Bound:
+@_compiled
+def _comparator_delay(s):  # type: ignore
     """A sample d clocks early misses d times the charge of a clock; after a packet also d of that packet."""
-    d = s.delay
-    middle = 0.5 * (s.low + s.high)
-    return Bound(-d * middle, 0.5 * d * (s.high - s.low), d * (np.abs(s.high) + 2.0 * s.packet))
+    whole = s.delay * (abs(s.high) + 2.0 * s.packet)
+    return Bound(-0.5 * s.delay * (s.low + s.high), 0.5 * s.delay * (s.high - s.low), whole, 0.0, 0.0, 0.0)
 
 
-def integrator_bandwidth(s: Solved) -> Bound:
+@_compiled
+def _integrator_bandwidth(s, levels, error):  # type: ignore
     """The output is late by the lag times its slope, and drops charge through what lies across the input."""
     lag = s.lag
-    if np.any(lag > SLOW_CLOCKS):
-        return OPEN
-    drops = np.asarray(s.across) * lag * (s.highest() - s.lowest())
-    with np.errstate(under="ignore", divide="ignore", over="ignore"):
-        after = np.maximum(
-            np.floor((s.packet - 2.0 * np.asarray(s.levels)) / np.maximum(s.high, 1e-9)) - 2.0, 0.0
-        )
-        tail = lag * s.packet * np.exp(-(after - s.delay) / np.where(lag > 0, lag, 1e-3))
-    middle = 0.5 * (s.low + s.high)
-    rest = 0.5 * lag * (s.high - s.low) + np.minimum(tail, lag * s.packet) + drops
-    return Bound(-lag * middle, rest, lag * (np.abs(s.high) + 2.0 * s.packet) + drops)
+    if lag > SLOW_CLOCKS:
+        return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0)
+    drops = s.across * lag * (_highest(s, levels, error) - _lowest(s, levels)) if lag > 0.0 else 0.0
+    after_ = max(math.floor((s.packet - 2.0 * levels) / max(s.high, 1e-9)) - 2.0, 0.0)
+    # A packet that came late may have gone by less than nothing; no more than all of it is left.
+    steps = (after_ - s.delay) / max(lag, 1e-3)
+    tail = lag * s.packet * (math.exp(-max(steps, 0.0)) if steps < 60.0 else 1e-26)
+    rest = 0.5 * lag * (s.high - s.low) + tail + drops
+    whole = lag * (abs(s.high) + 2.0 * s.packet) + drops
+    return Bound(-0.5 * lag * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0)
 
 
-def integrator_gain(s: Solved) -> Bound:
+@_compiled
+def _integrator_gain(s, levels, error):  # type: ignore
     """A leak takes its part of the charge in every clock."""
-    leak = s.clocks * np.asarray(s.leak)
-    limit = s.converter.range_v() / s.output_v
-    low, high = np.maximum(s.lowest(), limit[0]), np.minimum(s.highest(), limit[1])
-    rest = 0.5 * leak * (high - low)
-    return Bound(-0.5 * leak * (high + low), rest, leak * np.maximum(np.abs(low), np.abs(high)), level=False)
+    leak = s.clocks * s.leak
+    low, high = max(_lowest(s, levels), s.limit_low), min(_highest(s, levels, error), s.limit_high)
+    whole = leak * max(abs(low), abs(high))
+    return Bound(-0.5 * leak * (high + low), 0.5 * leak * (high - low), whole, 0.0, 0.0, 0.0)
 
 
-def integrator_range(s: Solved) -> Bound:
+@_compiled
+def _integrator_range(s, levels, error):  # type: ignore
     """Nothing where the charge stays inside, or where one at the upper limit has a packet every second clock."""
-    c = s.converter
-    low, high = c.range_v() / s.output_v
-    error = np.asarray(s.levels)
-    inside = (low <= s.lowest()) & (high >= s.highest())
-    full = (
-        (s.low >= 0.5 * s.packet + s.leak * np.minimum(high, 1e6))
-        & (high >= s.packet + 2.0 * error)
-        & (low <= s.lowest())
-    )
-    return Bound(0.0, np.where(inside | full, 0.0, np.inf), np.where(inside | full, 0.0, np.inf))
+    below = s.limit_low <= _lowest(s, levels)
+    inside = below and s.limit_high >= _highest(s, levels, error)
+    enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
+    full = below and enough and s.limit_high >= s.packet + 2.0 * levels
+    bites = 0.0 if inside or full else math.inf
+    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0)
 
 
 # --- random numbers ----------------------------------------------------------------------------------------------
 
 
-def _drawn_once(sd: ArrayLike) -> Bound:
-    """An error that is one normal number of the slot."""
-    most = SIGMAS * np.asarray(sd)
-    return Bound(random=most, drawn=0.0, drawn_whole=0.0)
-
-
-def _path(s: Solved, variance: ArrayLike) -> Bound:
-    """A Brownian path of some variance a clock: known at the end of its grid once it is drawn.
+@_compiled
+def _path(s, variance, sample):  # type: ignore
+    """A Brownian path of some variance a clock: known at the end of its grid once it is drawn; a level `sample` beside.
 
     A level that the path reaches before the last decision is lower by the charge that came since: 16 variance / x
     above the end of the path at most.
     """
-    n = s.clocks
-    span = 1 << (n - 1).bit_length()
-    variance = np.asarray(variance)
-    sigma = np.sqrt(variance)
-    whole = SIGMAS * math.sqrt(n) * sigma
-    bridge = SIGMAS * sigma * math.sqrt(n * (span - n) / span)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        climbs = np.where(variance > 0, (SIGMAS**2 / 4.0) * variance / np.maximum(s.low, 1e-30), 0.0)
+    sigma = SIGMAS * math.sqrt(variance)
+    whole, bridge = sigma * s.root, sigma * s.root_bridge
+    climbs = (SIGMAS**2 / 4.0) * variance / max(s.low, 1e-30)
     # The deviation grows a little with the current.
-    return Bound(rest=np.minimum(climbs, whole) + 0.02 * whole, random=whole, drawn=bridge)
+    return Bound(0.0, min(climbs, whole) + 0.02 * whole + sample, sample, whole, bridge, whole)
 
 
-def thermal_noise(s: Solved) -> Bound:
+@_compiled
+def _thermal_noise(s):  # type: ignore
     """White current of every conductance on the column."""
-    c = s.converter
-    packet_c = c.i0_a / c.f_clk_hz
-    return _path(s, 2.0 * c.kt_noise_j * s.g_column_s * (c.gain / c.k) ** 2 / (c.f_clk_hz * packet_c**2))
+    return _path(s, s.thermal, 0.0)
 
 
-def shot_noise(s: Solved) -> Bound:
+@_compiled
+def _shot_noise(s):  # type: ignore
     """An electron's charge squared for each that comes, of input and packets."""
-    c = s.converter
-    return _path(s, (c.q_shot_c * c.f_clk_hz / c.i0_a) * 2.0 * np.maximum(np.abs(s.low), np.abs(s.high)))
+    return _path(s, 2.0 * s.shot * max(abs(s.low), abs(s.high)), 0.0)
 
 
-def clock_jitter(s: Solved) -> Bound:
+@_compiled
+def _clock_jitter(s):  # type: ignore
     """Two edges a packet along the way, and the edge that samples."""
-    jitter = s.converter.t_jitter_s * s.converter.f_clk_hz
-    rate = np.minimum(np.maximum(np.abs(s.low), np.abs(s.high)), 0.5)
-    path = _path(s, 2.0 * jitter**2 * rate)
-    sample = SIGMAS * jitter * np.maximum(np.abs(s.low), np.abs(s.high))
-    return path._replace(rest=path.rest + sample, whole=sample)
+    most = max(abs(s.low), abs(s.high))
+    return _path(s, 2.0 * s.jitter**2 * min(most, 0.5), SIGMAS * s.jitter * most)
 
 
-def comparator_noise(s: Solved) -> Bound:
+@_compiled
+def _comparator_noise(s):  # type: ignore
     """Every decision has a level of its own."""
-    most = SIGMAS * s.converter.v_comp_noise_v / s.output_v
-    return Bound(random=most)
+    most = SIGMAS * s.noise
+    return Bound(0.0, 0.0, 0.0, most, most, most)
 
 
-def metastability(s: Solved) -> Bound:
+@_compiled
+def _metastability(s):  # type: ignore
     """Half the aperture times the slope: a coin decides there."""
-    half = 0.5 * s.converter.t_meta_s * s.converter.f_clk_hz * np.maximum(np.abs(s.low), np.abs(s.high))
-    return Bound(0.0, half, 3.0 * half)
+    half = s.aperture * max(abs(s.low), abs(s.high))
+    return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0)
 
 
-def ktc_noise(s: Solved) -> Bound:
+@_compiled
+def _ktc_noise(s):  # type: ignore
     """One number at the start of the slot."""
-    return _drawn_once(s.converter.v_preset_noise_v / s.converter.packet_v())
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.preset_noise, 0.0, 0.0)
 
 
-def flicker_noise(s: Solved) -> Bound:
+@_compiled
+def _flicker_noise(s):  # type: ignore
     """One number for all packets of a slot, of the charge that came."""
-    begins = np.abs(s.converter.preset_error_v) / s.converter.packet_v()
-    came = s.clocks * np.maximum(np.abs(s.low), np.abs(s.high)) + begins
-    gone = np.minimum(came / s.packet + 1.0, (s.clocks + 1) / 2)
-    return _drawn_once(s.converter.packet_flicker * s.packet * gone)._replace(level=False)
+    came = s.clocks * max(abs(s.low), abs(s.high)) + s.preset
+    gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0)
+
+
+# --- all of them -------------------------------------------------------------------------------------------------
+
+
+class _Sum(NamedTuple):
+    """Sums over the effects so far: those of Bound, all errors and those that move levels, and squares."""
+
+    shift: float
+    rest: float
+    whole: float
+    error: float
+    levels: float
+    squares: float
+    drawn: float
+    drawn_whole: float
+    noise: float
+
+
+@_compiled
+def _add(sums, tally, number, factor, level, noise, b):  # type: ignore
+    """Add the bound of an effect; `level` where it moves levels, not the charge that comes; `noise` if it is random.
+
+    `tally` keeps its largest shift, whole error and error of a quiet cell. Without branches, or it takes most of the
+    time.
+    """
+    rest, whole, random = factor * b.rest, factor * b.whole, factor * b.random
+    most = whole + random
+    caused = factor * abs(b.shift)
+    tally[number, 0] = caused if caused > tally[number, 0] else tally[number, 0]
+    tally[number, 1] = most if most > tally[number, 1] else tally[number, 1]
+    tally[number, 2] = rest + random if rest + random > tally[number, 2] else tally[number, 2]
+    return _Sum(
+        sums.shift + factor * b.shift,
+        sums.rest + rest,
+        sums.whole + whole,
+        sums.error + most,
+        sums.levels + (most if level else 0.0),
+        sums.squares + random * random,
+        sums.drawn + (factor * b.drawn) ** 2,
+        sums.drawn_whole + (factor * b.drawn_whole) ** 2,
+        sums.noise + (whole if noise else 0.0),
+    )
+
+
+@_compiled
+def total(s, on, levels, tally):  # type: ignore
+    """Sum of the bounds that are on; the last three take what the others add up to."""
+    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0)
+    if on[0] > 0.0:
+        a = _add(a, tally, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0))
+    if on[1] > 0.0:
+        a = _add(a, tally, 1, on[1], False, False, _supply_ripple(s))
+    if on[2] > 0.0:
+        a = _add(a, tally, 2, on[2], False, False, _motion(s))
+    if on[3] > 0.0:
+        a = _add(a, tally, 3, on[3], False, False, _mirror_lag(s))
+    if on[4] > 0.0:
+        a = _add(a, tally, 4, on[4], False, False, _line_capacitance(s))
+    if on[5] > 0.0:
+        a = _add(a, tally, 5, on[5], True, False, _comparator_hysteresis(s))
+    if on[6] > 0.0:
+        a = _add(a, tally, 6, on[6], True, False, _comparator_delay(s))
+    if on[10] > 0.0:
+        a = _add(a, tally, 10, on[10], True, True, _thermal_noise(s))
+    if on[11] > 0.0:
+        a = _add(a, tally, 11, on[11], True, True, _shot_noise(s))
+    if on[12] > 0.0:
+        a = _add(a, tally, 12, on[12], True, True, _clock_jitter(s))
+    if on[13] > 0.0:
+        a = _add(a, tally, 13, on[13], True, True, _comparator_noise(s))
+    if on[14] > 0.0:
+        a = _add(a, tally, 14, on[14], True, True, _metastability(s))
+    if on[15] > 0.0:
+        a = _add(a, tally, 15, on[15], True, True, _ktc_noise(s))
+    if on[16] > 0.0:
+        a = _add(a, tally, 16, on[16], False, True, _flicker_noise(s))
+    if on[7] > 0.0:
+        a = _add(a, tally, 7, on[7], True, False, _integrator_bandwidth(s, a.levels, a.error))
+    if on[8] > 0.0:
+        a = _add(a, tally, 8, on[8], False, False, _integrator_gain(s, a.levels, a.error))
+    if on[9] > 0.0:
+        a = _add(a, tally, 9, on[9], True, False, _integrator_range(s, a.levels, a.error))
+    return a

@@ -81,8 +81,8 @@ class Effect:
         Where it exists.
     random : bool
         True if it draws random numbers during conversion; its bound then has a stated confidence.
-    bound : callable
-        bounds.Solved -> bounds.Bound: how far it moves decisions that engine closed made without it, in packets.
+    bound : bounds.Bounding
+        How far it moves decisions that engine closed made without it.
     considered : bool
         True if auto considers it without its being named; False for effects that change the scene itself.
     needs : mapping

@@ -216,7 +216,7 @@ def test_random_scenes_have_the_codes_of_everything_on(tmp_path: Path) -> None:
 
 def test_without_bounds_wrong_codes_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, effect in EFFECTS.items():
-        monkeypatch.setitem(EFFECTS, name, replace(effect, bound=lambda _: bounds.NONE))
+        monkeypatch.setitem(EFFECTS, name, replace(effect, bound=bounds.honoured))
     outcomes, refused = auto_check.campaign(6, 11, 4)
     rows = {r["name"]: r["status"] for r in auto_check.rows(outcomes, [], refused)}
     assert rows["auto.wrong_codes"] == "FAIL"

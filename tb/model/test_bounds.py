@@ -17,8 +17,9 @@ import pytest
 from dermis import bounds, engines, records
 from dermis import plan as planning
 from dermis.converter import currents, mirror
+from dermis.converter.vfc import count
 from dermis.effects import EFFECTS
-from dermis.engines import event, filter
+from dermis.engines import event, filter, verdicts
 from dermis.scene import scene
 
 N = 510
@@ -194,21 +195,14 @@ def test_codes_of_a_strong_effect_are_those_of_engine_event(name: str) -> None:
 )
 def test_a_bound_of_nothing_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     effect = EFFECTS[name]
-    monkeypatch.setitem(EFFECTS, name, replace(effect, bound=lambda _: bounds.NONE))
+    monkeypatch.setitem(EFFECTS, name, replace(effect, bound=bounds.honoured))
     assert wrong(filtered(STRONG[name])) > 0
 
 
 @pytest.mark.parametrize("name", SHIFTS)
 def test_half_a_bound_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     effect = EFFECTS[name]
-
-    def halved(s: bounds.Solved) -> bounds.Bound:
-        bound = effect.bound(s)
-        return bound._replace(
-            **{part: 0.5 * np.asarray(getattr(bound, part)) for part in ("shift", "rest", "whole")}
-        )
-
-    monkeypatch.setitem(EFFECTS, name, replace(effect, bound=halved))
+    monkeypatch.setitem(EFFECTS, name, replace(effect, bound=replace(effect.bound, factor=0.5)))
     assert wrong(filtered(STRONG[name])) > 0
 
 
@@ -230,17 +224,22 @@ def test_slow_mirrors_in_closed_form_give_the_charge_of_clocks() -> None:
     found = filter._Part(plan, slice(0, plan.frames), filter.bounding(plan), filter.Table())
     # A polynomial of an exponential of 1e-13 in each of 625 clocks.
     assert found.s.x == pytest.approx(np.clip(event.run(plan).info["x"], -0.75, 0.75), abs=1e-11)
-    lines = mirror.outputs(
-        np.array([[[0.2], [0.0], [0.3]]]),
-        np.zeros((1, 3, 1)),
-        np.zeros((1, 1, 1)),
-        np.array([5.0]),
-        1,
-        115,
-        510,
-    )
-    assert (lines.begin[1] == lines.begin[0]).all()
-    assert ((lines.keeps <= 1.0) & (lines.keeps <= lines.keeps_begin)).all()
+    # In two steps as in one, and settled after many.
+    whole = mirror.after(2.0, 0.3, 20.0, 5.0)
+    # Roundings of exponentials.
+    assert mirror.after(mirror.after(2.0, 0.3, 8.0, 5.0), 0.3, 12.0, 5.0) == pytest.approx(whole, rel=1e-12)
+    assert mirror.after(2.0, 0.3, 1e4, 5.0) == 1.0 / 0.3
+    assert mirror.after(2.0, 0.3, 1e-6, 5.0) == pytest.approx(2.0 + 2e-7 * (1.0 - 0.6), rel=1e-12)
+
+
+def test_counts_of_one_cell_are_those_of_the_closed_formula() -> None:
+    rng = np.random.default_rng(7)
+    x = np.concatenate([rng.uniform(-0.1, 1.0, 2000), np.arange(1999) / 1020, [0.0]])
+    for clocks in (1, 37, N):
+        start, packet = rng.choice([-1.2, -0.5, 0.0, 0.25, 0.5, 1.5], 4000), rng.choice([0.7, 1.0, 1.2], 4000)
+        cells = zip(x, start, packet, strict=True)
+        alone = [verdicts.count(cell, clocks, level, size) for cell, level, size in cells]
+        assert (alone == count(x, clocks, 0.0, packet, start)).all()
 
 
 EVERYTHING: dict[str, Any] = {name: True for name in STRONG if name not in ("line_capacitance",)} | {

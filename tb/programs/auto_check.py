@@ -153,13 +153,7 @@ def mutants(count: int, seed: int, frames: int) -> tuple[list[str], list[str]]:
     names = [name for name, effect in effects.EFFECTS.items() if effect.bound is not bounds.honoured]
     for name in names:
         effect = effects.EFFECTS[name]
-
-        def halved(s: bounds.Solved, own: bounds.Bounding = effect.bound) -> bounds.Bound:
-            bound = own(s)
-            parts = (None if v is None else 0.5 * np.asarray(v) for v in bound[:6])
-            return bounds.Bound(*parts, level=bound.level)
-
-        effects.EFFECTS[name] = replace(effect, bound=halved)
+        effects.EFFECTS[name] = replace(effect, bound=replace(effect.bound, factor=0.5))
         try:
             wrong = any(o.wrong for o in campaign(count, seed, frames)[0])
         finally:

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of the filter over all cells of some frames, compiled: from currents to bounds to verdicts."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis import bounds as of
+from dermis.converter import noise
+from dermis.converter.mirror import after
+from dermis.converter.vfc import Y_MIN
+
+# Duty beyond which a larger current changes no code: 1/2 is full scale.
+X_CLIP = 0.75
+# Duty that replaces any larger one where the charge of a clock counts.
+_X_LARGE = 1.0
+# Packets that roundings of the two ways to a level may differ by: a sum of 510 clocks, and polynomials of a course.
+ROUNDING = 1e-7
+# Every n-th cell is sampled for the ratio of bound and shift.
+EACH = 7
+# Duty beyond which a converter saturates whatever its noise is, as in engine event.
+_X_NOISE_MAX = 1.0
+
+_compiled = numba.njit(cache=True, error_model="numpy")
+
+
+class Gate(NamedTuple):
+    """Numbers that all cells of a run share.
+
+    Clocks of a slot, the largest code and the error that decides a cell all the same; the amplitude of the ripple and
+    the largest sum of its sine; what there is of motion and slow mirrors.
+    """
+
+    clocks: int
+    settle: int
+    pause: int
+    code_max: int
+    budget: float
+    ripple: float
+    swing_reach: float
+    motion: bool
+    slow_mirror: bool
+    direct: bool
+
+
+class Solved(NamedTuple):
+    """Results of `verdicts`, [frames, rows, cols] each.
+
+    `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and `end` [3, ...] their
+    outputs behind each gate: as solved, the lowest and the highest possible. `shift`, `error` of the level at the last
+    decision in packets, `undrawn` the error without random numbers, `drawn` with those of a slot known. `noise` and
+    `squares` are what random numbers alone add, `kept` what hysteresis and late packets do.
+    """
+
+    x: NDArray[np.float64]
+    low: NDArray[np.float64]
+    settled: NDArray[np.float64]
+    end: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    error: NDArray[np.float64]
+    drawn: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    squares: NDArray[np.float64]
+    kept: NDArray[np.float64]
+    quiet: NDArray[np.bool_]
+    open: NDArray[np.bool_]
+    codes: NDArray[np.int64]
+    blame: NDArray[np.int64]
+
+
+@_compiled
+def count(x, clocks, start, packet):  # type: ignore
+    """`converter.vfc.count` of one cell; `start` is the level less the preset charge."""
+    every_second = (clocks + 1) // 2
+    if 2.0 * x > packet:
+        first = min(max(math.ceil(start / x), 1.0), clocks + 1.0)
+        if first * x < start and first <= clocks:
+            first += 1.0
+        elif first > 1.0 and (first - 1.0) * x >= start:
+            first -= 1.0
+        return 0 if first > clocks else (clocks - int(first)) // 2 + 1
+    if x < 0.0:
+        if x < start:
+            return 0
+        last = min(max(math.floor((x - start) / (packet - 2.0 * x)), -1.0), 1.0 * every_second)
+        if (2.0 * last + 3.0) * x >= start + (last + 1.0) * packet:
+            last += 1.0
+        elif (2.0 * last + 1.0) * x < start + last * packet:
+            last -= 1.0
+        return int(min(max(last + 1.0, 0.0), 1.0 * every_second))
+    ones = min(max(math.floor((clocks * x - start) / packet), -1.0), 1.0 * clocks)
+    if clocks * x >= start + (ones + 1.0) * packet:
+        ones += 1.0
+    elif clocks * x < start + ones * packet:
+        ones -= 1.0
+    return int(min(max(ones + 1.0, 0.0), 1.0 * every_second))
+
+
+@_compiled
+def _decide(x, level, error, packet, gate):  # type: ignore
+    """Code of a cell whose level is known to `error`, and whether it is open."""
+    if not (math.isfinite(error) and math.isfinite(level)):
+        return 0, True
+    least = min(count(x, gate.clocks, level + error, packet), gate.code_max)
+    if x >= X_CLIP * max(packet, 1.0) * (1.0 - 1e-12):
+        # More than the charge at which x is clipped changes a code only upwards.
+        open_ = least < gate.code_max
+    else:
+        open_ = least != min(count(x, gate.clocks, level - error, packet), gate.code_max)
+    if error <= gate.budget and gate.budget > 0.0:
+        return min(count(x, gate.clocks, level, packet), gate.code_max), False
+    return least, open_
+
+
+@_compiled
+def _worst(s, on, calm):  # type: ignore
+    """Number of the effect with the largest bound in a cell."""
+    own = np.zeros((of.COUNT, 3))
+    of.total(s, on, 0.0, own)
+    return np.argmax(own[:, 2 if calm else 1])
+
+
+@_compiled
+def verdicts(  # type: ignore
+    gate, on, table, g_column, dark, swing_sum, unsettled, moved_lsb,
+    follows, rest, follows_end, rest_end, follows_bend, rest_bend, out, tally, ratios
+):  # fmt: skip
+    """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled.
+
+    Parameters
+    ----------
+    gate : Gate
+    on : [bounds.COUNT]
+        Factor on each bound; 0 is off.
+    table : [26, cols]
+        bounds.columns.
+    g_column, dark, unsettled : [frames, cols]
+        Conductance on each column; most of a settled mirror while no row is driven; packets of lines that settle.
+    swing_sum : [frames, rows]
+        Sum of the sine of the ripple over the gate.
+    moved_lsb : [frames or 1, rows or 1, cols or 1]
+        Packets by which levels are moved.
+    follows, rest : [frames, rows, cols]
+        Column currents, with the bias and without it; `_end` and `_bend` of them with motion.
+    """
+    frames, rows, cols = follows.shape
+    u_of = np.empty((3, cols))
+    sampled = number = 0
+    span = noise.span_of(gate.clocks)
+    root, root_bridge = math.sqrt(gate.clocks), math.sqrt(gate.clocks * (span - gate.clocks) / span)
+    for f in range(frames):
+        for r in range(rows):
+            for c in range(cols):
+                top, per_a, squeeze, offset = (
+                    table[of.TOP, c],
+                    table[of.PER_A, c],
+                    table[of.SQUEEZE, c],
+                    table[of.OFFSET, c],
+                )
+                driven = min(max(follows[f, r, c], -top), top)
+                other = min(max(rest[f, r, c], -top), top)
+                apart = moved = bent = swing = 0.0
+                if gate.motion:
+                    later = min(max(follows_end[f, r, c], -top), top)
+                    other_later = min(max(rest_end[f, r, c], -top), top)
+                    bend = min(max(follows_bend[f, r, c], -top), top)
+                    other_bend = min(max(rest_bend[f, r, c], -top), top)
+                    apart = 0.5 * abs(later + other_later - driven - other)
+                    apart += abs(min(max(follows_bend[f, r, c] + rest_bend[f, r, c], -top), top))
+                    apart *= abs(per_a)
+                    driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
+                    other = 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend
+                    moved = 0.5 * gate.clocks * apart
+                    bent = abs(gate.ripple) * gate.clocks * apart
+                u = (driven + other) * per_a
+                swing = gate.ripple * driven * per_a
+                if squeeze > 0.0:
+                    bent += gate.clocks * squeeze * (abs(swing) + apart) ** 2
+                    slope = 1.0 / (1.0 + squeeze * abs(u))
+                    u *= slope
+                    swing *= slope * slope
+                away = abs(swing) + apart
+                late = known = 0.0
+                x = u + offset
+                low, high = x - away, x + away
+                out.settled[f, r, c] = u
+                if gate.slow_mirror:
+                    kappa = max(table[of.KAPPA, c], 1e-15)
+                    settle = gate.settle - gate.pause
+                    begin0 = begin1 = begin2 = end0 = end1 = end2 = 0.0
+                    before = u_of[0, c]
+                    for way in range(3):
+                        alike = away == 0.0 and (r == 0 or (u_of[way, c] == before and dark[f, c] <= Y_MIN))
+                        if way > 0 and alike:
+                            begin, end = begin0, end0
+                        else:
+                            here = max(u + (0.0, -away, away)[way], Y_MIN)
+                            at = 1.0 / here
+                            if r > 0:
+                                at = after(
+                                    u_of[way, c],
+                                    max(dark[f, c] if way == 2 else 0.0, Y_MIN),
+                                    gate.pause,
+                                    kappa,
+                                )
+                            at = after(at, here, settle, kappa)
+                            begin = 1.0 / at
+                            end = 1.0 / after(at, here, gate.clocks, kappa)
+                        u_of[way, c] = 1.0 / end
+                        out.end[way, f, r, c] = end
+                        if way == 0:
+                            begin0, end0 = begin, end
+                        elif way == 1:
+                            begin1, end1 = begin, end
+                        else:
+                            begin2, end2 = begin, end
+                    late = kappa * math.log(end0 / begin0)
+                    if end1 != end0 or begin1 != begin0 or end2 != end0 or begin2 != begin0:
+                        above = math.log(end2 / end0 * (begin0 / begin1))
+                        known = kappa * max(above, math.log(end0 / end1 * (begin2 / begin0)))
+                    if u - away < Y_MIN:
+                        # A mirror gives no negative current.
+                        known += gate.clocks * min(away, abs(u) + away)
+                    x = max(u, Y_MIN) - late / gate.clocks + offset
+                    low = min(max(u - away, Y_MIN), begin1) + offset
+                    high = max(max(u + away, Y_MIN), begin2) + offset
+                packet = table[of.PACKET, c]
+                clip = X_CLIP * max(packet, 1.0)
+                x = min(max(x, -clip), clip)
+                low = min(max(low, -_X_LARGE), clip)
+                high = min(max(high, -_X_LARGE), _X_LARGE)
+                across = table[of.G_IN, c]
+                if gate.direct:
+                    across += g_column[f, c]
+                across = min(across * table[of.CROSS, c], 1e12)
+                s = of.Cell(
+                    1.0 * gate.clocks, root, root_bridge, x, low, high, swing, swing_sum[f, r], gate.swing_reach,
+                    bent, moved, late, known, unsettled[f, c], across * table[of.LEAK, c], across,
+                    table[of.THERMAL, c] * g_column[f, c], packet, table[of.WINDOW, c], table[of.DELAY, c],
+                    table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c], table[of.PRESET, c], table[of.NOISE, c],
+                    table[of.APERTURE, c], table[of.JITTER, c], table[of.SHOT, c], table[of.PRESET_NOISE, c],
+                    table[of.FLICKER, c],
+                )  # fmt: skip
+                mf, mr, mc = moved_lsb.shape
+                raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
+                a = of.total(s, on, abs(table[of.AWAY, c] + raised) + table[of.PRESET, c], tally)
+                calm = of.quiet(s, a.levels)
+                shift = a.shift if calm else 0.0
+                steady = (a.rest if calm else a.whole) + ROUNDING
+                error = steady + math.sqrt(a.squares)
+                level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
+                code, open_ = _decide(x, level, error, packet, gate)
+                out.x[f, r, c], out.low[f, r, c] = x, low
+                out.shift[f, r, c], out.error[f, r, c] = shift, error
+                out.drawn[f, r, c] = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
+                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
+                out.kept[f, r, c] = s.window + (0.0 if calm else (s.delay + s.lag) * packet)
+                out.quiet[f, r, c], out.open[f, r, c], out.codes[f, r, c] = calm, open_, code
+                if open_:
+                    out.blame[f, r, c] = _worst(s, on, calm)
+                if number % EACH == 0 and abs(shift - late) > ROUNDING:
+                    ratios[sampled] = error / abs(shift - late)
+                    sampled += 1
+                number += 1
+    return sampled
+
+
+@_compiled
+def draw(gate, table, g_column, moved_lsb, out, frame, row, col, keys, still):  # type: ignore
+    """Decide open cells with the random numbers of their slots; `still` says where they stay open."""
+    span = int(noise.span_of(gate.clocks))
+    for i in range(frame.size):
+        f, r, c, key = frame[i], row[i], col[i], keys[i]
+        x = out.x[f, r, c]
+        most = min(abs(x), _X_NOISE_MAX)
+        rate = min(most, 0.5)
+        variance = table[of.THERMAL, c] * g_column[f, c] + table[of.SHOT, c] * (most + rate)
+        variance += 2.0 * table[of.JITTER, c] ** 2 * rate
+        shift = out.shift[f, r, c]
+        if out.quiet[f, r, c] and variance > 0.0:
+            path = math.sqrt(span) * noise.normal(key, noise.WALK, span) * (gate.clocks / span)
+            shift += math.sqrt(variance) * path
+        begin, packet = table[of.BEGIN, c], table[of.PACKET, c]
+        if table[of.PRESET_NOISE, c] > 0.0:
+            begin += table[of.PRESET_NOISE, c] * noise.normal(key, noise.PRESET, 0)
+            begin = min(max(begin, table[of.LOW, c]), table[of.HIGH, c])
+        if table[of.FLICKER, c] > 0.0:
+            packet *= 1.0 + table[of.FLICKER, c] * noise.normal(key, noise.FLICKER, 0)
+        mf, mr, mc = moved_lsb.shape
+        raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
+        level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - begin - shift
+        out.codes[f, r, c], still[i] = _decide(x, level, out.drawn[f, r, c], packet, gate)
