@@ -136,15 +136,20 @@ def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int)
 
 def test_a_dask_cluster_gives_the_same_codes(make_plan, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    made = make_plan(row_driver=True, comparator_delay=True)
+    made = make_plan(auto={})
     seen: list[int] = []
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
-        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address)
+        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address, certified=True)
         with pytest.raises(InputError, match="lines that settle before the gate"):
             batch.run(_failing(make_plan, monkeypatch), scheduler=cluster.scheduler_address)
-    assert np.array_equal(result.codes, engines.run(made).codes)
+    expected = certificate.certify(made, engines.run(made))
+    for name in ("codes", "low", "high"):
+        assert np.array_equal(getattr(result, name), getattr(expected, name))
+    assert result.info["margin_lsb"] == expected.info["margin_lsb"] > 0
+    for name in ("decided", "level_1", "everything", "effects"):
+        assert result.info["filter"][name] == expected.info["filter"][name]
     assert seen[-1] == FRAMES * SIZE
 
 

@@ -196,6 +196,8 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
     if "certify_cpu_s" in info:
         info["certify_cpu_s"] = sum(part.info["certify_cpu_s"] for part in parts)
+    if "margin_lsb" in info:
+        info["margin_lsb"] = max(part.info["margin_lsb"] for part in parts)
     if all("filter" in part.info for part in parts):
         info["filter"] = filter.merged([part.info["filter"] for part in parts])
     if all("masked" in part.info for part in parts):
