@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from dermis import engines
 from dermis.array import settling
 from dermis.array.array import Network, column_currents
-from dermis.converter import injection, mirror
+from dermis.converter import injection
 from dermis.converter.coupling import couples
+from dermis.converter.vfc import Y_MIN
 from dermis.engines import certificate, filter
 from dermis.records import Plan
 
@@ -35,6 +36,10 @@ FORGOTTEN_LSB = 1e-3
 
 _SWITCHED_LSB = 4.0
 """Packets by which an integrator's output may be away from its preset when the preset begins."""
+
+
+_FULL = 1e3
+"""Duty that stands for any larger one."""
 
 
 class Block(NamedTuple):
@@ -180,18 +185,27 @@ def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
     left = np.zeros((plan.rows + 1, plan.rows, plan.cols))
     if not c.q_mirror_c.any():
         return left
-    kappa = c.q_mirror_c * timing.f_clk_hz / c.i0_a
-    settled = np.maximum(c.duty(column_currents(network, g)) - c.i_offset_a / c.i0_a, mirror.Y_MIN)
-    none = np.zeros(settled.shape)
-    found = mirror.outputs(
-        settled, none, none[:, :1], kappa, timing.break_clocks, timing.settle_clocks, timing.gate_clocks
-    )
-    # The inverse of an output is linear in time, so relative differences fade with it. 2 d covers -log(1 - d).
-    begin, end = (np.abs(y[0, 0] / settled[0] - 1.0) for y in (found.begin, found.end))
-    left[0] = begin
+    kappa = np.maximum(c.q_mirror_c * timing.f_clk_hz / c.i0_a, 1e-15)
+    x = np.clip(c.duty(column_currents(network, g))[0] - c.i_offset_a / c.i0_a, Y_MIN, _FULL)
+
+    def later(u: Floats, settled: Floats | float, clocks: int) -> Floats:
+        """Return the inverse of an output after some clocks: kappa u' = 1 - x u (docs/auto.md)."""
+        return 1.0 / settled + (u - 1.0 / settled) * np.exp(-settled * clocks / kappa)
+
+    begin, end = np.empty(x.shape), np.empty(x.shape)
+    u = 1.0 / x[0]
     for row in range(plan.rows):
-        fade = found.keeps_begin[0, row]
+        if row:
+            u = later(u, Y_MIN, timing.break_clocks)
+        begin[row] = u = later(u, x[row], timing.settle_clocks - timing.break_clocks)
+        end[row] = u = later(u, x[row], timing.gate_clocks)
+    # Inverses are linear in time: so is their distance from those of a scan that begins, settled, at a later row.
+    left[0] = np.expm1(np.abs(np.log(begin * x)))
+    faded = np.exp(-x * (timing.settle_clocks - timing.break_clocks) / kappa)
+    for row in range(plan.rows):
+        fade = faded[row]
         for back in range(1, row + 1):
-            left[back, row] = end[row - back] * fade
-            fade = fade * found.keeps[0, row - back]
+            left[back, row] = np.abs(end[row - back] - 1.0 / x[row - back]) * fade / begin[row]
+            fade = fade * np.exp(-x[row - back] * (timing.slot_clocks - timing.break_clocks) / kappa)
+    # 2 d covers both signs of log(1 + d) up to d = 0.8.
     return kappa * np.log1p(2.0 * left)
