@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from dermis import plan as planning
+from dermis.array.array import column_currents
 from dermis.decode import calibration, identify
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Decoder
@@ -29,8 +30,10 @@ TRUE = {"r_row_driven_ohm": 4.0, "r_column_ohm": 1.5, "g_lateral_row_s": 5e-4}
 
 
 @cache
-def skin(memory: bool = False) -> Skin:
+def skin(memory: bool = False, trace_ohm: float = 0.0) -> Skin:
     effects = EFFECTS | ({"sensor_hysteresis": True, "sensor_creep": True} if memory else {})
+    if trace_ohm:
+        effects["trace"] = {"r_row_ohm": trace_ohm, "r_column_ohm": trace_ohm}
     data = {
         "array": {"rows": SIZE, "cols": SIZE},
         "stimulus": {"kind": "uniform", "force_n": [0.0]},
@@ -50,14 +53,16 @@ test_currents.__test__ = False  # type: ignore[attr-defined]
 
 
 @cache
-def loads() -> tuple[identify.Load, ...]:
+def loads(trace_ohm: float = 0.0) -> tuple[identify.Load, ...]:
     rng, made = np.random.default_rng(0), []
     for n in range(24):
         force = np.zeros((SIZE, SIZE))
         h, w = rng.integers(3, 8, 2)
         r, c = rng.integers(0, SIZE - h + 1), rng.integers(0, SIZE - w + 1)
         force[r : r + h, c : c + w] = rng.choice([2.0, 5.0, 8.0, 12.0])
-        made.append(identify.Load(f"weight {n}", skin().read(force)[None].astype(int), force))
+        made.append(
+            identify.Load(f"weight {n}", skin(trace_ohm=trace_ohm).read(force)[None].astype(int), force)
+        )
     return tuple(made)
 
 
@@ -84,9 +89,13 @@ def test_gains_and_offsets_come_from_test_currents() -> None:
 def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
     fit = identify.fit_sheet(fitted(), list(loads()), "linear")
     assert fit.bad == ()
-    for name, (value, sigma) in fit.values.items():
-        assert abs(value - TRUE[name]) < max(4 * sigma, 0.03 * TRUE[name]), name
-        assert sigma < 0.2 * TRUE[name]
+    for name, true in TRUE.items():
+        value, sigma = fit.values[name]
+        assert abs(value - true) < max(4 * sigma, 0.03 * true), name
+        assert sigma < 0.2 * true
+    for name in identify.TRACES:
+        assert fit.values[name][0] == 0
+        assert "do not show it" in fit.remarks[name] or "cannot tell it" in fit.remarks[name]
     rng = np.random.default_rng(5)
     force = rng.uniform(1, 12, (30, SIZE, SIZE))
     codes = skin().read(force)
@@ -96,6 +105,63 @@ def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
     before = Decoder(blank(), 2e-3).decode(codes)
     assert np.sqrt(np.mean((before.force_n - force) ** 2)) > 5 * lsb_n
     assert ((found.low_n <= force) & (force <= found.high_n)).mean() >= 0.999
+
+
+def test_loads_tell_traces_from_drivers() -> None:
+    """A trace costs taxels far from the driver more; 0.4 ohm over 8 pitches is as much as the driver."""
+    fit = identify.fit_sheet(fitted(), list(loads(0.4)), "linear")
+    for name, true in (TRUE | dict.fromkeys(identify.TRACES, 0.4)).items():
+        value, sigma = fit.values[name]
+        assert abs(value - true) < 4 * sigma, name
+        # The two traces are alike in many loads.
+        assert sigma < 0.35 * true, name
+
+
+def test_a_trace_that_loads_cannot_tell_is_named_and_held() -> None:
+    """Loads on one column alone meet each row line at one place: driver and trace are one resistance."""
+    sheet, made = skin(trace_ohm=0.4), []
+    rng = np.random.default_rng(3)
+    for n in range(20):
+        force = np.zeros((SIZE, SIZE))
+        force[:, 4] = rng.choice([0.0, 5.0, 8.0, 12.0], SIZE)
+        made.append(identify.Load(f"weight {n}", sheet.read(force)[None].astype(int), force))
+    fit = identify.fit_sheet(fitted(), made, "linear")
+    assert fit.values["r_trace_row_ohm"][0] == 0
+    assert "r_row_driven_ohm" in fit.remarks["r_trace_row_ohm"]
+    assert any("r_trace_row_ohm" in note for note in fit.calibration.notes)
+
+
+def test_a_taxel_with_another_law_gets_its_own(tmp_path: Path) -> None:
+    """Two taxels follow F^0.8; the others share one power law."""
+    true, rng = Calibration.of_plan(skin().plan), np.random.default_rng(4)
+    odd = [(1, 2), (6, 5)]
+    made = []
+    for n in range(40):
+        force = np.zeros((SIZE, SIZE))
+        (r, c), (h, w) = rng.integers(0, 4, 2), rng.integers(4, SIZE + 1, 2)
+        force[r : r + h, c : c + w] = rng.uniform(2, 12)
+        g = true.factor * force / 7500.0
+        for place in odd:
+            g[place] = (force[place] / 12) ** 0.8 * 12 / 7500.0
+        current = column_currents(true.array(), g[None])[0]
+        codes = np.floor(current / true.step_a + true.start_code + 0.5).astype(int)
+        made.append(identify.Load(f"weight {n}", codes[None], force))
+    fit = identify.fit_sheet(dataclasses.replace(true, factor=1.0), made, "power").calibration
+    assert sorted(fit.own) == odd
+    assert fit.curve.coefficients[0, 1] == pytest.approx(1.0, rel=0.02)
+    fit.save(tmp_path / "sheet.toml")
+    fit = calibration.load(tmp_path / "sheet.toml")
+    codes, force = (np.array(a) for a in zip(*((load.codes[0], load.force_n) for load in made), strict=True))
+    with_own, shared = (Decoder(c, 2e-3).decode(codes) for c in (fit, dataclasses.replace(fit, own={})))
+    for place in odd:
+        assert fit.own[place].coefficients[0, 1] == pytest.approx(1 / 0.8, rel=0.03)
+        pressed = (slice(None), *place)
+        used = force[pressed] > 0
+        error = [
+            np.abs(f.force_n[pressed][used] / force[pressed][used] - 1).max() for f in (with_own, shared)
+        ]
+        # Half a code of 50 and the fit; a factor alone is off by 12^0.2 from end to end.
+        assert error[0] < 0.03 < 0.1 < error[1]
 
 
 def test_a_load_that_is_wrong_is_named() -> None:

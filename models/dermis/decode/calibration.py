@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,9 @@ class Calibration:
     network : dict
         Fields of array.Network other than taxels and bias.
     curve : Curve
+        Law of all taxels.
+    own : dict
+        Laws of taxels that have their own, by (row, column); of the same kind.
     factor : ndarray
         [rows, cols] relative conductance of each taxel, temperature included.
     memory : MemoryLaw
@@ -98,6 +101,7 @@ class Calibration:
     factor: Floats
     memory: MemoryLaw
     g_max_s: float
+    own: dict[tuple[int, int], Curve] = field(default_factory=dict)
     reference: tuple[tuple[int, int, float], ...] = ()
     noise_code: float = 0.0
     step_part: Floats = 0.0  # type: ignore[assignment]
@@ -146,6 +150,10 @@ class Calibration:
         """Return the network around the taxels."""
         return Network(np.zeros((self.rows, self.cols)), self.v_bias_v, **self.network)
 
+    def law_of(self, row: int, col: int) -> Curve:
+        """Return the law of a taxel."""
+        return self.own.get((row, col), self.curve)
+
     def half_width_code(self) -> float:
         """Half the width in codes that quantisation and noise leave: beyond it lie `MISSED` of all readings.
 
@@ -182,6 +190,10 @@ class Calibration:
         arrays = {"knots": self.curve.knots, "coefficients": self.curve.coefficients}
         arrays |= {"factor": self.factor, "factor_part": self.factor_part}
         data["sheet"] = sheet | {name: array.tolist() for name, array in arrays.items()}
+        data["own_law"] = [
+            {"row": r, "col": c, "knots": law.knots.tolist(), "coefficients": law.coefficients.tolist()}
+            for (r, c), law in self.own.items()
+        ]
         data["memory"] = {
             f.name: np.asarray(getattr(self.memory, f.name), dtype=float).tolist() for f in fields(MemoryLaw)
         }
@@ -247,7 +259,18 @@ def load(path: Path | str) -> Calibration:
         table.number("memory", "creep_per_decade"),
         table.number("memory", "creep_start_s"),
     )
-    reference = tuple((r["row"], r["col"], r["conductance_s"]) for r in data.get("reference", []))
+    own = {}
+    for n, entry in enumerate(data.get("own_law", [])):
+        one = _Reader(path, {f"own_law.{n}": entry})
+        own_knots = one.numbers(f"own_law.{n}", "knots", None)
+        pieces = one.numbers(f"own_law.{n}", "coefficients", (own_knots.size, 4))
+        own[one.place(f"own_law.{n}", rows, cols)] = replace(curve, knots=own_knots, coefficients=pieces)
+    reference = []
+    for n, entry in enumerate(data.get("reference", [])):
+        one = _Reader(path, {f"reference.{n}": entry})
+        reference.append(
+            (*one.place(f"reference.{n}", rows, cols), one.number(f"reference.{n}", "conductance_s"))
+        )
     made = Calibration(
         rows=rows,
         cols=cols,
@@ -258,7 +281,8 @@ def load(path: Path | str) -> Calibration:
         factor=factor,
         memory=memory,
         g_max_s=table.number("array", "g_max_s"),
-        reference=reference,
+        own=own,
+        reference=tuple(reference),
         noise_code=table.number("chip", "noise_code"),
         factor_part=table.numbers("sheet", "factor_part", (rows, cols)),
         law_part=table.number("sheet", "law_part"),
@@ -288,6 +312,12 @@ class _Reader:
         found = self.value(section, key, int)
         if not 1 <= found <= 1 << 16:
             raise InputError(self.path, f"{section}.{key}", found, "a whole number 1..65536")
+        return found
+
+    def place(self, section: str, rows: int, cols: int) -> tuple[int, int]:
+        found = self.value(section, "row", int), self.value(section, "col", int)
+        if not (0 <= found[0] < rows and 0 <= found[1] < cols):
+            raise InputError(self.path, section, f"taxel {found}", f"a taxel of {rows} x {cols}")
         return found
 
     def number(self, section: str, key: str) -> float:

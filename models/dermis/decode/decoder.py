@@ -115,7 +115,7 @@ def _decode_frames(
     network,
     ends,
     solved,
-    curve,
+    laws,
     factor,
     factor_part,
     parts,
@@ -128,7 +128,7 @@ def _decode_frames(
     code_max, step, start, inv_range, half, step_part, start_sigma, g_max = chip
     v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
     r_row_end, r_column_end = ends
-    logarithmic, knots, coefficients, g_open, force_on = curve
+    which, logarithmic, knots, coefficients, g_open, force_on = laws
     law_part, uncorrected = parts
     z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
     radius, weight, per_decade = law
@@ -218,15 +218,31 @@ def _decode_frames(
         for r in range(rows):
             for c in range(cols):
                 bits = flags[n, r, c]
-                value = force_of(force[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
-                least = force_of(low[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
-                most = force_of(high[n, r, c], logarithmic, knots, coefficients, g_open, force_on)
+                m = which[r, c]
+                at, pieces = knots[m], coefficients[m]
+                value = force_of(force[n, r, c], logarithmic, at, pieces, g_open, force_on)
+                least = force_of(low[n, r, c], logarithmic, at, pieces, g_open, force_on)
+                most = force_of(high[n, r, c], logarithmic, at, pieces, g_open, force_on)
                 part = COVERAGE_SIGMA * law_part
                 force[n, r, c], low[n, r, c], high[n, r, c] = value, least * (1.0 - part), most * (1.0 + part)
                 if bits & (SATURATED | SHORT | UNSOLVED):
                     high[n, r, c] = np.inf
                 if bits & UNSOLVED:
                     low[n, r, c] = 0.0
+
+
+def _stacked(cal: Calibration) -> tuple:
+    """Return the number of each taxel's law [rows, cols], and all laws as arrays; number 0 is the shared one."""
+    curves = [cal.curve, *cal.own.values()]
+    pieces = max(curve.knots.size for curve in curves)
+    # No conductance reaches a knot at infinity.
+    knots, coefficients = np.full((len(curves), pieces), np.inf), np.zeros((len(curves), pieces, 4))
+    which = np.zeros((cal.rows, cal.cols), dtype=np.int64)
+    for n, curve in enumerate(curves):
+        knots[n, : curve.knots.size], coefficients[n, : curve.knots.size] = curve.knots, curve.coefficients
+    for n, place in enumerate(cal.own, 1):
+        which[place] = n
+    return which, cal.curve.logarithmic, knots, coefficients, cal.curve.g_open_s, cal.curve.force_on_n
 
 
 class Decoder:
@@ -250,6 +266,7 @@ class Decoder:
         self._traced = bool(network.r_trace_row_ohm or network.r_trace_column_ohm)
         chip = cal.step_a, cal.start_code, cal.inv_i_range_a, cal.half_width_code()
         self._chip = (cal.code_max, *chip, cal.step_part, cal.start_sigma_code, float(cal.g_max_s))
+        self._laws = _stacked(cal)
         self._reference = np.array(cal.reference, dtype=float).reshape(-1, 3)
         self._local, self._lock = threading.local(), threading.Lock()
         self.reset()
@@ -321,7 +338,7 @@ class Decoder:
             crosstalk.arguments(self._network),
             (cal.cols * self._network.r_trace_row_ohm, cal.rows * self._network.r_trace_column_ohm),
             solved,
-            cal.curve.arguments(),
+            self._laws,
             cal.factor,
             cal.factor_part,
             (float(cal.law_part), float(cal.uncorrected_part)),

@@ -4,21 +4,38 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
+from scipy.stats import f as f_distribution
 
+from dermis.array.array import Network
 from dermis.decode import crosstalk, law
 from dermis.decode.calibration import Calibration
 from dermis.decode.memory import MemoryLaw, SheetMemory
 
 Floats = NDArray[np.float64]
 
-NETWORK_START = {"r_row_driven_ohm": 1.0, "r_column_ohm": 0.5, "g_lateral_row_s": 1e-4}
-"""Parameters of the network that loads can tell, with where the search starts."""
+NETWORK_START = {
+    "r_row_driven_ohm": 1.0,
+    "r_column_ohm": 0.5,
+    "g_lateral_row_s": 1e-4,
+    "r_trace_row_ohm": 0.05,
+    "r_trace_column_ohm": 0.05,
+}
+"""Parameters of the network that loads can identify, and the start of the search."""
+TRACES = ("r_trace_row_ohm", "r_trace_column_ohm")
+"""Parameters that stay at their known value unless the loads show them: decoding with traces is slower."""
+SHOWN = 3.0
+"""A trace resistance is shown if it is this many standard uncertainties above 0."""
+INFLATED = 3.0
+"""Two parameters are confused if the one that is held fixed makes the other this many times more certain."""
+OWN_SHARE = 1e-3
+"""Chance that a taxel with the shared law is given its own: the level of the F test."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
 LEVELS = 12
@@ -105,10 +122,11 @@ def fit_noise(codes: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class SheetFit:
-    """A calibration and what the fit says of itself: values with standard uncertainties by name, and bad loads."""
+    """A calibration with its values and standard uncertainties by name, remarks on them, and bad loads."""
 
     calibration: Calibration
     values: dict[str, tuple[float, float]]
+    remarks: dict[str, str]
     bad: tuple[str, ...]
 
 
@@ -116,9 +134,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     """Fit network, taxels and law to known loads.
 
     For given resistances every load is solved backwards. The logarithm of a conductance is then an effect of the
-    force, the same for all taxels, plus an effect of the taxel; resistances are those that leave the least residual.
-    No law is needed for that, and loads that overlap are enough: the same force on the same taxel must read the same
-    whatever else is pressed. A load whose residual is far above the others is left out and named.
+    force, the same for all taxels, plus an effect of the taxel; the fit minimizes the residual over the resistances.
+    It needs no law, and overlapping loads are enough: the same force on the same taxel must read the same whatever
+    else is pressed. A load whose residual is far above the others is left out and named. A taxel with enough loads
+    gets its own law if that fits better (`_own_laws`).
 
     Raises
     ------
@@ -127,23 +146,81 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
     """
     if len(loads) < 3:
         raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
-    fit = _fit_loads(calibration, loads, kind)
-    middle = np.median(list(fit[2].values()))
+    fit, by_load = _fit_loads(calibration, loads, kind)
+    middle = np.median(list(by_load.values()))
     floor = 1 / np.sqrt(12) / 50
-    bad = [name for name, rms in fit[2].items() if rms > BAD_LOAD * max(middle, floor)]
+    bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, floor)]
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
-        said = ", ".join(sorted(fit[2], key=lambda n: -fit[2][n])[:4])
-        raise ContradictionError(f"loads contradict each other by {middle:.0%} of a reading; largest: {said}")
-    if bad:
-        fit = _fit_loads(calibration, [load for load in loads if load.name not in bad], kind)
-    notes = tuple(f"load {name} was left out: it contradicts the others" for name in bad)
-    made = dataclasses.replace(fit[0], notes=(*fit[0].notes, *notes))
-    return SheetFit(made, fit[1], tuple(bad))
+        worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
+        raise ContradictionError(
+            f"loads contradict each other by {middle:.0%} of a reading; largest: {worst}"
+        )
+    if bad or fit.calibration.own:
+        good = [load for load in loads if load.name not in bad]
+        own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
+        fit, _ = _fit_loads(calibration, good, kind, own)
+    notes = [f"load {name} was left out: it contradicts the others" for name in bad]
+    notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
+    made = dataclasses.replace(fit.calibration, notes=(*calibration.notes, *notes))
+    return dataclasses.replace(fit, calibration=made, bad=tuple(bad))
+
+
+def _fit_network(
+    calibration: Calibration, currents: Floats, residual_of: Callable[[Floats], Floats], freedom: int
+) -> tuple[Network, dict[str, tuple[float, float]], dict[str, str]]:
+    """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes.
+
+    Returns the network, values with standard uncertainties, and remarks on values that the loads do not tell.
+    """
+    known = calibration.array()
+
+    def network(names: list[str], x: Floats) -> Network:
+        values = {n: (v - 1) * NETWORK_START[n] for n, v in zip(names, x, strict=True)}
+        values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
+        return dataclasses.replace(known, **values)
+
+    names, remarks, values = list(NETWORK_START), {}, {}
+    while True:
+        # x - 1 is relative to the start value, so that a step of differences is never 0.
+        found = least_squares(
+            lambda x, n=tuple(names): residual_of(crosstalk.solve(network(n, x), currents).conductance_s),
+            np.where(np.isin(names, TRACES), 1.1, 2.0),
+            bounds=(1, 201),
+            diff_step=1e-4,
+        )
+        spread = max(float(found.fun @ found.fun) / max(freedom - found.x.size, 1), 1e-12)
+        covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread
+        sigma = np.sqrt(np.diag(covariance))
+        alone = np.sqrt(spread) / np.maximum(np.linalg.norm(found.jac, axis=0), 1e-300)
+        for k, name in enumerate(names):
+            # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
+            blind = np.linalg.norm(found.jac[:, k]) < 1e-3
+            start = NETWORK_START[name]
+            values[name] = ((found.x[k] - 1) * start, np.inf if blind else sigma[k] * start)
+            remarks.pop(name, None)
+            if blind:
+                remarks[name] = "no load shows it"
+            elif sigma[k] > INFLATED * alone[k] and found.x[k] - 1 < SHOWN * sigma[k]:
+                shared = np.abs(covariance[k]) / np.maximum(sigma * sigma[k], 1e-300)
+                shared[k] = 0.0
+                remarks[name] = f"the loads cannot tell it from {names[int(shared.argmax())]}"
+        excess = {n: values[n][0] / max(values[n][1], 1e-300) for n in names if n in TRACES}
+        weakest = min(excess, key=excess.__getitem__, default="")
+        if not weakest or excess[weakest] >= SHOWN:
+            return network(names, found.x), values, remarks
+        names.remove(weakest)
+        held = float(getattr(known, weakest))
+        remarks[weakest] = f"held at {held:g}: " + remarks.get(weakest, "the loads do not show it")
+        values[weakest] = (held, values[weakest][1])
 
 
 def _fit_loads(
-    calibration: Calibration, loads: list[Load], kind: str
-) -> tuple[Calibration, dict[str, tuple[float, float]], dict[str, float]]:
+    calibration: Calibration, loads: list[Load], kind: str, odd: Iterable[tuple[int, int]] = ()
+) -> tuple[SheetFit, dict[str, float]]:
+    """Fit all loads; return the fit and the relative residual of every load.
+
+    Taxels in `odd` have an exponent of their own and no part in the shared law: they do not bend the others.
+    """
     codes = np.array([load.codes.mean(axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
     used = (codes >= LEAST_CODE) & (codes < calibration.code_max) & (force > 0)
@@ -157,7 +234,9 @@ def _fit_loads(
     log_force = np.log(force[used])
     levels = np.unique(np.quantile(log_force, np.linspace(0, 1, LEVELS)))
     effects = np.stack([np.interp(log_force, levels, row) for row in np.eye(levels.size)], axis=1)
-    matrix = np.concatenate([np.eye(names.size)[at], effects], axis=1)
+    mine = [taxel == r * calibration.cols + c for r, c in odd]
+    slopes = [np.where(m, log_force - log_force[m].mean(), 0.0) for m in mine]
+    matrix = np.column_stack([np.eye(names.size)[at], effects, *slopes])
     # Half a code in a small reading counts less; of the two sets of effects one constant is free.
     weight = codes[used] * np.sqrt(12)
     left, size, _ = np.linalg.svd(weight[:, None] * matrix, full_matrices=False)
@@ -165,60 +244,79 @@ def _fit_loads(
     basis = left[:, size > 1e-9 * size[0]]
     currents = calibration.step_a * (codes - calibration.start_code)
 
-    def conductances(scale: Floats) -> Floats:
-        values = {n: s * start for s, (n, start) in zip(scale, NETWORK_START.items(), strict=True)}
-        values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
-        network = dataclasses.replace(calibration.array(), **values)
-        return crosstalk.solve(network, currents).conductance_s
-
-    def residual(scale: Floats) -> Floats:
-        g = np.clip(conductances(scale)[used], 1e-9, crosstalk.SHORT_S)
-        r = weight * np.log(g)
+    def residual(g: Floats) -> Floats:
+        r = weight * np.log(np.clip(g[used], 1e-9, crosstalk.SHORT_S))
         return r - basis @ (basis.T @ r)
 
-    found = least_squares(residual, np.ones(len(NETWORK_START)), bounds=(0, 200), x_scale=1.0, diff_step=1e-4)
-    freedom = max(used.sum() - basis.shape[1] - found.x.size, 1)
-    spread = float(found.fun @ found.fun / freedom)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * max(spread, 1e-12)
-    sigma = np.sqrt(np.diag(covariance))
-    scale = found.x
-    values = {}
-    for k, (name, start) in enumerate(NETWORK_START.items()):
-        # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
-        blind = np.linalg.norm(found.jac[:, k]) < 1e-3
-        values[name] = (scale[k] * start, np.inf if blind else sigma[k] * start)
-    network = dict(calibration.network) | {n: v for n, (v, _) in values.items()}
-    network["r_row_grounded_ohm"] = network["r_row_driven_ohm"]
-    g = conductances(scale)
+    freedom = int(used.sum()) - basis.shape[1]
+    network, values, remarks = _fit_network(calibration, currents, residual, freedom)
+    g = crosstalk.solve(network, currents).conductance_s
     solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
     effect = solution[: names.size]
     factor = np.ones(codes[0].size)
     factor[names] = np.exp(effect - effect.mean())
     count = np.bincount(at)
     part = np.full(factor.size, float(np.std(effect)))
-    off = found.fun / weight
+    off = residual(g) / weight
     rms = float(np.sqrt(np.mean(off**2)))
     part[names] = np.sqrt(np.bincount(at, off**2) / np.maximum(count - 1, 1)) / np.sqrt(count)
-    factor, part = (
-        factor.reshape(codes[0].shape),
-        np.maximum(part, rms / np.sqrt(count.max())).reshape(codes[0].shape),
-    )
-    by_law = (g / factor)[used]
+    part = np.maximum(part, rms / np.sqrt(count.max()))
+    by_law = g[used] / factor[taxel]
     try:
-        curve = law.fit(kind, by_law, force[used])
+        alike = ~np.isin(taxel, [r * calibration.cols + c for r, c in odd])
+        curve = law.fit(kind, by_law[alike], force[used][alike])
     except law.LawError as error:
         raise ContradictionError(str(error)) from None
     misfit = curve.force_n(by_law) / force[used] - 1
-    law_part = float(np.sqrt(max(np.mean(misfit**2) - rms**2, 0.0)))
+    own = _own_laws(kind, curve, by_law, force[used], taxel)
+    for t, own_curve in own.items():
+        mine = taxel == t
+        misfit[mine] = own_curve.force_n(by_law[mine]) / force[used][mine] - 1
+        off[mine] = misfit[mine]
+        parameters = law.PARAMETERS[kind]
+        part[t] = np.sqrt(np.mean(misfit[mine] ** 2) * parameters / max(mine.sum() - parameters, 1))
+    law_part = float(np.sqrt(max(np.mean(misfit**2) - np.mean(off**2), 0.0)))
     # A wrong force of a whole load is a level of its own, which the law does not meet.
     by_load = {
         loads[n].name: float(np.sqrt(np.mean(off[which == n] ** 2 + misfit[which == n] ** 2)))
         for n in np.unique(which)
     }
     made = dataclasses.replace(
-        calibration, network=network, factor=factor, factor_part=part, curve=curve, law_part=law_part
+        calibration,
+        network=dict(calibration.network)
+        | {n: getattr(network, n) for n in (*NETWORK_START, "r_row_grounded_ohm")},
+        factor=factor.reshape(codes[0].shape),
+        factor_part=part.reshape(codes[0].shape),
+        curve=curve,
+        own={divmod(t, calibration.cols): c for t, c in own.items()},
+        law_part=law_part,
     )
-    return made, values, by_load
+    return SheetFit(made, values, remarks, ()), by_load
+
+
+def _own_laws(
+    kind: str, shared: law.Curve, conductance_s: Floats, force_n: Floats, taxel: NDArray[np.integer]
+) -> dict[int, law.Curve]:
+    """Return the laws of taxels, by number, whose readings the shared law does not fit.
+
+    A taxel needs `law.ENOUGH` forces, and its own law must lower the sum of squares significantly (F test).
+    """
+    found: dict[int, law.Curve] = {}
+    parameters = law.PARAMETERS[kind]
+    for t in np.unique(taxel):
+        g, force = conductance_s[taxel == t], force_n[taxel == t]
+        if np.unique(force).size < law.ENOUGH.get(kind, np.inf):
+            continue
+        try:
+            mine = law.fit(kind, g, force)
+        except law.LawError:
+            continue
+        before, after = (float(np.sum((c.force_n(g) / force - 1) ** 2)) for c in (shared, mine))
+        freedom = g.size - parameters
+        ratio = (before - after) / parameters / max(after / freedom, 1e-300)
+        if f_distribution.sf(ratio, parameters, freedom) < OWN_SHARE:
+            found[int(t)] = mine
+    return found
 
 
 def fit_memory(
@@ -267,7 +365,8 @@ def fit_memory(
             np.array([0.0, radius]), np.array([1 - play, play]), creep, calibration.memory.creep_start_s
         )
 
-    by_law = calibration.curve.conductance_s(force)
+    laws = [calibration.law_of(*divmod(int(t), calibration.cols)) for t in chosen]
+    by_law = np.stack([one.conductance_s(f) for one, f in zip(laws, force.T, strict=True)], axis=1)
 
     def difference(p: Floats) -> Floats:
         stream = SheetMemory(law_of(p), chosen.size, calibration.curve.g_open_s)

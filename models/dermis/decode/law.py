@@ -20,6 +20,12 @@ CONTRADICTION = 0.2
 """Part of the largest force by which a table may differ from its loads to be monotone."""
 KINDS = ("linear", "power", "cubic", "table")
 """Laws that can be fitted."""
+POINTS = 10
+"""Most points of a table."""
+PARAMETERS = {"linear": 1, "power": 2, "cubic": 3, "table": POINTS}
+"""Parameters of each law."""
+ENOUGH = {"power": 6, "cubic": 9, "table": 2 * POINTS}
+"""Different forces from which on a taxel may have its own law; a linear one is the taxel's factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,18 +124,17 @@ class LawError(ValueError):
     """Loads that no law of the kind fits."""
 
 
-def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike, points: int = 10) -> Curve:
+def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike) -> Curve:
     """Fit a law to loads by least squares in force.
 
     Parameters
     ----------
     kind : str
         "linear" F = a G, "power" F = a G^n and "cubic" F = a G + b G^2 + c G^3 as compared by Brimacombe et al., J.
-        Biomech. Eng. 131 (2009) 034503; "table" puts a monotone spline (Fritsch and Carlson) through `points` means.
+        Biomech. Eng. 131 (2009) 034503; "table" puts a monotone spline (Fritsch and Carlson) through means of up to
+        `POINTS` groups of loads, in logarithms.
     conductance_s, force_n : array_like
         Loads, any order, the same length; those at 0 do not count.
-    points : int
-        Of a table.
 
     Raises
     ------
@@ -139,7 +144,7 @@ def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike, points: int = 1
     g, force = np.asarray(conductance_s, dtype=float).ravel(), np.asarray(force_n, dtype=float).ravel()
     used = (g > 0) & (force > 0) & np.isfinite(g)
     g, force = g[used], force[used]
-    needed = {"linear": 1, "power": 2, "cubic": 3, "table": 2}[kind]
+    needed = min(PARAMETERS[kind], 3) if kind != "table" else 2
     if np.unique(force).size < needed:
         raise LawError(f"law {kind} needs {needed} loads of different force, {np.unique(force).size} given")
     if kind == "power":
@@ -154,7 +159,7 @@ def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike, points: int = 1
             raise LawError("force falls with conductance")
         return Curve("power", True, np.zeros(1), np.array([[level, slope, 0.0, 0.0]]))
     if kind == "table":
-        return _table(g, force, points)
+        return _table(g, force)
     scale = g.max()
     powers = np.arange(1, 2 if kind == "linear" else 4)
     a = np.linalg.lstsq((g[:, None] / scale) ** powers, force, rcond=None)[0] / scale**powers
@@ -169,22 +174,25 @@ def fit(kind: str, conductance_s: ArrayLike, force_n: ArrayLike, points: int = 1
     return curve
 
 
-def _table(g: Floats, force: Floats, points: int) -> Curve:
+def _table(g: Floats, force: Floats) -> Curve:
     order = np.argsort(g)
-    means = [(g[part].mean(), force[part].mean()) for part in np.array_split(order, min(points, g.size))]
-    knots, values = np.array([(0.0, 0.0), *means]).T
-    means, values = values, isotonic_regression(values).x
-    if np.abs(means - values).max() > CONTRADICTION * values.max():
-        raise LawError(f"loads contradict each other: force falls with conductance near {means.max():.4g} N")
+    groups = np.array_split(order, min(POINTS, g.size))
+    knots, means = np.array([(np.log(g[group]).mean(), np.log(force[group]).mean()) for group in groups]).T
+    values = isotonic_regression(means).x
+    if np.abs(np.exp(means) - np.exp(values)).max() > CONTRADICTION * np.exp(values.max()):
+        near = np.exp(means.max())
+        raise LawError(f"loads contradict each other: force falls with conductance near {near:.4g} N")
     # Knots closer than rounding would divide a difference of values by noise.
-    keep = np.concatenate([[True], (np.diff(knots) > 1e-12 * knots[-1]) & (np.diff(values) > 0)])
+    keep = np.concatenate([[True], (np.diff(knots) > 1e-12) & (np.diff(values) > 0)])
     knots, values = knots[keep], values[keep]
     if knots.size < 2:
         raise LawError("force does not rise with conductance")
     spline = PchipInterpolator(knots, values)
-    slope = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
-    rows = np.vstack([spline.c[::-1].T, [values[-1], slope, 0.0, 0.0]])
-    return Curve("table", False, knots, np.ascontiguousarray(rows))
+    slope = np.diff(values) / np.diff(knots)
+    first, last = slope[0], slope[-1]
+    # Both ends go on as power laws; force_of continues the first piece below its knot.
+    rows = np.vstack([[values[0] - first, first, 0, 0], spline.c[::-1].T, [values[-1], last, 0, 0]])
+    return Curve("table", True, np.r_[knots[0] - 1.0, knots], np.ascontiguousarray(rows))
 
 
 def rms_error_n(curve: Curve, conductance_s: Floats, force_n: Floats) -> float:

@@ -100,9 +100,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             raise InputError(path, key, name, f"codes 0..{made.code_max}")
         return found.astype(np.int64)
 
-    def value(name: str, pair: tuple[float, float], unit: str) -> None:
-        known = np.isfinite(pair[1])
-        note = f"standard uncertainty {pair[1]:.3g}" if known else "the loads do not tell it"
+    def value(name: str, pair: tuple[float, float], unit: str, remark: str = "") -> None:
+        note = f"standard uncertainty {pair[1]:.3g}" + (f"; {remark}" if remark else "")
         said.append(verdict.report(f"calibrate.{name}", pair[0], unit, note))
 
     try:
@@ -132,8 +131,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             fit = identify.fit_sheet(made, loads, table.start.law)
             made = fit.calibration
             for name, pair in fit.values.items():
-                value(name, pair, name.rsplit("_", 1)[1])
-            value("law_part", (made.law_part, 0.0), "1")
+                value(name, pair, name.rsplit("_", 1)[1], fit.remarks.get(name, ""))
+            said.append(verdict.report("calibrate.law_part", made.law_part, "1", "relative error of the law"))
+            taxels = ", ".join(f"{r} {c}" for r, c in list(made.own)[:8]) + (
+                " ..." if len(made.own) > 8 else ""
+            )
+            said.append(verdict.report("calibrate.own_laws", len(made.own), "taxels", taxels))
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:
@@ -155,7 +158,13 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         if ref.row >= rows or ref.col >= cols:
             raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
         places.append(
-            (ref.row, ref.col, float(made.curve.conductance_s(ref.force_n) * made.factor[ref.row, ref.col]))
+            (
+                ref.row,
+                ref.col,
+                float(
+                    made.law_of(ref.row, ref.col).conductance_s(ref.force_n) * made.factor[ref.row, ref.col]
+                ),
+            )
         )
     return dataclasses.replace(made, reference=tuple(places)), said
 
