@@ -348,9 +348,9 @@ def _ktc_noise(s):  # type: ignore
 
 
 @_compiled
-def _flicker_noise(s):  # type: ignore
-    """One number for all packets of a slot, of the charge that came."""
-    came = s.clocks * max(abs(s.low), abs(s.high)) + s.preset
+def _flicker_noise(s, levels):  # type: ignore
+    """One number for all packets of a slot: those of the charge that came and of the way to the level."""
+    came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
     return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0)
 
@@ -429,7 +429,7 @@ def total(s, on, levels, tally):  # type: ignore
     if on[15] > 0.0:
         a = _add(a, tally, 15, on[15], True, True, _ktc_noise(s))
     if on[16] > 0.0:
-        a = _add(a, tally, 16, on[16], False, True, _flicker_noise(s))
+        a = _add(a, tally, 16, on[16], False, True, _flicker_noise(s, a.levels))
     if on[7] > 0.0:
         a = _add(a, tally, 7, on[7], True, False, _integrator_bandwidth(s, a.levels, a.error))
     if on[8] > 0.0:

@@ -206,6 +206,24 @@ def test_half_a_bound_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> N
     assert wrong(filtered(STRONG[name])) > 0
 
 
+@pytest.mark.parametrize(
+    "much",
+    [
+        {"preset_error": {"v_v": 100.0}},
+        {"comparator_offset": {"v_v": -60.0}},
+        {"comparator_offset": {"v_v": -20.0}, "integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e4}},
+        {"charge_packet": {"packet_error": 2.0}, "offset_current": {"i_a": 1e-5}},
+        {"charge_packet": {"packet_error": 1.0}, "integrator_range": {"v_max_v": 1.2, "v_min_v": -0.2}},
+    ],
+)
+def test_flicker_is_bounded_by_all_packets_of_a_slot(much: dict[str, Any]) -> None:
+    """Taxels that give next to nothing, so that most packets come of the preset, the offset or a current."""
+    stimulus = {"kind": "uniform", "r_ohm": [float(r) for r in np.geomspace(1e3, 1e6, 1000)]}
+    plan = filtered(much | {"flicker_noise": {"relative": 1e-3}}, stimulus=stimulus)
+    assert event.run(plan).codes.max() > 20, "too weak to test anything"
+    assert wrong(plan) == 0
+
+
 def test_motion_is_followed(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     np.save(tmp_path / "r.npy", 10 ** rng.uniform(2.8, 4.5, (12, 5, 4)))
