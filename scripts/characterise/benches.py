@@ -9,6 +9,7 @@ temperature, supplies and reference stand before it in the deck (`deck`), which 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -56,7 +57,7 @@ class Bench:
     Attributes
     ----------
     name : lower_snake
-    body : the deck between the supplies and `.end`; vdd, vss, vref (0.5 V) and ibias (spice/sky130/bias.sp) are there
+    body : the deck between the supplies and `.end`; supplies, vref (0.5 V), agnd and the current ibias are there
     values : module-level function from what the `.meas` found to the quantities
     units : quantity -> SI unit, of everything that `values` gives
     samples : mismatch moves its quantities, so it takes part in Monte Carlo
@@ -90,18 +91,32 @@ def deck(body: str, condition: Condition, options: str = "", blocks: Path | None
             *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None, blocks),
             *seed,
             *((f".options {options}",) if options else ()),
-            f"vdd vdd 0 {SUPPLY_V * condition.supply:.6g}",
-            f"vss vss 0 {-SUPPLY_V * condition.supply:.6g}",
+            *sky130.supplies(SUPPLY_V, -SUPPLY_V, condition.supply),
             *sky130.REFERENCE,
+            sky130.bias_current("ibias"),
             body.strip(),
+            *_logic(body, condition.supply),
             ".end\n",
         )
     )
 
 
+def _logic(body: str, scale: float) -> list[str]:
+    """Return the sources of the digital nets that a bench drives as logic_x with 0 and 1 V."""
+    names = dict.fromkeys(re.findall(r"\bv\w+ logic_(\w+) ", body))
+    return [sky130.logic(name, scale) for name in names]
+
+
+_LINE = "xline ibias vdd vss bias_line\n"
+"""The gate line of a channel, for benches of blocks by themselves."""
+
+RAILS = "vdd vss vdd_d vss_d"
+
+
 # ---- reference -----------------------------------------------------------------------------------------------
 
-REFERENCE = """\
+REFERENCE = f"""\
+{_LINE}\
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xn v_unit ibias vss vss nmos w=5 l=2
@@ -119,7 +134,8 @@ def reference(found: Found) -> dict[str, float]:
 
 # ---- amplifier -----------------------------------------------------------------------------------------------
 
-AMPLIFIER = """\
+AMPLIFIER = f"""\
+{_LINE}\
 xdut inp inn out ibias vdd vss ota
 vin inp 0 dc 0 ac 1
 lback out inn 1e9
@@ -142,7 +158,8 @@ def amplifier(found: Found) -> dict[str, float]:
     }
 
 
-AMPLIFIER_OFFSET = """\
+AMPLIFIER_OFFSET = f"""\
+{_LINE}\
 xdut 0 out out ibias vdd vss ota
 vx x 0 0
 .dc vx 0 1 1
@@ -161,10 +178,11 @@ SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
 """Currents of a line, as shares of that at x = 1/2: evenly, and closer to 64.25 kohm, which is 0.0078."""
 
 _CHAIN = """\
+xline ibias vdd vss bias_line
 vy y 0 0
 ix 0 x 0
 xconveyor y x z ibias vdd vss conveyor
-xmirror z sum {pins} ibias vdd vss mirror k={devices}
+xmirror z sum {mirror}
 vsum sum 0 0
 """
 
@@ -186,14 +204,14 @@ def _sweep(k: int) -> str:
 
 def chain_body(k: int, devices: int | None = None) -> str:
     """Conveyor and mirror of a fixed ratio k; `devices`: number of input devices instead of k."""
-    return _CHAIN.format(pins="0 0", devices=devices or k) + _sweep(k)
+    return _CHAIN.format(mirror=f"ibias vdd vss mirror_fixed k={devices or k}") + _sweep(k)
 
 
 def chain_by_pins_body(k: int) -> str:
     """The same with the ratio chosen at the pins: 20, 40, 80, 160 are 0 .. 3 in the pins (d_k1 d_k0)."""
     choice = (20, 40, 80, 160).index(k)
-    pins = f"vk0 d_k0 0 {choice % 2}\nvk1 d_k1 0 {choice // 2}\n"
-    return _CHAIN.format(pins="d_k0 d_k1", devices=0) + pins + _sweep(k)
+    pins = f"vk0 logic_k0 0 {choice % 2}\nvk1 logic_k1 0 {choice // 2}\n"
+    return _CHAIN.format(mirror=f"d_k0 d_k1 ibias {RAILS} mirror") + pins + _sweep(k)
 
 
 def chain_lsb(found: Found) -> list[float]:
@@ -245,10 +263,10 @@ _CHAIN_UNITS = {
 # A charge of 1 us into 5 pF, then a packet: slopes and steps of the integrator are the currents, its first value
 # the preset.
 _VFC = """\
-vpre d_preset 0 pwl(0 1 1u 1 1.001u 0)
-vcharge d_charge 0 pwl(0 0 2u 0 2.001u 1 2.2u 1 2.201u 0)
+vpreset logic_preset 0 pwl(0 1 1u 1 1.001u 0)
+vcharge logic_charge 0 pwl(0 0 2u 0 2.001u 1 2.2u 1 2.201u 0)
 iin 0 sum {i_in}
-xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}
+xdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d {vfc}
 .tran 10n 3.2u
 .meas tran v_0 find v(xdut.v_int) at=1.1u
 .meas tran v_1 find v(xdut.v_int) at=1.9u
@@ -263,7 +281,11 @@ _SLOPE_V_S = 0.68e6  # 3.4 uA on 5 pF
 
 def vfc_body(polarity: int) -> str:
     """Integrator, comparator and charge source of a polarity."""
-    return _VFC.format(i_in=polarity * _SLOPE_V_S * 5e-12, polarity=polarity)
+    return _LINE + _VFC.format(i_in=polarity * _SLOPE_V_S * 5e-12, vfc=_vfc(polarity))
+
+
+def _vfc(polarity: int) -> str:
+    return "vfc" if polarity > 0 else "vfc_inverted"
 
 
 def vfc(found: Found, polarity: int) -> dict[str, float]:
@@ -285,10 +307,10 @@ _VFC_UNITS = {"capacitor_error": "1", "preset_error_v": "V", "packet_error": "1"
 _T_CLK_S = 200e-9
 _DENSE_S, _SPARSE_S = (1.1e-6, 1.5e-6, 1.9e-6, 2.3e-6), (3.2e-6, 5.2e-6)
 _DENSITY = """\
-vpre d_preset 0 pwl(0 1 1u 1 1.001u 0)
-vcharge d_charge 0 pwl(0 0 {packets})
+vpreset logic_preset 0 pwl(0 1 1u 1 1.001u 0)
+vcharge logic_charge 0 pwl(0 0 {packets})
 iin 0 sum pwl(0 {dense} 2.7u {dense} 2.701u {sparse})
-xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}
+xdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d {vfc}
 .tran 10n 7.2u
 .meas tran dense_0 find v(xdut.v_int) at=1.49u
 .meas tran dense_1 find v(xdut.v_int) at=2.69u
@@ -304,7 +326,7 @@ def density_body(polarity: int) -> str:
         for t in (*_DENSE_S, *_SPARSE_S)
     )
     dense, sparse = polarity * 12.5e-6, polarity * 2.5e-6
-    return _DENSITY.format(packets=packets, dense=dense, sparse=sparse, polarity=polarity)
+    return _LINE + _DENSITY.format(packets=packets, dense=dense, sparse=sparse, vfc=_vfc(polarity))
 
 
 def density(found: Found, polarity: int) -> dict[str, float]:
@@ -321,7 +343,8 @@ def density(found: Found, polarity: int) -> dict[str, float]:
     return {f"packet_density_lsb.{side}": 510 / 8 * (dense / sparse - 1.0) / 0.8}
 
 
-COMPARATOR = """\
+COMPARATOR = f"""\
+{_LINE}\
 vin inn 0 pwl(0 0.1 100n 0.1 300n -0.4)
 xdut 0 inn out ibias vdd vss comparator
 cout out 0 50f
@@ -336,7 +359,8 @@ def comparator(found: Found) -> dict[str, float]:
 
 
 # A level that moves by 10 mV moves where a count begins by 0.01 packet: half a millivolt is fine enough a step.
-COMPARATOR_OFFSET = """\
+COMPARATOR_OFFSET = f"""\
+{_LINE}\
 vin inn 0 0
 xdut 0 inn out ibias vdd vss comparator
 .dc vin -50m 50m 0.5m
@@ -352,6 +376,7 @@ def comparator_offset(found: Found) -> dict[str, float]:
 # ---- conveyor with two outputs, direct interface -------------------------------------------------------------
 
 MULTI = f"""\
+{_LINE}\
 vy y 0 0
 ix 0 x 0
 xconveyor y x zp zn ibias vdd vss conveyor_multi
@@ -374,8 +399,8 @@ def multi(found: Found) -> dict[str, float]:
 
 # The bench of the VFC with 80 times the current, on the column's 400 pF.
 DIRECT = _VFC.replace(
-    "xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={polarity}",
-    "ccolumn sum 0 400p\nxdut sum d_charge d_preset comp ibias vdd vss channel_direct",
+    "xdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d {vfc}",
+    "ccolumn sum 0 400p\nxdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d channel_direct",
 ).format(i_in=80 * _SLOPE_V_S * 5e-12)
 
 
@@ -390,12 +415,13 @@ def direct(found: Found) -> dict[str, float]:
 # there is something to null where mismatch draws nothing; the first gate finds y, the second is as all others.
 _OFFSET_V = 3e-3
 COLUMN = f"""\
-vpre d_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 68u 1 68.001u 0)
+{_LINE}\
+vpreset logic_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 68u 1 68.001u 0)
 vrow row 0 0.5
 rrow row x 500
 rheld x 0 33.333
 cx x 0 400p
-xnull x y d_preset ibias vdd vss offset_null
+xnull x y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
 voffset y y_off {_OFFSET_V}
 xconveyor y_off x z ibias vdd vss conveyor
 vz z 0 -0.6
@@ -419,6 +445,7 @@ def column(found: Found) -> dict[str, float]:
 
 R_X_HZ = (100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 R_X = f"""\
+{_LINE}\
 vy y 0 0
 ix 0 x dc 1m ac 1
 xconveyor y x z ibias vdd vss conveyor
@@ -437,16 +464,17 @@ def r_x(found: Found) -> dict[str, float]:
 SETTLING_NS = (1000, 2000, 3000, 5000, 8000, 11000, 14000)
 # Two taxels at the ends of the range, the other 14 pressed. The second slot begins at 45 us; its gate 115 clocks later,
 # 14.375 us at 8 MHz and 23 us at 5 MHz. Its count is the integral of the current over its gate.
-_SETTLING = """vpre d_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 59.375u 1 59.376u 0)
+_SETTLING = """xline ibias vdd vss bias_line
+vpreset logic_preset 0 pwl(0 1 5u 1 5.001u 0 45u 0 45.001u 1 59.375u 1 59.376u 0)
 vone one 0 pwl(0 {one} 45u {one} 45.001u 0 45.2u 0 45.201u {other})
 vother other 0 pwl(0 {other} 45u {other} 45.001u 0 45.2u 0 45.201u {one})
 rone one x 500
 rother other x 64.25k
 rheld x 0 35.714
 cx x 0 400p
-xnull x y d_preset ibias vdd vss offset_null
+xnull x y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
 xconveyor y x z ibias vdd vss conveyor
-xmirror z sum 0 0 ibias vdd vss mirror k=80
+xmirror z sum ibias vdd vss mirror_fixed k=80
 vsum sum 0 0
 .save i(vsum) v(x) v(y)
 .tran 50n 171u
@@ -476,12 +504,12 @@ def settling(found: Found, side: str) -> dict[str, float]:
 # ---- supply --------------------------------------------------------------------------------------------------
 
 TOPOLOGIES = ("direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
-_SUPPLY = """vpre d_preset 0 1
-vcharge d_charge 0 0
+_SUPPLY = """vpreset logic_preset 0 1
+vcharge logic_charge 0 0
 vchannel vdd vdd_c 0
 vreturn vss_c vss 0
 ix 0 col 0
-xdut col d_charge d_preset comp ibias vdd_c vss_c channel_{topology}
+xdut col d_charge d_preset comp vref agnd ibias vdd_c vss_c vdd_d vss_d channel_{topology}
 .dc ix 0 1.01m 0.1m
 .meas dc idle find i(vchannel) at=0
 .meas dc pressed find i(vreturn) at=1m
@@ -508,15 +536,16 @@ def supply(found: Found, topology: str) -> dict[str, float]:
 
 
 _BLOCKS = {
-    "offset_null": "col y d_preset ibias vdd_offset_null vss offset_null",
+    "offset_null": "col y d_preset agnd ibias vdd_offset_null vss vdd_d vss_d offset_null",
     "conveyor": "y col z ibias vdd_conveyor vss conveyor",
-    "mirror": "z sum 0 0 ibias vdd_mirror vss mirror k=80",
-    "integrator": "sum 0 d_preset v_int ibias vdd_integrator vss integrator",
-    "charge_source": "d_charge sum ibias vdd_charge_source vss charge_source",
+    "mirror": "z sum ibias vdd_mirror vss mirror_fixed",
+    "integrator": "sum agnd d_preset v_int vref ibias vdd_integrator vss vdd_d vss_d integrator",
+    "charge_source": "d_charge sum ibias vdd_charge_source vss vdd_d vss_d charge_source",
     "comparator": "0 v_int comp ibias vdd_comparator vss comparator",
 }
 SUPPLY_BLOCKS = (
-    "vpre d_preset 0 1\nvcharge d_charge 0 0\nix 0 col 0\n.dc ix 0 1u 1u\n"
+    _LINE
+    + "vpreset logic_preset 0 1\nvcharge logic_charge 0 0\nix 0 col 0\n.dc ix 0 1u 1u\n"
     + "".join(f"v{name} vdd vdd_{name} 0\nx{name} {pins}\n" for name, pins in _BLOCKS.items())
     + "".join(f".meas dc {name} find i(v{name}) at=0\n" for name in _BLOCKS)
 )
@@ -532,6 +561,7 @@ def supply_blocks(found: Found) -> dict[str, float]:
 # A gate of 102 us takes the mean of the current: its square is the spectrum times sinc^2(f T), from a drift of a second
 # up to 1 MHz, where sinc^2 is 1e-5. The sum runs over a fine logarithmic grid.
 _NOISE = """\
+xline ibias vdd vss bias_line
 {dut}
 .control
 noise v(out) {source} dec 100 1 {highest}
@@ -555,13 +585,14 @@ def noise_body(i: str, r: str) -> str:
     """
     dut = _CURRENT + (
         f"ix 0 x dc {i} ac 1\nrx x 0 {r}\ncx x 0 400p\nvy y 0 0\nxconveyor y x z ibias vdd vss conveyor\n"
-        "xmirror z sum 0 0 ibias vdd vss mirror k=80"
+        "xmirror z sum ibias vdd vss mirror_fixed k=80"
     )
     return _NOISE.format(dut=dut, source="ix", share="s^2", highest="1meg")
 
 
 NOISE_PACKET = _NOISE.format(
-    dut=_CURRENT + "vc d_charge 0 dc 1 ac 1\nxdut d_charge sum ibias vdd vss charge_source",
+    dut=_CURRENT
+    + f"vc d_charge vss_d dc {sky130.V_DIGITAL_V} ac 1\nxdut d_charge sum ibias vdd vss vdd_d vss_d charge_source",
     source="vc",
     share="s^2",
     highest="1meg",
@@ -571,8 +602,9 @@ NOISE_PACKET = _NOISE.format(
 # Stored and followed are both through the pole of the amplifier on 20 pF, across which it stands while it is closed
 # on itself.
 NOISE_NULL = _NOISE.format(
-    dut="vpre d_preset 0 dc 1 ac 1\nxdut 0 y d_preset ibias vdd vss offset_null\neout out 0 xdut.v_in xdut.v_side 1",
-    source="vpre",
+    dut="vpreset logic_preset 0 dc 1 ac 1\nxdut 0 y d_preset agnd ibias vdd vss vdd_d vss_d offset_null\n"
+    "eout out 0 xdut.v_in xdut.v_side 1",
+    source="vpreset",
     share="1 + s^2 - 2*s*cos(turn)",
     highest="100meg",
 )
@@ -594,7 +626,7 @@ def noise_null(found: Found) -> dict[str, float]:
 def row_driver_body(driven: int) -> str:
     """The current of a whole row, out of the driver."""
     return (
-        f"vd d 0 {driven}\nvb vb 0 0.5\nxdut d row vb 0 vdd vss row_driver\nil row 0 0\n"
+        f"vd logic_row 0 {driven}\nvb vb 0 0.5\nxdut d_row row vb 0 vdd vss vdd_d vss_d row_driver\nil row 0 0\n"
         ".dc il 0 16m 16m\n.meas dc none find v(row) at=0\n.meas dc full find v(row) at=0.016"
     )
 

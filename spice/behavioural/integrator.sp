@@ -1,7 +1,7 @@
 * SPDX-License-Identifier: Apache-2.0
-* Op-amp integrator with preset switch: current into iin pulls out down by q / c_int_f; d_preset = 1 V holds out at vcm + v_preset_v.
+* Op-amp integrator with preset switch: current into iin pulls out down by q / c_int_f; a high d_preset holds out at vcm + v_preset_v.
 * Defaults are the physical values of design.inc. Ideal: gain_dc = 1e12, t_gbw_s = 0, v_offset_v = 0, limits +-1e9, r_in_ohm = 1e18, r_preset_ohm = 0.
-.subckt integrator iin vcm d_preset out ibias vdd vss
+.subckt integrator iin vcm d_preset out vref ibias vdd vss vdd_d vss_d
 + params: c_int_f={converter_c_int_f} gain_dc={integrator_gain_dc} t_gbw_s={integrator_t_gbw_s}
 + v_offset_v={integrator_v_offset_v} v_out_max_v={integrator_v_out_max_v} v_out_min_v={integrator_v_out_min_v}
 + r_in_ohm={integrator_r_in_ohm} r_preset_ohm={integrator_r_preset_ohm} v_preset_v={integrator_v_preset_v}
@@ -47,7 +47,16 @@ brange v_amp vcm i = v(v_amp) > ({v_out_max_v + 0.05}) ? (v(v_amp) - ({v_out_max
 * ("timestep too small") at tight tolerances; for the same reason r_preset_ohm = 0 is a time constant of 1e-16 s.
 * Not a switch in series with a source: with this conductance rounding of a branch current exceeds abstol.
 * Newton's first guess of d_preset is 0, which leaves iin without a dc path (singular matrix) without the nodeset.
-.nodeset v(d_preset)=1
-bpreset out iin i = v(d_preset) > 0.95 ?
-+ (v(d_preset) - 0.95)*(v(out,iin) - ({v_preset_v}))*{20/max(r_preset_ohm, 1e-16/c_int_f)} : 0
+.nodeset v(d_preset)={supply_v_logic_v}
+bpreset out iin i = v(d_preset,vss_d) > {0.95*supply_v_logic_v} ?
++ (v(d_preset,vss_d) - {0.95*supply_v_logic_v})*(v(out,iin) - ({v_preset_v}))*{20/max(r_preset_ohm, 1e-16/c_int_f)/supply_v_logic_v} : 0
 .ends integrator
+* The name that the opposite sign has in transistors; here it is in v_preset_v.
+.subckt integrator_inverted iin vcm d_preset out vref ibias vdd vss vdd_d vss_d
++ params: c_int_f={converter_c_int_f} gain_dc={integrator_gain_dc} t_gbw_s={integrator_t_gbw_s}
++ v_offset_v={integrator_v_offset_v} v_out_max_v={integrator_v_out_max_v} v_out_min_v={integrator_v_out_min_v}
++ r_in_ohm={integrator_r_in_ohm} r_preset_ohm={integrator_r_preset_ohm} v_preset_v={integrator_v_preset_v}
+xint iin vcm d_preset out vref ibias vdd vss vdd_d vss_d integrator
++ c_int_f={c_int_f} gain_dc={gain_dc} t_gbw_s={t_gbw_s} v_offset_v={v_offset_v} v_out_max_v={v_out_max_v}
++ v_out_min_v={v_out_min_v} r_in_ohm={r_in_ohm} r_preset_ohm={r_preset_ohm} v_preset_v={v_preset_v}
+.ends integrator_inverted

@@ -1,28 +1,28 @@
 * SPDX-License-Identifier: Apache-2.0
-* Row driver: row is at vss_ref + v_bias_v through r_on_ohm if d_row is 1 V, at vss_ref through r_ground_ohm if 0 V.
+* Row driver: row is at agnd + v_bias_v through r_on_ohm if d_row is high, at agnd through r_ground_ohm if low.
 * v_bias_v is a parameter: a product of d_row and the pin vbias is a nonlinear source per row, evaluated at each
 * step; only a changing bias needs it (follow = 1).
 * Defaults are the physical values of design.inc. Ideal: r_on_ohm = r_ground_ohm = 0.
-.subckt row_driver d_row row vbias vss_ref
+.subckt row_driver d_row row vbias agnd vdd vss vdd_d vss_d
 + params: r_on_ohm={row_driver_r_on_ohm} r_ground_ohm={row_driver_r_ground_ohm} v_bias_v={interface_v_bias_v} follow=0
 .if (abs(r_on_ohm - r_ground_ohm) > 0)
 * 1 uohm at least: two conductances, crossfaded by d_row
 .if (follow > 0)
-bon row vss_ref i = v(d_row)*v(row,vbias)*{1/max(r_on_ohm, 1e-6)}
+bon row agnd i = v(d_row,vss_d)*v(row,vbias)*{1/max(r_on_ohm, 1e-6)/supply_v_logic_v}
 .else
-bon row vss_ref i = v(d_row)*(v(row,vss_ref) - {v_bias_v})*{1/max(r_on_ohm, 1e-6)}
+bon row agnd i = v(d_row,vss_d)*(v(row,agnd) - {v_bias_v})*{1/max(r_on_ohm, 1e-6)/supply_v_logic_v}
 .endif
-bground row vss_ref i = (1 - v(d_row))*v(row,vss_ref)*{1/max(r_ground_ohm, 1e-6)}
+bground row agnd i = ({supply_v_logic_v} - v(d_row,vss_d))*v(row,agnd)*{1/max(r_ground_ohm, 1e-6)/supply_v_logic_v}
 .elseif (r_on_ohm > 0)
 ron v_drive row {r_on_ohm}
 .if (follow > 0)
-bdrive v_drive vss_ref v = v(d_row)*v(vbias,vss_ref)
+bdrive v_drive agnd v = v(d_row,vss_d)*v(vbias,agnd)*{1/supply_v_logic_v}
 .else
-edrive v_drive vss_ref d_row 0 {v_bias_v}
+edrive v_drive agnd d_row vss_d {v_bias_v/supply_v_logic_v}
 .endif
 .elseif (follow > 0)
-bdrive row vss_ref v = v(d_row)*v(vbias,vss_ref)
+bdrive row agnd v = v(d_row,vss_d)*v(vbias,agnd)*{1/supply_v_logic_v}
 .else
-edrive row vss_ref d_row 0 {v_bias_v}
+edrive row agnd d_row vss_d {v_bias_v/supply_v_logic_v}
 .endif
 .ends row_driver

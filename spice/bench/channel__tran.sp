@@ -24,10 +24,10 @@ rtaxel_m row v_col_m {r_taxel}
 rtaxel_i row v_col_i {r_taxel}
 rtaxel_o row v_col_o {r_taxel}
 * DUT
-xdut_d v_col_d d_charge d_preset v_comp_d 0 vdd vss channel_direct
-xdut_m v_col_m d_charge d_preset v_comp_m 0 vdd vss channel_conveyor_mirror
-xdut_i v_col_i d_charge d_preset v_comp_i 0 vdd vss channel_conveyor_mirror_inverted
-xdut_o v_col_o d_charge d_preset v_comp_o 0 vdd vss channel_multi_output_conveyor
+xdut_d v_col_d d_charge d_preset v_comp_d 0 0 0 vdd vss 0 0 channel_direct
+xdut_m v_col_m d_charge d_preset v_comp_m 0 0 0 vdd vss 0 0 channel_conveyor_mirror
+xdut_i v_col_i d_charge d_preset v_comp_i 0 0 0 vdd vss 0 0 channel_conveyor_mirror_inverted
+xdut_o v_col_o d_charge d_preset v_comp_o 0 0 0 vdd vss 0 0 channel_multi_output_conveyor
 * measure: just before the release, one clock after it, n_packets clocks after the last packet, and around the second preset
 .tran {t_step} {220*t_clk} 0 {t_step}
 .meas tran v_preset_d find v(xdut_d.xvfc.v_int) at={10*t_clk}

@@ -17,7 +17,7 @@ vprobe_col row v_taxel 0
 btaxel v_taxel v_col i = v(v_taxel,v_col)*v(g_taxel)
 vg g_taxel 0 0
 * DUT
-xdut v_col d_charge d_preset v_comp 0 vdd vss channel_conveyor_mirror int_r_preset_ohm=1e3
+xdut v_col d_charge d_preset v_comp 0 0 0 vdd vss 0 0 channel_conveyor_mirror int_r_preset_ohm=1e3
 * measure: in preset the input current leaves through the preset switch, here 1 kohm to be read without rounding
 .save all @b.xdut.xvfc.xintegrator.bpreset[i]
 .dc vg 0 32e-3 0.5e-3

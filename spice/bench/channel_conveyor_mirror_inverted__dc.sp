@@ -17,16 +17,16 @@ vprobe_col row v_taxel 0
 btaxel v_taxel v_col i = v(v_taxel,v_col)*v(g_taxel)
 vg g_taxel 0 0
 * DUT
-xdut v_col d_charge d_preset v_comp 0 vdd vss channel_conveyor_mirror_inverted int_r_preset_ohm=1e3
+xdut v_col d_charge d_preset v_comp 0 0 0 vdd vss 0 0 channel_conveyor_mirror_inverted int_r_preset_ohm=1e3
 * measure: in preset the input current leaves through the preset switch, here 1 kohm to be read without rounding
-.save all @b.xdut.xvfc.xintegrator.bpreset[i]
+.save all @b.xdut.xvfc.xintegrator.xint.bpreset[i]
 .dc vg 0 32e-3 0.5e-3
 .meas dc i_col_open find i(vprobe_col) at=0
-.meas dc i_int_open find @b.xdut.xvfc.xintegrator.bpreset[i] at=0
+.meas dc i_int_open find @b.xdut.xvfc.xintegrator.xint.bpreset[i] at=0
 .meas dc i_col_full find i(vprobe_col) at=2e-3
-.meas dc i_int_full find @b.xdut.xvfc.xintegrator.bpreset[i] at=2e-3
+.meas dc i_int_full find @b.xdut.xvfc.xintegrator.xint.bpreset[i] at=2e-3
 .meas dc i_col_all find i(vprobe_col) at=32e-3
-.meas dc i_int_all find @b.xdut.xvfc.xintegrator.bpreset[i] at=32e-3
+.meas dc i_int_all find @b.xdut.xvfc.xintegrator.xint.bpreset[i] at=32e-3
 .meas dc v_col_full find v(v_col) at=2e-3
 .meas dc v_int_full find v(xdut.xvfc.v_int) at=2e-3
 .meas dc v_comp_full find v(v_comp) at=2e-3

@@ -15,8 +15,8 @@ vcharge d_charge 0 pulse(0 1 100n {t_edge} {t_edge} {t_clk - t_edge} 1)
 vprobe_sink v_out 0 0.3
 vprobe_source v_outn 0 0.3
 * DUT
-xdut d_charge v_out 0 vdd vss charge_source
-xdut_negative d_charge v_outn 0 vdd vss charge_source i0_a={-converter_i0_a}
+xdut d_charge v_out 0 vdd vss 0 0 charge_source
+xdut_negative d_charge v_outn 0 vdd vss 0 0 charge_source i0_a={-converter_i0_a}
 * measure: a current into the source leaves its probe, hence the sign
 .tran 1n 400n 0 1n
 .meas tran q_probe integ i(vprobe_sink) from=50n to=350n

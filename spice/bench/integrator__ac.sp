@@ -16,7 +16,7 @@ vin v_in 0 dc 0 ac 1
 cin v_in v_sum 1e6
 lfb v_int v_sum 1e12
 * DUT
-xdut v_sum 0 d_preset v_int 0 vdd vss integrator
+xdut v_sum 0 d_preset v_int 0 0 vdd vss 0 0 integrator
 * measure
 .ac dec 20 1 1e8
 .meas ac gain_low find vm(v_int) at={f_low}

@@ -14,7 +14,7 @@ vss vss 0 {supply_vss_v}
 iin 0 v_sum {i_in_a}
 vpreset d_preset 0 pulse(1 0 2u {t_edge} {t_edge} {4u - t_edge} 6u)
 * DUT
-xdut v_sum 0 d_preset v_int 0 vdd vss integrator
+xdut v_sum 0 d_preset v_int 0 0 vdd vss 0 0 integrator
 * measure
 .tran 10n 8.2u 0 10n
 .meas tran v_preset find v(v_int) at=2u

@@ -27,13 +27,13 @@ vprobe_f v_outf 0 0
 vprobe_r v_outr 0 1
 vprobe_p v_outp 0 0
 * DUT
-xdut_k0 v_in0 v_out0 d_low d_low 0 vdd vss mirror
-xdut_k1 v_in1 v_out1 d_high d_low 0 vdd vss mirror
-xdut_k2 v_in2 v_out2 d_low d_high 0 vdd vss mirror
-xdut_k3 v_in3 v_out3 d_high d_high 0 vdd vss mirror
-xdut_fixed v_inf v_outf 0 0 0 vdd vss mirror k={interface_k}
-xdut_lifted v_inr v_outr 0 0 0 vdd vss mirror k={interface_k}
-xdut_sink v_inp v_outp 0 0 0 vdd vss mirror k={interface_k} polarity=-1
+xdut_k0 v_in0 v_out0 d_low d_low 0 vdd vss 0 0 mirror
+xdut_k1 v_in1 v_out1 d_high d_low 0 vdd vss 0 0 mirror
+xdut_k2 v_in2 v_out2 d_low d_high 0 vdd vss 0 0 mirror
+xdut_k3 v_in3 v_out3 d_high d_high 0 vdd vss 0 0 mirror
+xdut_fixed v_inf v_outf 0 0 0 vdd vss 0 0 mirror k={interface_k}
+xdut_lifted v_inr v_outr 0 0 0 vdd vss 0 0 mirror k={interface_k}
+xdut_sink v_inp v_outp 0 0 0 vdd vss 0 0 mirror k={interface_k} polarity=-1
 * measure: a current into its probe is a current out of the mirror
 .dc vlow 0 1e-3 1e-3
 .meas dc i_out_0 find i(vprobe_0) at=0

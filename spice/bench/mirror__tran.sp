@@ -21,9 +21,9 @@ vprobe_f v_outf 0 0
 vprobe_0 v_out0 0 0
 vprobe_3 v_out3 0 0
 * DUT
-xdut_fixed v_inf v_outf 0 0 0 vdd vss mirror k={interface_k}
-xdut_k0 v_in0 v_out0 0 0 0 vdd vss mirror
-xdut_k3 v_in3 v_out3 d_high d_high 0 vdd vss mirror
+xdut_fixed v_inf v_outf 0 0 0 vdd vss 0 0 mirror k={interface_k}
+xdut_k0 v_in0 v_out0 0 0 0 vdd vss 0 0 mirror
+xdut_k3 v_in3 v_out3 d_high d_high 0 vdd vss 0 0 mirror
 * measure
 .tran 20p 300n 0 20p
 .meas tran i_end_fixed find i(vprobe_f) at=299n

@@ -14,8 +14,8 @@ vbias vbias 0 {interface_v_bias_v}
 vrow d_row 0 1
 iload1 v_row1 0 {i_load}
 * DUT
-xdut_0 d_row v_row0 vbias 0 row_driver
-xdut_1 d_row v_row1 vbias 0 row_driver
+xdut_0 d_row v_row0 vbias 0 vdd vss 0 0 row_driver
+xdut_1 d_row v_row1 vbias 0 vdd vss 0 0 row_driver
 * measure
 .dc vrow 0 1 0.25
 .meas dc v_driven find v(v_row0) at=1

@@ -20,7 +20,7 @@ itaxel 0 v_sum {interface_v_bias_v/(interface_k*r_taxel)}
 vclk v_clk 0 pulse(0 1 {t_clk} 10p 10p {0.5*t_clk} {t_clk})
 vpreset d_preset 0 pulse(1 0 {5*t_clk} {t_edge} {t_edge} 1 2)
 * DUT
-xdut v_sum d_charge d_preset v_comp 0 vdd vss vfc
+xdut v_sum d_charge d_preset v_comp 0 0 0 vdd vss 0 0 vfc
 acomp [v_comp] [comp] zero
 aclk [v_clk d_preset] [clk preset] half
 agate [comp charge_n] data both

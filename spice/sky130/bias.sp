@@ -1,31 +1,36 @@
 * SPDX-License-Identifier: Apache-2.0
-* Reference current: 10 uA = v(vref) / r_ref_ohm, an external resistor; ibias gives 5 uA per cascoded nmos w=5 l=2.
+* Reference: 10 uA = v(vref) / r_ref, an external resistor from pin r_ref to agnd; each output of the bank repeats it.
 * A start current of 2 uA through a poly resistor feeds the amplifier; its spread of +-20 % changes only loop gain.
-.subckt bias vref ibias vdd vss params: r_ref_ohm=50k
+.subckt bias vref r_ref v_gate v_cp vdd vss
 * amplifier: pair, mirror load, tail
 xstart vdd v_start vss sky130_fd_pr__res_xhigh_po w=1 l=600
 xn_start v_start v_start vss vss nmos w=5 l=4
 xn_tail v_tail v_start vss vss nmos w=5 l=4 k=2
 xn_ref v_gate vref v_tail vss nmos w=10 l=1
-xn_sense v_load v_r v_tail vss nmos w=10 l=1
+xn_sense v_load r_ref v_tail vss nmos w=10 l=1
 xp_load v_load v_load vdd vdd pmos w=5 l=2
 xp_gate v_gate v_load vdd vdd pmos w=5 l=2
-* reference branch and copy
+* reference branch
 xn_cp v_cp v_start vss vss nmos w=5 l=4
 xp_cp v_cp v_cp vdd vdd pmos w=1 l=5
-xp_r v_rc v_gate vdd vdd pmos w=20 l=4 k=2
-xp_rc v_r v_cp v_rc vdd pmos w=20 l=1
-xp_copy v_copyc v_gate vdd vdd pmos w=20 l=4 k=2
-xp_copyc ibias v_cp v_copyc vdd pmos w=20 l=1
-rref v_r 0 {r_ref_ohm}
+xr v_gate v_cp r_ref vdd bias_output
 xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=100 l=100
-* The device of the line has the drain voltage of the cascoded devices that follow it (1.5 % at ss without).
+.ends bias
+* One output of the bank: 10 uA into out, from gate and cascode line of the reference. Only a current leaves for a
+* channel, so no voltage between reference and channel changes a packet.
+.subckt bias_output v_gate v_cp out vdd
+xp v_out v_gate vdd vdd pmos w=20 l=4 k=2
+xpc out v_cp v_out vdd pmos w=20 l=1
+.ends bias_output
+* In a channel 10 uA into ibias make the gate line ibias: 5 uA for each cascoded nmos w=5 l=2. The device of the line
+* has the drain voltage of the cascoded devices that follow it (1.5 % at ss without).
+.subckt bias_line ibias vdd vss
 xn_line v_line ibias vss vss nmos w=5 l=2 k=2
 xn_linec ibias vcn v_line vss nmos w=5 l=0.5 k=2
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
 xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50
-.ends bias
+.ends bias_line
 * Gate lines that a block derives from ibias: p for 10 uA in a pmos w=20 l=2, and those of its cascodes.
 .subckt bias_p ibias vbp vdd vss
 xn_b vbp ibias vss vss nmos w=5 l=2 k=2

@@ -1,9 +1,10 @@
 * SPDX-License-Identifier: Apache-2.0
 * Direct interface (Fig. 3): the column is the summing node of an integrator of 80 times the current; k is unused.
-.subckt channel_direct col d_charge d_preset comp ibias vdd vss params: k=80
-xintegrator col 0 d_preset v_int ibias vdd vss integrator_direct
+.subckt channel_direct col d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d params: k=80
+xline ibias vdd vss bias_line
+xintegrator col agnd d_preset v_int vref ibias vdd vss vdd_d vss_d integrator_direct
 * 400 sources disturb their bias line with every step of their pair; 200 pF hold it (packet error 0.5 % without).
 xc_line ibias vss sky130_fd_pr__cap_mim_m3_1 w=50 l=50 m=40
-xcharge d_charge col ibias vdd vss charge_source units=400
-xcomparator 0 v_int comp ibias vdd vss comparator
+xcharge d_charge col ibias vdd vss vdd_d vss_d charge_source units=400
+xcomparator agnd v_int comp ibias vdd vss comparator
 .ends channel_direct

@@ -1,19 +1,30 @@
 * SPDX-License-Identifier: Apache-2.0
-* Charge source: out sinks 25 uA while d_charge is 1 V (polarity = -1: sources); else the current goes to ground.
-* units: of 5 uA. A swing of 1 V steers the pair, which keeps its tail quiet and its charge small; for the pmos pair
-* it is 0.4 V lower, because their thresholds leave less headroom.
-.subckt charge_source d_charge out ibias vdd vss params: polarity=1 units=5
+* Charge source: out sinks 25 uA while d_charge is high; else the current comes from vdd, so that vdd carries it always
+* and agnd never.
+* units: of 5 uA. A swing of 1 V steers the pair, which keeps its tail quiet and its charge small.
+.subckt charge_source d_charge out ibias vdd vss vdd_d vss_d params: units=5
 xbias_p ibias vbp vdd vss bias_p
 xbias_cn vbp vcn vdd vss bias_cascode_n
-.if (polarity > 0)
-xlevel d_charge on off logic_level swing_v=1
+xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=1 l=145
+xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=1 l=125
+xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=145
+xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 xn_source v_source ibias vss vss nmos w=5 l=2 k={units}
 xn_casc v_tail vcn v_source vss nmos w=5 l=0.5 k={units}
 xn_on out on v_tail vss nmos w=5 l=0.5 k={units}
-xn_off 0 off v_tail vss nmos w=5 l=0.5 k={units}
-.else
-xlevel d_charge on off logic_level swing_v=1 center_v=-0.4
+xn_off v_dump off v_tail vss nmos w=5 l=0.5 k={units}
+xn_dump vdd vdd v_dump vss nmos w=5 l=0.5 k={units}
+.ends charge_source
+* The opposite sign: out sources 25 uA, else vss takes them. The swing is 0.4 V lower, because the thresholds of the
+* pmos pair leave less headroom.
+.subckt charge_source_inverted d_charge out ibias vdd vss vdd_d vss_d params: units=5
+xbias_p ibias vbp vdd vss bias_p
+xbias_cn vbp vcn vdd vss bias_cascode_n
 xbias_cp ibias vcp vdd vss bias_cascode_p
+xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=1 l=195
+xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=1 l=125
+xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=95
+xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 * A separate gate line from as many units as it feeds, because their mismatch adds: mirrors match at one width and one
 * drain voltage. Without the two cascodes the unit has 1.4 V at ss, the source 0.5 V, and the packet is 5 % too small.
 xn_unit v_nunit ibias vss vss nmos w=5 l=2 k={units}
@@ -23,6 +34,15 @@ xp_unitc vbu vcp v_punit vdd pmos w=10 l=0.5 k={units}
 xp_source v_source vbu vdd vdd pmos w=10 l=2 k={units}
 xp_casc v_tail vcp v_source vdd pmos w=10 l=0.5 k={units}
 xp_on out off v_tail vdd pmos w=40 l=0.5 k={units}
-xp_off 0 on v_tail vdd pmos w=40 l=0.5 k={units}
-.endif
-.ends charge_source
+xp_off v_dump on v_tail vdd pmos w=40 l=0.5 k={units}
+xp_dump vss vss v_dump vdd pmos w=10 l=0.5 k={units}
+.ends charge_source_inverted
+* Gates of the pair: d_charge as on and off between v_high and v_low, both edges equally late. The plates hold the
+* two levels through an edge.
+.subckt steering_driver d_charge on off v_high v_low vdd vss vdd_d vss_d params: units=5
+xlevel d_charge full_on full_off vdd vss vdd_d vss_d level_shifter_matched
+xon full_off on v_high v_low vss inverter k={units/5}
+xoff full_on off v_high v_low vss inverter k={units/5}
+xc_high v_high vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5}
+xc_low v_low vss sky130_fd_pr__cap_mim_m3_1 w=30 l=30 m={units/5}
+.ends steering_driver

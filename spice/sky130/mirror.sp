@@ -1,31 +1,18 @@
 * SPDX-License-Identifier: Apache-2.0
-* Asymmetrical current mirror: k input devices, one output device; out sources 1/k (polarity = -1: sinks).
+* Asymmetrical current mirror: k input devices, one output device; out sources 1/k.
 * A threshold error is a larger share of a small current than of a large one, which makes the code nonlinear: with
 * units of w=5 l=2 and turns of w=20 l=2 by 2.6 LSB in the worst of 100 draws. It scales with 1 / l at constant w / l.
 * The pedestal of the conveyor, 50 uA, is part of the input and is subtracted at out by an equally made 50 uA / k.
-* k > 0 fixes the ratio; k = 0 takes 20, 40, 80, 160 from the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices
-* with released gates, so that no switch carries the current.
-.subckt mirror in out d_k0 d_k1 ibias vdd vss params: k=0 polarity=1
-xbias_p ibias vbp vdd vss bias_p
-xbias_cn vbp vcn vdd vss bias_cascode_n
-xn_outc v_copy vcn v_out vss nmos w=5 l=0.5
-xn_out v_out in vss vss nmos w=30 l=12
-xn_pedc v_pedcopy vcn v_ped vss nmos w=5 l=0.5
-xn_ped v_ped v_pedgate vss vss nmos w=30 l=12
-xp_ped v_p vbp vdd vdd pmos w=10 l=2
-xp_pedc v_pedgate vcp v_p vdd pmos w=10 l=0.5
-.if (k > 0)
-xin in in vcn vss mirror_group units={k}
-xpedin v_pedgate v_pedgate vcn vss mirror_group units={k/10}
-.else
-xlevel0 d_k0 k0 k0_n logic_level
-xlevel1 d_k1 k1 k1_n logic_level
+* The ratio is 20, 40, 80, 160 for the pins (d_k1, d_k0) = 00, 01, 10, 11: groups of devices with released gates, so
+* that no switch carries the current.
+.subckt mirror in out d_k0 d_k1 ibias vdd vss vdd_d vss_d
+xlevel0 d_k0 k0 k0_n vdd vss vdd_d vss_d level_shifter
+xlevel1 d_k1 k1 k1_n vdd vss vdd_d vss_d level_shifter
 xnand0 k01_n k0 v_nand vss nmos w=2 l=0.5
 xnand1 v_nand k1 vss vss nmos w=2 l=0.5
 xnand2 k01_n k0 vdd vdd pmos w=4 l=0.5
 xnand3 k01_n k1 vdd vdd pmos w=4 l=0.5
-xinv0 k01 k01_n vss vss nmos w=2 l=0.5
-xinv1 k01 k01_n vdd vdd pmos w=4 l=0.5
+xnot k01_n k01 vdd vss vss inverter
 xin in in vcn vss mirror_group units=20
 xin0 in g_0 vcn vss mirror_group units=20
 xin1 in g_1 vcn vss mirror_group units=60
@@ -40,17 +27,38 @@ xpedin01 v_pedgate p_01 vcn vss mirror_group units=6
 xsp0 v_pedgate p_0 k0 k0_n vdd vss mirror_gate
 xsp1 v_pedgate p_1 k1 k1_n vdd vss mirror_gate
 xsp01 v_pedgate p_01 k01 k01_n vdd vss mirror_gate
-.endif
-xbias_cp ibias vcp vdd vss bias_cascode_p
-.if (polarity > 0)
+xlines ibias vcn vcp v_pedgate vdd vss mirror_lines
+xcopy v_copy in vcn vss mirror_group
+xped out v_pedgate vcn vss mirror_group
 xturn v_copy out vcp vdd mirror_turn
-vpedout v_pedcopy out 0
-.else
-vout v_copy out 0
-xturn v_pedcopy out vcp vdd mirror_turn
-.endif
 .ends mirror
-* A number of input devices of the mirror with a common gate.
+* The same with a ratio k that is drawn, not switched.
+.subckt mirror_fixed in out ibias vdd vss params: k=80
+xin in in vcn vss mirror_group units={k}
+xpedin v_pedgate v_pedgate vcn vss mirror_group units={k/10}
+xlines ibias vcn vcp v_pedgate vdd vss mirror_lines
+xcopy v_copy in vcn vss mirror_group
+xped out v_pedgate vcn vss mirror_group
+xturn v_copy out vcp vdd mirror_turn
+.ends mirror_fixed
+* out sinks 1/k.
+.subckt mirror_inverted in out ibias vdd vss params: k=80
+xin in in vcn vss mirror_group units={k}
+xpedin v_pedgate v_pedgate vcn vss mirror_group units={k/10}
+xlines ibias vcn vcp v_pedgate vdd vss mirror_lines
+xcopy out in vcn vss mirror_group
+xped v_pedcopy v_pedgate vcn vss mirror_group
+xturn v_pedcopy out vcp vdd mirror_turn
+.ends mirror_inverted
+* Cascode lines, and the current that the pedestal's mirror divides.
+.subckt mirror_lines ibias vcn vcp v_pedgate vdd vss
+xbias_p ibias vbp vdd vss bias_p
+xbias_cn vbp vcn vdd vss bias_cascode_n
+xbias_cp ibias vcp vdd vss bias_cascode_p
+xp_ped v_p vbp vdd vdd pmos w=10 l=2
+xp_pedc v_pedgate vcp v_p vdd pmos w=10 l=0.5
+.ends mirror_lines
+* A number of devices of the mirror with a common gate: at the input, or one at the output.
 .subckt mirror_group in gate vcn vss params: units=1
 xn_in v_in gate vss vss nmos w=30 l=12 k={units}
 xn_inc in vcn v_in vss nmos w=5 l=0.5 k={units}

@@ -226,4 +226,4 @@ def test_each_parameter_reaches_its_block_in_each_channel_that_has_it(tmp_path: 
         if kind == "out":  # the stage that divides by k, with or without a lag of its own inside
             assert {e.split(".")[2] for e in changed} == {"xmirror", "xconveyor"}, key
         else:
-            assert {e.split(".")[-2] for e in changed} == {block[kind]}, key
+            assert all(block[kind] in e.split(".") for e in changed), key

@@ -24,6 +24,9 @@ from dermis.scene.views import CONVERTER, Views
 
 SPICE = ROOT / "spice"
 
+SHARED = ("devices.inc", "level_shifter.sp", "bias.sp", "ota.sp")
+"""Files of spice/sky130 that its blocks use."""
+
 HONOURS = frozenset(
     {
         "r_row_driven_ohm",
@@ -184,7 +187,8 @@ def _includes(views: Views, topology: str) -> Iterator[str]:
         return
     yield f'.include "{sky130.models(views.corner)}"'
     yield f".temp {spice_number(views.temperature_c)}"
-    yield from (f'.include "{SPICE / "sky130" / name}"' for name in ("devices.inc", "bias.sp", "ota.sp"))
+    yield f".param supply_v_logic_v={spice_number(sky130.logic_v(views.supply_scale))}"
+    yield from (f'.include "{SPICE / "sky130" / name}"' for name in SHARED)
     fine = blocks >= set(CONVERTER)
     where = {
         "row_driver": ("row_driver.sp",),
@@ -295,26 +299,32 @@ def frame_deck(
     direct = plan.topology == "direct"
     supply = plan.scene.design.supply
     begin = first_row * plan.timing.slot_clocks + plan.timing.break_clocks
+    supplies = sky130.supplies(supply.vdd_v, supply.vss_v, views.supply_scale)
     lines = [
         f"dermis frame {frame}: {rows} x {cols}, {plan.topology}",
         *_includes(views, plan.topology),
         f".param converter_f_clk_hz={spice_number(plan.timing.f_clk_hz)}",
-        f"vdd vdd 0 {spice_number(supply.vdd_v * views.supply_scale)}",
-        f"vss vss 0 {spice_number(supply.vss_v * views.supply_scale)}",
+        *(supplies if transistors else supplies[:2]),
         f"vbias vbias 0 {_bias(plan, frame, begin)}",
     ]
     late = _late_s(plan)[list(columns)]
     if late.any():
         lines.append(f".param comparator_early_s={spice_number(_early_s(plan))}")
-    if transistors:
+    names = source_names(rows, cols, columns)
+    # A dc value together with `external` crashes libngspice 39.
+    biased = bool(transistors - {"row_driver"})
+    if biased:
         lines += sky130.REFERENCE
     else:
         lines.append("vibias ibias 0 0")
-    # A dc value together with `external` crashes libngspice 39.
-    names = source_names(rows, cols, columns)
-    lines += [f"{name} {name[2:]} 0 external" for name in names]
+    if transistors:
+        lines += [f"{name} logic_{name[4:]} 0 external" for name in names]
+        lines += [sky130.logic(name[4:], views.supply_scale) for name in names]
+    else:
+        lines += [f"{name} {name[2:]} 0 external" for name in names]
+    rails = "vdd vss vdd_d vss_d" if transistors else "vdd vss 0 0"
     if "row_driver" in transistors:
-        lines += [f"xrow{r} d_row{r} row{r} vbias 0 vdd vss row_driver" for r in range(rows)]
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 {rails} row_driver" for r in range(rows)]
     else:
         driver = {
             "r_on_ohm": float(network.r_row_driven_ohm),
@@ -323,7 +333,8 @@ def frame_deck(
         }
         if plan.drive.ripple:
             driver["follow"] = 1
-        lines += [f"xrow{r} d_row{r} row{r} vbias 0 row_driver {_assignments(driver)}" for r in range(rows)]
+        values = _assignments(driver)
+        lines += [f"xrow{r} d_row{r} row{r} vbias 0 {rails} row_driver {values}" for r in range(rows)]
 
     lines += _array(plan, frame, network, begin)
     if network.c_row_f:
@@ -345,8 +356,14 @@ def frame_deck(
             values = _assignments({"k": plan.scene.table.interface.k})
         else:
             values = _assignments(_channel_parameters(plan, network, c))
+        references = "0 0 ibias"
+        if biased:
+            references = f"vref agnd ibias{c}"
+            lines.append(sky130.bias_current(f"ibias{c}"))
+            if not _channel_in_transistors(views, plan.topology):
+                lines.append(f"xline{c} ibias{c} vdd vss bias_line")
         lines.append(
-            f"xch{c} {node} d_charge{c} d_preset comp{c} ibias vdd vss channel_{plan.topology} {values}"
+            f"xch{c} {node} d_charge{c} d_preset comp{c} {references} {rails} channel_{plan.topology} {values}"
         )
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"

@@ -16,8 +16,9 @@ from dermis.places import BUILD, ROOT
 
 CORNERS = ("tt", "ff", "ss", "sf", "fs")
 
-# Of the analog front end (spice/sky130): 3.3 V transistors, the plate capacitor, the resistor of 2 kohm a square.
-TRANSISTORS = ("nfet_g5v0d10v5", "pfet_g5v0d10v5")
+# Of the analog front end (spice/sky130): transistors of 3.3 V, those of 1.8 V in its level shifters, the plate
+# capacitor, the resistor of 2 kohm a square. The oxide of each transistor is the corner's "hv" or "lv".
+TRANSISTORS = {"nfet_g5v0d10v5": "hv", "pfet_g5v0d10v5": "hv", "nfet_01v8": "lv", "pfet_01v8": "lv"}
 PASSIVES = {
     "models_capacitors": ("cap_mim_m3_1", "model__parasitic__cap_p2ps"),
     "models_resistors": ("res_xhigh_po",),
@@ -124,7 +125,7 @@ def _models(corner: str, mismatch: bool) -> str:
     parts = switches(mismatch) + [text_of(base / f"{name}.spice", WANTED) for name in names]
     file = base / "models_fet.spice"
     text = text_of(file, WANTED)
-    for name in TRANSISTORS:
+    for name, oxide in TRANSISTORS.items():
         head, models, end = bins(subcircuit(file, text, name))
         # Without the five resistors of 50 ohm of every transistor's substrate, whose time constants are
         # picoseconds: three nodes less each, 30 % of the time, and 0.004 LSB.
@@ -132,7 +133,7 @@ def _models(corner: str, mismatch: bool) -> str:
             raise InputError(file, "rbodymod", "otherwise", f"rbodymod = 1 in every bin of {name}")
         models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
         if corner != "tt":  # at tt nothing moves
-            models = [at_corner(model, name, "hv") for model in models]
+            models = [at_corner(model, name, oxide) for model in models]
         parts += shared(file, head, models, end)
     for stem, devices in PASSIVES.items():
         file = base / f"{stem}.spice"
@@ -166,10 +167,43 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
 
 
 V_REF_V = 0.5
-"""Reference voltage of spice/sky130/bias.sp: 10 uA through its resistor."""
+"""Reference voltage of spice/sky130/bias.sp over agnd: 10 uA through its resistor."""
 
-REFERENCE = (f"vref vref 0 {V_REF_V}", "xbias vref ibias vdd vss bias")
-"""Source of the net ibias, shared by all blocks of a deck; placed after the supplies."""
+V_DIGITAL_V = 1.8
+"""Supply of the digital core, from vss_d to vdd_d; vss_d is the board's ground, as vss is."""
+
+REFERENCE = (
+    "vagnd agnd 0 0",
+    f"vref vref agnd {V_REF_V}",
+    "rref r_ref agnd 50k",
+    "xbias vref r_ref v_gate v_cp vdd vss bias",
+)
+"""Mid rail, reference voltage and reference current of a deck; placed after the supplies."""
+
+
+def supplies(vdd_v: float, vss_v: float, scale: float = 1.0) -> tuple[str, ...]:
+    """Return the sources of vdd, vss, vss_d and vdd_d; `scale` is the share of its nominal value that each has."""
+    return (
+        f"vdd vdd 0 {vdd_v * scale!r}",
+        f"vss vss 0 {vss_v * scale!r}",
+        "vss_d vss_d vss 0",
+        f"vdd_d vdd_d vss_d {logic_v(scale):.9g}",
+    )
+
+
+def logic_v(scale: float = 1.0) -> float:
+    """Return the level of a high digital net over vss_d."""
+    return V_DIGITAL_V * scale
+
+
+def logic(name: str, scale: float = 1.0) -> str:
+    """Return the source that makes the digital net d_x from logic_x, which the deck drives with 0 and 1 V."""
+    return f"e{name} d_{name} vss_d logic_{name} 0 {logic_v(scale):.9g}"
+
+
+def bias_current(ibias: str) -> str:
+    """Return the output of the reference that feeds the net `ibias`."""
+    return f"xout_{ibias} v_gate v_cp {ibias} vdd bias_output"
 
 
 def deck_head(

@@ -138,7 +138,7 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
         "vss vss 0 -1.65",
         "vibias ibias 0 0",
         f"iin 0 v_sum {spice_number(circuit.i_in_a)}",
-        "xvfc v_sum d_charge d_hold comp0 ibias vdd vss vfc "
+        "xvfc v_sum d_charge d_hold comp0 0 0 ibias vdd vss 0 0 vfc "
         + " ".join(f"{name}={spice_number(value)}" for name, value in values.items()),
         options,
     ]

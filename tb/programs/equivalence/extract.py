@@ -14,7 +14,7 @@ import numpy as np
 
 from dermis.effects import EFFECTS
 from dermis.scene.extracted import Measured, channel
-from scripts.characterise.benches import AMPLIFIER, Condition, amplifier, row_driver, row_driver_body
+from scripts.characterise.benches import AMPLIFIER, RAILS, Condition, amplifier, row_driver, row_driver_body
 
 Found = Mapping[str, float]
 Measure = Callable[[str, Condition], Found]
@@ -38,25 +38,32 @@ def polarity(topology: str) -> int:
     return -1 if topology == "conveyor_mirror_inverted" else 1
 
 
+def _of(block: str, sign: int) -> str:
+    """Name of a block of the converter for a polarity."""
+    return block if sign > 0 else f"{block}_inverted"
+
+
 # ---- from column to summing node -----------------------------------------------------------------------------
 
 _COPY = {
-    "conveyor_mirror": "xconveyor y x z ibias vdd vss conveyor\nxmirror z sum 0 0 ibias vdd vss mirror k={k}",
+    "conveyor_mirror": "xconveyor y x z ibias vdd vss conveyor\n"
+    "xmirror z sum ibias vdd vss mirror_fixed k={k}",
     "conveyor_mirror_inverted": "xconveyor y x z ibias vdd vss conveyor\n"
-    "xmirror z sum 0 0 ibias vdd vss mirror k={k} polarity=-1",
+    "xmirror z sum ibias vdd vss mirror_inverted k={k}",
     "multi_output_conveyor": "xconveyor y x sum 0 ibias vdd vss conveyor_multi k={k}",
 }
 
 # The swept source is a number: 0 .. 10 are the currents, 11 and 12 the half of them with the summing node moved.
 _CHAIN = """\
+xline ibias vdd vss bias_line
 vs s 0 0
 vy y 0 0
 bix 0 x i = {step!r}*(v(s) < 10.5 ? v(s) : 5)
 {copy}
 vsum sum lift 0
 blift lift 0 v = v(s) < 10.5 ? 0 : (v(s) < 11.5 ? -{lift} : {lift})
-vd d_charge 0 0
-xcharge d_charge out ibias vdd vss charge_source polarity={polarity}
+vd logic_charge 0 0
+xcharge d_charge out ibias vdd vss vdd_d vss_d {charge_source}
 vout out lift 0
 .options reltol=1e-6
 .dc vs 0 12 1
@@ -66,10 +73,11 @@ vout out lift 0
 # Preset as long as the chip's, gates long enough for the null to find its level; the first one only does that.
 _PRESET_S, _GATE_S, _READ_S = 23e-6, 45e-6, 20e-6
 _COLUMN = """\
-vpre d_preset 0 pulse(1 0 {preset!r} 1n 1n {gate!r} {slot!r})
+xline ibias vdd vss bias_line
+vpreset logic_preset 0 pulse(1 0 {preset!r} 1n 1n {gate!r} {slot!r})
 ix 0 x pwl({steps})
 ccolumn x 0 400p
-xnull x y d_preset ibias vdd vss offset_null
+xnull x y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
 {copy}
 vsum sum 0 0
 .tran 100n {stop!r}
@@ -100,9 +108,14 @@ def column_body(topology: str, k: int) -> str:
 
 def column_of_channel_body(topology: str, k: int) -> str:
     """The same of a whole channel, wired as it is there, whose integrator nobody takes packets from."""
-    own = f"xnull x y d_preset ibias vdd vss offset_null\n{_COPY[topology].format(k=k)}\nvsum sum 0 0\n"
-    channel = f"vcharge d_charge 0 0\nxdut x d_charge d_preset comp ibias vdd vss channel_{topology} k={k}\n"
-    return column_body(topology, k).replace(own, channel)
+    line = "xline ibias vdd vss bias_line\n"
+    null = f"xnull x y d_preset agnd ibias {RAILS} offset_null\n"
+    own = f"{null}{_COPY[topology].format(k=k)}\nvsum sum 0 0\n"
+    channel = (
+        f"vcharge logic_charge 0 0\n"
+        f"xdut x d_charge d_preset comp vref agnd ibias {RAILS} channel_{topology} k={k}\n"
+    )
+    return column_body(topology, k).replace(line, "").replace(own, channel)
 
 
 def column(found: Found, k: int) -> list[Measured]:
@@ -123,7 +136,10 @@ def chain_body(topology: str, k: int) -> str:
     meas += ".meas dc supply find i(vdd) at=5\n"
     step = 12.5e-6 * k / (POINTS - 1)
     return meas + _CHAIN.format(
-        copy=_COPY[topology].format(k=k), step=step, lift=LIFT_V, polarity=polarity(topology)
+        copy=_COPY[topology].format(k=k),
+        step=step,
+        lift=LIFT_V,
+        charge_source=_of("charge_source", polarity(topology)),
     )
 
 
@@ -204,10 +220,11 @@ def vfc_body(sign: int) -> str:
     charge = " ".join(f"{t!r} {v}" for t, v in pulses)
     # reltol: ten times finer than ngspice's own: a packet is a difference of levels, and 1e-3 of it is a quarter LSB.
     return (
-        f"vpre d_preset 0 pwl(0 1 1u 1 1.001u 0 4.8u 0 4.801u 1 7u 1 7.001u 0)\n"
-        f"vcharge d_charge 0 pwl(0 0 {charge})\n"
+        f"vpreset logic_preset 0 pwl(0 1 1u 1 1.001u 0 4.8u 0 4.801u 1 7u 1 7.001u 0)\n"
+        f"vcharge logic_charge 0 pwl(0 0 {charge})\n"
         f"iin 0 sum pwl(0 {sign * _FAST['i']} 4.9u {sign * _FAST['i']} 4.91u {sign * _SLOW['i']})\n"
-        f"xdut sum d_charge d_preset comp ibias vdd vss vfc polarity={sign}\n"
+        "xline ibias vdd vss bias_line\n"
+        f"xdut sum d_charge d_preset comp vref agnd ibias {RAILS} {_of('vfc', sign)}\n"
         f".options reltol=1e-4\n.tran 10n 13.5u\n{meas}.meas tran supply avg i(vdd) from=0.5u to=13.4u\n"
     )
 
@@ -259,7 +276,7 @@ _RAMPS = {"fast": (0.1, 100e-9, 2.5e6), "slow": (0.02, 100e-9, 5e4)}
 
 def comparator_body(sign: int) -> str:
     """Return the comparator as in the converter, on two ramps."""
-    lines, meas = [], ""
+    lines, meas = ["xline ibias vdd vss bias_line"], ""
     for name, (start, begin, slope) in _RAMPS.items():
         end = begin + 2.0 * start / slope
         lines.append(

@@ -28,6 +28,7 @@ from tb.programs.equivalence.gate import TYPICAL, Case
 from tb.programs.equivalence.loop import Slot
 
 FILES = (
+    "level_shifter.sp",
     "bias.sp",
     "ota.sp",
     "integrator.sp",
@@ -41,7 +42,7 @@ FILES = (
 )
 """Blocks of the channel of Fig. 5a."""
 
-USED_WITH = {"polarity > 0": True, "k > 0": True}
+UNUSED = {"integrator_direct", "mirror", "level_down"}
 """Which side of an `.if` that channel takes."""
 
 LOOP = Case(codes=(0, 0, 64, 200, 250), clocks=64)
@@ -95,20 +96,14 @@ class Element:
 def elements(folder: Path = CIRCUIT) -> Iterator[Element]:
     """Every element that the channel uses, in the order of the files."""
     for file in FILES:
-        subckt, taken = "", [True]
+        subckt = ""
         for number, line in enumerate((folder / file).read_text(encoding="utf-8").splitlines()):
             words = line.split()
             if not words or line.startswith("*"):
                 continue
             if words[0] == ".subckt":
                 subckt = words[1]
-            elif words[0] == ".if":
-                taken.append(USED_WITH[line.split("(")[1].split(")")[0]])
-            elif words[0] == ".else":
-                taken[-1] = not taken[-1]
-            elif words[0] == ".endif":
-                taken.pop()
-            elif words[0][0] in "xr" and all(taken) and subckt != "integrator_direct":
+            elif words[0][0] == "x" and subckt not in UNUSED and not subckt.endswith("_inverted"):
                 fixed = [w for w in words[1:] if "=" not in w]
                 rest = " ".join(w for w in words[1:] if "=" in w)
                 yield Element(file, number, subckt, words[0], tuple(fixed[:-1]), fixed[-1], rest)
@@ -136,14 +131,14 @@ def _of(element: Element) -> Iterator[tuple[str, str]]:
         # A device more in a cascode, a follower or a pair sets no ratio: no count and no current moves with it.
         if source in ("vdd", "vss") and (ratio := _one_more(e.rest)):
             yield "wrong_ratio", e.text(rest=ratio)
-    elif e.kind == "mirror_group":
+    elif e.kind == "mirror_group" and e.rest:
         yield "wrong_ratio", e.text(rest=re.sub(r"units=\{?([^}]*)\}?$", r"units={(\1)-1}", e.rest))
     elif e.kind in ("switch", "switch_small"):
         yield "missing_switch", f"* {e.name} left out"
         yield "controls_swapped", e.text(_swapped(nodes, 2, 3))
         yield "switch_stuck_on", e.text([*nodes[:2], "vdd", "vss", *nodes[4:]])
         yield "switch_stuck_off", e.text([*nodes[:2], "vss", "vdd", *nodes[4:]])
-    elif e.kind == "logic_level":
+    elif e.kind in ("level_shifter", "level_shifter_matched"):
         yield "controls_swapped", e.text(_swapped(nodes, 1, 2))
     elif e.kind in ("ota", "comparator", "conveyor", "integrator", "offset_null"):
         yield "inputs_swapped", e.text(_swapped(nodes, 0, 1))
@@ -209,8 +204,9 @@ HELD_V = 0.1
 
 
 NULL_CLAMP = """\
-vpre d_preset 0 1
-xdut 0 y d_preset ibias vdd vss offset_null
+xline ibias vdd vss bias_line
+vpreset logic_preset 0 1
+xdut 0 y d_preset agnd ibias vdd vss vdd_d vss_d offset_null
 iy 0 y 0
 .dc iy -1u 1u 1u
 .meas dc held_down find v(y) at=-1u

@@ -56,14 +56,13 @@ def deck_of(
     blocks : a folder of netlists in place of spice/sky130
     """
     rows = len(resistance_ohm)
-    rail = SUPPLY_V * condition.supply
     integrator = "xch.v_int" if topology == "direct" else "xch.xvfc.v_int"
     lines = [
         f"column of {rows} taxels on {topology}, k = {k}",
         *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None, blocks),
-        f"vdd vdd 0 {spice_number(rail)}",
-        f"vss vss 0 {spice_number(-rail)}",
+        *sky130.supplies(SUPPLY_V, -SUPPLY_V, condition.supply),
         *sky130.REFERENCE,
+        sky130.bias_current("ibias"),
         *(f"v_row{r} row{r} 0 external" for r in range(rows)),
         *(
             f"rtaxel{r} row{r} col {spice_number(float(ohm))}"
@@ -71,9 +70,10 @@ def deck_of(
             if math.isfinite(ohm)
         ),
         f"ccolumn col 0 {spice_number(design.array.c_column_f)}",
-        "v_d_preset d_preset 0 external",
-        "v_d_charge d_charge 0 external",
-        f"xch col d_charge d_preset comp ibias vdd vss channel_{topology} k={k}",
+        "v_d_preset logic_preset 0 external",
+        "v_d_charge logic_charge 0 external",
+        *(sky130.logic(name, condition.supply) for name in ("preset", "charge")),
+        f"xch col d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d channel_{topology} k={k}",
         netlist.transistor_options(),
     ]
     if condition.sample is not None:

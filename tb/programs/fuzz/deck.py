@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 
-from dermis.chip import sky130
+from dermis.chip import netlist, sky130
 from dermis.errors import InputError
 from dermis.scene.design import ROOT, TOPOLOGIES
 
@@ -17,6 +17,9 @@ _NODE = (
     r"(?:0|vdd|vss|vbias|ibias|vg[0-9]+|row[0-9]+|col[0-9]+|comp[0-9]+|d_row[0-9]+|d_preset|d_charge[0-9]+"
 )
 _NODE += r"|[uv]_r[0-9]+c[0-9]+|r[0-9]+|c[0-9]+)"
+_RAILS = "vdd vss (?:0 0|vdd_d vss_d)"
+_REFERENCES = "(?:0 0 ibias|vref agnd ibias[0-9]+)"
+_LOGIC = r"(?:row[0-9]+|preset|charge[0-9]+)"
 _CELL = r"_r[0-9]+c[0-9]+"
 _VALUES = rf"(?: [a-z][a-z0-9_]*={_NUMBER})+"
 _CHANNEL = f"channel_(?:{'|'.join(TOPOLOGIES)})"
@@ -30,9 +33,14 @@ FORMS = {
     "supply": rf"(?:vdd vdd|vss vss|vibias ibias|vbias vbias) 0 {_NUMBER}",
     "ripple": rf"vbias vbias 0 sin\({_NUMBER}(?: {_NUMBER}){{5}}\)",
     "external": r"v_d_(?:row[0-9]+ d_row[0-9]+|preset d_preset|charge[0-9]+ d_charge[0-9]+) 0 external",
-    "reference": "|".join(re.escape(line) for line in sky130.REFERENCE),
+    "reference": "|".join(re.escape(line) for line in (*sky130.REFERENCE, "vss_d vss_d vss 0")),
+    "digital supply": rf"vdd_d vdd_d vss_d {_NUMBER}",
+    "logic": rf"v_d_{_LOGIC} logic_{_LOGIC} 0 external|e{_LOGIC} d_{_LOGIC} vss_d logic_{_LOGIC} 0 {_NUMBER}",
+    "logic level": rf"\.param supply_v_logic_v={_NUMBER}",
+    "bias current": r"xout_ibias[0-9]+ v_gate v_cp ibias[0-9]+ vdd bias_output",
+    "bias line": r"xline[0-9]+ ibias[0-9]+ vdd vss bias_line",
     "temperature": rf"\.temp {_NUMBER}",
-    "row driver": rf"xrow[0-9]+ d_row[0-9]+ row[0-9]+ vbias 0 (?:row_driver{_VALUES}|vdd vss row_driver)",
+    "row driver": rf"xrow[0-9]+ d_row[0-9]+ row[0-9]+ vbias 0 {_RAILS} row_driver(?:{_VALUES})?",
     "subckt": r"\.subckt array|\.ends array",
     "pins": rf"\+(?: {_NODE})+",
     "taxel": rf"[rc]taxel{_CELL} {_NODE} {_NODE} {_NUMBER}",
@@ -44,7 +52,8 @@ FORMS = {
     "column": rf"rcolumn[0-9]+ {_NODE} {_NODE} {_NUMBER}",
     "far column": rf"rfar[0-9]+ col[0-9]+ far[0-9]+ {_NUMBER}|vfar[0-9]+ (?:col|far)[0-9]+ 0 {_NUMBER}",
     "current": rf"(?:ileak|ioffset)[0-9]+ 0 (?:{_NODE}|xch[0-9]+\.v_sum) {_NUMBER}",
-    "channel": rf"xch[0-9]+ {_NODE} d_charge[0-9]+ d_preset comp[0-9]+ ibias vdd vss {_CHANNEL}{_VALUES}",
+    "channel": rf"xch[0-9]+ {_NODE} d_charge[0-9]+ d_preset comp[0-9]+ {_REFERENCES} {_RAILS} {_CHANNEL}"
+    f"{_VALUES}",
     "options": rf"\.options(?: {_OPTION}=(?:{_NUMBER}|gear|trap))+",
 }
 """Name -> the form, to be met by the whole line."""
@@ -70,7 +79,7 @@ _FILES = (
     "design.inc",
     "behavioural/blocks.inc",
     "behavioural/mirror_lag.sp",
-    *(f"sky130/{name}" for name in ("devices.inc", "bias.sp", "ota.sp", "offset_null.sp")),
+    *(f"sky130/{name}" for name in (*netlist.SHARED, "offset_null.sp")),
     *(f"{view}/{block}.sp" for view in ("behavioural", "sky130") for block in _BLOCKS),
 )
 
