@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage synth gl liberty bench \
+.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -108,6 +108,9 @@ mutate: setup ## mutation test of the Verilog: share of mutants that tests and p
 
 coverage: setup ## coverage of the Verilog by its tests: lines and signal bits, by module
 	@$(dermis) coverage $(ARGS)
+
+schematics: setup ## sheets of spice/schematic against the netlists of spice/sky130, drawn into build/schematics
+	@$(dermis) schematics $(ARGS)
 
 synth: setup ## gates, area, timing, equivalence [TECH=sky130|osu035] [SIZES=1: a table of array sizes]
 	@$(dermis) synth $(if $(TECH),--tech '$(TECH)') $(if $(SIZES),--sizes) $(ARGS)

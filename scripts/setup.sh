@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package. Two packages
-# that only `make synth` asks for (static timing, a second cell library) are taken where apt has them.
+# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package. Packages
+# that only `make synth` (static timing, a second cell library) and `make schematics` (xschem, netgen) ask for are
+# taken where apt has them.
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
@@ -47,7 +48,7 @@ first_file() { # the first of the given paths that exists
 ngspice_header() { first_file /usr/local/include/ngspice/sharedspice.h /usr/include/ngspice/sharedspice.h; }
 ngspice_library() { first_file /usr/local/lib/libngspice.so /usr/lib/*/libngspice.so /usr/lib/libngspice.so; }
 
-tools=(iverilog vvp ngspice yosys g++ make perl sta)
+tools=(iverilog vvp ngspice yosys g++ make perl sta xschem netgen-lvs)
 osu035=/usr/share/qflow/tech/osu035/osu035_stdcells.lib
 
 ready_key() { # changes whenever set-up has something to do: a file, a tool, the place of the tree, the Python
@@ -267,6 +268,8 @@ if [[ -n $packages ]]; then
 fi
 command -v sta >/dev/null || install_wanted opensta "no static timing in make synth"
 [[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
+command -v xschem >/dev/null || install_wanted xschem "no make schematics"
+command -v netgen-lvs >/dev/null || install_wanted netgen-lvs "no make schematics"
 hash -r
 choose_python
 if [[ -z $python ]]; then

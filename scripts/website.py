@@ -24,6 +24,7 @@ from dermis.scene import design as designs
 from dermis.scene.design import Design
 from scripts import generate
 from scripts.demo import demo
+from scripts.schematics import command as schematics
 
 SOURCE, SITE = BUILD / "site_source", BUILD / "site"
 CONFIG = ROOT / "mkdocs.yml"
@@ -345,6 +346,7 @@ def write_source(source: Path | None = None) -> None:
     demo_page(source)
     (source / "commands.md").write_text(commands_page(), encoding="utf-8")
     (source / "library.md").write_text(api_page(), encoding="utf-8")
+    schematics.pictures(source / "schematics")
     timing_diagram(design, source / "figures" / "timing.svg")
     tables = {
         "key values": key_values(design),

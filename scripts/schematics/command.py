@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compares the sheets of spice/schematic with the netlists of spice/sky130, and draws them.
+
+Two comparisons: of devices, nets and parameters by name, and netgen's of the graphs, which ignores names of nets.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+
+from dermis.errors import InputError, SimulatorError
+from dermis.files import write_atomic
+from dermis.places import BUILD
+from dermis.processes import children
+from dermis.report import verdict
+from dermis.report.verdict import Row
+from scripts.schematics import netlist
+from scripts.schematics.drawing import SHEETS, draw
+from scripts.schematics.netlist import DEVICES, Subckt
+
+TEXT = SHEETS.parent / "sky130"
+WORK = BUILD / "schematics"
+LIMIT_S = 120.0
+
+
+def tool(name: str) -> None:
+    """Raise InputError if a tool is not installed."""
+    if shutil.which(name) is None:
+        raise InputError("environment", name, "not found", f"Debian package {name} (make setup installs it)")
+
+
+def written(place: Path = TEXT) -> dict[str, Subckt]:
+    """Return the subcircuits of the text."""
+    found: dict[str, Subckt] = {}
+    for path in [*sorted(place.glob("*.sp")), place / "devices.inc"]:
+        found |= netlist.parse(path.read_text(encoding="utf-8"), path)
+    return found
+
+
+def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
+    """Return the subcircuits that xschem writes below one sheet with the symbols of all.
+
+    Raises
+    ------
+    InputError
+        xschem is not installed.
+    SimulatorError
+        xschem failed.
+    """
+    tool("xschem")
+    names = sorted(path.stem for path in sheets.glob("*.sch"))
+    cells = (f"C {{{name}.sym}} {4000 * n} 0 0 0 {{name=x_{name}}}\n" for n, name in enumerate(names))
+    work.mkdir(parents=True, exist_ok=True)
+    (work / "all.sch").write_text("G {}\nV {}\nS {}\nE {}\n" + "".join(cells), encoding="utf-8")
+    places = f"set XSCHEM_LIBRARY_PATH {sheets}:{sheets / 'symbols'}\nset netlist_dir {work}\n"
+    (work / "xschemrc").write_text(places, encoding="utf-8")
+    result = work / "all.spice"
+    result.unlink(missing_ok=True)
+    command = ["xschem", "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
+    children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem")
+    if not result.is_file():
+        raise SimulatorError("xschem wrote no netlist", work / "xschem.log")
+    # The sheet with all symbols comes first; it ends in a comment.
+    below = result.read_text(encoding="utf-8").partition("**.ends")[2].partition("\n")[2]
+    return netlist.parse(below, result)
+
+
+def netgen(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path) -> dict[str, str]:
+    """Return netgen's complaint about each subcircuit that both sides have; none: an empty text."""
+    tool("netgen-lvs")
+    work.mkdir(parents=True, exist_ok=True)
+    names, found = sorted({*text} & {*sheets} - {*DEVICES}), {}
+    for file, side in (("text.spice", text), ("sheets.spice", sheets)):
+        content = netlist.plain({name: side[name] for name in names}, text)
+        (work / file).write_text(content, encoding="utf-8")
+    (work / "setup.tcl").write_text("permute default\nproperty default\n", encoding="utf-8")
+    for name in names:
+        pair = [f"{file} {name}" for file in ("text.spice", "sheets.spice")]
+        # Without -blackbox netgen drops the empty boxes of devices whose numbers differ, and finds the rest equal.
+        command = ["netgen-lvs", "-batch", "lvs", *pair, "setup.tcl", f"{name}.log", "-blackbox"]
+        code, output = children.output_of(command, LIMIT_S, work)
+        results = re.findall(r"^Result: (.*)$", output, re.MULTILINE)
+        if code != 0 or len(results) != 1:
+            raise SimulatorError(f"netgen gave no result for {name}", work / f"{name}.log")
+        wrong = re.search(r"^The following cells had property errors: .*$", output, re.MULTILINE)
+        found[name] = wrong[0] if wrong else results[0].removeprefix("Circuits match uniquely.")
+    return found
+
+
+def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path = WORK) -> list[Row]:
+    """Return a row for each subcircuit with the number of its differences."""
+    graphs, rows = netgen(text, sheets, work), []
+    for name, said in netlist.differences(text, sheets).items():
+        said += [f"netgen: {graphs[name]}"] if graphs.get(name) else []
+        rows.append(verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said)))
+    return rows
+
+
+def pictures(target: Path) -> None:
+    """Draw every sheet as SVG into a directory."""
+    target.mkdir(parents=True, exist_ok=True)
+    for sheet in sorted(SHEETS.glob("*.sch")):
+        write_atomic(target / f"{sheet.stem}.svg", draw(sheet))
+
+
+@click.command("schematics")
+@children.ending()
+def schematics_command() -> int:
+    """Compare every sheet with its netlist; draw the sheets into build/schematics."""
+    pictures(WORK)
+    rows = compare(written(), drawn(WORK))
+    verdict.write_rows("schematics", rows)
+    verdict.print_rows(rows, "Sheets against netlists")
+    return verdict.exit_code(rows)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Netlists as the text of spice/sky130 and as xschem writes them from the sheets, and their differences.
+
+Nets, devices and parameters have the same names on both sides, so a plain comparison finds every change.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from graphlib import TopologicalSorter
+from pathlib import Path
+from typing import NamedTuple
+
+from dermis.errors import InputError
+
+DEVICES = ("nmos", "pmos", "nmos_lv", "pmos_lv")
+"""Subcircuits of one device: symbols without a sheet."""
+_TOKEN = re.compile(r"\w+\s*=\s*(?:\{[^}]*\}|\S+)|\S+")
+_PORTS = ("*.ipin", "*.opin", "*.iopin")
+
+
+class Subckt(NamedTuple):
+    """One subcircuit: pins in order, parameters with defaults, elements, and the port symbols of its sheet.
+
+    An element is the words that follow its name (nets, then the model) and its parameters.
+    """
+
+    pins: list[str]
+    parameters: dict[str, str]
+    elements: dict[str, tuple[list[str], dict[str, str]]]
+    ports: list[str]
+
+
+def _value(text: str) -> str:
+    """Return a number in one form, and an expression without braces and spaces."""
+    plain = re.sub(r"[\s{}]", "", text)
+    try:
+        return f"{float(plain):.12g}"
+    except ValueError:
+        return plain
+
+
+def parse(text: str, source: Path) -> dict[str, Subckt]:
+    """Return the subcircuits of a netlist by name.
+
+    Raises
+    ------
+    InputError
+        A name occurs twice, or a statement is neither an element nor a known directive.
+    """
+    found: dict[str, Subckt] = {}
+    here: Subckt | None = None
+    lines = [s for s in text.lower().splitlines() if s.strip() and (s[0] != "*" or s.startswith(_PORTS))]
+    for line in "\n".join(lines).replace("\n+", " ").splitlines():
+        words = _TOKEN.findall(line)
+        plain = [word for word in words if "=" not in word and word != "params:"]
+        pairs = {k.strip(): _value(v) for k, v in (w.split("=", 1) for w in words if "=" in w)}
+        first = words[0]
+        if first == ".subckt" and plain[1] not in found:
+            here = found[plain[1]] = Subckt(plain[2:], pairs, {}, [])
+        elif first == ".ends":
+            here = None
+        elif here and first in _PORTS:
+            here.ports.append(plain[1])
+        elif here and first[0].isalpha() and first not in here.elements:
+            here.elements[first] = plain[1:], pairs
+        elif first not in (".include", ".end"):
+            raise InputError(source, "statement", line, "an element or .subckt of a name that is new")
+    return found
+
+
+def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
+    """Return an element with every parameter; what it leaves out has the default that the text gives it."""
+    if name not in subckt.elements:
+        return "none"
+    words, pairs = subckt.elements[name]
+    defaults = (
+        text[words[-1]].parameters if words[-1] in text else {"m": "1"} if "cap_mim" in words[-1] else {}
+    )
+    return " ".join((name, *words, *(f"{k}={v}" for k, v in sorted((defaults | pairs).items()))))
+
+
+def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict[str, list[str]]:
+    """Return the differences of each subcircuit that either side has; none: an empty list."""
+    found: dict[str, list[str]] = {
+        name: ["no sheet"] for name in text if name not in drawn and name not in DEVICES
+    }
+    found |= {name: ["a sheet without text"] for name in drawn if name not in text}
+    for name in {*text} & {*drawn}:
+        left, right = text[name], drawn[name]
+        compared = [
+            ("pins", left.pins, right.pins),
+            ("parameters", left.parameters, right.parameters),
+            ("ports", sorted(left.pins), sorted(right.ports)),
+        ]
+        for element in sorted({*left.elements, *right.elements}):
+            compared.append((element, *(statement(side, element, text) for side in (left, right))))
+        found[name] = [f"{what}: text {a}; sheet {b}" for what, a, b in compared if a != b]
+    return dict(sorted(found.items()))
+
+
+def plain(netlist: Mapping[str, Subckt], text: Mapping[str, Subckt]) -> str:
+    """Return a netlist for netgen: every parameter, no space in an expression, and each device as an empty box."""
+    devices, cells = {}, []
+    below = {name: [words[-1] for words, _ in subckt.elements.values()] for name, subckt in netlist.items()}
+    for name in TopologicalSorter(below).static_order():
+        if name in netlist:
+            pins, parameters, elements, _ = netlist[name]
+            head = " ".join((".subckt", name, *pins, *(f"{k}={v}" for k, v in parameters.items())))
+            body = [statement(netlist[name], element, text) for element in elements]
+            for words in map(str.split, body):
+                pairs = [word.split("=")[0] + "=1" for word in words if "=" in word]
+                *nets, model = words[1 : len(words) - len(pairs)]
+                if model not in netlist:
+                    devices[model] = " ".join((model, *(f"p{n}" for n in range(len(nets))), *pairs))
+            cells.append("\n".join((head, *body, ".ends")))
+    boxes = (f".subckt {device}\n.ends" for device in devices.values())
+    return "\n".join((*boxes, *cells, ".end\n"))

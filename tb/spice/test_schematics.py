@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sheets of spice/schematic are the circuits of spice/sky130: a change on either side is found."""
+
+from __future__ import annotations
+
+import shutil
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from scripts.schematics import command, netlist
+from scripts.schematics.drawing import SHEETS, draw
+from scripts.schematics.netlist import Subckt
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("xschem") is None or shutil.which("netgen-lvs") is None,
+    reason="xschem or netgen (Debian packages xschem, netgen-lvs) is not installed; .ci/run needs them",
+)
+
+
+@pytest.fixture(scope="module")
+def text() -> dict[str, Subckt]:
+    return command.written()
+
+
+@pytest.fixture(scope="module")
+def sheets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Subckt]:
+    return command.drawn(tmp_path_factory.mktemp("sheets"))
+
+
+def test_every_subcircuit_has_a_sheet_that_is_its_netlist(text, sheets, tmp_path):
+    rows = command.compare(text, sheets, tmp_path)
+    assert [row for row in rows if row["status"] != "PASS"] == []
+    assert len(rows) == len(text) - len(netlist.DEVICES)
+
+
+TEXT_FAULTS = {
+    "width": ("ota.sp", "xn_inp v_foldp inp v_tail vss nmos w=20", "xn_inp v_foldp inp v_tail vss nmos w=21"),
+    "length": ("comparator.sp", "nmos w=5 l=0.5", "nmos w=5 l=0.6"),
+    "expression": ("ota.sp", "k={2*pairs}", "k={3*pairs}"),
+    "net": ("ota.sp", "xn_cascn out vcn", "xn_cascn out vcp"),
+    "device": ("ota.sp", "xp_cascn out vcp v_foldn vdd pmos w=20 l=1 k={branches}\n", ""),
+    "model": ("ota.sp", "xn_tail v_tail ibias vss vss nmos", "xn_tail v_tail ibias vss vss pmos"),
+}
+
+
+@pytest.mark.parametrize("fault", TEXT_FAULTS)
+def test_a_change_of_the_text_is_found_by_name_and_by_netgen(fault, text, sheets, tmp_path):
+    file, old, new = TEXT_FAULTS[fault]
+    source = (command.TEXT / file).read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    changed = text | netlist.parse(source.replace(old, new), Path(file))
+    name = file.removesuffix(".sp")
+    found = {name for name, said in netlist.differences(changed, sheets).items() if said}
+    assert found == {name}
+    below = {name: sheets[name] for name in (name, "bias_p", "bias_cascode_p", "bias_cascode_n")}
+    assert not any(command.netgen(text, below, tmp_path).values())
+    assert command.netgen(changed, below, tmp_path)[name]
+
+
+SHEET_FAULTS = {
+    "width": ("name=xn_inp w=20", "name=xn_inp w=21"),
+    "net": ("lab=v_foldp", "lab=v_foldn"),
+    "port": ("C {ipin.sym} -100 50 ", "C {lab.sym} -100 50 "),
+}
+
+
+@pytest.mark.parametrize("fault", SHEET_FAULTS)
+def test_a_change_of_a_sheet_is_found(fault, text, tmp_path):
+    place = tmp_path / "schematic"
+    shutil.copytree(SHEETS, place)
+    old, new = SHEET_FAULTS[fault]
+    source = (place / "ota.sch").read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    (place / "ota.sch").write_text(source.replace(old, new), encoding="utf-8")
+    assert netlist.differences(text, command.drawn(tmp_path / "work", place))["ota"]
+
+
+def test_a_pin_that_a_block_symbol_swaps_is_found(text, tmp_path):
+    place = tmp_path / "schematic"
+    shutil.copytree(SHEETS, place)
+    symbol = place / "symbols" / "ota.sym"
+    lines = symbol.read_text(encoding="utf-8").splitlines()
+    first, second = (
+        next(n for n, line in enumerate(lines) if f"name={pin} " in line) for pin in ("inp", "inn")
+    )
+    lines[first], lines[second] = lines[second], lines[first]
+    symbol.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert netlist.differences(text, command.drawn(tmp_path / "work", place))["ota"]
+
+
+def test_a_subcircuit_on_one_side_alone_is_found(text, sheets):
+    fewer = {name: subckt for name, subckt in sheets.items() if name != "switch"}
+    assert netlist.differences(text, fewer)["switch"] == ["no sheet"]
+    less = {name: subckt for name, subckt in text.items() if name != "switch"}
+    assert netlist.differences(less, sheets)["switch"] == ["a sheet without text"]
+
+
+def test_a_drawing_names_every_element_and_port(text):
+    for sheet in sorted(SHEETS.glob("*.sch")):
+        words = {element.text for element in ElementTree.fromstring(draw(sheet)).iter() if element.text}
+        assert {*text[sheet.stem].elements, *text[sheet.stem].pins} <= words, sheet
