@@ -20,7 +20,7 @@ from dermis.processes import children
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from scripts.schematics import netlist
-from scripts.schematics.drawing import SHEETS, draw
+from scripts.schematics.drawing import PORTS, SHEETS, draw, places
 from scripts.schematics.netlist import DEVICES, Subckt
 
 TEXT = SHEETS.parent / "sky130"
@@ -57,17 +57,22 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     cells = (f"C {{{name}.sym}} {4000 * n} 0 0 0 {{name=x_{name}}}\n" for n, name in enumerate(names))
     work.mkdir(parents=True, exist_ok=True)
     (work / "all.sch").write_text("G {}\nV {}\nS {}\nE {}\n" + "".join(cells), encoding="utf-8")
-    places = f"set XSCHEM_LIBRARY_PATH {sheets}:{sheets / 'symbols'}\nset netlist_dir {work}\n"
-    (work / "xschemrc").write_text(places, encoding="utf-8")
+    settings = f"set XSCHEM_LIBRARY_PATH {sheets}:{sheets / 'symbols'}\nset netlist_dir {work}\n"
+    (work / "xschemrc").write_text(settings, encoding="utf-8")
     result = work / "all.spice"
     result.unlink(missing_ok=True)
     command = ["xschem", "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
-    children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem")
+    # Settings of the user must not reach it.
+    home = {"HOME": str(work)}
+    children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem", home)
     if not result.is_file():
         raise SimulatorError("xschem wrote no netlist", work / "xschem.log")
     # The sheet with all symbols comes first; it ends in a comment.
     below = result.read_text(encoding="utf-8").partition("**.ends")[2].partition("\n")[2]
-    return netlist.parse(below, result)
+    found = netlist.parse(below, result)
+    for name in {*names} & {*found}:
+        found[name].ports.extend(p.values["lab"] for p in places(sheets / f"{name}.sch") if p.kind in PORTS)
+    return found
 
 
 def netgen(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path) -> dict[str, str]:

@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dermis.errors import InputError
+from dermis.files import text_of
 from dermis.scene.design import ROOT
 
 SHEETS = ROOT / "spice" / "schematic"
 LETTER_HEIGHT, LETTER_WIDTH = 52.0, 29.0
 """Height and mean width of a letter of size 1 in xschem, in units of the grid."""
-LABELS = ("label", "ipin", "opin", "iopin")
+PORTS = ("ipin", "opin", "iopin")
 STYLE = """
 path, circle { fill: none; stroke: #1b1b1b; stroke-width: 1.6; stroke-linecap: round }
 .wire { stroke: #1d5f99; stroke-width: 1.3 }
@@ -57,7 +58,7 @@ def attributes(text: str) -> dict[str, str]:
 @cache
 def records(path: Path) -> tuple[Record, ...]:
     """Return the records of a sheet or symbol; InputError if the file does not follow the format."""
-    text, found, end = path.read_text(encoding="utf-8"), [], 0
+    text, found, end = text_of(path, "a sheet or symbol of xschem"), [], 0
     while text[end:].strip():
         if (match := _RECORD.match(text, end)) is None:
             raise InputError(path, "record", text[end:].split("\n")[0], "a record of xschem")
@@ -141,7 +142,9 @@ def _dots(placed: list[Place]) -> list[Point]:
     wires = [r.numbers(0, 4) for r in placed[0].drawing if r.kind == "N"]
     ends = Counter(end for a, b, c, d in wires for end in ((a, b), (c, d)))
     for place in placed:
-        pins = (r.numbers(1, 5) for r in place.drawing if r.kind == "B" and place.kind not in LABELS)
+        pins = (
+            r.numbers(1, 5) for r in place.drawing if r.kind == "B" and place.kind not in ("label", *PORTS)
+        )
         ends.update(place.at((a + c) / 2, (b + d) / 2) for a, b, c, d in pins)
 
     def through(x: float, y: float) -> int:

@@ -17,7 +17,6 @@ from dermis.errors import InputError
 DEVICES = ("nmos", "pmos", "nmos_lv", "pmos_lv")
 """Subcircuits of one device: symbols without a sheet."""
 _TOKEN = re.compile(r"\w+\s*=\s*(?:\{[^}]*\}|\S+)|\S+")
-_PORTS = ("*.ipin", "*.opin", "*.iopin")
 
 
 class Subckt(NamedTuple):
@@ -51,7 +50,7 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
     """
     found: dict[str, Subckt] = {}
     here: Subckt | None = None
-    lines = [s for s in text.lower().splitlines() if s.strip() and (s[0] != "*" or s.startswith(_PORTS))]
+    lines = [line for line in text.lower().splitlines() if line.strip() and line[0] != "*"]
     for line in "\n".join(lines).replace("\n+", " ").splitlines():
         words = _TOKEN.findall(line)
         plain = [word for word in words if "=" not in word and word != "params:"]
@@ -61,8 +60,6 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
             here = found[plain[1]] = Subckt(plain[2:], pairs, {}, [])
         elif first == ".ends":
             here = None
-        elif here and first in _PORTS:
-            here.ports.append(plain[1])
         elif here and first[0].isalpha() and first not in here.elements:
             here.elements[first] = plain[1:], pairs
         elif first not in (".include", ".end"):
