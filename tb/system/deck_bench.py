@@ -8,7 +8,6 @@ have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the
 from __future__ import annotations
 
 import multiprocessing
-import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -24,8 +23,8 @@ from dermis.engines import cosim
 from dermis.records import Plan, Timing
 
 
-def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray[np.int64], dict[str, int]]:
-    """Codes [rows, cols] of one frame's deck, and what ngspice says of its steps."""
+def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> NDArray[np.int64]:
+    """Return the codes [rows, cols] of one frame's deck."""
     solver = cosim.Solver()
     half = NgspiceHalf(
         deck,
@@ -36,10 +35,7 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
     )
     rows, t_clk = timing.rows, 1.0 / timing.f_clk_hz
     counts = np.zeros((rows, cols), dtype=np.int64)
-    sample, charge = (
-        np.zeros(cols, dtype=bool),
-        np.zeros(cols, dtype=bool),
-    )  # the two flip-flops of each column
+    sample = charge = np.zeros(cols, dtype=bool)  # the two flip-flops of each column
     edges: list[tuple[float, int, float]] = []
     half.advance(0.0, [])
     # The deck starts where row 0 is driven.
@@ -59,9 +55,8 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> tuple[NDArray
             at, row = -1, row + 1
         if at + 1 == timing.break_clocks and 0 < row < rows:
             edges.append((now, row, 1.0))
-    statistics = half.statistics
     half.close()
-    return np.minimum(counts, timing.code_max), statistics
+    return np.minimum(counts, timing.code_max)
 
 
 def levels_of(plan: Plan) -> list[float]:
@@ -69,17 +64,10 @@ def levels_of(plan: Plan) -> list[float]:
     return [1.0] + [0.0] * (plan.rows - 1) + [1.0] + [0.0] * plan.cols
 
 
-def read_plan(plan: Plan, log: Path) -> tuple[NDArray[np.int64], dict[str, float]]:
-    """Codes [frames, rows, cols] of a plan, steps and processor time; in a process without a circuit that failed."""
-    start = time.process_time()
-    levels = levels_of(plan)
-    codes, total = [], {}
-    for frame in range(plan.frames):
-        deck = netlist.frame_deck(plan, frame, levels)
-        read, statistics = read_deck(deck, plan.timing, plan.cols, log)
-        codes.append(read)
-        total = {name: total.get(name, 0) + value for name, value in statistics.items()}
-    return np.array(codes), {**total, "seconds": time.process_time() - start}
+def read_plan(plan: Plan, log: Path) -> NDArray[np.int64]:
+    """Return the codes [frames, rows, cols] of a plan; in a process without a circuit that failed."""
+    decks = (netlist.frame_deck(plan, frame, levels_of(plan)) for frame in range(plan.frames))
+    return np.array([read_deck(deck, plan.timing, plan.cols, log) for deck in decks])
 
 
 class DeckReader:
@@ -90,16 +78,12 @@ class DeckReader:
         self._pool: ProcessPoolExecutor | None = None
 
     def codes(self, plan: Plan) -> NDArray[np.int64]:
-        """Codes [frames, rows, cols]; whatever ngspice raises comes through, and the next plan has a new process."""
-        return self.measured(plan)[0]
-
-    def measured(self, plan: Plan) -> tuple[NDArray[np.int64], dict[str, float]]:
-        """The codes with ngspice's count of accepted and rejected steps and of iterations, and processor time."""
+        """Return codes [frames, rows, cols]; after an error of ngspice the next plan has a new process."""
         return self._in_process(read_plan, plan, self._log)
 
     def deck(self, deck: Deck, plan: Plan) -> NDArray[np.int64]:
         """Codes [rows, cols] of a deck written otherwise than a plan's own."""
-        return self._in_process(read_deck, deck, plan.timing, plan.cols, self._log)[0]
+        return self._in_process(read_deck, deck, plan.timing, plan.cols, self._log)
 
     def _in_process(self, function: Callable[..., Any], *arguments: Any) -> Any:
         if self._pool is None:

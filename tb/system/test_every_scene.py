@@ -50,8 +50,7 @@ def _run(path: Path, engine: str) -> str:
     try:
         made = plan.load(path, engine)
         engines.check(made)
-        # ngspice takes minutes for sheets of this size: cosim is compared with event on small ones, in
-        # test_cosim_effects.py and effects_campaign.py.
+        # ngspice takes minutes for sheets of this size: test_cosim_effects.py compares small ones with event.
         if engine != "cosim":
             _compare(made)
     except InputError as error:

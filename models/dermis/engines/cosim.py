@@ -48,7 +48,7 @@ SLOT_LIMIT_S = 120.0
 EFFECTS_PATIENCE = 5.0
 """Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 VIEWS_PATIENCE = 10.0
-"""With transistors: a row of 16 columns at 29 ms a clock (tb/system/views_cost.py) is 290 s of one core, and four runs
+"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and four runs
 may share it."""
 
 
