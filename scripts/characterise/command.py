@@ -138,7 +138,9 @@ def print_table(found: Sequence[Series], rows: Sequence[verdict.Row], title: str
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         console.print(f"ERROR {', '.join(names[:3])}{more}: {fault}", highlight=False, markup=False)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
-    console.print(f"{counts}; a row again: dermis characterise --only NAME and what stands under `at worst`")
+    console.print(
+        f"{counts}; repeat a row: dermis characterise --only NAME with the options under `at worst`"
+    )
 
 
 def _faults(found: Sequence[Series]) -> dict[str, list[str]]:

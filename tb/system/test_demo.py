@@ -14,9 +14,8 @@ import pytest
 
 from scripts.demo import browser, demo
 
-pytestmark = pytest.mark.skipif(
-    bool(browser.missing() or demo.have_compiler()), reason=str(browser.missing() or demo.have_compiler())
-)
+REASON = browser.missing() or demo.have_compiler()
+pytestmark = [pytest.mark.long, pytest.mark.skipif(bool(REASON), reason=str(REASON))]
 
 SLIDERS = ("row_ohm", "column_ohm", "lateral", "offset", "mismatch", "noise", "flicker")
 
@@ -281,7 +280,6 @@ def test_the_accessibility_checker_detects_faults(fresh: Any) -> None:
     assert {text.split(":")[0] for text in browser.complaints(fresh)} == {"color-contrast", "label"}
 
 
-@pytest.mark.long
 def test_twenty_presses_and_speed(page: Path) -> None:
     rows = {row["name"]: row for row in browser.measure(page)}
     assert rows["demo.wrong_codes"]["value"] == 0

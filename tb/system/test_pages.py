@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Report pages and the site in a real browser: accessible, in light and dark, without an error on the console."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dermis.places import BUILD, ROOT
+from dermis.processes import children
+from scripts import website
+from scripts.demo import browser, demo
+
+REASON = browser.missing() or demo.have_compiler()
+pytestmark = [pytest.mark.long, pytest.mark.skipif(bool(REASON), reason=str(REASON))]
+
+# Code in the site is smaller than its text, as the theme has it.
+SITE_PX = 10
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Any]:
+    with browser.session() as opened:
+        yield opened
+
+
+def errors(driver: Any) -> list[Any]:
+    return [line for line in driver.get_log("browser") if line["level"] == "SEVERE"]
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize(
+    "command", [["run", "two_fingers"], ["run", "triangular_indenter", "--engine", "rtl"]]
+)
+def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, command: list[str], dark: bool) -> None:
+    page = tmp_path / "page.html"
+    children.run_logged(
+        [sys.executable, "-m", "dermis", *command, "--out", tmp_path / "run", "--html", page],
+        ROOT, tmp_path / "log", 120, "dermis run",
+    )  # fmt: skip
+    browser.screen(driver, 1440, 1000, dark)
+    driver.get(page.as_uri())
+    drawn = "return document.querySelectorAll('.bk-Figure').length"
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(driver, browser.LIMIT_S).until(lambda d: d.execute_script(drawn) > 0)
+    assert errors(driver) == []
+    assert browser.complaints(driver, minimum_px=10) == []
+
+
+def test_the_first_page_of_the_site_runs_the_chip(driver: Any) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    website.build()
+    browser.screen(driver, 1440, 1000, False)
+    driver.get((BUILD / "site" / "index.html").as_uri())
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    WebDriverWait(driver, browser.LIMIT_S).until(
+        lambda d: d.execute_script("return !!(window.demo && demo.firstCode)")
+    )
+    assert driver.execute_script("return demo.state().latest.good")
+    driver.switch_to.default_content()
+    assert errors(driver) == []
+    assert browser.complaints(driver, SITE_PX) == []
