@@ -162,9 +162,10 @@ def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
 
 def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
     """Return the violations that axe-core finds on the open page, and text smaller than `minimum_px`."""
-    found = importlib.util.find_spec("axe_playwright_python")
-    assert found is not None and found.origin is not None
-    driver.execute_script(Path(found.origin).with_name("axe.min.js").read_text())
+    import importlib.resources
+
+    checker = importlib.resources.files("axe_playwright_python") / "axe.min.js"
+    driver.execute_script(checker.read_text())
     violations = driver.execute_async_script("""
       const done = arguments[0];
       axe.run(document, {resultTypes: ["violations"]}).then((found) => done(found.violations.flatMap(

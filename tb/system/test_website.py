@@ -23,6 +23,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     config = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     for name in ("site_source", "site"):
         config = config.replace(f"build/{name}", str(tmp_path / name))
+    config = config.replace("docs/theme", str(ROOT / "docs/theme"))
     (tmp_path / "mkdocs.yml").write_text(config)
     monkeypatch.setattr(website, "CONFIG", tmp_path / "mkdocs.yml")
     monkeypatch.setattr(website, "SOURCE", tmp_path / "site_source")
