@@ -126,11 +126,13 @@ def test_a_slot_is_divided_without_a_clock_too_many(monkeypatch: pytest.MonkeyPa
         assert any(0 <= (slot_s - settle_s) * f - gate < 1 + 1e-9 for slot_s in slots)
 
 
+@pytest.mark.paper
 def test_the_floor_of_energy_is_that_of_the_declared_currents() -> None:
     # 0.5 mA of taxel at a quarter of the clock rate, its 80th part and 25 uA from 3.3 V for 125 us
     assert chip.energy_j(125e-6) == pytest.approx(3.3 * (0.5e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)
 
 
+@pytest.mark.paper
 def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
     # As above, and 500 uA of a channel.
     assert chip.energy_j(125e-6, 500e-6) == pytest.approx(3.3 * (1e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)

@@ -103,6 +103,7 @@ def test_bounds_hold_the_codes_of_other_seeds(forces: np.ndarray) -> None:
     assert ((made.low <= other.codes) & (other.codes <= made.high)).all()
 
 
+@pytest.mark.paper
 def test_a_design_may_be_changed_in_place(forces: np.ndarray) -> None:
     made = dermis.simulate(force_n=forces, design={"converter": {"f_clk_hz": 1e7}})
     assert made.plan.timing.f_clk_hz == 1e7

@@ -89,6 +89,7 @@ def test_loads_that_no_law_fits_are_refused(kind: str, force: list[float]) -> No
         law.fit(kind, [1e-4, 2e-4, 3e-4], force)
 
 
+@pytest.mark.paper
 def test_every_force_lies_in_its_interval_and_most_are_two_codes_wide() -> None:
     plan = made()
     found = decoder_of(plan).decode(closed.run(plan).codes)
@@ -103,6 +104,7 @@ def test_every_force_lies_in_its_interval_and_most_are_two_codes_wide() -> None:
     assert np.sqrt(np.mean((uncorrected - plan.force_n)[pressed] ** 2)) > 3 * lsb_n
 
 
+@pytest.mark.paper
 def test_a_saturated_taxel_has_an_open_end_and_its_row_is_still_covered() -> None:
     plan = made({"kind": "ramp", "shape": "spherical", "force_n": [0.0, 40.0], "frames": 30})
     codes = closed.run(plan).codes
@@ -117,6 +119,7 @@ def test_a_saturated_taxel_has_an_open_end_and_its_row_is_still_covered() -> Non
     assert ((found.flags & ZERO > 0) == (codes == 0)).all()
 
 
+@pytest.mark.paper
 def test_currents_that_no_sheet_makes_are_flagged() -> None:
     plan = made(effects={"row_driver": {"r_ohm": 100.0}})
     found = decoder_of(plan).decode(np.full((1, 16, 16), 200))
@@ -124,6 +127,7 @@ def test_currents_that_no_sheet_makes_are_flagged() -> None:
     assert np.isinf(found.high_n[found.flags & SHORT > 0]).all()
 
 
+@pytest.mark.paper
 def test_traces_are_decoded_as_well() -> None:
     plan = made(effects=CHIP | {"trace": {"r_row_ohm": 0.2, "r_column_ohm": 0.2}})
     found = decoder_of(plan).decode(closed.run(plan).codes)
@@ -132,6 +136,7 @@ def test_traces_are_decoded_as_well() -> None:
     assert not (found.flags & 8).any()
 
 
+@pytest.mark.paper
 def test_a_reference_taxel_tells_the_temperature() -> None:
     """20 K of 0.3 % a kelvin are 6 % of every force; the corner carries 5 N in every frame."""
     force = np.zeros((20, 16, 16))
@@ -175,6 +180,7 @@ def test_a_calibration_survives_its_file(tmp_path: Path) -> None:
     assert (Decoder(again, 2e-3).decode(codes).high_n == Decoder(known, 2e-3).decode(codes).high_n).all()
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -198,6 +204,7 @@ def test_a_broken_calibration_is_named_in_one_line(tmp_path: Path, old: str, new
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.paper
 def test_frames_of_another_array_are_refused() -> None:
     decoder = decoder_of(made())
     with pytest.raises(InputError, match="16 x 16"):

@@ -54,6 +54,7 @@ def test_recordings_that_are_not_here_are_skipped(tmp_path: Path) -> None:
     assert {row["status"] for row in command.recordings(tmp_path)} == {"SKIP"}
 
 
+@pytest.mark.paper
 def test_a_recording_goes_through_the_chip_and_back(tmp_path: Path) -> None:
     """As the public recording is laid out: a frame a line, 256 codes."""
     codes = np.zeros((12, 16, 16), int)

@@ -30,6 +30,7 @@ def at_thresholds() -> np.ndarray:
     return unit_ohm * design.timing.gate_clocks / (codes - 0.5 - 1e-6)
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("name", EFFECTS)
 def test_an_example_moves_a_code(name: str, tmp_path: Path) -> None:
     effect = EFFECTS[name]
@@ -39,6 +40,7 @@ def test_an_example_moves_a_code(name: str, tmp_path: Path) -> None:
     assert np.abs(got - without).max() >= 1
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_all_examples_go_together(topology: str, tmp_path: Path) -> None:
     event.run(made(tmp_path, OHM, examples(topology, *EFFECTS), topology))

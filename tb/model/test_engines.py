@@ -528,6 +528,7 @@ def test_direct_interface_needs_a_gain_of_about_4000_on_a_full_column() -> None:
     assert worst(100) > 1
 
 
+@pytest.mark.paper
 def test_columns_of_the_direct_interface_that_move_each_other_by_counts_are_refused() -> None:
     data = {
         "stimulus": {"kind": "uniform", "r_ohm": 500.0},

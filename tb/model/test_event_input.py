@@ -341,6 +341,7 @@ def test_a_break_changes_nothing_that_has_no_memory(tmp_path: Path, effects: dic
     assert (event.run(with_break(plan, 1)).codes == event.run(plan).codes).all()
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("clocks", [0, 1, 4])
 def test_a_slow_mirror_feels_slow_lines_from_the_first_clock_of_a_slot(tmp_path: Path, clocks: int) -> None:
     ohm = np.array([[[5e3, 3e5], [8e5, 6e2], [2e4, np.inf]]])

@@ -52,6 +52,7 @@ def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: 
         assert cells.get_array().sum() == many.size, "no code is lost"
 
 
+@pytest.mark.paper
 def test_both_maps_have_one_scale_that_says_newtons_and_codes(tmp_path: Path) -> None:
     force = np.array([[[0.0, 7.5, 15.0, 40.0]] * 4])
     figure, axes = drawn(tmp_path, made(tmp_path, force))
@@ -74,6 +75,7 @@ def test_maps_of_any_shape_fill_their_place(rows: int, cols: int, tmp_path: Path
     assert max(box.width, box.height) > 0.16
 
 
+@pytest.mark.paper
 def test_a_sheet_of_resistances_alone_has_a_scale_in_ohm(tmp_path: Path) -> None:
     figure, axes = drawn(tmp_path, replace(made(tmp_path, np.full((1, 4, 4), 5.0)), force_n=None))
     words = [text.get_text() for bar in figure.axes for text in bar.get_yticklabels()]
