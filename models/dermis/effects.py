@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -1195,9 +1195,9 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)
-        for record in fields(Contribution):
-            into: dict[str, Any] = getattr(total, record.name)
-            for key, value in getattr(part, record.name).items():
+        for record in ("network", "converter", "drive", "sensor"):
+            into: dict[str, Any] = getattr(total, record)
+            for key, value in getattr(part, record).items():
                 if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = np.add(into[key], value) if key in into else value

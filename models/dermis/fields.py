@@ -4,15 +4,25 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 
 
+@functools.cache
+def _defaults(kind: type, given: frozenset[str]) -> tuple[tuple[str, Any], ...]:
+    return tuple((f.name, f.default) for f in dataclasses.fields(kind) if f.name not in given)
+
+
 def active(record: Any, given: frozenset[str]) -> frozenset[str]:
-    """Return the fields of a record that differ from their defaults; `given` are those that a scene always sets.
+    """Return the fields of a record that are away from their defaults; `given` are those that a scene always sets.
 
     Every other field counts, whoever added it: an engine refuses each one that it does not list.
     """
-    named = (field for field in dataclasses.fields(record) if field.name not in given)
-    return frozenset(f.name for f in named if bool(np.any(np.asarray(getattr(record, f.name)) != f.default)))
+    found = []
+    for name, default in _defaults(type(record), given):
+        away = getattr(record, name) != default
+        if away.any() if isinstance(away, np.ndarray) else away:
+            found.append(name)
+    return frozenset(found)

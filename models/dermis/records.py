@@ -69,11 +69,15 @@ class Drive:
         per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
         return (frame * per_frame + clocks * per_clock) % whole / whole
 
-    def turns_at(self, frames: Iterable[int], clocks: Iterable[int], f_clk_hz: float) -> list[list[float]]:
+    def turns_at(self, frames: Iterable[int], clocks: Iterable[int], f_clk_hz: float) -> Floats:
         """`turns` of every frame at every one of `clocks`, [frames, clocks]."""
         per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
-        within = [clock * per_clock for clock in clocks]
-        return [[(frame * per_frame + clock) % whole / whole for clock in within] for frame in frames]
+        begins = [frame * per_frame % whole for frame in frames]
+        within = [clock * per_clock % whole for clock in clocks]
+        # Integers up to 2^53 and their quotients are exact in doubles.
+        kind = np.int64 if whole < 1 << 52 else object
+        sums = np.array(begins, dtype=kind)[:, None] + np.array(within, dtype=kind)
+        return (sums % whole / whole).astype(float)
 
     def active_fields(self) -> frozenset[str]:
         """Return the names of the fields that change within a frame."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +99,10 @@ class Network:
 
     def active_fields(self) -> frozenset[str]:
         """Return the names of the fields that are away from the ideal."""
+        return self._active
+
+    @functools.cached_property
+    def _active(self) -> frozenset[str]:
         return fields.active(self, _GIVEN)
 
 
@@ -325,21 +330,13 @@ class _RowLines:
         self.bent = network.r_trace_row_ohm > 0
         if not self.bent:
             return
-        # The line as a ladder, from its far end: `total` is the conductance from node c on, `pass_on` is the part
-        # of a current into node c that goes towards the driver, with only the nodes before c connected.
-        segment = float(_conductance(network.r_trace_row_ohm))
-        total = np.zeros_like(g[:, :, 0])
-        pivot = np.empty_like(g)
-        for c in reversed(range(network.cols)):
-            total = g[:, :, c] + segment * (total / (segment + total))
-            pivot[:, :, c] = segment + total
-        self.pass_on = segment / pivot
-        # `seen` is the resistance at node c with the driver's node and all column lines grounded.
-        self.seen = 1.0 / pivot
-        for c in range(1, network.cols):
-            self.seen[:, :, c] += self.pass_on[:, :, c] ** 2 * self.seen[:, :, c - 1]
-        self.through = np.cumprod(self.pass_on, axis=2)
-        self.to_driver = g * self.through
+        from dermis.array import star_mesh
+
+        # The line as a ladder: `pass_on` is the part of a current into node c that goes towards the driver, with only
+        # the nodes before c connected; `seen` the resistance at node c with the driver's node and all column lines
+        # grounded; `through` the product of `pass_on` from the driver on.
+        self.pass_on, self.seen, self.through, self.to_driver = found = tuple(np.empty((4, *g.shape)))
+        star_mesh.ladder(np.ascontiguousarray(g), float(_conductance(network.r_trace_row_ohm)), *found)
 
     def between(self) -> Floats:
         """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal 0.

@@ -51,6 +51,26 @@ def up(work, pivot, first, last):  # type: ignore
 
 
 @_compiled
+def ladder(g, segment, pass_on, seen, through, to_driver):  # type: ignore
+    """Row lines of segments of one conductance, [frames, rows, cols]: results as array._RowLines has them."""
+    frames, rows, cols = g.shape
+    for f in range(frames):
+        for r in range(rows):
+            total = 0.0
+            for c in range(cols - 1, -1, -1):
+                total = g[f, r, c] + segment * (total / (segment + total))
+                pivot = segment + total
+                pass_on[f, r, c], seen[f, r, c] = segment / pivot, 1.0 / pivot
+            so_far = before = 0.0
+            for c in range(cols):
+                kept = pass_on[f, r, c]
+                before = seen[f, r, c] + kept * kept * before
+                so_far = so_far * kept if c else kept
+                seen[f, r, c], through[f, r, c] = before, so_far
+                to_driver[f, r, c] = g[f, r, c] * so_far
+
+
+@_compiled
 def _add_product(out, factor, a, b, first):  # type: ignore
     """out += factor * a b, in columns first onwards; four rows of b at once, so that out is touched less."""
     n, inner, last = a.shape[0], a.shape[1], b.shape[1]

@@ -275,7 +275,7 @@ def phases(plan: Plan, part: slice) -> Floats:
     begins = range(0, plan.rows * timing.slot_clocks, timing.slot_clocks)
     frames = range(plan.first_frame + part.start, plan.first_frame + part.stop)
     turns = drive.turns_at(frames, begins, timing.f_clk_hz)
-    return 2.0 * math.pi * np.array(turns) + drive.phase_ripple_rad
+    return 2.0 * math.pi * turns + drive.phase_ripple_rad
 
 
 def charges_of(

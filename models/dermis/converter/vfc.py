@@ -12,15 +12,15 @@ starting from w0 = -1/2 when the preset is released (docs/scenes.md, "Converter 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from dermis import fields
 
 W_PRESET = -0.5
 # Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
@@ -79,13 +79,18 @@ class Converter:
     packet_flicker: ArrayLike = 0.0  # relative rms of the packet, every slot anew
 
     def __post_init__(self) -> None:
-        cols = np.shape(np.atleast_1d(np.asarray(self.k, dtype=float)))[0]
-        for field in dataclasses.fields(self):
-            if field.name in ("f_clk_hz", "v_sign"):
-                continue
-            array = np.broadcast_to(np.asarray(getattr(self, field.name), dtype=float), (cols,)).copy()
-            array.flags.writeable = False
-            object.__setattr__(self, field.name, array)
+        cols = np.size(self.k)
+        for name in _ARRAYS:
+            value = getattr(self, name)
+            if isinstance(value, float):
+                # Most fields of most converters: one array for all that are alike.
+                array = _constant(value, cols)
+            elif _fixed(value, cols):
+                array = value
+            else:
+                array = np.broadcast_to(np.asarray(value, dtype=float), (cols,)).copy()
+                array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     @property
     def cols(self) -> int:
@@ -129,10 +134,42 @@ class Converter:
 
     def active_fields(self) -> frozenset[str]:
         """Return the names of the fields that are away from the ideal."""
-        active = set(fields.active(self, _STRUCTURE))
+        active = {
+            name
+            for name, default in _DEFAULTS.items()
+            if (value := getattr(self, name)) is not _constant(default, self.cols)
+            and (value != default).any()
+        }
         if "inv_gain_dc" not in active and "t_gbw_s" not in active:
             active.discard("g_in_s")  # no voltage across it, no current in it
         return frozenset(active)
+
+
+_ARRAYS = tuple(f.name for f in dataclasses.fields(Converter) if f.name not in ("f_clk_hz", "v_sign"))
+
+
+# What departs from the ideal converter, with the ideal value.
+_DEFAULTS: dict[str, Any] = {
+    f.name: f.default for f in dataclasses.fields(Converter) if f.name not in _STRUCTURE
+}
+
+
+@functools.lru_cache(maxsize=256)
+def _constant(value: float, cols: int) -> NDArray[np.float64]:
+    array = np.full(cols, value)
+    array.flags.writeable = False
+    return array
+
+
+def _fixed(value: ArrayLike, cols: int) -> bool:
+    """Return True for an array of another converter, which nobody can change."""
+    return (
+        isinstance(value, np.ndarray)
+        and value.base is None
+        and not value.flags.writeable
+        and value.shape == (cols,)
+        and value.dtype == float
+    )
 
 
 def count_exact(

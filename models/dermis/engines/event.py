@@ -218,11 +218,7 @@ def cells_of(
 ) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
     converter = plan.converter
-    packet_v = converter.packet_v()
-    amplitude = 1.0 / (
-        1.0 + converter.inv_gain_dc
-    )  # output of the integrator over the voltage of its capacitor
-    leak = across = np.zeros(x.shape)
+    g_in = None
     if converter.inv_gain_dc.any() or converter.t_gbw_s.any():
         g_in = converter.g_in_s
         if coupled is not None:
@@ -230,24 +226,37 @@ def cells_of(
         elif plan.topology == "direct":
             # The virtual ground carries the whole column, whichever row is driven.
             g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
-        per_clock = np.broadcast_to(g_in / converter.c_int_f / converter.f_clk_hz, x.shape)
+    return _cells(converter, x, g_in, plan.of_frames(plan.moved_lsb, frames))
+
+
+def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Floats | float) -> Cells:
+    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no charge is lost."""
+    packet_v = converter.packet_v()
+    amplitude = 1.0 / (
+        1.0 + converter.inv_gain_dc
+    )  # output of the integrator over the voltage of its capacitor
+    leak = across = np.zeros(x.shape)
+    if g_in_s is not None:
+        per_clock = np.broadcast_to(g_in_s / converter.c_int_f / converter.f_clk_hz, x.shape)
         across = np.minimum(per_clock, _LEAK_MAX)
         leak = across * (converter.inv_gain_dc * amplitude)
-    limits = converter.range_v()
     scale = packet_v * amplitude
-    start = W_PRESET + converter.preset_error_v / packet_v
-    level_v = converter.v_comp_offset_v + plan.of_frames(plan.moved_lsb, frames) * packet_v
+    low, high = converter.range_v() / scale
+    level_v = converter.v_comp_offset_v + moved_lsb * packet_v
     columns = {
-        "w0": np.clip(start, limits[0] / scale, limits[1] / scale),
+        "w0": np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high),
         "packet": 1.0 + converter.packet_error,
         "rise": (level_v + converter.v_hysteresis_v / 2) / scale,
         "fall": (level_v - converter.v_hysteresis_v / 2) / scale,
-        "low": limits[0] / scale,
-        "high": limits[1] / scale,
+        "low": low,
+        "high": high,
         "delay": converter.t_comp_delay_s * converter.f_clk_hz,
         "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
     }
-    everywhere = {name: np.broadcast_to(value, x.shape) for name, value in columns.items()}
+    everywhere = {
+        name: value if value.shape == x.shape else np.broadcast_to(value, x.shape)
+        for name, value in columns.items()
+    }
     most = converter.drowning()
     return Cells(x=np.clip(x, -most, most), leak=leak, across=across, **everywhere)
 
@@ -318,7 +327,7 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
     """
     if not 0 < charge_delay <= 1:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
-    flat = {f.name: np.ascontiguousarray(getattr(cells, f.name), dtype=float).ravel() for f in fields(Cells)}
+    flat = {name: np.ascontiguousarray(value, dtype=float).ravel() for name, value in vars(cells).items()}
     leak, lag, packet, w0 = flat["leak"], flat["lag"], flat["packet"], flat["w0"]
     sample = 1.0 - flat["delay"]
     slow = np.empty((8, w0.size))
@@ -455,9 +464,12 @@ def _grid_step(sigma: Floats, clocks: int) -> int:
     """
     span = noise.span_of(clocks)
     typical = float(sigma.mean())
-    steps = [8 * 2**i for i in range(10)]
-    cost = [20 * span / s + 100 * clocks * min(1.0, 8 * typical * math.sqrt(s)) for s in steps]
-    return min(steps[int(np.argmin(cost))], span)
+    best, least = 8, math.inf
+    for step in (8 * 2**i for i in range(10)):
+        cost = 20 * span / step + 100 * clocks * min(1.0, 8 * typical * math.sqrt(step))
+        if cost < least:
+            best, least = step, cost
+    return min(best, span)
 
 
 def _count_slots(
@@ -505,12 +517,13 @@ def _count_slots(
 class Chosen:
     """Cells of some frames that are counted alone, with what is known of them.
 
-    `frame`, `row`, `col` [n] within the frames of `part`; `g` [frames, rows, cols] of these; `x` [n] duty where it is
-    constant; `keys` [n] or None; `ways`, `dark`, `phase`, `output`, `depth` as `currents.charges_of` takes them.
+    `frame`, `row`, `col` [n] within the frames of `part`; `column_s` [n] conductance on their columns; `x` [n] duty
+    where it is constant; `keys` [n] or None; `ways`, `dark`, `phase`, `output`, `depth` as `currents.charges_of` takes
+    them.
     """
 
     part: slice
-    g: Floats
+    column_s: Floats
     frame: NDArray[np.intp]
     row: NDArray[np.intp]
     col: NDArray[np.intp]
@@ -532,29 +545,29 @@ def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
     return chosen
 
 
-def cells_chosen(plan: Plan, chosen: Chosen, drawn: bool = True) -> tuple[Cells, Converter]:
-    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots, and their converters."""
-    row, here = chosen.row, (chosen.frame, chosen.row, chosen.col)
-    every = cells_of(plan, np.broadcast_to(0.0, chosen.g.shape), chosen.g, frames=chosen.part)
-    parts = {f.name: getattr(every, f.name)[here] for f in fields(Cells)}
-    converter = columns_of(plan.converter, chosen.col)
-    most = converter.drowning()
-    parts["x"] = np.clip(chosen.x, -most, most) if row.size else chosen.x
-    cells = Cells(**parts)
-    if chosen.keys is not None and drawn:
-        cells = _with_slot_noise(converter, cells, chosen.keys)
-    return cells, converter
+def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
+    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has theirs."""
+    g_in = None
+    if plan.converter.inv_gain_dc.any() or plan.converter.t_gbw_s.any():
+        g_in = converter.g_in_s
+        if plan.topology == "direct":
+            g_in = g_in + chosen.column_s
+    moved = plan.of_frames(plan.moved_lsb, chosen.part)
+    if np.ndim(moved) == 3:
+        moved = moved[chosen.frame, chosen.row, chosen.col]
+    cells = _cells(converter, chosen.x, g_in, moved)
+    return cells if chosen.keys is None else _with_slot_noise(converter, cells, chosen.keys)
 
 
 def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
     """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell alone."""
     timing, active = plan.timing, plan.active_fields()
-    cells, converter = cells_chosen(plan, chosen)
+    converter = columns_of(plan.converter, chosen.col)
+    cells = _cells_chosen(plan, chosen, converter)
     walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
     variance = None
     if walks:
-        column_s = np.minimum(chosen.g, G_ACROSS_S).sum(axis=1)[chosen.frame, chosen.col]
-        variance = path_variance(converter, column_s)
+        variance = path_variance(converter, chosen.column_s)
     if not active & currents.FIELDS - currents.CAPACITANCES:
         draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
         return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
@@ -563,7 +576,7 @@ def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
     for which, charge, mean in currents.charges_of(
         plan, chosen.ways, chosen.dark, chosen.phase, chosen.output, where, chosen.depth
     ):
-        some = Cells(**{f.name: getattr(cells, f.name)[which] for f in fields(Cells)})
+        some = Cells(*(value[which] for value in vars(cells).values()))
         draws = None
         if walks:
             rows = noise_rows(converter, mean, variance[which], which)

@@ -243,7 +243,7 @@ class _Part:
         output = self.s.end[0] if self.slow_mirror else None
         return event.Chosen(
             self.part,
-            self.g,
+            self.g_column_s[cells[0], cells[2]],
             *cells,
             x,
             self._keys(cells),
