@@ -164,14 +164,21 @@ def _lowest(s, levels):  # type: ignore
 
 
 @_compiled
-def quiet(s, levels):  # type: ignore
-    """Whether the count is that of the charge up to the last decision (docs/auto.md, "The last decision").
+def quiet(s, loose):  # type: ignore
+    """Whether the count is that of the highest level, each crossing served at once (docs/auto.md, "The last decision").
 
-    No clock takes charge away, and three clocks after a decision began no level is in reach again before all of its
-    packet has gone.
+    No clock takes charge away, and two clocks bring less than a packet. `loose` is how far levels of two decisions may
+    be off against each other, by half, without what is late of packets.
     """
-    reach = 3.0 * s.high + 2.0 * levels + s.window + s.packet * (s.delay + s.lag)
-    return s.low >= 0.0 and reach < s.packet
+    high = s.high + s.unsettled + s.leak * (s.packet + loose)
+    return s.low >= 0.0 and 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
+
+
+@_compiled
+def late(s, levels):  # type: ignore
+    """What may be left of a packet, or of the window, where the level is in reach again at the next decision."""
+    left = s.window + s.packet * (s.delay + s.lag)
+    return left if 3.0 * s.high + 2.0 * levels + left >= s.packet else 0.0
 
 
 # --- what moves the current within a gate ------------------------------------------------------------------------
@@ -282,8 +289,12 @@ def _integrator_gain(s, levels, error):  # type: ignore
 
 @_compiled
 def _integrator_range(s, levels, error):  # type: ignore
-    """Nothing where the charge stays inside, or where one at the upper limit has a packet every second clock."""
+    """Nothing where the charge stays inside, or where one at the upper limit has a packet every second clock.
+
+    Nor where no charge that a gate brings lifts one at the lower limit to a decision.
+    """
     below = s.limit_low <= _lowest(s, levels)
+    below = below or s.limit_low + s.clocks * max(s.high, 0.0) + error + levels < 0.0
     inside = below and s.limit_high >= _highest(s, levels, error)
     enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
@@ -359,7 +370,7 @@ def _flicker_noise(s, levels):  # type: ignore
 
 
 class _Sum(NamedTuple):
-    """Sums over the effects so far: those of Bound, all errors and those that move levels, and squares."""
+    """Sums over the effects so far: those of Bound, all errors and those that move levels, squares, and `quiet`'s."""
 
     shift: float
     rest: float
@@ -370,11 +381,14 @@ class _Sum(NamedTuple):
     drawn: float
     drawn_whole: float
     noise: float
+    loose: float
 
 
 @_compiled
 def _add(sums, tally, number, factor, level, noise, b):  # type: ignore
-    """Add the bound of an effect; `level` where it moves levels, not the charge that comes; `noise` if it is random.
+    """Add the bound of an effect; `noise` if it is random.
+
+    `level` is 0 where it moves the charge that comes, 1 where it is late, 2 where it moves levels in another way.
 
     `tally` keeps its largest shift, whole error and error of a quiet cell. Without branches, or it takes most of the
     time.
@@ -390,50 +404,51 @@ def _add(sums, tally, number, factor, level, noise, b):  # type: ignore
         sums.rest + rest,
         sums.whole + whole,
         sums.error + most,
-        sums.levels + (most if level else 0.0),
+        sums.levels + (most if level > 0 else 0.0),
         sums.squares + random * random,
         sums.drawn + (factor * b.drawn) ** 2,
         sums.drawn_whole + (factor * b.drawn_whole) ** 2,
         sums.noise + (whole if noise else 0.0),
+        sums.loose + (most if level > 1 else rest if level > 0 else 0.0),
     )
 
 
 @_compiled
 def total(s, on, levels, tally):  # type: ignore
     """Sum of the bounds that are on; the last three take what the others add up to."""
-    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0)
+    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0)
     if on[0] > 0.0:
-        a = _add(a, tally, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0))
+        a = _add(a, tally, 0, on[0], 0, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0))
     if on[1] > 0.0:
-        a = _add(a, tally, 1, on[1], False, False, _supply_ripple(s))
+        a = _add(a, tally, 1, on[1], 0, False, _supply_ripple(s))
     if on[2] > 0.0:
-        a = _add(a, tally, 2, on[2], False, False, _motion(s))
+        a = _add(a, tally, 2, on[2], 0, False, _motion(s))
     if on[3] > 0.0:
-        a = _add(a, tally, 3, on[3], False, False, _mirror_lag(s))
+        a = _add(a, tally, 3, on[3], 0, False, _mirror_lag(s))
     if on[4] > 0.0:
-        a = _add(a, tally, 4, on[4], False, False, _line_capacitance(s))
+        a = _add(a, tally, 4, on[4], 0, False, _line_capacitance(s))
     if on[5] > 0.0:
-        a = _add(a, tally, 5, on[5], True, False, _comparator_hysteresis(s))
+        a = _add(a, tally, 5, on[5], 1, False, _comparator_hysteresis(s))
     if on[6] > 0.0:
-        a = _add(a, tally, 6, on[6], True, False, _comparator_delay(s))
+        a = _add(a, tally, 6, on[6], 1, False, _comparator_delay(s))
     if on[10] > 0.0:
-        a = _add(a, tally, 10, on[10], True, True, _thermal_noise(s))
+        a = _add(a, tally, 10, on[10], 2, True, _thermal_noise(s))
     if on[11] > 0.0:
-        a = _add(a, tally, 11, on[11], True, True, _shot_noise(s))
+        a = _add(a, tally, 11, on[11], 2, True, _shot_noise(s))
     if on[12] > 0.0:
-        a = _add(a, tally, 12, on[12], True, True, _clock_jitter(s))
+        a = _add(a, tally, 12, on[12], 2, True, _clock_jitter(s))
     if on[13] > 0.0:
-        a = _add(a, tally, 13, on[13], True, True, _comparator_noise(s))
+        a = _add(a, tally, 13, on[13], 2, True, _comparator_noise(s))
     if on[14] > 0.0:
-        a = _add(a, tally, 14, on[14], True, True, _metastability(s))
+        a = _add(a, tally, 14, on[14], 2, True, _metastability(s))
     if on[15] > 0.0:
-        a = _add(a, tally, 15, on[15], True, True, _ktc_noise(s))
+        a = _add(a, tally, 15, on[15], 2, True, _ktc_noise(s))
     if on[16] > 0.0:
-        a = _add(a, tally, 16, on[16], False, True, _flicker_noise(s, a.levels))
+        a = _add(a, tally, 16, on[16], 0, True, _flicker_noise(s, a.levels))
     if on[7] > 0.0:
-        a = _add(a, tally, 7, on[7], True, False, _integrator_bandwidth(s, a.levels, a.error))
+        a = _add(a, tally, 7, on[7], 1, False, _integrator_bandwidth(s, a.levels, a.error))
     if on[8] > 0.0:
-        a = _add(a, tally, 8, on[8], False, False, _integrator_gain(s, a.levels, a.error))
+        a = _add(a, tally, 8, on[8], 0, False, _integrator_gain(s, a.levels, a.error))
     if on[9] > 0.0:
-        a = _add(a, tally, 9, on[9], True, False, _integrator_range(s, a.levels, a.error))
+        a = _add(a, tally, 9, on[9], 2, False, _integrator_range(s, a.levels, a.error))
     return a

@@ -135,6 +135,34 @@ def test_errors_of_levels_count_where_the_level_is_highest() -> None:
     assert before_the_end > 0, "the last decision alone is not enough where errors move"
 
 
+def test_late_packets_count_as_errors_of_the_decisions_that_see_them() -> None:
+    """Up to half a packet in two clocks: the count lies between those without and with all that is late."""
+    rng = Random(5)
+    late = 0
+    for charge, start, packet in cases(3000):
+        loose, left = (
+            packet * Fraction(rng.randint(0, 100), 1000),
+            packet * Fraction(rng.randint(0, 300), 1000),
+        )
+        charge = [
+            c * (1 - 2 * loose / packet) for c in charge
+        ]  # two clocks and twice `loose` are a packet at most
+        off = [loose * Fraction(rng.randint(-100, 100), 100) for _ in charge]
+        w, ones, last = start, 0, False
+        level, so_far, most = start, [], []
+        for came, e in zip(charge, off, strict=True):
+            w, level = w + came, level + came
+            so_far.append(level + e)
+            most.append(level + e + left)
+            last = not last and w + e + left * Fraction(rng.randint(0, 10), 10) >= 0
+            ones += last
+            w -= packet * last
+        counts = [max(0, math.floor(max(seen) / packet) + 1) for seen in (so_far, most)]
+        assert counts[0] <= ones <= counts[1]
+        late += ones > counts[0]
+    assert late > 0, "what is late must bring some packet early"
+
+
 def test_more_than_half_a_packet_a_clock_or_charge_that_leaves_breaks_it() -> None:
     """The two counterexamples that `Solved.quiet` keeps out."""
     fast = [Fraction(9, 10)] * 3

@@ -63,12 +63,15 @@ def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     return follows, np.zeros_like(follows) if rest is None else rest
 
 
-def course(plan: Plan, part: slice, dark: bool = False) -> Course:
+def course(plan: Plan, part: slice, dark: bool = False, frames: NDArray[np.intp] | None = None) -> Course:
     """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate.
 
-    `dark` asks for what `rest` would be if no row were driven.
+    `dark` asks for what `rest` would be if no row were driven. With `frames`, numbers within `part`, only these are
+    solved.
     """
     network, g = plan.network(0), plan.conductance_s(part)
+    if frames is not None:
+        g = g[frames]
     if dark:
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
@@ -83,7 +86,8 @@ def course(plan: Plan, part: slice, dark: bool = False) -> Course:
     if abs(clocks - round(clocks)) <= 1e-9 * clocks:
         clocks = float(round(clocks))
     at = np.minimum(at / clocks, 1.0)
-    now, then = np.minimum(g, _G_SHORT_S), np.minimum(plan.next_conductance_s(part), _G_SHORT_S)
+    later = plan.next_conductance_s(part)
+    now, then = np.minimum(g, _G_SHORT_S), np.minimum(later if frames is None else later[frames], _G_SHORT_S)
     if not network.active_fields():
         share = at.reshape(3, 1, plan.rows, 1)
         follows = plan.v_bias_v * _between(now, then, share)

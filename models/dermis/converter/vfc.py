@@ -80,7 +80,7 @@ class Converter:
 
     def __post_init__(self) -> None:
         cols = np.size(self.k)
-        for name in _ARRAYS:
+        for name in _arrays(type(self)):
             value = getattr(self, name)
             if isinstance(value, float):
                 # Most fields of most converters: one array for all that are alike.
@@ -136,8 +136,9 @@ class Converter:
         """Return the names of the fields that are away from the ideal."""
         active = {
             name
-            for name, default in _DEFAULTS.items()
-            if (value := getattr(self, name)) is not _constant(default, self.cols)
+            for name, default in _arrays(type(self)).items()
+            if name not in _STRUCTURE
+            and (value := getattr(self, name)) is not _constant(default, self.cols)
             and (value != default).any()
         }
         if "inv_gain_dc" not in active and "t_gbw_s" not in active:
@@ -145,13 +146,10 @@ class Converter:
         return frozenset(active)
 
 
-_ARRAYS = tuple(f.name for f in dataclasses.fields(Converter) if f.name not in ("f_clk_hz", "v_sign"))
-
-
-# What departs from the ideal converter, with the ideal value.
-_DEFAULTS: dict[str, Any] = {
-    f.name: f.default for f in dataclasses.fields(Converter) if f.name not in _STRUCTURE
-}
+@functools.cache
+def _arrays(kind: type[Converter]) -> dict[str, Any]:
+    """Fields with a value a column, and their defaults."""
+    return {f.name: f.default for f in dataclasses.fields(kind) if f.name not in ("f_clk_hz", "v_sign")}
 
 
 @functools.lru_cache(maxsize=256)

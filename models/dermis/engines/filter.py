@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -310,9 +310,22 @@ class _Part:
         settle = self.gate.settle - self.gate.pause
         kappa, offset = self.columns[bounds.KAPPA, cells[2]], self.columns[bounds.OFFSET, cells[2]]
         least = np.maximum(self.s.low[cells] - offset, 0.0)
-        if np.all(least * settle > _MEMORY * kappa):
+        frames = np.unique(cells[0][least * settle <= _MEMORY * kappa])
+        if not frames.size:
             return None
-        return currents.course(self.plan, self.part, dark=True)
+        network = self.plan.network(0)
+        if network.r_row_driven_ohm == network.r_row_grounded_ohm:
+            return self.ways
+        found = currents.course(self.plan, self.part, dark=True, frames=frames)
+
+        def spread(values: Floats | None) -> Floats | None:
+            if values is None:
+                return None
+            out = np.zeros(self.g.shape)
+            out[frames] = values
+            return out
+
+        return Course(*(spread(getattr(found, part.name)) for part in fields(Course)))
 
     def _tally(self) -> None:
         for name, bound in self.functions.items():

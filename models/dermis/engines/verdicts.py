@@ -249,9 +249,11 @@ def verdicts(  # type: ignore
                 mf, mr, mc = moved_lsb.shape
                 raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
                 a = of.total(s, on, abs(table[of.AWAY, c] + raised) + table[of.PRESET, c], tally)
-                calm = of.quiet(s, a.levels)
-                shift = a.shift if calm else 0.0
-                steady = (a.rest if calm else a.whole) + ROUNDING
+                calm = of.quiet(s, a.loose)
+                # Known to be between nothing and all of it.
+                left = 0.5 * of.late(s, a.levels)
+                shift = a.shift + left if calm else 0.0
+                steady = (a.rest + left if calm else a.whole) + ROUNDING
                 error = steady + math.sqrt(a.squares)
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
                 code, open_ = _decide(x, level, error, packet, gate)
@@ -259,7 +261,7 @@ def verdicts(  # type: ignore
                 out.shift[f, r, c], out.error[f, r, c] = shift, error
                 out.drawn[f, r, c] = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
                 out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
-                out.kept[f, r, c] = s.window + (0.0 if calm else (s.delay + s.lag) * packet)
+                out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
                 out.quiet[f, r, c], out.open[f, r, c], out.codes[f, r, c] = calm, open_, code
                 if open_:
                     out.blame[f, r, c] = _worst(s, on, calm)
