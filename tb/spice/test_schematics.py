@@ -101,3 +101,22 @@ def test_a_drawing_names_every_element_and_port(text):
     for sheet in sorted(SHEETS.glob("*.sch")):
         words = {element.text for element in ElementTree.fromstring(draw(sheet)).iter() if element.text}
         assert {*text[sheet.stem].elements, *text[sheet.stem].pins} <= words, sheet
+
+
+def test_no_text_lies_on_another_text_or_on_a_wire():
+    # A letter is half as wide as high, and at least 0.05 high below and 0.6 above its line, in every common font.
+    for sheet in sorted(SHEETS.glob("*.sch")):
+        boxes, wires = [], []
+        for element in ElementTree.fromstring(draw(sheet)).iter():
+            if element.tag.endswith("text"):
+                x, y, size = (float(element.get(key)) for key in ("x", "y", "font-size"))
+                width = 0.5 * size * len(element.text or "")
+                left = x - width * ("start", "middle", "end").index(element.get("text-anchor")) / 2
+                boxes.append((left, y - 0.6 * size, left + width, y - 0.05 * size, element.text))
+            elif element.get("class") == "wire":
+                (a, b), (c, d) = (map(float, p.split()) for p in element.get("d")[1:].split(" L"))
+                wires.append((min(a, c), min(b, d), max(a, c), max(b, d), "wire"))
+        for n, one in enumerate(boxes):
+            for other in [*boxes[n + 1 :], *wires]:
+                apart = one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+                assert apart, (sheet.name, one[4], other[4])
