@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CRC-16/CCITT-FALSE after one more byte: polynomial 0x1021, most significant bit first, start 0xFFFF.
+// CRC-16/CCITT-FALSE after one more byte: polynomial 0x1021, most significant bit first, start
+// 0xFFFF.
 // Interface: crc_o follows crc_i and byte_i; the register is outside.
 // Timing: combinational.
 // Why no loop over bits: x^16 + x^12 + x^5 + 1 folds into three shifted copies of one byte.

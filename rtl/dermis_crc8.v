@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// CRC-8/SMBUS after one more byte: polynomial x^8 + x^2 + x + 1, most significant bit first, start 0.
+// CRC-8/SMBUS after one more byte: polynomial x^8 + x^2 + x + 1, most significant bit first, start
+// 0.
 // Interface: crc_o follows crc_i and data_i; the register is outside.
 // Timing: combinational.
-// Why eight bits: in a command of four bytes it detects all errors of up to three bits and bursts of eight.
+// Why eight bits: in a command of four bytes it detects all errors of up to three bits and bursts
+// of eight.
 `default_nettype none
 
 module dermis_crc8 (

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Double-buffered frame memory: one bank is written while the newest whole frame is read from the other.
-// Interface: a frame is begin_i, bytes with we_i, and end_i; begin_i and end_i may come with a byte. A change of
-// hold_toggle_i requests the front bank; from hold_ack_o until cs_ni rises, rdata_o and length_o are of that frame.
+// Double-buffered frame memory: one bank is written while the newest whole frame is read from the
+// other.
+// Interface: a frame is begin_i, bytes with we_i, and end_i; begin_i and end_i may come with a
+// byte. A change of hold_toggle_i requests the front bank; from hold_ack_o until cs_ni rises,
+// rdata_o and length_o are of that frame.
 // Timing: a grant takes two or three clocks; rdata_o follows raddr_i combinationally.
 // Why a grant wins over a simultaneous release: the late CS belongs to the previous transaction.
 `default_nettype none
@@ -60,7 +62,8 @@ module dermis_frame_buffer #(
     .q_o    (hold)
   );
 
-  // A grant while a bank is held: CS was high too briefly to be sampled, so the earlier reader is gone.
+  // A grant while a bank is held: CS was high too briefly to be sampled, so the earlier reader is
+  // gone.
   assign grant = hold ^ hold_ack_q;
   assign free  = ~held_q | grant | deselected;
 

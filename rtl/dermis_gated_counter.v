@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Saturating counter of the rising edges of one column's pulses in a gate.
-// Interface: a rising edge of pulse_i counts if gate_i is high at the clock edge that samples it; count_o then holds.
+// Interface: a rising edge of pulse_i counts if gate_i is high at the clock edge that samples it;
+// count_o then holds.
 // Timing: the first clock of a gate restarts from zero; count_o is final one clock after the gate.
-// Why saturating: 512 pulses, or a taxel below full scale, must read full scale and never a small number.
+// Why saturating: 512 pulses, or a taxel below full scale, must read full scale and never a small
+// number.
 `include "dermis_design.vh"
 `default_nettype none
 

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packs the rows of a frame into bytes: header, slots of codes less pedestal, overflow bits, CRC-16 (docs/rtl.md).
-// Interface: row_valid_i offers a row, count_shift_o takes its columns in order, busy_o is high until all are taken.
-// begin_o opens a frame, we_o writes byte_o, end_o closes it; column_valid_o marks the raw count of column_o.
-// Timing: begin_o with row_valid_i of the first row, then one byte a clock, end_o one clock after the last.
+// Packs the rows of a frame into bytes: header, slots of codes less pedestal, overflow bits, CRC-16
+// (docs/rtl.md).
+// Interface: row_valid_i offers a row, count_shift_o takes its columns in order, busy_o is high
+// until all are taken. begin_o opens a frame, we_o writes byte_o, end_o closes it; column_valid_o
+// marks the raw count of column_o.
+// Timing: begin_o with row_valid_i of the first row, then one byte a clock, end_o one clock after
+// the last.
 // Why the pedestal mode is sampled at the first row: the header then holds for the whole frame.
 `include "dermis_design.vh"
 `default_nettype none
@@ -158,7 +161,8 @@ module dermis_packer #(
           if (taken) begin
             low_q   <= 1'b0;
             index_q <= index_q + 7'd1;
-            // Enters at column COLS - 1 and shifts towards column 0: after all columns each is in place.
+            // Enters at column COLS - 1 and shifts towards column 0: after all columns each is in
+            // place.
             over_q  <= (over_q >> 1) | ({{(OVER_BITS-1){1'b0}}, over} << (COLS - 1));
             ring_q  <= (ring_q >> CODE_BITS) | ({{((COLS-1)*CODE_BITS){1'b0}}, ring_word} << ((COLS - 1) * CODE_BITS));
             if (index_q == LAST_COLUMN[6:0]) begin

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader: slot sequencer, a synchronizer and a counter per column, row buffer; one row of counts per slot.
-// Interface: comp_async_i in; row_select_o, preset_o, charge_o, range_o and test_current_o out, all from registers.
-// row_valid_o offers a row: slot_o .. gate_clocks_o describe it, count_o is column 0, then the next per count_shift_i.
-// All are stable until the last sample of the next slot; a short slot waits for busy_i. enable_i is synchronous.
+// Reader: slot sequencer, a synchronizer and a counter per column, row buffer; one row of counts
+// per slot.
+// Interface: comp_async_i in; row_select_o, preset_o, charge_o, range_o and test_current_o out, all
+// from registers. row_valid_o offers a row: slot_o .. gate_clocks_o describe it, count_o is column
+// 0, then the next per count_shift_i. All are stable until the last sample of the next slot; a
+// short slot waits for busy_i. enable_i is synchronous.
 // Timing: docs/rtl.md. row_valid_o rises SYNC_CLOCKS + 1 edges after the last sample of a slot.
-// Why the gate is delayed by SYNC_CLOCKS: exactly the samples of the gate count, with either synchronizer.
+// Why the gate is delayed by SYNC_CLOCKS: exactly the samples of the gate count, with either
+// synchronizer.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -55,7 +58,8 @@ module dermis_reader #(
   localparam COUNT_BITS  = CODE_BITS + 1;
   localparam SYNC_CLOCKS = (SYNC_LATCH != 0) ? 1 : 2;
 
-  // Clocks of dermis_packer for a row: header 8, slot 1, codes, overflow bits, CRC 2, and 5 from end to start.
+  // Clocks of dermis_packer for a row: header 8, slot 1, codes, overflow bits, CRC 2, and 5 from
+  // end to start.
   localparam PACK_CLOCKS = COLS * ((CODE_BITS > 8) ? 2 : 1) + (COLS + 7) / 8 + 16;
 
   wire                       gate;
@@ -134,7 +138,8 @@ module dermis_reader #(
     if (!rst_ni)         range_q <= {(2*COLS){1'b0}};
     else if (frame_load) range_q <= range_i;
 
-  // First flop of a synchronizer; the second is the mask of row_fault_o, SYNC_CLOCKS + 2 edges later.
+  // First flop of a synchronizer; the second is the mask of row_fault_o, SYNC_CLOCKS + 2 edges
+  // later.
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni)       row_fault_q <= {ROWS{1'b0}};
     else if (slot_end) row_fault_q <= row_sense_i ^ row_select_o;
@@ -183,7 +188,8 @@ module dermis_reader #(
     end
   endgenerate
 
-  // Reference for the test pulses: two flops and a counter in either form, so that only columns have latches.
+  // Reference for the test pulses: two flops and a counter in either form, so that only columns
+  // have latches.
   dermis_sync_ff u_test_sync (
     .clk_i        (clk_i),
     .rst_ni       (rst_ni),

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Bus side of the SPI requests: each becomes one access of one clock to the registers.
-// Interface: request_toggle_i differs from ack_toggle_o during a request; write_i, address_i and wdata_i are stable then.
-// Timing: valid_o is high for one clock after two or three edges; rdata_o and refused_o change with ack_toggle_o.
-// Why errors are counted here: their toggle crosses as requests do. Two within three clocks may count as none.
+// Interface: request_toggle_i differs from ack_toggle_o during a request; write_i, address_i and
+// wdata_i are stable then.
+// Timing: valid_o is high for one clock after two or three edges; rdata_o and refused_o change with
+// ack_toggle_o.
+// Why errors are counted here: their toggle crosses as requests do. Two within three clocks may
+// count as none.
 `default_nettype none
 
 module dermis_register_port (

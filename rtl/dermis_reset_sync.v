@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reset synchronizer: asynchronous assertion, synchronous release.
-// Interface: rst_no falls with rst_ni at once, and rises after the second edge of clk_i after rst_ni rose.
+// Interface: rst_no falls with rst_ni at once, and rises after the second edge of clk_i after
+// rst_ni rose.
 // Why: flops that leave reset at different edges start in an undefined state.
 `default_nettype none
 

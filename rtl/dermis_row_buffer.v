@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Holding register of one row of counts, the second half of the double buffer; read one column at a time.
-// Interface: load_i copies counts_i; count_o is then column 0, and the next column after each clock with shift_i.
+// Holding register of one row of counts, the second half of the double buffer; read one column at a
+// time.
+// Interface: load_i copies counts_i; count_o is then column 0, and the next column after each clock
+// with shift_i.
 // Timing: valid_o is high for the one clock after the load.
-// Why a shift register: no multiplexer of COLS words; the counters are free as soon as it is loaded.
+// Why a shift register: no multiplexer of COLS words; the counters are free as soon as it is
+// loaded.
 `include "dermis_design.vh"
 `default_nettype none
 

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slot sequencer: takes the slots of a frame in order; for each it drives a row, waits in preset, then opens the gate.
-// Interface: a frame is a list of slots, lowest bit first: inject, dark, full_even, full_odd, row 0..ROWS-1. It starts
-// while enable_i and (continuous_i or a pending shot_i or test_i), and samples its settings then (docs/rtl.md).
-// Timing: e0 ends the previous row and presets, the row is on from e0 + BREAK_CLOCKS, preset falls at t0 = e0 + settle,
-// gate_o is high before the gate_i edges after t0, the last of them e0 of the next slot; slot_done_o follows it. With a
-// gate shorter than PACK_CLOCKS, preset also waits until busy_i falls, so that no row is overwritten unread.
-// Why a slot with all samples is delivered even if enable_i fell with the last: complete data are kept.
+// Slot sequencer: takes the slots of a frame in order; for each it drives a row, waits in preset,
+// then opens the gate.
+// Interface: a frame is a list of slots, lowest bit first: inject, dark, full_even, full_odd, row
+// 0..ROWS-1. It starts while enable_i and (continuous_i or a pending shot_i or test_i), and samples
+// its settings then (docs/rtl.md).
+// Timing: e0 ends the previous row and presets, the row is on from e0 + BREAK_CLOCKS, preset falls
+// at t0 = e0 + settle, gate_o is high before the gate_i edges after t0, the last of them e0 of the
+// next slot; slot_done_o follows it. With a gate shorter than PACK_CLOCKS, preset also waits until
+// busy_i falls, so that no row is overwritten unread.
+// Why a slot with all samples is delivered even if enable_i fell with the last: complete data are
+// kept.
 `include "dermis_design.vh"
 `default_nettype none
 
@@ -47,7 +51,8 @@ module dermis_row_scanner #(
 
   localparam SLOTS = ROWS + 4;
 
-  // Two clocks of settle with the row on: the packet of the last sample must end before preset does.
+  // Two clocks of settle with the row on: the packet of the last sample must end before preset
+  // does.
   localparam integer SHORTEST   = BREAK_CLOCKS + 2;
   localparam integer BREAK_LOAD = BREAK_CLOCKS - 1;
 
@@ -87,7 +92,8 @@ module dermis_row_scanner #(
   wire [SLOTS-1:0] rest;
   wire [SLOTS-1:0] next;
 
-  // Lowest slot of a list. A function, so that a simulator evaluates it once a slot, not every clock.
+  // Lowest slot of a list. A function, so that a simulator evaluates it once a slot, not every
+  // clock.
   function [7:0] number;
     input [SLOTS-1:0] slots;
     integer r;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Self-test without a sensor: compares counts of inject, dark and full-scale slots with limits; sticky fault masks.
-// Interface: row and column side of the packer in, one mask bit per column or row out; fault_o is their OR. The first
-// row of a self-test frame clears all masks. test_i clears done_o; end_i of the frame requested last sets it.
+// Self-test without a sensor: compares counts of inject, dark and full-scale slots with limits;
+// sticky fault masks.
+// Interface: row and column side of the packer in, one mask bit per column or row out; fault_o is
+// their OR. The first row of a self-test frame clears all masks. test_i clears done_o; end_i of the
+// frame requested last sets it.
 // Timing: a bit is set one clock after its column_valid_i, a row bit one clock after row_valid_i.
-// Why columns without current are checked in the full slots: only there a short to a neighbour shows half its current.
+// Why columns without current are checked in the full slots: only there a short to a neighbour
+// shows half its current.
 `include "dermis_design.vh"
 `default_nettype none
 

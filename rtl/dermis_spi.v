@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // SPI peripheral, mode 0, in the domain of sck_i: register writes and reads, frame bursts.
-// Interface: docs/spi.md. A request is a toggle; address_o and wdata_o are stable until ack_toggle_i equals it.
-// hold_toggle_o requests a frame bank in the same way, which is then read at frame_address_o.
-// Timing: COPI is sampled at rising edges, CIPO changes at falling edges. A byte takes effect at its eighth rising edge.
+// Interface: docs/spi.md. A request is a toggle; address_o and wdata_o are stable until
+// ack_toggle_i equals it. hold_toggle_o requests a frame bank in the same way, which is then read
+// at frame_address_o.
+// Timing: COPI is sampled at rising edges, CIPO changes at falling edges. A byte takes effect at
+// its eighth rising edge.
 // Why toggles: they cross to clk_i at any ratio of the clocks, and while sck_i is stopped.
 `default_nettype none
 
@@ -194,8 +196,8 @@ module dermis_spi (
         state_d  = FINISHED;
         byte_out = crc_q;
       end
-      // The claim of an aborted transaction may still be crossing. Its grant ends with the CS of that
-      // transaction and must not be used: only the claim of this transaction holds the bank.
+      // The claim of an aborted transaction may still be crossing. Its grant ends with the CS of
+      // that transaction and must not be used: only the claim of this transaction holds the bank.
       FRAME_CLAIM:
         if (hold_idle) begin
           state_d = FRAME_CLAIMED;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Synchronizer of one column, flip-flop + flip-flop form: comparator level in, one-clock charge pulses out.
-// Interface: comp_async_i is sampled at every rising edge while inhibit_i is low; pulse_o is also the charge switch.
+// Synchronizer of one column, flip-flop + flip-flop form: comparator level in, one-clock charge
+// pulses out.
+// Interface: comp_async_i is sampled at every rising edge while inhibit_i is low; pulse_o is also
+// the charge switch.
 // Timing: a sample taken at edge n is on pulse_o from edge n+1 to edge n+2.
-// Why Q-bar of the first flop gates: from the second, pulses are two clocks wide and half the edges are lost; from
-// both, the rate is at most f/3. The first flop may be metastable: only the gate and the second flop see it.
+// Why Q-bar of the first flop gates: from the second, pulses are two clocks wide and half the edges
+// are lost; from both, the rate is at most f/3. The first flop may be metastable: only the gate and
+// the second flop see it.
 `default_nettype none
 
 module dermis_sync_ff (

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Synchronizer of one column, flip-flop + latch form: comparator level in, one-clock charge pulses out.
-// Interface: comp_async_i is sampled at every rising edge while inhibit_i is low; pulse_o is also the charge switch.
-// Timing: a sample taken at edge n is on pulse_o from the falling edge after n to the falling edge after n+1.
-// Why a latch: it opens half a clock after the sample, time to resolve, and charge starts half a clock earlier than
-// with two flops. Its input changes at rising edges only, when it is closed, so pulse_o has no glitch.
+// Synchronizer of one column, flip-flop + latch form: comparator level in, one-clock charge pulses
+// out.
+// Interface: comp_async_i is sampled at every rising edge while inhibit_i is low; pulse_o is also
+// the charge switch.
+// Timing: a sample taken at edge n is on pulse_o from the falling edge after n to the falling edge
+// after n+1.
+// Why a latch: it opens half a clock after the sample, time to resolve, and charge starts half a
+// clock earlier than with two flops. Its input changes at rising edges only, when it is closed, so
+// pulse_o has no glitch.
 `default_nettype none
 
 module dermis_sync_latch (

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Technology cell: rising-edge flip-flop with asynchronous active-low reset.
 // Interface: q_o takes d_i at the rising edge of clk_i; rst_ni low forces q_o to 0.
-// Why: the synchronizer flops can be replaced in one place by a metastability-hardened cell of a library.
+// Why: the synchronizer flops can be replaced in one place by a metastability-hardened cell of a
+// library.
 `default_nettype none
 
 module dermis_tech_dff (

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Technology cell: storage of one frame bank, one write port and one combinational read port.
-// Interface: we_i writes wdata_i to waddr_i at the rising edge of clk_i; rdata_o is the byte at raddr_i, 0 past the last.
-// Timing: rdata_o follows raddr_i, which is stable for eight periods of SCK before rdata_o is sampled.
-// Why without reset: only written bytes are read, and an SRAM macro, which may replace this module, has none.
+// Interface: we_i writes wdata_i to waddr_i at the rising edge of clk_i; rdata_o is the byte at
+// raddr_i, 0 past the last.
+// Timing: rdata_o follows raddr_i, which is stable for eight periods of SCK before rdata_o is
+// sampled.
+// Why without reset: only written bytes are read, and an SRAM macro, which may replace this module,
+// has none.
 `default_nettype none
 
 module dermis_tech_ram #(

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Technology cell: two-flop synchronizer of one level into the domain of clk_i.
 // Interface: q_o follows d_i, which may change at any time; rst_ni low forces q_o to 0.
-// Timing: a change of d_i is on q_o after the second edge that samples it, one later if the first was metastable.
-// Why a module: a synchronizer cell of a library replaces it. DERMIS_SYNC_RANDOM draws the extra edge at random.
+// Timing: a change of d_i is on q_o after the second edge that samples it, one later if the first
+// was metastable.
+// Why a module: a synchronizer cell of a library replaces it. DERMIS_SYNC_RANDOM draws the extra
+// edge at random.
 `default_nettype none
 
 module dermis_tech_sync (

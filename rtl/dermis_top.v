@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Digital core of the array reader: scan, convert, pack, test itself, and answer over SPI.
-// Interface: analog side at clk_i (comparators in; rows, preset, charge, range, test current out, all from registers),
-// host over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI pins may change at any time.
-// Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi; only toggles and stable data cross.
+// Interface: analog side at clk_i (comparators in; rows, preset, charge, range, test current out,
+// all from registers), host over SPI (docs/spi.md, docs/registers.md). enable_i, rst_ni and the SPI
+// pins may change at any time.
+// Timing: docs/rtl.md. Two clocks: clk_i, and spi_sck_i in dermis_spi; only toggles and stable data
+// cross.
 // Why only wires and the range choice are here: each module below is tested and proved separately.
 `include "dermis_design.vh"
 `default_nettype none
@@ -35,12 +37,14 @@ module dermis_top #(
   output wire              frame_ready_o
 );
 
-  // Bytes of a frame with all slots: header 8, CRC 2, and a slot number, codes and overflow bits for each slot.
+  // Bytes of a frame with all slots: header 8, CRC 2, and a slot number, codes and overflow bits
+  // for each slot.
   localparam CODE_BYTES = (CODE_BITS > 8) ? 2 : 1;
   localparam BANK_BYTES = 10 + (ROWS + 4) * (1 + COLS * CODE_BYTES + (COLS + 7) / 8);
 
-  // With a shorter settle the charge of the last sample would enter the next gate. Verilog-2005 has no elaboration
-  // $error; an unknown module gives one line with the rule in Icarus, Verilator and Yosys.
+  // With a shorter settle the charge of the last sample would enter the next gate. Verilog-2005 has
+  // no elaboration $error; an unknown module gives one line with the rule in Icarus, Verilator and
+  // Yosys.
   generate
     if (BREAK_CLOCKS < 1) begin : gen_break_error
       dermis_error_break_clocks_must_be_1_or_more u_error ();

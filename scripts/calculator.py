@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and
+C.
 
-It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md). For
-targets that cannot be met it names each missed limit and the nearest targets that meet it. Arithmetic is
-exact, on the decimals as written: the paper's targets give k = 80 and not 80.0000001.
+It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md).
+For targets that cannot be met it names each missed limit and the nearest targets that meet it.
+Arithmetic is exact, on the decimals as written: the paper's targets give k = 80 and not 80.0000001.
 """
 
 from __future__ import annotations
@@ -117,7 +118,8 @@ def make_targets(**targets: Any) -> Targets:
 class Answer:
     """The design that follows from the targets, exact, with its verdict.
 
-    `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet it.
+    `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet
+    it.
     """
 
     targets: Targets
@@ -238,7 +240,8 @@ class Answer:
         )
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
-        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three digits.
+        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three
+        digits.
 
         dR and dF are what one code stands for there; dF is the same everywhere.
         """
@@ -314,7 +317,8 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         v_bias / (r_min * targets.k * exact(targets.i0_a)) if None not in (targets.k, targets.i0_a) else HALF
     )
 
-    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock more.
+    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock
+    # more.
     gate = targets.gate_clocks or math.ceil(code_max / min(x_full, HALF))
     frame_s = take(
         "frame_s", 1 / exact(targets.frame_rate_hz) if targets.frame_rate_hz else base.timing.frame_s
@@ -384,7 +388,8 @@ def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
 def _charge(
     targets: Targets, base: Design, full_scale_a: Fraction, f_clk: Fraction
 ) -> tuple[Fraction, Fraction, Fraction]:
-    """Return k, i0, C: full scale fixes k i0, the swing fixes i0 T = C packet_v; omitted targets adapt.
+    """Return k, i0, C: full scale fixes k i0, the swing fixes i0 T = C packet_v; omitted targets
+    adapt.
 
     Without k or i0 the smallest switchable k is taken that keeps the packet within the swing.
     """
@@ -623,10 +628,12 @@ def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list
 @click.command("calc")
 @click.option("--write", is_flag=True, help="Write the answer into models/design.toml.")
 def calc_command(write: bool, **values: Any) -> None:
-    """Size the chip: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+    """Size the chip: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and
+    C.
 
-    Without options it prints the design of models/design.toml. Exit 1: a limit is missed; the verdict names the
-    nearest targets that meet it. Exit 2: a target is invalid, or --write was given and a limit is missed.
+    Without options it prints the design of models/design.toml. Exit 1: a limit is missed; the
+    verdict names the nearest targets that meet it. Exit 2: a target is invalid, or --write was
+    given and a limit is missed.
     """
     answer = solve(make_targets(**values))
     verdict.write_rows("calc", answer.rows)

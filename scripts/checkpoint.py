@@ -14,7 +14,8 @@ from dermis.engines import batch
 from dermis.files import write_atomic
 from scripts import workers
 
-# Seconds of work that a kill may lose: pieces come many a second, and writing all of them takes milliseconds.
+# Seconds of work that a kill may lose: pieces come many a second, and writing all of them takes
+# milliseconds.
 _SAVE_S = 5.0
 
 

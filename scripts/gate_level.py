@@ -185,8 +185,8 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> l
 class TopTest:
     """A test of tb/rtl/top/bench_top.py, which uses pins only and reports results.
 
-    `alike`: the netlist must report the same. False where the report counts wait bytes: the edge that samples a
-    crossing level depends on flop delays.
+    `alike`: the netlist must report the same. False where the report counts wait bytes: the edge
+    that samples a crossing level depends on flop delays.
     """
 
     testcase: str

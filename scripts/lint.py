@@ -25,7 +25,8 @@ WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
 TIME_LIMIT_S = 180.0
 
-# Width arithmetic fails at the ends: one row, column or bit, the shortest slot, no power of two, the maximum.
+# Width arithmetic fails at the ends: one row, column or bit, the shortest slot, no power of two,
+# the maximum.
 CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "sync_ff": {"SYNC_LATCH": 0},
     "sync_latch": {"SYNC_LATCH": 1},
@@ -120,7 +121,8 @@ def _yosys(
     with tempfile.TemporaryDirectory() as scratch:
         cells, memories = Path(scratch) / "cells.json", Path(scratch) / "memories.json"
         script = [f"read_verilog {includes} {read} {sources}", f"hierarchy -check -top {top}", "proc"]
-        # Before `memory`, whose write ports would count as flops; after it the words stay together as $mem.
+        # Before `memory`, whose write ports would count as flops; after it the words stay together
+        # as $mem.
         flat = ["flatten", "check -assert", f"tee -q -o {memories} stat -json", "memory -nomap", "opt_clean"]
         script += ["check -assert", *([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
         if latches is not None:
@@ -139,7 +141,8 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
     """Return the row of Yosys, and rows that count latches, flops without reset and bits of memory."""
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
-    # One deliberate latch per column in the flip-flop + latch form; two banks of the longest frame (docs/spi.md).
+    # One deliberate latch per column in the flip-flop + latch form; two banks of the longest frame
+    # (docs/spi.md).
     latches = columns if parameters.get("SYNC_LATCH", 0) else 0
     words = 2 * frame_bytes(rows + len(SPECIAL_SLOTS), columns, bits)
     values = " ".join(f"-chparam {key} {value}" for key, value in parameters.items())

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mutation testing of the Verilog: proofs or tests of a module must notice each small change of its source.
+"""Mutation testing of the Verilog: proofs or tests of a module must notice each small change of its
+source.
 
-Mutants are changes of source text, not of a netlist: they keep the parameters, so that tests run them at
-every size, and a survivor reads like a mistake.
+Mutants are changes of source text, not of a netlist: they keep the parameters, so that tests run
+them at every size, and a survivor reads like a mistake.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from scripts import formal
 
 SAMPLE = 12
 """Default number of mutants per module."""
-# Time limit of the tests on a mutant: this multiple of their time on the unchanged module, and a minimum.
+# Time limit of the tests on a mutant: this multiple of their time on the unchanged module, and a
+# minimum.
 TEST_TIMES, TEST_LEAST_S = 5.0, 30.0
 CONTROL_LIMIT_S = 300.0
 COMPILE_LIMIT_S = 60.0

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates Verilog, constants for Python and C, and the table in docs from rtl/dermis_registers.rdl.
+"""Generates Verilog, constants for Python and C, and the table in docs from
+rtl/dermis_registers.rdl.
 
-The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters. PeakRDL-regblock writes
-SystemVerilog packages and structs of a fixed size, which two of the three Verilog tools cannot read.
+The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters.
+PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, which two of the three
+Verilog tools cannot read.
 """
 
 from __future__ import annotations

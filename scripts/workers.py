@@ -33,7 +33,8 @@ class Outcome:
 
 
 def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator[tuple[int, Outcome]]:
-    """Run tasks in worker processes and yield (number of the task, outcome) as they end, in any order.
+    """Run tasks in worker processes and yield (number of the task, outcome) as they end, in any
+    order.
 
     Parameters
     ----------

@@ -97,8 +97,9 @@ class Technology:
         return sorted(path for path in own.parent.glob("*.v") if path != own)
 
 
-# Wire capacitance: about 0.2 fF per um on thin metal, and 40 um (0.13 um rules) or 100 um (0.35 um rules) to the next
-# sink in a block of some thousand cells. An estimate until layout; docs/synthesis.md shows its influence.
+# Wire capacitance: about 0.2 fF per um on thin metal, and 40 um (0.13 um rules) or 100 um (0.35 um
+# rules) to the next sink in a block of some thousand cells. An estimate until layout;
+# docs/synthesis.md shows its influence.
 TECHNOLOGIES: Mapping[str, Technology] = {
     "sky130": Technology(
         name="sky130",
@@ -115,7 +116,8 @@ TECHNOLOGIES: Mapping[str, Technology] = {
         tie_low=("sky130_fd_sc_hd__conb_1", "LO"),
         # Delay cells, clock cells and latches are not for logic.
         dont_use=r"sky130_fd_sc_hd__(dly|clk|dl[rx]|probe|lpflow)\w*",
-        # Our tables are up to 15 % faster at ss than those of the foundry, and 5 % slower at ff: docs/liberty.md.
+        # Our tables are up to 15 % faster at ss than those of the foundry, and 5 % slower at ff:
+        # docs/liberty.md.
         late=1.15,
         early=0.9,
         description="SkyWater sky130_fd_sc_hd, 130 nm, 1.8 V",

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Synthesis of rtl/ in two cell libraries: mapping, equivalence, static timing, table of sizes.
 
-Every figure is parsed from the output of a tool; a failure or an unexpected warning gives an ERROR row.
+Every figure is parsed from the output of a tool; a failure or an unexpected warning gives an ERROR
+row.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ MARKS = {
 }
 # Small, the paper's, large, and one column.
 SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
-# Above this number of bits, frame memory in flip-flops takes Yosys minutes; it is left out, with a note.
+# Above this number of bits, frame memory in flip-flops takes Yosys minutes; it is left out, with a
+# note.
 MEMORY_LIMIT_BITS = 20_000
 
 
@@ -258,7 +260,8 @@ class SizeLine:
 def size_line(technology: Technology, size: Size, limit_s: float) -> tuple[SizeLine, list[Row]]:
     """Map a size without its frame memory, then one bank; the highest clocks are those with memory.
 
-    Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a smaller bank.
+    Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a
+    smaller bank.
     """
     suffix = f"{technology.name}.{size.name}"
     line = SizeLine(technology.name, size)

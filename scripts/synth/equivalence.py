@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and states.
+"""Equivalence of a mapped netlist and the Verilog: every state bit and output, for all inputs and
+states.
 
-Both sides become combinational networks: each flop, latch and memory word is cut, its output an input of the network,
-and what drives it an output: data, clock with its edge, set and clear. ABC then proves the networks equal, output by
-output. With equal reset states this is induction over time; a clock, an edge or a reset that differs is a difference.
-State bits are paired by name. A pair that optimisation has merged takes part under both names; one that it has
-found constant takes part as that constant. What has no partner is left free on its own side: the proof then holds for
+Both sides become combinational networks: each flop, latch and memory word is cut, its output an
+input of the network, and what drives it an output: data, clock with its edge, set and clear. ABC
+then proves the networks equal, output by output. With equal reset states this is induction over
+time; a clock, an edge or a reset that differs is a difference. State bits are paired by name. A
+pair that optimisation has merged takes part under both names; one that it has found constant takes
+part as that constant. What has no partner is left free on its own side: the proof then holds for
 every value it might have, or fails.
 """
 
@@ -183,12 +185,13 @@ class _Network:
         set_, clear = self.level(state.set), self.level(state.clear)
         clock = self.level((state.clock, state.clock_high))
         data = self.net(state.d)
-        # Set and clear win: with either on, the data do not matter, and a set under a clear does not either.
+        # Set and clear win: with either on, the data do not matter, and a set under a clear does
+        # not either.
         calm = self.gate("andn", self.gate("not", set_), clear)
         real_set = self.gate("andn", set_, clear)
         if state.kind == "latch":
-            # An opened latch with data is a set or a clear: whether a library's latch has its reset inside or in front
-            # of it is then the same.
+            # An opened latch with data is a set or a clear: whether a library's latch has its reset
+            # inside or in front of it is then the same.
             opened = self.gate("and", clock, calm)
             up = self.gate("and", opened, data)
             down = self.gate("andn", opened, data)
@@ -337,8 +340,8 @@ def _aliases(path: Path) -> dict[str, tuple[str, ...]]:
 def _prove(directory: Path, states: int, unpaired: int, outputs: int, limit_s: float) -> Proof:
     log = directory / "cec.log"
     log.unlink(missing_ok=True)
-    # AIGER keeps the order of inputs and outputs, which is the same on both sides, and has no names to go by instead.
-    # `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
+    # AIGER keeps the order of inputs and outputs, which is the same on both sides, and has no names
+    # to go by instead. `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
     made = [directory / name for name in ("gold", "gate")]
     steps = [f"read_blif {path}.blif; strash; write_aiger {path}.aig" for path in made]
     steps.append(f"&cec -C 100000 -T {int(limit_s)} {made[0]}.aig {made[1]}.aig")

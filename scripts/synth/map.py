@@ -27,7 +27,8 @@ from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
 TOP = "dermis_top"
 RAM = "dermis_tech_ram"
 YOSYS_LIMIT_S = 900.0
-# Target delay of ABC in ps: short, for a meaningful highest clock; it hardly changes the area at 5 MHz.
+# Target delay of ABC in ps: short, for a meaningful highest clock; it hardly changes the area at 5
+# MHz.
 DELAY_PS = 5000
 
 _MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
@@ -157,8 +158,9 @@ def elaborate(size: Mapping[str, int], top: str = TOP) -> list[str]:
     return [f"hierarchy -check -top {top} {parameters}", "proc", "check -assert"]
 
 
-# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The order matters: an open
-# enable of a read port would become 0 too. The check for undriven wires comes before.
+# Undriven bits, such as words past the end of a memory, are 0 on both sides of the proof. The order
+# matters: an open enable of a read port would become 0 too. The check for undriven wires comes
+# before.
 WORDS_TO_FLOPS = ["memory -nomap", "opt_clean", "memory_map", "setundef -undriven -zero", "opt_clean"]
 
 
@@ -282,7 +284,8 @@ def map_once(
     fresh: bool = False,
     limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
-    """As `map_design`, but a netlist made from the same things that lies there already is taken, unless `fresh`.
+    """As `map_design`, but a netlist made from the same things that lies there already is taken,
+    unless `fresh`.
 
     Of two processes at the same directory one waits until the other is done.
     """

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Static timing of a mapped netlist with OpenSTA: worst slacks at the clocks of the design, and the highest clocks.
+"""Static timing of a mapped netlist with OpenSTA: worst slacks at the clocks of the design, and the
+highest clocks.
 
-Before layout every net has an estimated capacitance per sink, a wire load model in a copy of the Liberty; wires have
-no resistance and clocks no skew.
+Before layout every net has an estimated capacitance per sink, a wire load model in a copy of the
+Liberty; wires have no resistance and clocks no skew.
 """
 
 from __future__ import annotations
@@ -146,7 +147,8 @@ def crossings(
     sdc: Path = SDC,
     limit_s: float = STA_LIMIT_S,
 ) -> dict[str, Path_]:
-    """Return the longest path into each clock from the other, against the bound of the constraint file.
+    """Return the longest path into each clock from the other, against the bound of the constraint
+    file.
 
     Raises
     ------
@@ -234,7 +236,8 @@ UNTIMED = {
 
 
 def unargued(technology: Technology, corner: str, directory: Path) -> list[str]:
-    """Return loops and pins without a clock or a constraint in the latest `analyse` that UNTIMED does not name.
+    """Return loops and pins without a clock or a constraint in the latest `analyse` that UNTIMED
+    does not name.
 
     Raises
     ------
@@ -310,7 +313,8 @@ def highest(
     black_boxes: bool = False,
     limit_s: float = STA_LIMIT_S,
 ) -> dict[str, Highest]:
-    """Search the shortest periods of both clocks. Slack is concave and rises with the period, so chords converge.
+    """Search the shortest periods of both clocks. Slack is concave and rises with the period, so
+    chords converge.
 
     Raises
     ------

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chip in plain Python: charge balance in integers, the synchronizer, SPI and registers bit by bit.
+"""The chip in plain Python: charge balance in integers, the synchronizer, SPI and registers bit by
+bit.
 
-Written from the paper, docs/spi.md and the register map, without looking at the RTL. A duty x is a pair of
-integers (p, q) for p/q packets a clock. The converter is ``q[n] = (w >= 0) and not q[n-1]; w += x - q[n]``,
-preset to w = -1/2 at t0, so that w at t1 is -1/2 + x.
+Written from the paper, docs/spi.md and the register map, without looking at the RTL. A duty x is a
+pair of integers (p, q) for p/q packets a clock. The converter is ``q[n] = (w >= 0) and not q[n-1];
+w += x - q[n]``, preset to w = -1/2 at t0, so that w at t1 is -1/2 + x.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ SHORT: Duty = (10**6, 1)
 
 
 class Synchronizer:
-    """The two flip-flops of a column: a decision gates the charge packet one clock later, never twice in a row.
+    """The two flip-flops of a column: a decision gates the charge packet one clock later, never
+    twice in a row.
 
     Attributes
     ----------
@@ -101,7 +103,8 @@ FULL_SCALE: Duty = (1, 2)
 
 
 class AnalogColumns:
-    """Ideal integrators and comparators of all columns, advanced half a clock at a time in integers.
+    """Ideal integrators and comparators of all columns, advanced half a clock at a time in
+    integers.
 
     Half clocks, because the flip-flop + latch form moves its charge edge at the falling clock edge.
 
@@ -128,7 +131,8 @@ class AnalogColumns:
         self.preset: list[int] = []
         self.half_step: list[list[int]] = [[0] * cols for _ in x]
         self.half_full: list[int] = []
-        # A factor of two for half clocks, and one for currents that halve where columns are shorted.
+        # A factor of two for half clocks, and one for currents that halve where columns are
+        # shorted.
         units = [4 * lcm(FULL_SCALE[1], preset[c][1], *(row[c][1] for row in x)) for c in range(cols)]
         for a, b in shorted_columns:
             units[a] = units[b] = lcm(units[a], units[b])
@@ -183,10 +187,11 @@ AT_REST = {
 
 
 class Chip:
-    """SPI, register port and registers: `cs`, `bit` and `reset` are pins, `errors` and `pulses` counters.
+    """SPI, register port and registers: `cs`, `bit` and `reset` are pins, `errors` and `pulses`
+    counters.
 
-    It holds where SCK is slower than the clock: then every answer has one wait byte, and no request is still
-    crossing when the next command has come.
+    It holds where SCK is slower than the clock: then every answer has one wait byte, and no request
+    is still crossing when the next command has come.
     """
 
     def __init__(self) -> None:

@@ -34,11 +34,12 @@ def walk_reference(
     vary: list[float] | None = None,
     draws: Draws | None = None,
 ) -> Walk:
-    """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow reference.
+    """Bits and the charge at every clock of one cell in `digits` decimal digits: the slow
+    reference.
 
-    `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are kept as a
-    list of intervals, and the walk stops at every instant where anything can change; nothing is shared with the
-    loops.
+    `cell` has the keys of `Cells`; `vary` takes the place of its x clock by clock. The packets are
+    kept as a list of intervals, and the walk stops at every instant where anything can change;
+    nothing is shared with the loops.
     """
     with mpmath.workdps(digits):
         one, zero = mpmath.mpf(1), mpmath.mpf(0)

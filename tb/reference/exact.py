@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact counts for hard cases: slow, obvious walks in integers, rationals or fifty digits.
 
-Nothing is shared with the loops and formulas of the engines. `converter_walk.walk_reference`, the walk in fifty digits,
-is the reference of their own tests.
+Nothing is shared with the loops and formulas of the engines. `converter_walk.walk_reference`, the
+walk in fifty digits, is the reference of their own tests.
 
-Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk with its levels
-moved by a margin either way, which is what an engine that rounds by less than the margin may read. Margin 0 is one
-count.
+Charge is counted in packets and time in clocks. A reference is an interval: the counts of the walk
+with its levels moved by a margin either way, which is what an engine that rounds by less than the
+margin may read. Margin 0 is one count.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ IDEAL: dict[str, Any] = {
 # If all other fields are ideal, the walk needs only rationals.
 _RATIONAL = frozenset({"x", "w0", "packet", "rise", "fall"})
 
-# Beyond this duty every second clock has a one, whatever else happens; infinite duties have no walk.
+# Beyond this duty every second clock has a one, whatever else happens; infinite duties have no
+# walk.
 _X_SURE = 1e15
 
 
 def interval(cell: Mapping[str, Any], clocks: int, late: float = 1.0, margin: float = 0.0) -> tuple[int, int]:
-    """Return the least and largest count of a cell with its levels moved by at most `margin` packets.
+    """Return the least and largest count of a cell with its levels moved by at most `margin`
+    packets.
 
     Parameters
     ----------
@@ -66,7 +68,8 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
     x = min(max(cell["x"], -_X_SURE), _X_SURE)
     plain = all(cell[name] == IDEAL[name] for name in IDEAL if name not in _RATIONAL)
     if plain and cell["rise"] == cell["fall"] and not any(isinstance(cell[n], mpmath.mpf) for n in _RATIONAL):
-        # The latch takes the packet earlier, but still after its own one and before the next sample that may be a one.
+        # The latch takes the packet earlier, but still after its own one and before the next sample
+        # that may be a one.
         return count(Fraction(x), clocks, *(Fraction(cell[n]) for n in ("w0", "packet", "rise")))
     with mpmath.workdps(DIGITS):
         numbers = {name: _mpf(value) for name, value in {**cell, "x": x}.items()}
@@ -74,7 +77,8 @@ def _count(cell: Mapping[str, Any], clocks: int, late: float) -> int:
 
 
 def count(x: Fraction, clocks: int, w0: Fraction, packet: Fraction, level: Fraction) -> int:
-    """Count ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in integers.
+    """Count ones of the ideal converter: q = (w + x >= level) and not q, w = w + x - packet q, in
+    integers.
 
     The same machine as vfc.bits_exact, ten times faster, in units of the common denominator.
     """
@@ -100,7 +104,8 @@ def _mpf(value: Any) -> mpmath.mpf:
 def cell_of(
     x: float, effects: Mapping[str, Any], interface: Mapping[str, Any], f_clk_hz: float = 5e6
 ) -> dict[str, Any]:
-    """Return the converter of a scene in packets and clocks, derived from the circuit without the package.
+    """Return the converter of a scene in packets and clocks, derived from the circuit without the
+    package.
 
     Parameters
     ----------
@@ -158,7 +163,8 @@ def cell_of(
 def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> list[int]:
     """Return ones of a leaky integrator by its recursion, packets a clock after the decision.
 
-    w[n] = keep w[n-1] + gain (x - q[n-2]), gain = (1 - keep) / -log(keep); q[n] = w[n] >= 0 and not q[n-1].
+    w[n] = keep w[n-1] + gain (x - q[n-2]), gain = (1 - keep) / -log(keep); q[n] = w[n] >= 0 and not
+    q[n-1].
     """
     gain = (1 - keep) / -mpmath.log(keep)
     charged, taken = gain * x, gain * (x - 1)
@@ -173,11 +179,13 @@ def leaky_bits(x: mpmath.mpf, keep: mpmath.mpf, clocks: int, w0: mpmath.mpf) -> 
 
 @functools.cache
 def plateau(p: int, q: int, keep: Fraction) -> tuple[Fraction, Fraction]:
-    """Return the lowest duty, and the one just beyond the highest, that lock a leaky converter to p ones in q clocks.
+    """Return the lowest duty, and the one just beyond the highest, that lock a leaky converter to p
+    ones in q clocks.
 
-    In units in which a packet is 1 at its decision, y[n+1] = keep y[n] + keep x - q[n], so a pattern of period q
-    has y[n] = keep x / (1 - keep) - S[n] with S[n] = sum of keep^j q[n-1-j]. It is the converter's own where y >= 0 at
-    its ones and y < 0 elsewhere: keep x / (1 - keep) lies from the largest S at a one to below the least elsewhere.
+    In units in which a packet is 1 at its decision, y[n+1] = keep y[n] + keep x - q[n], so a
+    pattern of period q has y[n] = keep x / (1 - keep) - S[n] with S[n] = sum of keep^j q[n-1-j]. It
+    is the converter's own where y >= 0 at its ones and y < 0 elsewhere: keep x / (1 - keep) lies
+    from the largest S at a one to below the least elsewhere.
     """
     pattern = [((n + 1) * p) // q - (n * p) // q for n in range(q)]
     s = [
@@ -209,10 +217,12 @@ def locked(q: int) -> list[tuple[int, int]]:
 
 
 def count_and_rest(x: float | Fraction, clocks: int) -> tuple[int, Fraction]:
-    """Return the exact count and remaining charge after very many clocks of an ideal converter, 0 <= x <= 1/2.
+    """Return the exact count and remaining charge after very many clocks of an ideal converter, 0
+    <= x <= 1/2.
 
-    Behind a decision the charge is at least -1 (a packet left at 0 or more) and below 0 (it stood below 0, or at most
-    x - 1 below it remains), so one count alone is left by the balance: -1 <= -1/2 + N x - count < 0.
+    Behind a decision the charge is at least -1 (a packet left at 0 or more) and below 0 (it stood
+    below 0, or at most x - 1 below it remains), so one count alone is left by the balance: -1 <=
+    -1/2 + N x - count < 0.
     """
     charge = Fraction(-1, 2) + clocks * Fraction(x)
     ones = charge.numerator // charge.denominator + 1

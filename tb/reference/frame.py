@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Codes of a frame with effects in 50 digits: the network by elimination, the converter from clock to clock.
+"""Codes of a frame with effects in 50 digits: the network by elimination, the converter from clock
+to clock.
 
 Slow and obvious on purpose; it shares only the records with the engines.
 """
@@ -61,8 +62,8 @@ def _column_currents(plan: Plan, frame: int, row: int) -> list[mpf]:
 def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) -> tuple[int, mpf]:
     """Count ones in a gate and return the charge at its end; the output v follows the charge w.
 
-    All in packets and clocks, `lag` is the time constant. A one decided at clock n draws its packet between the clocks
-    n + 1 and n + 2.
+    All in packets and clocks, `lag` is the time constant. A one decided at clock n draws its packet
+    between the clocks n + 1 and n + 2.
     """
     w = v = start
     decay = mp.exp(-1 / lag) if lag else mpf(0)

@@ -14,10 +14,11 @@ from dermis.records import Timing
 
 
 def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
-    """Return the extra charge of every clock of a slot, [rows, cols, clocks], from the matrix exponential in 80 digits.
+    """Return the extra charge of every clock of a slot, [rows, cols, clocks], from the matrix
+    exponential in 80 digits.
 
-    Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node without
-    capacitance as 1e-28 F, which moves charges by the same small part.
+    Nothing is reduced or diagonalised: a source without resistance is taken as 1e-13 ohm and a node
+    without capacitance as 1e-28 F, which moves charges by the same small part.
     """
     rows, cols = network.rows, network.cols
     n = rows + cols

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The slow, obvious reference of the array solve: the full nodal matrix, slot by slot, exact or in many digits.
+"""The slow, obvious reference of the array solve: the full nodal matrix, slot by slot, exact or in
+many digits.
 
-Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields: every element is
-stamped between two named nodes, and Gauss's elimination runs over Python's fractions
-(`column_currents(..., digits=0)`) or mpmath's numbers.
+Nothing is reduced, reused or shared with dermis.array.array but the meaning of Network's fields:
+every element is stamped between two named nodes, and Gauss's elimination runs over Python's
+fractions (`column_currents(..., digits=0)`) or mpmath's numbers.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from dermis.array.array import Network
 Node = tuple[Any, ...]
 Element = tuple[Node, Node, Any]
 
-# A taxel of 0 ohm is the limit of small equal resistances. Compared with anything above 1e-23 ohm, 1e-80 ohm differs
-# from it by 1e-57, less than a double resolves; _SHORT_DIGITS more digits are carried.
+# A taxel of 0 ohm is the limit of small equal resistances. Compared with anything above 1e-23 ohm,
+# 1e-80 ohm differs from it by 1e-57, less than a double resolves; _SHORT_DIGITS more digits are
+# carried.
 SHORT_S = 10**80
 _SHORT_DIGITS = 200
 
@@ -56,7 +58,8 @@ def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tupl
     """Return every element as (node, node, conductance), the voltages of nodes that are held, the injected currents."""
     rows, cols, zero = network.rows, network.cols, exact(0)
 
-    # Nodes by name. After its driver a row line is ("row", r), before its input a column ("column", c).
+    # Nodes by name. After its driver a row line is ("row", r), before its input a column ("column",
+    # c).
     def on_row(r: int, c: int) -> Node:
         return ("on_row", r, c) if network.r_trace_row_ohm else ("row", r)
 

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random scenes for tests and programs: every stimulus, interface and effect, from defaults to the ends of ranges.
+"""Random scenes for tests and programs: every stimulus, interface and effect, from defaults to the
+ends of ranges.
 
-``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`: the tables of a scene file in ``scene``,
-its csv files in ``files``, its changes of the design in ``design``. ``world.read(directory)`` writes the files and
-loads the scene, ``world.plan(directory, engine)`` plans it. `worlds` is the same generator as a Hypothesis
-strategy, so that a failing scene is shrunk.
+``random_scene(random.Random(7), PROFILES["auto"])`` returns a `World`: the tables of a scene file
+in ``scene``, its csv files in ``files``, its changes of the design in ``design``.
+``world.read(directory)`` writes the files and loads the scene, ``world.plan(directory, engine)``
+plans it. `worlds` is the same generator as a Hypothesis strategy, so that a failing scene is
+shrunk.
 """
 
 from __future__ import annotations
@@ -171,14 +173,15 @@ KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", 
 _LARGER_IS_WEAKER = ("gain_dc", "gbw_hz", "r_in_ohm", "r_out_ohm")
 _LEVELS = ("v_max_v", "v_min_v", "v_overdrive_v", "temperature_c", "frequency_hz")
 _EXTREMES = (0.0, 1e-30, 1e-21, 1e-12, 1e-6, 1.0, 1e3, 1e9, 1e15, 1e21, 1e30)
-# With few effects on, these go as many decades further up: capacitances, currents that bend or come late, ripple.
+# With few effects on, these go as many decades further up: capacitances, currents that bend or come
+# late, ripple.
 _FURTHER = {"line_capacitance": 4.5, "range_switch": 1.5, "mirror_lag": 1.5, "supply_ripple": 2.5}
 _AT_MOST = {"supply_ripple.relative": 1.0}
 _DUTIES = ((0.4, 1e4), (0.45, 0.7), (1e-3, 1.0))
 # Clocks of a gate beyond two a count: none, an odd one, those of gates of 511 and 512 clocks, many.
 _BEYOND = (0, 1, 2, 3, 90, 290)
-# In topology direct a column couples to others by the first and loads its integrator by the second; engine event
-# refuses both together where they move each other by more than a count.
+# In topology direct a column couples to others by the first and loads its integrator by the second;
+# engine event refuses both together where they move each other by more than a count.
 _COUPLING = ("lateral", "row_driver", "column_input", "trace"), ("integrator_gain", "integrator_bandwidth")
 
 

@@ -29,7 +29,8 @@ def _build(
 ) -> Path:
     """Directory of the build, with a trap in the place of the module it names.
 
-    DERMIS_NETLIST (paths with colons between) takes the place of rtl/ for dermis_top: its tests run on mapped gates.
+    DERMIS_NETLIST (paths with colons between) takes the place of rtl/ for dermis_top: its tests run
+    on mapped gates.
     """
     if toplevel == "dermis_top" and (netlist := os.environ.get("DERMIS_NETLIST")):
         gates = [Path(name) for name in netlist.split(os.pathsep)]
@@ -77,7 +78,8 @@ def simulate(
     build = _build(simulator, toplevel, parameters or {}, trap, around)
     runs = ROOT / "build" / "rtl" / "runs"
     runs.mkdir(parents=True, exist_ok=True)
-    # A directory of its own: the same test may run twice at a time in one tree. Kept when the test fails.
+    # A directory of its own: the same test may run twice at a time in one tree. Kept when the test
+    # fails.
     work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=runs))
     result, log = work / "result.json", work / "hdl.log"
     try:

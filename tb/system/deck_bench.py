@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python beside ngspice.
+"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python beside
+ngspice.
 
-A deck costs milliseconds to start this way instead of the two seconds of an HDL simulator, so that every effect can
-have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the real one.
+A deck costs milliseconds to start this way instead of the two seconds of an HDL simulator, so that
+every effect can have one. `test_a_deck_reads_the_same_without_the_verilog` ties this chip to the
+real one.
 """
 
 from __future__ import annotations

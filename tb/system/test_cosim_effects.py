@@ -34,8 +34,8 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeckReader]:
 
 Parameters = dict[str, object]
 
-# Where the example of the registry moves codes by 1 LSB or less: stronger parameters, the LSB they move a code by at
-# least, and the company that they need.
+# Where the example of the registry moves codes by 1 LSB or less: stronger parameters, the LSB they
+# move a code by at least, and the company that they need.
 STRONGER: dict[str, tuple[int, Parameters, dict[str, Parameters]]] = {
     "column_offset": (5, {"v_v": 8e-3}, {}),
     "integrator_gain": (2, {"gain_dc": 50.0, "r_in_ohm": 5e4}, {}),

@@ -36,8 +36,9 @@ def names(count: int, *stems: str) -> Counter[str]:
     return Counter(dict.fromkeys(stems, count))
 
 
-# By effect: the number of elements and parameters that it adds to the deck, each name with # for its numbers. A
-# parameter is written element.parameter; `.options` limits the steps to a pole. An effect without a row adds anything.
+# By effect: the number of elements and parameters that it adds to the deck, each name with # for
+# its numbers. A parameter is written element.parameter; `.options` limits the steps to a pole. An
+# effect without a row adds anything.
 MIRRORED = ("conveyor_mirror", "conveyor_mirror_inverted")
 ADDS: dict[str, Counter[str]] = {
     "lateral": names(ROWS * (COLS - 1), "rlat_r#c#"),
@@ -139,7 +140,8 @@ def test_an_effect_alone_adds_exactly_its_own_elements(
     added = kinds(got - bare)
     assert added == ADDS.get(name, added)
     assert added, "no element and no parameter"
-    # what goes is replaced: a value that is always written, the taxels that trace and motion write in another way
+    # what goes is replaced: a value that is always written, the taxels that trace and motion write
+    # in another way
     gone = kinds(bare - got)
     assert gone.keys() <= ({"rtaxel_r#c#"} if name in ("trace", "motion") else ALWAYS - {"rtaxel_r#c#"})
     assert name != "motion" or gone == names(MOVING - 1, "rtaxel_r#c#"), (
@@ -213,7 +215,8 @@ def test_moving_taxels_end_where_the_next_frame_begins_and_the_last_frame_holds(
             found[int(match[1]), int(match[2])] = (float(match[3]), float(match[4]))
     assert len(found) == MOVING
     for (r, c), (start, slope) in found.items():
-        # Numbers of 15 digits in the deck; where a difference cancels, digits of what it started from.
+        # Numbers of 15 digits in the deck; where a difference cancels, digits of what it started
+        # from.
         assert start - slope * late == pytest.approx(1 / max(OHM[0, r, c], floor), rel=1e-12)
         # As above.
         assert start + slope * (seconds - late) == pytest.approx(
@@ -261,7 +264,8 @@ def check_array(plan: Plan, change: Callable[[list[str]], list[str]] = lambda li
     lines = change(list(frame_deck(plan, 0, LEVELS).lines))
     want = column_currents(replace(plan.network(0), v_bias_v=1.0))
     got = np.array([solve_deck(lines, r) for r in range(ROWS)])
-    # Plain nodal analysis in doubles: its rounding times the condition, 1e6; 1e-15 A where nothing flows.
+    # Plain nodal analysis in doubles: its rounding times the condition, 1e6; 1e-15 A where nothing
+    # flows.
     assert got == pytest.approx(want, rel=1e-9, abs=1e-15)
 
 

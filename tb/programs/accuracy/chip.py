@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Resolution of the chip against conversion time: bits and newtons against gate length, clock and frame rate.
+"""Resolution of the chip against conversion time: bits and newtons against gate length, clock and
+frame rate.
 
-Every resolution is simulated: engine event reads random forces clock by clock with effects and seeded noise, a straight
-line removes gain and offset as a calibration would, and the rest is compared with that of an ideal quantiser, a
-step / sqrt(12). Formulas are drawn next to the simulation.
+Every resolution is simulated: engine event reads random forces clock by clock with effects and
+seeded noise, a straight line removes gain and offset as a calibration would, and the rest is
+compared with that of an ideal quantiser, a step / sqrt(12). Formulas are drawn next to the
+simulation.
 """
 
 from __future__ import annotations
@@ -140,7 +142,8 @@ def plan_at(
     settle_s: float = SETTLE_S,
     seed: int = 0,
 ) -> Plan:
-    """Return a plan that reads ideal duties [frames, rows, cols] with any gate and any time to settle.
+    """Return a plan that reads ideal duties [frames, rows, cols] with any gate and any time to
+    settle.
 
     Raises
     ------
@@ -213,8 +216,8 @@ def measured(
 def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
     """Add quantisation, white noise and slow noise of the reference as powers, by their formulas.
 
-    In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet twice over,
-    the comparator at the last decision, the reference r m.
+    In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet
+    twice over, the comparator at the last decision, the reference r m.
     """
     d = design_at(f_clk_hz)
     m = np.linspace(*(HALF * r * gate_clocks for r in RANGE), 200)
@@ -239,9 +242,10 @@ def drifted(delta_k: float) -> Resolution:
 def with_residue(bits: int) -> Callable[[Plan], Floats]:
     """Return a reader that also measures the charge left in the integrator, to 2^-bits of a packet.
 
-    After the gate the input is off and a packet under way is completed, so the rest lies within one packet below the
-    threshold: N x = ones + residue - start. The chip knows a packet under way from its last two bits; here they are the
-    ones that a gate two clocks shorter, with the same noise, does not count. A ramp takes 2^bits clocks.
+    After the gate the input is off and a packet under way is completed, so the rest lies within one
+    packet below the threshold: N x = ones + residue - start. The chip knows a packet under way from
+    its last two bits; here they are the ones that a gate two clocks shorter, with the same noise,
+    does not count. A ramp takes 2^bits clocks.
     """
 
     def read(made: Plan) -> Floats:
@@ -258,8 +262,8 @@ def with_residue(bits: int) -> Callable[[Plan], Floats]:
 def by_period(made: Plan) -> Floats:
     """Count the clocks from the first pulse to the last: an error of one clock, whatever the rate.
 
-    Pulse k comes at the first clock n with n x >= k + 1/2 (the ideal converter, noise apart), so the clocks are those
-    of the closed formula; engine event has no trace of single pulses.
+    Pulse k comes at the first clock n with n x >= k + 1/2 (the ideal converter, noise apart), so
+    the clocks are those of the closed formula; engine event has no trace of single pulses.
     """
     x = made.duty_ideal()
     clocks = made.timing.gate_clocks
@@ -282,7 +286,8 @@ def ways(gates: Sequence[int]) -> Iterator[Point]:
     for gate in gates:
         yield measured("counter, preset (adopted)", {}, PAPER_HZ, gate)
         yield measured("counter, preset, with noise", noise, PAPER_HZ, gate)
-        # No state is carried from slot to slot in an engine, so these two are of the exact count formula.
+        # No state is carried from slot to slot in an engine, so these two are of the exact count
+        # formula.
         for name, read in (("counter without preset", without_preset), ("period of whole pulses", by_period)):
             yield replace(measured(name, {}, PAPER_HZ, gate, read=read), engine="closed")
         for bits in (2, 4, 6):
@@ -323,7 +328,8 @@ PEDESTAL = 0.05
 def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
     """Yield light rows through a slow mirror with and without a bias, against the time to settle.
 
-    The pedestal is a current into every column, ahead of the mirror, which flows whether a row is driven or not.
+    The pedestal is a current into every column, ahead of the mirror, which flows whether a row is
+    driven or not.
     """
     full_a = design_module.load().interface.v_bias_v / design_module.load().sensor.r_min_ohm
     for name, q_c in (("fast mirror (50 fC)", 50e-15), ("slow mirror (500 fC)", 500e-15)):
@@ -408,8 +414,9 @@ def channel_current() -> ChannelCurrent:
 def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) -> float:
     """Return the energy of one conversion in joule, delivered by both supplies through a slot.
 
-    It adds the sensor's current, its copy through the mirror and the reference i0 of the charge source, as design.toml
-    declares them, and `channel_a`, the current of a channel from vdd without a signal. Without that it is a floor.
+    It adds the sensor's current, its copy through the mirror and the reference i0 of the charge
+    source, as design.toml declares them, and `channel_a`, the current of a channel from vdd without
+    a signal. Without that it is a floor.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
@@ -522,14 +529,17 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
     apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks).bits) for p in white)
     lost = at(drooping, "no series resistance", paper).bits - at(drooping, "row droop corrected", paper).bits
     rows = [
-        # 512 random forces know their mean square to 4 %: 0.03 bit, and the mean over them of a sawtooth no better
+        # 512 random forces know their mean square to 4 %: 0.03 bit, and the mean over them of a
+        # sawtooth no better
         verdict.within(f"{name}paper_point_bits.ideal", at(gates, "quantisation", paper).bits, "bits", 7.9, 8.1,
                        "510 clocks at 5 MHz, quantisation alone"),
         verdict.report(f"{name}paper_point_bits.all", at(gates, FULL, paper).bits, "bits", "everything on"),
-        # as above, and the formula leaves out that flicker and quantisation are not independent at 16 counts
+        # as above, and the formula leaves out that flicker and quantisation are not independent at
+        # 16 counts
         verdict.within(f"{name}formula_difference_bits", apart, "bits", None, 0.3,
                        "quantisation and noise: simulation against formula, largest over 2^4 .. 2^16 clocks"),
-        # codes of fifteen others are rounded too: each passes on its share of the droop, some per cent
+        # codes of fifteen others are rounded too: each passes on its share of the droop, some per
+        # cent
         verdict.within(f"{name}droop_left_bits", lost, "bits", None, 0.25,
                        "16x16 behind 1 and 0.5 ohm, 510 clocks: bits lost with the correction of decode"),
         verdict.report(f"{name}droop_cost_bits",

@@ -52,8 +52,9 @@ def draw(points: Sequence[Point], directory: Path) -> None:
     packet_v, small_v = design.load().converter.packet_v, converter.IDEAL.packet_v
     integrator = "largest error of an integrator / V  (1 LSB is a packet, {:g} V)"
     exact = "rounding of the reference as it is returned, in doubles"
-    # Label of the error, LSB, and the floor: one code of 256 off by one is 0.004 LSB; doubles carry 1e-16 V through
-    # 400 clocks of 0.1 V and 510 of 1 V; Newton's method leaves some 1e-6 V in transistors.
+    # Label of the error, LSB, and the floor: one code of 256 off by one is 0.004 LSB; doubles carry
+    # 1e-16 V through 400 clocks of 0.1 V and 510 of 1 V; Newton's method leaves some 1e-6 V in
+    # transistors.
     kinds = {
         frames.WORK: (
             "mean |code - reference| / LSB; certified: mean of the stated bound", 1.0, 1e-3, "all 256 codes exact"
@@ -104,7 +105,8 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
 def time_at(front: Sequence[Point], error: float) -> float | None:
     """Return the time at which a front reaches an error; None where it never does.
 
-    Between two settings of one method it interpolates in the logarithms; between two methods it takes the slower.
+    Between two settings of one method it interpolates in the logarithms; between two methods it
+    takes the slower.
     """
     if error < front[-1].error:
         return None

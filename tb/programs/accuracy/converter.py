@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One converter: error of the integrator's voltage at the clock edges against processor time a clock; peers too.
+"""One converter: error of the integrator's voltage at the clock edges against processor time a
+clock; peers too.
 
-Two circuits: without a pole, where the reference is exact rationals, and with the amplifier's pole of 1 MHz, where it
-is the closed form in 50 digits. The reference takes the charge pulses of the method's own digital side, so the error is
-one of the analog solution; a wrong count is reported as LSB. Pulses of the reference rise and fall in 1 ns.
+Two circuits: without a pole, where the reference is exact rationals, and with the amplifier's pole
+of 1 MHz, where it is the closed form in 50 digits. The reference takes the charge pulses of the
+method's own digital side, so the error is one of the analog solution; a wrong count is reported as
+LSB. Pulses of the reference rise and fall in 1 ns.
 """
 
 from __future__ import annotations
@@ -81,10 +83,12 @@ def _ours(simulator: str, step: float, options: str, circuit: Circuit, where: Pa
 def extrapolated(
     simulator: str, step: float, cuts: tuple[int, ...], circuit: Circuit, where: Path
 ) -> Outcome:
-    """Solve the pulses of a run again with every step cut in 2, 3, ... and extrapolate to a step of zero.
+    """Solve the pulses of a run again with every step cut in 2, 3, ... and extrapolate to a step of
+    zero.
 
-    The error of trapezoids of equal steps is a series in h^2 (Richardson); each further run removes one power, with
-    Lagrange's weights at h^2 = 0. Only the voltage is extrapolated: the comparator has seen that of the first run.
+    The error of trapezoids of equal steps is a series in h^2 (Richardson); each further run removes
+    one power, with Lagrange's weights at h^2 = 0. Only the voltage is extrapolated: the comparator
+    has seen that of the first run.
     """
     weights = [math.prod(n * n / (n * n - m * m) for m in cuts if m != n) for n in cuts]
     job = Job(circuit, 1, step, simulator, keep=True, options=EXACT, cuts=cuts[0])
@@ -104,7 +108,8 @@ _SAID = re.compile(rb"^integrator (\S+) ([01]) ([01]) (\S+)$", re.MULTILINE)
 
 
 def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.float64], NDArray[np.int64]]:
-    """Run the first frame of a plan in engine rtl, its models with one line more that writes the integrators down.
+    """Run the first frame of a plan in engine rtl, its models with one line more that writes the
+    integrators down.
 
     Returns
     -------
@@ -140,7 +145,8 @@ def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.f
     charge = np.empty((made.rows, made.cols, gate), dtype=np.int64)
     for column, name in enumerate(names):
         held, told, volts = np.array([[float(v) for v in line[1:]] for line in said if line[0] == name]).T
-        # The first clock that is not held ends the first clock of a gate: the one before it is its opening.
+        # The first clock that is not held ends the first clock of a gate: the one before it is its
+        # opening.
         opens = np.flatnonzero((held[:-1] == 1) & (held[1:] == 0))[: made.rows]
         if opens.size < made.rows or opens[-1] + gate >= volts.size:
             raise SimulatorError(f"column {column}: gates are missing", log)
@@ -173,7 +179,8 @@ def _rtl(simulator: str, circuit: Circuit, where: Path) -> Outcome:
     return Outcome(error, miscount, seconds / (len(duty) * made.timing.slot_clocks))
 
 
-# The start of a peer's process is subtracted by a second run of a few clocks. Starts differ by milliseconds.
+# The start of a peer's process is subtracted by a second run of a few clocks. Starts differ by
+# milliseconds.
 _FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
 
 
@@ -210,7 +217,8 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[tuple[str, str, Run]]:
         for step, cuts in itertools.product((100e-9,) if quick else EXTRAPOLATED_S, CUTS):
             words = f"step {step_words(step)} over {', '.join(str(cut) for cut in cuts)}"
             yield "cosim, verilator, extrapolated", words, partial(extrapolated, "verilator", step, cuts)
-    # XSPICE takes the options with truncation control as well; they make the errors of the guests larger.
+    # XSPICE takes the options with truncation control as well; they make the errors of the guests
+    # larger.
     for words, options in (("", EXACT), (", truncation control", POLE)):
         for step in few:
             run = partial(_peer, "xspice", step, options)

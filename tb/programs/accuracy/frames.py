@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole frames: error of the codes, and of the integrators, against time a frame, for every engine.
 
-Frames of 16 x 16 resistances over the sensor's range with eight effects; the reference has 50 digits
-(tb/reference/frame.py). Times are processor time, start of a process included. The error of an integrator is that of
-its voltage, whole packets apart, given the method's own pulses: in event at the end of each gate, in rtl and cosim at
-every clock of it in every fifth row.
+Frames of 16 x 16 resistances over the sensor's range with eight effects; the reference has 50
+digits (tb/reference/frame.py). Times are processor time, start of a process included. The error of
+an integrator is that of its voltage, whole packets apart, given the method's own pulses: in event
+at the end of each gate, in rtl and cosim at every clock of it in every fifth row.
 """
 
 from __future__ import annotations
@@ -249,7 +249,8 @@ def channel_plan(work: Path) -> Plan:
 
 
 def channel(work: Path, tell: Callable[[str], None]) -> tuple[list[Point], list[Row]]:
-    """Compare solver options in transistors with a run of a tenth of the tolerances and steps of 10 ns.
+    """Compare solver options in transistors with a run of a tenth of the tolerances and steps of 10
+    ns.
 
     There is no exact solution. Missing transistors or tools are a SKIP row, a failure an ERROR row.
     """
@@ -282,7 +283,8 @@ def channel(work: Path, tell: Callable[[str], None]) -> tuple[list[Point], list[
             tell(f"{CHANNEL}, {words}")
             found, volts, taken = run(solver)
             apart = volts - expected
-            # A pulse that falls a clock later is a packet for a clock: whole packets are not counted.
+            # A pulse that falls a clock later is a packet for a clock: whole packets are not
+            # counted.
             error = float(np.max(np.abs(apart - packet_v * np.rint(apart / packet_v))))
             points.append(
                 Point(

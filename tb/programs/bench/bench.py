@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark: accuracy and speed of each engine, and of other co-simulators on the same circuit.
 
-Correctness rows gate, speed rows inform; docs/benchmarks.md explains each. A measurement that fails is an ERROR row,
-and the others are still made.
+Correctness rows gate, speed rows inform; docs/benchmarks.md explains each. A measurement that fails
+is an ERROR row, and the others are still made.
 """
 
 from __future__ import annotations
@@ -318,7 +318,8 @@ def bench_command(
 ) -> int:
     """Measure accuracy and speed, into build/bench.json; with --only it holds these rows alone.
 
-    Every run is kept in build/bench_history and compared with the blessed one, models/bench_blessed.json.
+    Every run is kept in build/bench_history and compared with the blessed one,
+    models/bench_blessed.json.
     """
     for flag, given in (("--docs", docs), ("--bless", bless)):
         if given and (quick or only):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One converter: dermis_top with one column in lock-step with a circuit whose exact solution is known.
+"""One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
+known.
 
-A job runs in a process of its own, in a directory: job.pickle in; result.pickle or error.txt, and logs out. The HDL
-simulator loads this module again as the cocotb test; a job without a simulator drives ngspice alone.
+A job runs in a process of its own, in a directory: job.pickle in; result.pickle or error.txt, and
+logs out. The HDL simulator loads this module again as the cocotb test; a job without a simulator
+drives ngspice alone.
 """
 
 from __future__ import annotations
@@ -47,10 +49,10 @@ OPTIONS = netlist.options(pole=False)
 class Circuit:
     """The circuit of the benchmark: 1 uA into 10 pF for 1 us is a packet of 0.1 V.
 
-    The circuit starts where the row is driven, `break_clocks` after the slot of the chip.
-    Without a preset the integrator starts above half a packet and is at w = -1/2 when the gate
-    opens. With `preset` it is held at half a packet until then, as on the chip.
-    With `t_gbw_s` the amplifier's output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
+    The circuit starts where the row is driven, `break_clocks` after the slot of the chip. Without a
+    preset the integrator starts above half a packet and is at w = -1/2 when the gate opens. With
+    `preset` it is held at half a packet until then, as on the chip. With `t_gbw_s` the amplifier's
+    output follows the charge with this time constant, 1 / (2 pi gain-bandwidth).
     """
 
     i_in_a: float = 0.3717e-6  # 371.7 packets in 1000 clocks: no short cycle, and far from a tie
@@ -199,7 +201,8 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 
 @mp.workdps(50)
 def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> Floats:
-    """Return `exact_voltage` with the amplifier's pole, in 50 digits: t v' = u - v with u the voltage without the pole.
+    """Return `exact_voltage` with the amplifier's pole, in 50 digits: t v' = u - v with u the
+    voltage without the pole.
 
     u is a parabola while the charge switch moves and a straight line elsewhere. Of u = a + b s + c s^2 follows
     v = p(s) + (v(0) - p(0)) exp(-s / t) with p = u - t u' + t^2 u''.
@@ -272,11 +275,11 @@ def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
 class Job:
     """Work of the child: `frames` runs of the circuit.
 
-    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns what crossed the bridge.
-    `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
+    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns what crossed
+    the bridge. `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
 
-    The last two are faults, for the test that they are found: packets in ngspice are too large by `packet_error`,
-    or the 50th switching of the charge reaches it `late_s` too late.
+    The last two are faults, for the test that they are found: packets in ngspice are too large by
+    `packet_error`, or the 50th switching of the charge reaches it `late_s` too late.
     """
 
     circuit: Circuit
@@ -295,9 +298,9 @@ class Job:
 class Run:
     """Result of a job, one entry or row a frame; bits and voltages only where the job keeps them.
 
-    `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge` [frames, clocks] is
-    the state of the charge switch at clocks 1.., `voltage` [frames, clocks + 1] the integrator at clocks 0.. (without
-    a preset, ngspice gives none at 0).
+    `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge`
+    [frames, clocks] is the state of the charge switch at clocks 1.., `voltage` [frames, clocks + 1]
+    the integrator at clocks 0.. (without a preset, ngspice gives none at 0).
     """
 
     codes: NDArray[Any]

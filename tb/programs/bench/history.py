@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every run of the benchmark is kept, one is blessed, and later runs name the rows that became worse.
+"""Every run of the benchmark is kept, one is blessed, and later runs name the rows that became
+worse.
 
-A comparison informs and fails nothing: models/spec.toml judges. Errors and ratios of times measured in turns compare
-across machines; times and speeds do not, and are listed apart with both machines named.
+A comparison informs and fails nothing: models/spec.toml judges. Errors and ratios of times measured
+in turns compare across machines; times and speeds do not, and are listed apart with both machines
+named.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ class Meaning(NamedTuple):
     worse_by: float
 
 
-# An error repeats to the last digit on one machine; rounding on another moves one that is rounding by less than 2.
+# An error repeats to the last digit on one machine; rounding on another moves one that is rounding
+# by less than 2.
 _ERROR = Meaning("error", False, 2.0)
 # Medians of a few runs of the same tree differ by some per cent.
 _LESS, _MORE = Meaning("ratio", False, 1.1), Meaning("ratio", True, 1.1)
@@ -78,7 +81,8 @@ MEANINGS: dict[str, Meaning | None] = {
 
 
 def meaning(name: str) -> Meaning | None:
-    """Return the meaning of a row, by the longest beginning of its name; None if it is not compared.
+    """Return the meaning of a row, by the longest beginning of its name; None if it is not
+    compared.
 
     Raises
     ------

@@ -219,7 +219,8 @@ class Method:
 def measure(
     work: str, methods: Sequence[Method], repeat: int, tell: Callable[[str], None]
 ) -> tuple[list[Point], list[Row]]:
-    """Run every method `repeat` times in turns, so that other load on the machine meets all of them.
+    """Run every method `repeat` times in turns, so that other load on the machine meets all of
+    them.
 
     A method that fails is an ERROR row with the reason, named after `work`; its point is missing.
     """

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The converter of the benchmark in other mixed-signal simulators; none of their code is in this tree.
+"""The converter of the benchmark in other mixed-signal simulators; none of their code is in this
+tree.
 
-Each gets the same circuit, flip-flops and solver options, and is compared with the same exact solution, which takes
-the charge pulses of its own digital side. XSPICE comes with ngspice; the other two are measured where they import.
+Each gets the same circuit, flip-flops and solver options, and is compared with the same exact
+solution, which takes the charge pulses of its own digital side. XSPICE comes with ngspice; the
+other two are measured where they import.
 """
 
 from __future__ import annotations
@@ -155,8 +157,8 @@ def xspice(
 
 # ---- SpiceBind --------------------------------------------------------------------------------------------------
 
-# The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so that the level that
-# the plug-in has not yet driven is not sampled.
+# The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so
+# that the level that the plug-in has not yet driven is not sampled.
 _VERILOG = """`timescale 1ns/1ps
 `ifndef NO_INSTANCE
 module bench_analog(input wire d_charge, output wire comp);

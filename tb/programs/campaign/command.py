@@ -35,7 +35,8 @@ _SHRINK_S, _EXAMPLES = 120.0, 4
 
 @dataclass(frozen=True)
 class Size:
-    """Sizes of a campaign: scenes of a task, seconds of a scene, scenes of a short and of a whole run.
+    """Sizes of a campaign: scenes of a task, seconds of a scene, scenes of a short and of a whole
+    run.
 
     From `telling` scenes on every law must have applied; the rarest is asked about one scene in 50.
     """
@@ -154,7 +155,8 @@ def store_cases(engines: str, seed: int, total: Tally, where: Path, processes: i
     paths = []
     for index, outcome in workers.run(tasks, processes):
         number, law, line = chosen[index]
-        # A scene that hangs or crashes does so while it is shrunk too: it is stored as it was drawn.
+        # A scene that hangs or crashes does so while it is shrunk too: it is stored as it was
+        # drawn.
         text = outcome.value or replace(scene_of(engines, seed, number), why=f"{law}: {line}").to_toml()
         paths.append(where / f"{law}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.toml")
         write_atomic(paths[-1], text)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws that hold for every scene: each takes a `Subject` and yields one line for each violation.
 
-A law yields COMPARED first where it applies to the scene. Laws that need further runs are asked for a share of the
-scenes (`ENGINES`). `judge` asks all laws about one world.
+A law yields COMPARED first where it applies to the scene. Laws that need further runs are asked for
+a share of the scenes (`ENGINES`). `judge` asks all laws about one world.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from tb.reference.scenes import World
 Floats = NDArray[np.float64]
 COMPARED = ""
 
-# Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the rest is margin for
-# divisions afterwards. Two orders of the same elimination differ by no more.
+# Star-mesh elimination never subtracts: n^2 roundings of 1e-16 at 20 x 20 taxels are 4e-14; the
+# rest is margin for divisions afterwards. Two orders of the same elimination differ by no more.
 _SOLVED = 1e-9
 # 1e-12 of a packet in any gate of 1e3 clocks at the smallest reference current (1e-9 A).
 _NO_CURRENT_A = 1e-24
@@ -394,7 +394,8 @@ def superposed(s: Subject) -> Iterator[str]:
     yield from _first(out > into * (1.0 + _SOLVED), "{!r} A come out, an ideal driver gives {!r}", out, into)
     if rest is not None:
         rng = s.rng("superposed")
-        # Shares without rounding: where offsets of columns cancel, a rounding of one is more than any bound.
+        # Shares without rounding: where offsets of columns cancel, a rounding of one is more than
+        # any bound.
         share = rng.choice([-1.0, 0.0, 0.5, 1.0, 2.0], network.cols)
         # Each solve gives its own bound, which may be more than a current of offsets that cancel.
         halves, allowed = [], found.rest_error
@@ -412,11 +413,13 @@ def superposed(s: Subject) -> Iterator[str]:
         yield from _first(wrong, "offsets and leaks in two parts: {!r}, not {!r}", both, rest)
 
 
-# Fields that grow and that shrink with every resistance, and currents of the converter, which shrink.
+# Fields that grow and that shrink with every resistance, and currents of the converter, which
+# shrink.
 _OHMS = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "r_trace_row_ohm", "r_trace_column_ohm")
 _SIEMENS = ("g_lateral_row_s", "g_lateral_column_s", "i_leak_a", "c_row_f", "c_column_f", "c_taxel_f")
 _AMPERES = ("i0_a", "c_int_f", "i_offset_a", "g_in_s", "q_mirror_c")
-# A factor of 2^6 keeps these limits away from the values that replace shorts and opens (dermis.array.array).
+# A factor of 2^6 keeps these limits away from the values that replace shorts and opens
+# (dermis.array.array).
 _LEAST_OHM, _LEAST, _MOST = 1e-6, 1e-15, 1e12
 
 
@@ -540,7 +543,8 @@ class Outcome:
 def judge(world: World, engines_: str, seed: int, only: Iterable[str] | None = None) -> Outcome:
     """Ask the laws of some engines about a world, those of `only` without chance.
 
-    Invalid floating-point operations, warnings and exceptions other than the project's own break `typed_errors`.
+    Invalid floating-point operations, warnings and exceptions other than the project's own break
+    `typed_errors`.
     """
     outcome = Outcome()
     with (

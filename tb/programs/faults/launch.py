@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the command line with changes: `python -m tb.programs.faults.launch CHANGE... -- WORDS`.
 
-A CHANGE is `module:NAME=number`, a value of a module, or `module:NAME!n=FAULT`: the n-th call of a function becomes
-`kill`, `term` or the name of an errno such as `ENOSPC`.
+A CHANGE is `module:NAME=number`, a value of a module, or `module:NAME!n=FAULT`: the n-th call of a
+function becomes `kill`, `term` or the name of an errno such as `ENOSPC`.
 """
 
 from __future__ import annotations

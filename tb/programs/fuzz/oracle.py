@@ -37,12 +37,14 @@ LINE_MAX = 2000
 
 
 class Finding(Exception):
-    """A violation: the oracle that saw it, its place in the package as module and function, and a text.
+    """A violation: the oracle that saw it, its place in the package as module and function, and a
+    text.
 
-    Oracles: `escape` an exception other than the typed ones; `line` a refusal other than one printable line;
-    `write` a path outside OUT; `process` a process, connection or library; `memory`; `time`; `deck` a line of a deck
-    of an unknown form; `value` a result out of range; `again` a resolved file that reads differently; `model` Verilog
-    and model differ; `exit` an unknown exit code; `crash` the process ended.
+    Oracles: `escape` an exception other than the typed ones; `line` a refusal other than one
+    printable line; `write` a path outside OUT; `process` a process, connection or library;
+    `memory`; `time`; `deck` a line of a deck of an unknown form; `value` a result out of range;
+    `again` a resolved file that reads differently; `model` Verilog and model differ; `exit` an
+    unknown exit code; `crash` the process ended.
     """
 
     def __init__(self, kind: str, place: str, text: str) -> None:
@@ -79,7 +81,8 @@ Policy = Callable[[Path], bool]
 
 _STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty")
 _CONNECTS = ("socket.connect", "socket.bind", "socket.sendto", "ctypes.dlopen")
-# Packages whose classes numba's cache of compiled loops holds; a pickle in an input names other classes.
+# Packages whose classes numba's cache of compiled loops holds; a pickle in an input names other
+# classes.
 _UNPICKLED = ("numba", "llvmlite", "numpy", "dermis", "copyreg", "_codecs", "collections", "types")
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 # Audit event -> (argument that is a changed path, argument with its directory).

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPI, register port and registers as the chip joins them, with everything behind them at rest: what a fuzzer talks to.
-// Interface: the SPI pins, a clock, and the registers' outputs that a host has set; the frame is bytes of their own address.
-// Timing: as dermis_spi and dermis_register_port; STATUS and the counts are constants, so that an answer is known.
+// SPI, register port and registers as the chip joins them, with everything behind them at rest:
+// what a fuzzer talks to.
+// Interface: the SPI pins, a clock, and the registers' outputs that a host has set; the frame is
+// bytes of their own address.
+// Timing: as dermis_spi and dermis_register_port; STATUS and the counts are constants, so that an
+// answer is known.
 // Why not dermis_top: a frame that is being read would make answers depend on the time.
 `default_nettype none
 

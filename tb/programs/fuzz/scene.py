@@ -121,7 +121,8 @@ def prepare(place: Path) -> None:
         # Some bases are refused by design; what counts is that loading has loaded its modules.
         with contextlib.suppress(InputError):
             look(planning.load(place / "scene.toml"), place, again=True)
-    # Loops compile on first use, for longer than an input may take: arrays with traces, offsets and leaks.
+    # Loops compile on first use, for longer than an input may take: arrays with traces, offsets and
+    # leaks.
     lines = array.Network(np.full((3, 3), 1e-3), 0.5, 1.0, 2.0, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
     for rest in ({}, {"v_column_offset_v": np.full(3, 1e-3), "i_leak_a": np.full(3, 1e-9)}):
         array.column_currents(dataclasses.replace(lines, **rest))

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hard cases: why each is hard, its exact answer and source, and the engines that have to find it.
 
-Text stands in cases.toml by name; code gives the runs. Text that holds computed numbers stays with the code.
+Text stands in cases.toml by name; code gives the runs. Text that holds computed numbers stays with
+the code.
 """
 
 from __future__ import annotations

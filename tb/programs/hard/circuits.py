@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hard circuits: ngspice aborts, rings, starts wrongly or must refuse; each has an exact answer.
 
-Engines: `lockstep` is ngspice as the analog half with row scanner and flip-flops in Python (tb/system ties such a
-chip to the Verilog), `batch` a deck through `ngspice -b`, both on the ladder (docs/ladder.md); `event` and
-`closed` are those of a scene.
+Engines: `lockstep` is ngspice as the analog half with row scanner and flip-flops in Python
+(tb/system ties such a chip to the Verilog), `batch` a deck through `ngspice -b`, both on the ladder
+(docs/ladder.md); `event` and `closed` are those of a scene.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def lockstep(
     t_max_step_s: float = 1e-7,
     use_ic: bool = False,
 ) -> tuple[Rows, ladder.Climb]:
-    """Return samples [times, probes] of a circuit with sources `v_d0 d0 0 external` ..., and its rungs of the ladder.
+    """Return samples [times, probes] of a circuit with sources `v_d0 d0 0 external` ..., and its
+    rungs of the ladder.
 
     Parameters
     ----------
@@ -139,10 +140,12 @@ DUTY = Fraction(3, 8)
 
 
 def transistor_converter(size: int) -> list[str]:
-    """Return a converter of fourteen level-1 transistors: two amplifiers of seven, one integrates, one compares.
+    """Return a converter of fourteen level-1 transistors: two amplifiers of seven, one integrates,
+    one compares.
 
-    1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have Meyer's gate
-    capacitances and nothing else, and `vref` and `vbn` are ideal sources that drive only gates.
+    1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have
+    Meyer's gate capacitances and nothing else, and `vref` and `vbn` are ideal sources that drive
+    only gates.
     """
     draw = random.Random(size)
 
@@ -263,9 +266,9 @@ NEEDS = {
     "source_stepping": ("v1 a 0 30", "r1 a b 10", _DIODE, TIGHT),
     "ramp": ("v1 a 0 30", "r1 a b 10", _DIODE, _LOCKED, "r2 o n 1k", "c2 n 0 1n", TIGHT),
 }
-"""By rung of the start, a circuit with one operating point, at node b, that no rung below finds: a saturating
-element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same beside a loop without a state at any
-fraction of the supply, where source stepping stops."""
+"""By rung of the start, a circuit with one operating point, at node b, that no rung below finds: a
+saturating element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same beside a
+loop without a state at any fraction of the supply, where source stepping stops."""
 
 
 LEAP = (
@@ -285,7 +288,8 @@ def needed_operating_point(rung: str) -> mpmath.mpf:
     """Return v(b) of a circuit of NEEDS in thirty digits."""
     with mpmath.workdps(30):
         if rung == "gmin_stepping":
-            # with v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for the argument of tanh
+            # with v = 1/2 + d: 1/2 - d = tanh(1e6 d) + 1e-9 exp(20 + 40 d), solved for the argument
+            # of tanh
             def law(d: mpmath.mpf) -> mpmath.mpf:
                 rest = mpmath.mpf(0.5) - d - mpmath.exp(20 + 40 * d) / 10**9
                 return d - mpmath.atanh(rest) / 10**6

@@ -66,7 +66,8 @@ def _case(
         other = {"tolerance": _BENT if world.effects else _IDEAL} | other
     if "source" not in text:
         other = {"source": _DIGITS if world.effects else _WALK} | other
-    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in ten among seven other runs.
+    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in ten among seven other
+    # runs.
     limit_s = max(limit_s, 30.0) if "cosim" in runs else limit_s
     return case(GROUP, name, runs, limit_s=limit_s, **other)
 

@@ -67,7 +67,8 @@ def windows(length: int, times: int) -> Measured:
 
 
 def dips(window: float, clocks: float) -> tuple[float, ...]:
-    """Return duties whose charge, with a latch, dips below the lower level of a window for `clocks`, or misses it.
+    """Return duties whose charge, with a latch, dips below the lower level of a window for
+    `clocks`, or misses it.
 
     The first one comes at clock 2 with the charge at 2 x - 1/2; its packet lasts from 2.5 to 3.5. There the charge is
     3.5 x - 3/2, and has been below a level that it passes by e for e / (1 - x) + e / x.
@@ -109,9 +110,11 @@ def asymptote(beside: float) -> World:
 
 
 def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -> Measured:
-    """Compare counts at both edges of every plateau p/q, inside and outside by `nudge`, with fifty digits.
+    """Compare counts at both edges of every plateau p/q, inside and outside by `nudge`, with fifty
+    digits.
 
-    The leak is the double nearest to -log(keep), for the walk as well: what is left is the loop's own rounding.
+    The leak is the double nearest to -log(keep), for the walk as well: what is left is the loop's
+    own rounding.
     """
     with mpmath.workdps(exact.DIGITS):
         leak = float(-mpmath.log(mpmath.mpf(keep.numerator) / keep.denominator))
@@ -266,7 +269,8 @@ def jitter(t_s: float) -> Measured:
     ones, taken = np.zeros(found.size), np.zeros(found.size)
     q = np.zeros((3, found.size))  # of this clock and of the two before
     for n in range(1, GATE + 1):
-        # A one of clock n - 2 has its packet from edge n - 1 to this edge; that of n - 1 begins here.
+        # A one of clock n - 2 has its packet from edge n - 1 to this edge; that of n - 1 begins
+        # here.
         taken += q[1] * (edges[:, n] - edges[:, n - 1])
         bit = (-0.5 + duty * edges[:, n] - taken >= 0) & (q[0] == 0)
         q = np.stack([bit.astype(float), q[0], q[1]])
@@ -301,7 +305,8 @@ def ghost_unpreset(engine: str) -> Measured:
     """Read rows of 312 ohm, code 2 and code 2, of which only the first starts from the preset."""
     begin = time.perf_counter()
     if engine == "icarus":
-        # A range that is never reached: without any effect the model is a straight line from preset to preset.
+        # A range that is never reached: without any effect the model is a straight line from preset
+        # to preset.
         wide = {"integrator_range": {"v_max_v": 1e6, "v_min_v": -1e6}}
         world = World((float(OVERLOAD),) * 8 + (float(TWO),) * 16, wide)
         made, x = converter_runs.make_plan(world, "rtl", rows=3)
@@ -340,10 +345,11 @@ def scanner_that_presets_once(directory: Path) -> Path:
 
 
 def unpreset(duties: Sequence[Fraction], settle: int) -> list[int]:
-    """Return codes of successive rows when only the first is preset and the converter runs through each settle.
+    """Return codes of successive rows when only the first is preset and the converter runs through
+    each settle.
 
-    Through the break between two rows the current of the first flows on, as models/verilog/array.sv has it: with the
-    preset nobody sees it.
+    Through the break between two rows the current of the first flows on, as models/verilog/array.sv
+    has it: with the preset nobody sees it.
     """
     w, last, counts = Fraction(-1, 2), False, []
     rest, before = header_values()["DERMIS_BREAK_CLOCKS"], Fraction(0)

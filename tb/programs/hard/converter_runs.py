@@ -32,8 +32,9 @@ GATE = 510
 
 # A decision at clock n rests on n sums, each rounded by half an ulp of a charge below 2.
 _SUMS = 2.0**-53
-# The coefficients of a clock (exponentials and their integrals) are each right to a few ulp, and so is a whole gate of
-# them to 1e-12 of a packet: tb/model/test_engines ties the loops to fifty digits with it.
+# The coefficients of a clock (exponentials and their integrals) are each right to a few ulp, and so
+# is a whole gate of them to 1e-12 of a packet: tb/model/test_engines ties the loops to fifty digits
+# with it.
 _LOOPS = 1e-12
 # spec.toml, cosim.edge_error_v: 1e-6 V where a packet is 0.1 V.
 _SPICE = 1e-5
@@ -78,7 +79,8 @@ class World:
         if self.effects:
             return _LOOPS
         reach = max(1.0, abs(x)) if np.isfinite(x) else 1.0
-        # closed: N x and the difference to the start, an ulp of the larger; the loops: a sum a clock.
+        # closed: N x and the difference to the start, an ulp of the larger; the loops: a sum a
+        # clock.
         return (2.0 * self.gate if engine == "closed" else self.gate) * _SUMS * reach
 
 
@@ -116,8 +118,8 @@ def _event(world: World) -> NDArray[Any]:
     return event.codes_of(made, x)
 
 
-# Parameters of the one Verilator build for all effects; an effect that is off has its neutral value.
-# (DELAY has none: a comparator without it is built to be looked at where the charge is.)
+# Parameters of the one Verilator build for all effects; an effect that is off has its neutral
+# value. (DELAY has none: a comparator without it is built to be looked at where the charge is.)
 _EVERY = ("PACKET", "W_PRESET", "RISE", "FALL", "W_LOW", "LEAK")
 
 
@@ -162,7 +164,8 @@ ENGINES: dict[str, Callable[[World], NDArray[Any]]] = {
     "cosim": _cosim,
 }
 
-# Icarus takes 40 ms for eight duties: of longer lists every fifth, which is prime to the pairs and triples in them.
+# Icarus takes 40 ms for eight duties: of longer lists every fifth, which is prime to the pairs and
+# triples in them.
 _MANY, _EVERY_SO_MANY = 200, 5
 
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A comparator that chatters in front of a synchronizer: 1 ps pulses between the edges, and across those edges only that
-// covered.txt marks. Writes pulses.txt: rising edges of the synchronized output. 200 ns clock, steps of 1 fs.
+// A comparator that chatters in front of a synchronizer: 1 ps pulses between the edges, and across
+// those edges only that covered.txt marks. Writes pulses.txt: rising edges of the synchronized
+// output. 200 ns clock, steps of 1 fs.
 `timescale 1ps / 1fs
 `default_nettype none
 
@@ -31,7 +32,8 @@ module glitch_bench;
     rst_n = 0;
     #1000 rst_n = 1;
     for (n = 0; n < EDGES; n = n + 1) begin
-      // Three pulses while the clock is low, one that ends 1 ps before the edge, one that begins 1 ps behind it.
+      // Three pulses while the clock is low, one that ends 1 ps before the edge, one that begins 1
+      // ps behind it.
       for (k = 0; k < 3; k = k + 1) begin
         #30000 comparator = 1;
         #1 comparator = 0;

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard cases of the array: shorts, opens, resistances 38 decades apart, lines that cancel, sizes from 1x1 to 256x256.
+"""Hard cases of the array: shorts, opens, resistances 38 decades apart, lines that cancel, sizes
+from 1x1 to 256x256.
 
-Each runs the solver and, where the network can be a scene, engines closed and event. Compared are the
-current of every column in every slot, and the code.
+Each runs the solver and, where the network can be a scene, engines closed and event. Compared are
+the current of every column in every slot, and the code.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ CLOCKS, CODE_MAX = 510, 255
 
 DIGITS = 120
 
-# A current of 0 is computed as the leakage of the stand-ins for ideal sources (docs/array.md, Bounds).
+# A current of 0 is computed as the leakage of the stand-ins for ideal sources (docs/array.md,
+# Bounds).
 NOTHING_A = 1e-45
 
 
@@ -50,8 +52,9 @@ def _random_g(name: str, rows: int, cols: int, low: float = 500.0, high: float =
 class Hard:
     """A hard network: its conductances, its other elements, and the source of its currents.
 
-    `exact` gives the currents [rows, cols]; None takes the nodal matrix in DIGITS digits, `slots` of it alone where
-    that would take long. `cancels` says that offsets cancel by nature, so that errors count against what adds up.
+    `exact` gives the currents [rows, cols]; None takes the nodal matrix in DIGITS digits, `slots`
+    of it alone where that would take long. `cancels` says that offsets cancel by nature, so that
+    errors count against what adds up.
     """
 
     name: str
@@ -146,8 +149,9 @@ def _decades(rows: int, cols: int, low: float, high: float) -> Floats:
 def _uniform(network: Network) -> Floats:
     """Solve equal taxels with equal drivers and equal inputs by symmetry.
 
-    Every column is at one voltage v and every row but the driven one at one voltage u: with n columns, m rows, the
-    driven row at w, g (w - v) + (m - 1) g (u - v) = v / r_c, n g (v - u) = u / r, n g (w - v) = (V - w) / r.
+    Every column is at one voltage v and every row but the driven one at one voltage u: with n
+    columns, m rows, the driven row at w, g (w - v) + (m - 1) g (u - v) = v / r_c, n g (v - u) = u /
+    r, n g (w - v) = (V - w) / r.
     """
     m, n = network.rows, network.cols
     g, r, rc = float(network.g_taxel_s[0, 0]), network.r_row_driven_ohm, float(network.r_column_ohm[0])

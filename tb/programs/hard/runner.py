@@ -31,7 +31,8 @@ SLOW = ("cosim", "verilator")
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
-    """Return cases whose group or name has one of the words; with `short` the short set without its slow runs.
+    """Return cases whose group or name has one of the words; with `short` the short set without its
+    slow runs.
 
     Raises
     ------

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Published stiff circuits through the project's own ngspice driver: errors by method, step and tolerance.
+"""Published stiff circuits through the project's own ngspice driver: errors by method, step and
+tolerance.
 
-A run drives a deck as the co-simulation does: the digital side's edges, samples at given times, integration by
-lockstep.c's steps. Its error is the largest difference from the reference over all those samples.
+A run drives a deck as the co-simulation does: the digital side's edges, samples at given times,
+integration by lockstep.c's steps. Its error is the largest difference from the reference over all
+those samples.
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Four stiff circuits of the IVP test set (CWI Amsterdam, University of Bari) as decks and as equations of their own.
+"""Four stiff circuits of the IVP test set (CWI Amsterdam, University of Bari) as decks and as
+equations of their own.
 
-The test set (F. Mazzia, C. Magherini: Test Set for Initial Value Problem Solvers, release 2.4) gives laws, numbers,
-initial state and end values of each. A deck and its equations are written separately from those laws, so an error in
-one shows against the other. In the decks a charge that depends on voltages is a node that stands at charge / unit and
-a linear capacitor of one unit at it, whose current is copied to where the charge sits.
+The test set (F. Mazzia, C. Magherini: Test Set for Initial Value Problem Solvers, release 2.4)
+gives laws, numbers, initial state and end values of each. A deck and its equations are written
+separately from those laws, so an error in one shows against the other. In the decks a charge that
+depends on voltages is a node that stands at charge / unit and a linear capacitor of one unit at it,
+whose current is copied to where the charge sits.
 """
 
 from __future__ import annotations
@@ -149,7 +151,8 @@ def _amp_reference(fine: int) -> Floats:
     """Explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate left is some 1e4 / s."""
     start = [_AMP_START[0] - _AMP_START[1], 3.0, 3.0, 3.0, 6.0]
     rtol = (1e-11, 1e-13)[fine]
-    # Capacitor voltages are some volts, and pass through zero: a thousandth of what is allowed of a volt.
+    # Capacitor voltages are some volts, and pass through zero: a thousandth of what is allowed of a
+    # volt.
     done = solve_ivp(
         _amp_rates, (0.0, 0.2), start, "DOP853", _AMP_TIMES, rtol=rtol, atol=1e-3 * rtol, max_step=1e-4
     )
@@ -186,12 +189,14 @@ _K, _P, _N, _M = 1e3, 1e-12, 1e-9, 1e-3
 _NAND_R_GATE, _NAND_R_BULK = 4.0, 10.0
 _NAND_C_GATE, _NAND_C_BULK, _NAND_C_NODE = 0.6e-4, 2.4e-5, 0.5e-4
 _NAND_BARRIER, _NAND_SLOPE, _NAND_I_SAT, _NAND_V_T = 0.87, 0.02, 1e-14, 25.85
-# Threshold, body effect, its potential, beta in mA/V^2 forward and with drain and source exchanged. That the last is a
-# tenth for the enhancement type is odd, and the published end values belong to it: 1.748e-3 misses them by 5 mV.
+# Threshold, body effect, its potential, beta in mA/V^2 forward and with drain and source exchanged.
+# That the last is a tenth for the enhancement type is odd, and the published end values belong to
+# it: 1.748e-3 misses them by 5 mV.
 _NAND_DEPLETION = (-2.43, 0.2, 1.28, 5.35e-4, 5.35e-4)
 _NAND_ENHANCEMENT = (0.2, 0.035, 1.01, 1.748e-3, 1.748e-4)
 _NAND_START = (5.0, 5.0, -2.5, -2.5, 5.0, 3.62385, 5.0, -2.5, -2.5, 3.62385, 0.0, 3.62385, -2.5, -2.5)
-# Each transistor: law, drain, gate, source, then bulk at its source side and bulk at its drain side as (bulk, node).
+# Each transistor: law, drain, gate, source, then bulk at its source side and bulk at its drain side
+# as (bulk, node).
 _NAND_FETS = (
     (_NAND_DEPLETION, "y2", "y5", "y1", ("y3", "y5"), ("y4", "vdd")),
     (_NAND_ENHANCEMENT, "y7", "v1", "y6", ("y8", "y10"), ("y9", "y5")),
@@ -429,8 +434,9 @@ def _pump_input(t_ns: float) -> float:
 def _pump_point(v_gate: float) -> tuple[Any, Any]:
     """Charge of the source's capacitor and of the gate at a gate voltage.
 
-    What leaves the channel at either end stays on that end's capacitor, so both hold the same charge q: no history,
-    one equation q = cox / 3 H(v_gate, q), solved by bisection, for its right side falls with q.
+    What leaves the channel at either end stays on that end's capacitor, so both hold the same
+    charge q: no history, one equation q = cox / 3 H(v_gate, q), solved by bisection, for its right
+    side falls with q.
     """
     p = {k: mpf(repr(v)) for k, v in _PUMP.items()}
     gate = mpf(v_gate)
@@ -458,9 +464,11 @@ def _pump_point(v_gate: float) -> tuple[Any, Any]:
 
 @mp.workdps(50)
 def _pump_reference(fine: int) -> Floats:
-    """Gate charge over `unit`, source and drain, in volt, and the current over 1 mA; exact but for the last rounding.
+    """Gate charge over `unit`, source and drain, in volt, and the current over 1 mA; exact but for
+    the last rounding.
 
-    The current is known in closed form where the transistor is off: along the last edge, at its end.
+    The current is known in closed form where the transistor is off: along the last edge, at its
+    end.
     """
     rows = []
     for t in _PUMP_TIMES:
@@ -516,7 +524,8 @@ def _ring_lines() -> tuple[str, ...]:
         f"c7 y7 0 {p['cp']!r}",
         f"r7 y7 0 {p['rp']!r}",
     ]
-    # Each winding: its own voltage, its inductance, its resistance, and the nodes its current is copied into.
+    # Each winding: its own voltage, its inductance, its resistance, and the nodes its current is
+    # copied into.
     windings = {
         8: ("-v(y1)", p["lh"], 0.0, {"y1": 1.0}),
         9: ("-v(y2)", p["lh"], 0.0, {"y2": 1.0}),

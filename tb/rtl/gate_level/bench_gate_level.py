@@ -15,7 +15,8 @@ from cocotb.triggers import Timer
 from dermis.chip import register_map, spi_protocol
 
 HALF_NS = 100
-# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with and without delays.
+# SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with
+# and without delays.
 SPI_HALF_NS = 40
 SPI_OFFSET_NS = 7
 PINS = (

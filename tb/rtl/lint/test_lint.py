@@ -61,8 +61,8 @@ def test_rtl_is_clean_in_every_tool() -> None:
     assert bits["lint.yosys.1x16_16bit.memory_bits"] == 2 * 8 * (10 + 5 * (1 + 2 * 16 + 2))
 
 
-# What to break, and the rows of the default configuration that must fail. A tool that is not named is known to be
-# blind to the fault; that is why there are three.
+# What to break, and the rows of the default configuration that must fail. A tool that is not named
+# is known to be blind to the fault; that is why there are three.
 FAULTS: dict[str, tuple[tuple[str, str, str], set[str]]] = {
     "port_one_bit_too_wide": (
         ("dermis_reader", "(counts[c*COUNT_BITS +: COUNT_BITS])", "(counts[c*COUNT_BITS +: COUNT_BITS-1])"),

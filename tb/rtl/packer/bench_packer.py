@@ -14,7 +14,8 @@ ROW_PORTS = ("slot_i", "first_i", "last_i", "test_frame_i", "dark_frame_i", "gat
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def rows(dut: Any) -> None:
-    """Offer rows as dermis_reader does; report each frame's bytes, the columns shown and the clocks busy.
+    """Offer rows as dermis_reader does; report each frame's bytes, the columns shown and the clocks
+    busy.
 
     A row is {port: value, "counts": [...], "pedestals": [...], "pedestal_mode_i": m}.
     """

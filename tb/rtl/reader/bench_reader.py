@@ -15,7 +15,8 @@ from rtl_bench import ReaderBench, report, scenario
 async def frames(dut: Any) -> None:
     """Read some slots and report the counts and when the switches moved.
 
-    `changes` are [slots, {port: value}]: inputs that change when so many slots were delivered; a pulse lasts a clock.
+    `changes` are [slots, {port: value}]: inputs that change when so many slots were delivered; a
+    pulse lasts a clock.
     """
     s = scenario()
     bench = ReaderBench(
@@ -133,9 +134,11 @@ async def power_up(dut: Any) -> None:
 
 @cocotb.test(timeout_time=10, timeout_unit="ms")
 async def long_gate(dut: Any) -> None:
-    """All settings at both their ends while idle, then a frame, a self-test frame and a frame with comparators high.
+    """All settings at both their ends while idle, then a frame, a self-test frame and a frame with
+    comparators high.
 
-    The clock runs by itself, 10 ns; reports gates, counts of the last slot and test counts of the frames.
+    The clock runs by itself, 10 ns; reports gates, counts of the last slot and test counts of the
+    frames.
     """
     settings = (
         "dark_i",

@@ -117,7 +117,8 @@ def test_taxels_below_500_ohm_read_full_scale_and_leave_the_next_row_alone(
 
 SMALL = {"ROWS": 3, "COLS": 5}
 
-# Each with one synchronizer: what depends on both, size and form, the lint and test_shortest_slots see.
+# Each with one synchronizer: what depends on both, size and form, the lint and test_shortest_slots
+# see.
 SHAPES: dict[str, dict[str, int]] = {
     "8x8": {"ROWS": 8, "COLS": 8, "SYNC_LATCH": 1},
     "16x1": {"ROWS": 16, "COLS": 1, "gate": 126, "settle": 30},

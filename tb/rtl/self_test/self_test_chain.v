@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bench only: reader, packer and self-test as dermis_top joins them, with their settings as pins instead of registers.
+// Bench only: reader, packer and self-test as dermis_top joins them, with their settings as pins
+// instead of registers.
 `default_nettype none
 
 module self_test_chain #(

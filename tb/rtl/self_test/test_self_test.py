@@ -55,7 +55,8 @@ def test_pressing_the_array_changes_nothing_but_what_a_stuck_row_lets_through(si
     faults = [f for f in FAULTS if "rows_high" not in f[0]]
     found = self_test(simulator, PRESSED, [fault for fault, _ in faults])
     assert found == [wanted for _, wanted in faults]
-    # A row that stays on lights every column in the dark slot, and in the full slots those without current.
+    # A row that stays on lights every column in the dark slot, and in the full slots those without
+    # current.
     [stuck] = self_test(simulator, PRESSED, [{"rows_high": [2]}])
     assert stuck == {"row": [2], "dark": [0, 1, 2, 3, 4]}
 

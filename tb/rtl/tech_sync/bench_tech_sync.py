@@ -35,10 +35,11 @@ async def levels(dut: Any) -> None:
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
 async def release(dut: Any) -> None:
-    """Reset falls with the clock at either level and rises somewhere between two edges; report the output around it.
+    """Reset falls with the clock at either level and rises somewhere between two edges; report the
+    output around it.
 
-    Of each: level of the clock where the pin fell, output just behind it, output where the pin rose, output behind
-    each of the next three rising edges.
+    Of each: level of the clock where the pin fell, output just behind it, output where the pin
+    rose, output behind each of the next three rising edges.
     """
     rng = random.Random(6)
     seen = []

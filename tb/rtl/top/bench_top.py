@@ -367,7 +367,8 @@ async def slow_reader(dut: Any) -> None:
     assert min(begun_during) >= 3, begun_during
     host.period_ps = chip.clock_ps
     lost = await host.run(spi.read_register(rm.LOST))
-    # Of the frames that end during a read all but the last are overwritten; one more may begin or end at either rim.
+    # Of the frames that end during a read all but the last are overwritten; one more may begin or
+    # end at either rim.
     assert sum(begun_during) - 2 * len(frames) <= lost <= sum(begun_during), (lost, begun_during)
     assert frames == sorted(set(frames))
     report({"frames": frames, "lost": lost, "begun during a read": begun_during})
@@ -439,7 +440,8 @@ async def traffic(dut: Any) -> None:
     host = Pins(dut, chip.clock_ps)
     await chip.reset()
     model = RegisterModel(chip.rows, chip.cols, chip.code_bits, reset_values(p))
-    # Settings of a frame, which accepted writes leave unchanged, so that every frame can be predicted.
+    # Settings of a frame, which accepted writes leave unchanged, so that every frame can be
+    # predicted.
     fixed = {rm.CONTROL, rm.SETTLE, rm.GATE, rm.ROW_MASK, *range(rm.PEDESTAL, 256)}
     free = sorted(set(model.values) - fixed)
     done = dict.fromkeys(("write", "refused", "read", "frame", "crc", "cut", "opcode", "stop", "bounce"), 0)

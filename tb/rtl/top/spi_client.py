@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """cocotbext-spi 0.5.0 on cocotb 2.1, and a pin driver for what no proper client does.
 
-The client was written for cocotb 1: it imports a class that is gone (`cocotb.clock.BaseClock`, of which it uses only
-the constructor), says `units`, reads `.value.integer` and knows `setimmediatevalue`. Below is what it takes to run it.
+The client was written for cocotb 1: it imports a class that is gone (`cocotb.clock.BaseClock`, of
+which it uses only the constructor), says `units`, reads `.value.integer` and knows
+`setimmediatevalue`. Below is what it takes to run it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// WRONG on purpose: dermis_row_buffer without its register, so that the counters themselves are read out.
-// 128 bits do not shift out in the 115 clocks before the counters start again.
+// WRONG on purpose: dermis_row_buffer without its register, so that the counters themselves are
+// read out. 128 bits do not shift out in the 115 clocks before the counters start again.
 `include "dermis_design.vh"
 `default_nettype none
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// WRONG on purpose: dermis_sync_ff with Q-bar from the second flop. Pulses are two clocks wide and half as many.
+// WRONG on purpose: dermis_sync_ff with Q-bar from the second flop. Pulses are two clocks wide and
+// half as many.
 `default_nettype none
 
 module dermis_sync_ff (

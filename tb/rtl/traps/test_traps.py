@@ -19,7 +19,8 @@ HALF: Duty = (1, 2)  # 500 ohm
 BREAK_CLOCKS = header_values()["DERMIS_BREAK_CLOCKS"]
 
 
-# Each wrong variant is a Verilator build of its own, of ten seconds: the second simulator is for the long tests here.
+# Each wrong variant is a Verilator build of its own, of ten seconds: the second simulator is for
+# the long tests here.
 @pytest.fixture(params=["icarus", pytest.param("verilator", marks=pytest.mark.long)])
 def simulator(request: pytest.FixtureRequest) -> str:
     return request.param
@@ -169,7 +170,8 @@ def test_charge_of_a_312_ohm_taxel_is_counted_in_the_next_row_without_preset(
     assert [s["counts"] for s in read(simulator, x, None, 4, {})["slots"]] == [[255], [2], [2], [255]]
     wrong = [s["counts"][0] for s in read(simulator, x, scanner_that_presets_once(tmp_path), 5, {})["slots"]]
     assert wrong == counts_without_preset([overload, two, two, overload, two], 510, 115)
-    # 98 after 510 clocks of overload (the first row is preset in its settle), 133 after 624, a slot without its break.
+    # 98 after 510 clocks of overload (the first row is preset in its settle), 133 after 624, a slot
+    # without its break.
     assert wrong == [255, 98, 2, 255, 133]
 
 
@@ -197,9 +199,11 @@ def test_128_bits_read_at_one_a_clock_are_torn_without_the_second_buffer(simulat
     right = read(simulator, x, None, 2, EIGHT, **serial)
     assert [s["counts"] for s in right["slots"]] == [[255] * 16, [0] * 16]
     wrong = [s["counts"] for s in read(simulator, x, "buffer_single", 2, EIGHT, **serial)["slots"]]
-    # 115 bits are out when the counters start again: 14 counts and three bits of the 15th; the 16th is lost.
+    # 115 bits are out when the counters start again: 14 counts and three bits of the 15th; the 16th
+    # is lost.
     assert wrong[0] == [255] * 14 + [0b111, 0]
-    # Row 1 is empty, but its last 13 bits are those of row 0, counted again: one pulse every second clock from t1.
+    # Row 1 is empty, but its last 13 bits are those of row 0, counted again: one pulse every second
+    # clock from t1.
     counted_again = [(1 + (k - 115) // 2) >> (k % 8) & 1 for k in range(115, 128)]
     bits = [0] * 115 + counted_again
     assert wrong[1] == [sum(bits[8 * c + b] << b for b in range(8)) for c in range(16)]
@@ -228,10 +232,12 @@ def test_preset_of_one_clock_charges_the_next_slot_for_the_last_sample(
     for gate, rest in ((20, 1), (19, 0)):
         right = read(simulator, x, None, 3, p, gate=gate, settle=3)
         assert [s["counts"] for s in right["slots"]] == [[rest]] * 3
-    # Gate of 20: the only one is the last sample. The slot behind it misses its own one, and the next has it again.
+    # Gate of 20: the only one is the last sample. The slot behind it misses its own one, and the
+    # next has it again.
     short = read(simulator, x, wrong, 4, p, gate=20)
     assert [s["counts"] for s in short["slots"]] == [[1], [0], [1], [0]]
-    # Gate of 60, which ends with a one as well: a whole packet lost puts the next slot's only one at sample 60 again,
-    # half a packet (the latch form) at sample 40, so that the slot after it is right.
+    # Gate of 60, which ends with a one as well: a whole packet lost puts the next slot's only one
+    # at sample 60 again, half a packet (the latch form) at sample 40, so that the slot after it is
+    # right.
     long = read(simulator, x, wrong, 4, p, gate=60)
     assert [s["counts"] for s in long["slots"]] == [[c] for c in counts_of_60]
