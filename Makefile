@@ -83,7 +83,8 @@ equivalence: setup ## channels in transistors against their extracted models [AR
 bench: setup ## speed and accuracy figures, into build/bench.json
 	@$(dermis) bench $(ARGS)
 
-test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well] [ARGS="-k word"]
+test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well, a browser's too] [ARGS="-k word"]
+	@$(if $(LONG),scripts/setup.sh browser)
 	@.venv/bin/pytest -n $(JOBS) $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
 faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]

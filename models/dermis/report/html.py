@@ -144,8 +144,9 @@ def _table(heads: Sequence[str], rows: Any, numbers: Sequence[int] = ()) -> str:
     def line(tag: str, cells: Sequence[Any]) -> str:
         return "<tr>" + "".join(cell(tag, place, value) for place, value in enumerate(cells)) + "</tr>"
 
-    head = line("th", heads)
-    return f"<div class='panel'><table>{head}{''.join(line('td', tuple(row)) for row in rows)}</table></div>"
+    lines = line("th", heads) + "".join(line("td", tuple(row)) for row in rows)
+    # A wide table scrolls; the tab stop lets a keyboard scroll it.
+    return f"<div class='panel' tabindex='0'><table>{lines}</table></div>"
 
 
 class _Markup(str):
