@@ -258,6 +258,65 @@ _CHAIN_UNITS = {
 }
 
 
+# ---- loop of the conveyor, pulse of the charge source ------------------------------------------------------------
+
+# The amplifier answers y - x alone, so its loop gain is v(x) / (v(y) - v(x)). Capacitance of the column from that of a
+# pad to seven times the design's; nothing pressed, where the pole of x is lowest, and 1 mA, where the loop is fastest.
+LOOP_F = ("2p", "50p", "400p", "1n", "3n")
+_LOOP_LOADS = {"idle": ("0", "1g"), "pressed": ("1m", "500")}
+_LOOP_RUN = """\
+alter ix dc = {i}
+alter rx = {r}
+alter cx = {c}
+ac dec 40 1k 1g
+let loop = v(x)/(1 - v(x))
+let db = db(mag(loop))
+let degrees = 57.29578*cph(loop)
+meas ac {name} find degrees when db=0 fall=1
+print {name}
+"""
+PHASE_MARGIN = (
+    f"{_LINE}vy y 0 dc 0 ac 1\nix 0 x 0\nrx x 0 1g\ncx x 0 2p\nxconveyor y x z ibias vdd vss conveyor\nvz z 0 -0.6\n"
+    ".control\n"
+    + "".join(
+        _LOOP_RUN.format(i=i, r=r, c=c, name=f"{load}_{c}")
+        for load, (i, r) in _LOOP_LOADS.items()
+        for c in LOOP_F
+    )
+    + "quit\n.endc\n"
+)
+
+
+def phase_margin(found: Found) -> dict[str, float]:
+    """Phase of the conveyor's loop over -180 degrees where its gain is one, by load and capacitance."""
+    return {f"phase_margin.{load}_{c}": 180.0 + found[f"{load}_{c}"] for load in _LOOP_LOADS for c in LOOP_F}
+
+
+# Edges of the core's last flop. A pulse lasts from where the gates of the pair cross to where they cross again.
+_PULSE_S, _EDGE_S = 200e-9, 0.2e-9
+_PULSE = """\
+xline ibias vdd vss bias_line
+vcharge logic_charge 0 pwl(0 0 50n 0 {up!r} 1 {down!r} 1 {end!r} 0)
+xdut d_charge out ibias vdd vss vdd_d vss_d {source}
+vout out 0 0
+.options reltol=1e-4
+.tran 0.05n 270n 0 0.5n
+.meas tran rise when v(xdut.on)=v(xdut.off) rise=1
+.meas tran fall when v(xdut.on)=v(xdut.off) fall=1
+"""
+
+
+def pulse_body(source: str) -> str:
+    """One pulse of a charge source."""
+    up, down = 50e-9 + _EDGE_S, 50e-9 + _PULSE_S
+    return _PULSE.format(up=up, down=down, end=down + _EDGE_S, source=source)
+
+
+def pulse(found: Found, side: str) -> dict[str, float]:
+    """Delay of the falling edge less that of the rising one, from d_charge to the gates of the pair."""
+    return {f"pulse_asymmetry.{side}": found["fall"] - found["rise"] - _PULSE_S}
+
+
 # ---- integrator, comparator and charge source ----------------------------------------------------------------
 
 # A charge of 1 us into 5 pF, then a packet: slopes and steps of the integrator are the currents, its first value
@@ -709,6 +768,22 @@ _ALL = (
     Bench("conveyor_multi", MULTI, multi, _multi_units(), samples=True),
     Bench("direct", DIRECT, direct, _with(_VFC_UNITS, "direct"), samples=True),
     Bench("column", COLUMN, column, _COLUMN_UNITS, samples=True),
+    Bench(
+        "phase_margin",
+        PHASE_MARGIN,
+        phase_margin,
+        {f"phase_margin.{load}_{c}": "deg" for load in _LOOP_LOADS for c in LOOP_F},
+    ),
+    *(
+        Bench(
+            f"pulse_{side}",
+            pulse_body(source),
+            partial(pulse, side=side),
+            {f"pulse_asymmetry.{side}": "s"},
+            trtol=1.0,
+        )
+        for side, source in (("sink", "charge_source"), ("source", "charge_source_inverted"))
+    ),
     Bench("r_x", R_X, r_x, {f"r_x_ohm.f{f}": "ohm" for f in R_X_HZ}),
     *(
         Bench(f"settling_{side}", settling_body(side), partial(settling, side=side), _settling_units(side))
@@ -751,6 +826,8 @@ CODES_A_UNIT: dict[str, float] = {
     "chain_offset_lsb": 1.0,
     "chain_code_inl_lsb": 1.0,
     "packet_density_lsb": 1.0,
+    # A pulse longer by 1 ns of 200 is a packet larger by 0.5 %.
+    "pulse_asymmetry": 255.0 / _PULSE_S,
     # Where a count begins, in packets of 1 V; the capacitor decides what half a volt of preset is in packets.
     "preset_error_v": 1.0,
     "capacitor_error": 0.5,
