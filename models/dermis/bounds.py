@@ -8,8 +8,8 @@ every line. An effect that engine `closed` honours has no error here. One withou
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -55,7 +55,7 @@ metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(14, 17))
 COUNT = 17
 
 
-class Bound(NamedTuple):
+class Bound(namedtuple("Bound", "shift rest whole random drawn drawn_whole")):
     """Error of an effect in one cell, in packets.
 
     In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In any cell no level is
@@ -64,12 +64,7 @@ class Bound(NamedTuple):
     random numbers of the cell are drawn, `drawn_whole` in any cell.
     """
 
-    shift: float
-    rest: float
-    whole: float
-    random: float
-    drawn: float
-    drawn_whole: float
+    __slots__ = ()
 
 
 # Rows of the table of converters [26, cols] that `columns` makes.
@@ -102,7 +97,14 @@ def columns(c: Converter) -> Floats:
     )  # fmt: skip
 
 
-class Cell(NamedTuple):
+_CELL_FIELDS = (
+    "clocks root root_bridge x low high swing swing_sum swing_reach swing_bent moved late "
+    "late_known unsettled leak across thermal packet window delay lag limit_low limit_high preset "
+    "noise aperture jitter shot preset_noise flicker"
+)
+
+
+class Cell(namedtuple("Cell", _CELL_FIELDS)):
     """A solved cell in packets and clocks.
 
     `x` is the mean charge a clock of what `closed` honours, `low` and `high` the least and largest
@@ -116,36 +118,7 @@ class Cell(NamedTuple):
     path is known at the end of its grid.
     """
 
-    clocks: float
-    root: float
-    root_bridge: float
-    x: float
-    low: float
-    high: float
-    swing: float
-    swing_sum: float
-    swing_reach: float
-    swing_bent: float
-    moved: float
-    late: float
-    late_known: float
-    unsettled: float
-    leak: float
-    across: float
-    thermal: float
-    packet: float
-    window: float
-    delay: float
-    lag: float
-    limit_low: float
-    limit_high: float
-    preset: float
-    noise: float
-    aperture: float
-    jitter: float
-    shot: float
-    preset_noise: float
-    flicker: float
+    __slots__ = ()
 
 
 @_compiled
@@ -164,14 +137,16 @@ def _lowest(s, levels):  # type: ignore
 
 
 @_compiled
-def quiet(s, loose):  # type: ignore
+def quiet(s, loose, base):  # type: ignore
     """Whether the count is that of the highest level, each crossing served at once (docs/auto.md, "The last decision").
 
-    No clock takes charge away, and two clocks bring less than a packet. `loose` is how far levels of two decisions may
-    be off against each other, by half, without what is late of packets.
+    No clock takes charge away, two clocks bring less than a packet, and the start is below the level. `loose` is half
+    of what levels of two decisions may be off against each other, without what is late of packets; `base` what start
+    and level are off.
     """
     high = s.high + s.unsettled + s.leak * (s.packet + loose)
-    return s.low >= 0.0 and 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
+    served = 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
+    return s.low >= 0.0 and served and base + loose < -W_PRESET
 
 
 @_compiled
@@ -369,19 +344,10 @@ def _flicker_noise(s, levels):  # type: ignore
 # --- all of them -------------------------------------------------------------------------------------------------
 
 
-class _Sum(NamedTuple):
+class _Sum(namedtuple("_Sum", "shift rest whole error levels squares drawn drawn_whole noise loose")):
     """Sums over the effects so far: those of Bound, all errors and those that move levels, squares, and `quiet`'s."""
 
-    shift: float
-    rest: float
-    whole: float
-    error: float
-    levels: float
-    squares: float
-    drawn: float
-    drawn_whole: float
-    noise: float
-    loose: float
+    __slots__ = ()
 
 
 @_compiled

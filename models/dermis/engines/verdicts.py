@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from dermis import bounds as of
 from dermis.converter import noise
@@ -29,26 +28,21 @@ _X_NOISE_MAX = 1.0
 _compiled = numba.njit(cache=True, error_model="numpy")
 
 
-class Gate(NamedTuple):
+class Gate(
+    namedtuple("Gate", "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct")
+):
     """Numbers that all cells of a run share.
 
     Clocks of a slot, the largest code and the error that decides a cell all the same; the amplitude of the ripple and
     the largest sum of its sine; what there is of motion and slow mirrors.
     """
 
-    clocks: int
-    settle: int
-    pause: int
-    code_max: int
-    budget: float
-    ripple: float
-    swing_reach: float
-    motion: bool
-    slow_mirror: bool
-    direct: bool
+    __slots__ = ()
 
 
-class Solved(NamedTuple):
+class Solved(
+    namedtuple("Solved", "x low settled end shift error drawn noise squares kept quiet open codes blame")
+):
     """Results of `verdicts`, [frames, rows, cols] each.
 
     `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and `end` [3, ...] their
@@ -57,20 +51,7 @@ class Solved(NamedTuple):
     `squares` are what random numbers alone add, `kept` what hysteresis and late packets do.
     """
 
-    x: NDArray[np.float64]
-    low: NDArray[np.float64]
-    settled: NDArray[np.float64]
-    end: NDArray[np.float64]
-    shift: NDArray[np.float64]
-    error: NDArray[np.float64]
-    drawn: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    squares: NDArray[np.float64]
-    kept: NDArray[np.float64]
-    quiet: NDArray[np.bool_]
-    open: NDArray[np.bool_]
-    codes: NDArray[np.int64]
-    blame: NDArray[np.int64]
+    __slots__ = ()
 
 
 @_compiled
@@ -248,8 +229,9 @@ def verdicts(  # type: ignore
                 )  # fmt: skip
                 mf, mr, mc = moved_lsb.shape
                 raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
-                a = of.total(s, on, abs(table[of.AWAY, c] + raised) + table[of.PRESET, c], tally)
-                calm = of.quiet(s, a.loose)
+                base = abs(table[of.AWAY, c] + raised) + table[of.PRESET, c]
+                a = of.total(s, on, base, tally)
+                calm = of.quiet(s, a.loose, base)
                 # Known to be between nothing and all of it.
                 left = 0.5 * of.late(s, a.levels)
                 shift = a.shift + left if calm else 0.0
