@@ -54,8 +54,10 @@ module user_analog_project_wrapper (
   localparam COLS = 8;
   localparam PADS = `MPRJ_IO_PADS - `ANALOG_PADS;
 
-  // Indices, not pads: io_in[n] is mprj_io[n] up to 13, then mprj_io[n + 11]; gpio_analog[n] is mprj_io[n + 7] up to 6,
+  // Indices, not pads: io_in[n] is mprj_io[n] up to 13, then mprj_io[n + 11]; gpio_noesd[n] is mprj_io[n + 7] up to 6,
   // then mprj_io[n + 18]; io_analog[n] is mprj_io[n + 14]. Rows on mprj_io[32:25] are apart from columns and host.
+  // gpio_analog[n] is the same pad behind 150 ohm, which would leave code 75 of 251; gpio_noesd[n] has neither resistor
+  // nor clamp, so the front end clamps its rows.
   localparam SCK    = 5;
   localparam CS_N   = 6;
   localparam COPI   = 7;
@@ -117,7 +119,7 @@ module user_analog_project_wrapper (
     .vdd_d    (vccd1),
     .vss_d    (vssd1),
 `endif
-    .row      (gpio_analog[ROW_0 +: ROWS]),
+    .row      (gpio_noesd[ROW_0 +: ROWS]),
     .col      (io_analog[COLS-1:0]),
     .vbias    (io_analog[COLS]),
     .ibias    (io_analog[COLS+1]),

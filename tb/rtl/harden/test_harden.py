@@ -113,6 +113,7 @@ PADS_OF = {
     "io_in": ((0, 13, 0), (14, 26, 25)),
     "io_out": ((0, 13, 0), (14, 26, 25)),
     "gpio_analog": ((0, 6, 7), (7, 17, 25)),
+    "gpio_noesd": ((0, 6, 7), (7, 17, 25)),
     "io_analog": ((0, 10, 14),),
 }
 
@@ -127,9 +128,9 @@ def pads_of_wrapper(text: str) -> dict[str, tuple[str, int]]:
     value = {name: int(number) for name, number in re.findall(r"localparam (\w+) += (\d+);", text)}
     found = {s: ("io_in", value[s]) for s in re.findall(r"\(io_in\[(\w+)\]\)", text)}
     found |= {s: ("io_out", value[s]) for s in re.findall(r"\(n == (\w+)\) \? (?:cipo|frame_ready)\b", text)}
-    rows = re.search(r"\.row +\(gpio_analog\[(\w+) \+: ROWS\]\)", text)
+    rows = re.search(r"\.row +\((gpio_\w+)\[(\w+) \+: ROWS\]\)", text)
     assert rows
-    found |= {f"row {n}": ("gpio_analog", value[rows[1]] + n) for n in range(value["ROWS"])}
+    found |= {f"row {n}": (rows[1], value[rows[2]] + n) for n in range(value["ROWS"])}
     assert re.search(r"\.col +\(io_analog\[COLS-1:0\]\)", text)
     found |= {f"column {n}": ("io_analog", n) for n in range(value["COLS"])}
     for pin, above in re.findall(r"\.([vi]bias) +\(io_analog\[COLS(?:\+(\d+))?\]\)", text):
