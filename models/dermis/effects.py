@@ -167,6 +167,39 @@ class _RowDriver(Strict):
     )
 
 
+class _Pad(Strict):
+    r_row_ohm: float | None = entry(
+        None,
+        "From the driver of a row to the sheet, in ohm",
+        _OHM,
+        default_from="wires.r_pad_row_ohm",
+        ge=0,
+        example=3.0,
+        range=(0.01, 150.0),
+    )
+    r_column_ohm: float | None = entry(
+        None,
+        "From the sheet to the input of a column, in ohm",
+        _OHM,
+        default_from="wires.r_pad_column_ohm",
+        ge=0,
+        example=1.0,
+        range=(0.01, 150.0),
+    )
+
+
+class _Return(Strict):
+    r_ohm: float | None = entry(
+        None,
+        "From the ground of the row drivers to ground, in ohm",
+        _OHM,
+        default_from="wires.r_return_ohm",
+        ge=0,
+        example=30.0,
+        range=(0.01, 30.0),
+    )
+
+
 class _ColumnInput(Strict):
     r_ohm: PerColumn | None = entry(
         None,
@@ -642,6 +675,14 @@ def _row_driver(p: _RowDriver, _: Setting) -> Contribution:
     return Contribution({"r_row_driven_ohm": p.r_ohm, "r_row_grounded_ohm": p.grounded_r_ohm})
 
 
+def _pad(p: _Pad, _: Setting) -> Contribution:
+    rows, columns = (
+        ("r_row_driven_ohm", "r_row_grounded_ohm", "r_pad_row_ohm"),
+        ("r_column_ohm", "r_pad_column_ohm"),
+    )
+    return Contribution(dict.fromkeys(rows, p.r_row_ohm) | dict.fromkeys(columns, p.r_column_ohm))
+
+
 def _row_driver_defaults(design: Design, _: str) -> dict[str, Any]:
     return {"r_ohm": design.row_driver.r_on_ohm, "grounded_r_ohm": design.row_driver.r_ground_ohm}
 
@@ -678,6 +719,27 @@ EFFECTS: dict[str, Effect] = {
             _row_driver_defaults,
             _row_driver,
             bound=bounds.honoured,
+        ),
+        Effect(
+            "pad",
+            "pads and their wires are in series with rows and columns",
+            _Pad,
+            lambda d, t: {"r_row_ohm": d.wires.r_pad_row_ohm, "r_column_ohm": d.wires.r_pad_column_ohm},
+            _pad,
+            # Columns of the direct interface that give way would move each other by a count: cosim alone takes that.
+            examples={"direct": {"r_row_ohm": 1.0, "r_column_ohm": 0.0}},
+            bound=bounds.honoured,
+            considered=False,
+        ),
+        Effect(
+            "return",
+            "grounded rows share a return: their current lifts all of them",
+            _Return,
+            lambda d, t: {"r_ohm": d.wires.r_return_ohm},
+            lambda p, s: Contribution({"r_return_ohm": p.r_ohm}),
+            needs={"column_input": {"r_ohm": 5.0}},
+            bound=bounds.honoured,
+            considered=False,
         ),
         Effect(
             "column_input",
@@ -1187,7 +1249,7 @@ def _check(effect: Effect, name: str, value: Any, setting: Setting, file: Any) -
 
 
 # Fields that several effects may write: their values add up. Every other field has one effect.
-_SUMS = frozenset({"g_in_s", "packet_error"})
+_SUMS = frozenset({"g_in_s", "packet_error", "r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm"})
 
 
 def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:

@@ -44,7 +44,7 @@ def column_currents(
     """
     places = range(network.rows) if slots is None else slots
     out = np.empty((len(places), network.cols))
-    more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() else 0
+    more = _SHORT_DIGITS if np.isinf(network.g_taxel_s).any() or network.r_return_ohm else 0
     with mpmath.workdps(digits + more if digits else 15):
         for i, row in enumerate(places):
             out[i] = [
@@ -77,11 +77,21 @@ def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tupl
             known["source", node] = voltage
             found.append((node, ("source", node), 1 / exact(float(resistance_ohm))))
 
+    def ground(node: Node, resistance_ohm: float) -> None:
+        """Connect a grounded row to the return that these rows share."""
+        if not network.r_return_ohm:
+            feed(node, resistance_ohm, zero)
+        elif resistance_ohm != np.inf:
+            g = 1 / exact(float(resistance_ohm)) if resistance_ohm else exact(SHORT_S)
+            found.append((node, ("return",), g))
+
+    if network.r_return_ohm:
+        feed(("return",), network.r_return_ohm, zero)
     for r in range(rows):
         if r == driven:
             feed(("row", r), network.r_row_driven_ohm, exact(float(network.v_bias_v)))
         else:
-            feed(("row", r), network.r_row_grounded_ohm, zero)
+            ground(("row", r), network.r_row_grounded_ohm)
         if network.r_trace_row_ohm:
             line = [("row", r), *(on_row(r, c) for c in range(cols))]
             segment = 1 / exact(float(network.r_trace_row_ohm))

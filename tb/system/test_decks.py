@@ -43,6 +43,8 @@ MIRRORED = ("conveyor_mirror", "conveyor_mirror_inverted")
 ADDS: dict[str, Counter[str]] = {
     "lateral": names(ROWS * (COLS - 1), "rlat_r#c#"),
     "row_driver": names(ROWS, "xrow#.r_on_ohm", "xrow#.r_ground_ohm"),
+    "pad": names(ROWS, "rpad_row#", "xrow#") + names(COLS, "rpad_col#", "xch#"),
+    "return": names(ROWS, "xrow#", "xrow#.follow") + names(1, "rreturn"),
     "column_input": names(COLS, "xch#.conv_r_x_ohm"),
     "column_offset": names(COLS, "xch#.conv_v_offset_v"),
     "mirror_ratio": names(COLS, "xch#.mir_ratio_error"),
@@ -70,7 +72,9 @@ ADDS: dict[str, Counter[str]] = {
 }
 
 # There in every deck, at the ideal value or between other nodes where nothing departs from it.
-ALWAYS = {"xch#.v_preset_v", "xrow#.r_on_ohm", "xrow#.r_ground_ohm", "vbias", ".options", "rtaxel_r#c#"}
+ALWAYS = {
+    "xch#", "xrow#", "xch#.v_preset_v", "xrow#.r_on_ohm", "xrow#.r_ground_ohm", "vbias", ".options", "rtaxel_r#c#",
+}  # fmt: skip
 
 RANDOM = {name for name, effect in effects.EFFECTS.items() if effect.random}
 SENSOR = {name for name in effects.EFFECTS if name.startswith("sensor_")}

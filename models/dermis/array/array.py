@@ -48,6 +48,10 @@ class Network:
     per taxel pitch: a row line runs driver, segment, taxel 0, segment, taxel 1 ...; a column line taxel 0,
     segment, taxel 1 ... last taxel, segment, column node. Capacitances lie from every row line (behind its
     driver) and every column node to ground and across every taxel; they carry no direct current.
+
+    Grounded rows share `r_return_ohm` to ground, the driven row does not. The pads' part of the resistances of rows
+    and columns is in r_pad_row_ohm and r_pad_column_ohm as well, for a deck, where drivers and inputs may be
+    transistors; no solve reads these two.
     """
 
     g_taxel_s: Floats
@@ -64,6 +68,9 @@ class Network:
     c_row_f: float = 0.0
     c_column_f: float = 0.0
     c_taxel_f: float = 0.0
+    r_return_ohm: float = 0.0
+    r_pad_row_ohm: float = 0.0
+    r_pad_column_ohm: float = 0.0
 
     def __post_init__(self) -> None:
         g = np.asarray(self.g_taxel_s, dtype=float)
@@ -82,6 +89,8 @@ class Network:
             raise ValueError("lateral conductances must be finite and 0 or above")
         if not 0 <= self.r_trace_row_ohm < np.inf or not 0 <= self.r_trace_column_ohm < np.inf:
             raise ValueError("trace resistances must be finite and 0 or above")
+        if not 0 <= self.r_return_ohm < np.inf:
+            raise ValueError("r_return_ohm must be finite and 0 or above")
         if not (np.isfinite(self.v_column_offset_v).all() and np.isfinite(self.i_leak_a).all()):
             raise ValueError("v_column_offset_v and i_leak_a must be finite")
         if not all(0 <= c < np.inf for c in (self.c_row_f, self.c_column_f, self.c_taxel_f)):
@@ -98,12 +107,18 @@ class Network:
         return self.g_taxel_s.shape[1]
 
     def active_fields(self) -> frozenset[str]:
-        """Return the names of the fields that are away from the ideal."""
+        """Return the names of the fields that are away from the ideal; the pads' part of a resistance is theirs."""
         return self._active
 
     @functools.cached_property
     def _active(self) -> frozenset[str]:
-        return fields.active(self, _GIVEN)
+        active = fields.active(self, _GIVEN)
+        pads = {
+            "r_row_driven_ohm": self.r_pad_row_ohm,
+            "r_row_grounded_ohm": self.r_pad_row_ohm,
+            "r_column_ohm": self.r_pad_column_ohm,
+        }
+        return active - {n for n, pad_ohm in pads.items() if pad_ohm and np.all(getattr(self, n) == pad_ohm)}
 
 
 # Fields of Network that a scene always sets.
@@ -273,6 +288,8 @@ _ACTS = frozenset(
         "i_leak_a",
         "r_trace_row_ohm",
         "r_trace_column_ohm",
+        "r_pad_row_ohm",
+        "r_pad_column_ohm",
     }
 )
 
@@ -284,6 +301,7 @@ def in_range(network: Network) -> Network:
         "r_column_ohm": _R_OPEN_OHM,
         "r_trace_row_ohm": _R_OPEN_OHM,
         "r_trace_column_ohm": _R_OPEN_OHM,
+        "r_return_ohm": _R_OPEN_OHM,
         "g_lateral_row_s": _G_SERIES_SHORT_S,
         "g_lateral_column_s": _G_SERIES_SHORT_S,
         "c_row_f": _C_MAX_F,
@@ -456,8 +474,59 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
     if response.mesh is not None:
         rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
         error = _of(part, np.abs(driven)) + error_rest
+    if network.r_return_ohm:
+        driven, rest, part, error_rest = _lift(
+            network, lines, response, scale, _Solution(driven, rest, error, part, error_rest)
+        )
+        error = _of(part, driven) + (0.0 if error_rest is None else error_rest)
+        most = driven.max(axis=2, keepdims=True)
+        relative = np.divide(error, most, out=np.zeros_like(error), where=most > 0)
+        figures.bound = max(figures.bound, float(relative.max()))
     account.take(figures)
     return _Solution(driven, rest, error, part, error_rest)
+
+
+def _lift(
+    network: Network, lines: _RowLines, response: _Response, scale: Floats, grounded: _Solution
+) -> tuple[Floats, Floats | None, Floats, Floats | None]:
+    """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a solution without `error`.
+
+    In the slot of row r the other rows' drivers end at one node, at v ohm r_return to ground. By superposition it adds
+    v times `seen`, the column currents a volt of that node: those of all other rows driven at 1 V. By reciprocity it
+    is also the current that a column source of 1 V sends into the node. Every quantity is a sum of positive terms
+    where driven and grounded rows have the same resistance.
+    """
+    ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
+    change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
+    node = lines.to_driver.sum(axis=2) + _conductance(ground)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # Each row driven at 1 V with every row grounded through `ground`, then row r's own driver.
+        alone = (_conductance(ground) / node)[:, :, np.newaxis] * response.delivered
+        to_rows = np.maximum(response.away - response.delivered.sum(axis=2), 0.0)
+        sent = to_rows / scale
+        own = (change * sent / node)[:, :, np.newaxis] * response.delivered
+        seen = np.maximum(_sum_of_others(alone) - own, 0.0)
+        share = network.r_return_ohm / (1.0 + network.r_return_ohm * (seen.sum(axis=2) + sent))
+        volt = (network.v_bias_v * share * sent)[:, :, np.newaxis]
+        driven = grounded.driven + volt * seen
+        # Errors: of `sent`, a difference, and of `seen`; the factor counts the products and quotients of both.
+        part = (
+            8.0 * float(np.max(grounded.driven_part))
+            + (2 * network.rows + 2 * network.cols + 32) * solve_error.U
+        )
+        doubt = _of(part, _sum_of_others(alone) + np.abs(own))
+        sent_v = (network.v_bias_v * share * _of(part, response.away / scale))[:, :, np.newaxis]
+        error = _of(grounded.driven_part, grounded.driven) + volt * doubt + sent_v * (seen + doubt)
+        relative = np.divide(error, driven, out=np.zeros_like(driven), where=driven > 0)
+        rest, error_rest = grounded.rest, grounded.rest_error
+        if rest is not None and error_rest is not None:
+            source = network.v_column_offset_v + network.r_column_ohm * network.i_leak_a
+            lifted = share * (seen * source).sum(axis=2)
+            size = share * ((seen + doubt) * np.abs(source)).sum(axis=2)
+            rest = rest + lifted[:, :, np.newaxis] * seen
+            error_rest = error_rest + size[:, :, np.newaxis] * (2.0 * doubt + _of(part, seen))
+    relative = np.where(np.isnan(relative), np.inf, relative)
+    return driven, rest, relative, error_rest
 
 
 def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:

@@ -32,6 +32,9 @@ HONOURS = frozenset(
         "r_row_driven_ohm",
         "r_row_grounded_ohm",
         "r_column_ohm",
+        "r_pad_row_ohm",
+        "r_pad_column_ohm",
+        "r_return_ohm",
         "v_column_offset_v",
         "g_lateral_row_s",
         "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
@@ -230,7 +233,7 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
     else:
         values["k"] = float(converter.k[column])
-        ideal["conv_r_x_ohm"] = (network.r_column_ohm, 0.0)
+        ideal["conv_r_x_ohm"] = (np.maximum(network.r_column_ohm - network.r_pad_column_ohm, 0.0), 0.0)
         ideal["conv_v_offset_v"] = (network.v_column_offset_v, 0.0)
         ideal["out_inv_i_range_a"] = (converter.inv_i_range_a, 0.0)
         ideal["out_q_lag_c"] = (converter.q_mirror_c, 0.0)
@@ -323,18 +326,27 @@ def frame_deck(
     else:
         lines += [f"{name} {name[2:]} 0 external" for name in names]
     rails = "vdd vss vdd_d vss_d" if transistors else "vdd vss 0 0"
-    if "row_driver" in transistors:
-        lines += [f"xrow{r} d_row{r} row{r} vbias 0 {rails} row_driver" for r in range(rows)]
-    else:
+    driver = {}
+    if "row_driver" not in transistors:
         driver = {
-            "r_on_ohm": float(network.r_row_driven_ohm),
-            "r_ground_ohm": min(float(network.r_row_grounded_ohm), 1e18),  # inf: floating
+            "r_on_ohm": _without_pad(network.r_row_driven_ohm, network.r_pad_row_ohm),
+            "r_ground_ohm": min(
+                _without_pad(network.r_row_grounded_ohm, network.r_pad_row_ohm), 1e18
+            ),  # inf: floating
             "v_bias_v": float(network.v_bias_v),
         }
-        if plan.drive.ripple:
+        if network.r_return_ohm:
+            driver["follow"] = 2
+        elif plan.drive.ripple:
             driver["follow"] = 1
-        values = _assignments(driver)
-        lines += [f"xrow{r} d_row{r} row{r} vbias 0 {rails} row_driver {values}" for r in range(rows)]
+    ground, end, values = "0", "row", " ".join(filter(None, ("row_driver", _assignments(driver))))
+    if network.r_return_ohm:
+        ground = "ground_rows"
+        lines.append(f"rreturn {ground} 0 {spice_number(float(network.r_return_ohm))}")
+    if network.r_pad_row_ohm:
+        end, pad_ohm = "pad_row", spice_number(float(network.r_pad_row_ohm))
+        lines += [f"rpad_row{r} {end}{r} row{r} {pad_ohm}" for r in range(rows)]
+    lines += [f"xrow{r} d_row{r} {end}{r} vbias {ground} {rails} {values}" for r in range(rows)]
 
     lines += _array(plan, frame, network, begin)
     if network.c_row_f:
@@ -347,9 +359,12 @@ def frame_deck(
 
     for c in columns:
         node = f"col{c}"
-        if direct and network.r_column_ohm[c]:
+        if network.r_pad_column_ohm:
+            node = f"pad_col{c}"
+            lines.append(f"rpad_col{c} col{c} {node} {spice_number(float(network.r_pad_column_ohm))}")
+        if direct and (series_ohm := _without_pad(network.r_column_ohm[c], network.r_pad_column_ohm)):
+            lines.append(f"rcolumn{c} {node} vg{c} {spice_number(series_ohm)}")
             node = f"vg{c}"
-            lines.append(f"rcolumn{c} col{c} {node} {spice_number(float(network.r_column_ohm[c]))}")
         if leak := float(network.i_leak_a[c]):
             lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
         if _channel_in_transistors(views, plan.topology):
@@ -388,13 +403,18 @@ def frame_deck(
     return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest, edge_s, late_s)
 
 
+def _without_pad(total_ohm: float, pad_ohm: float) -> float:
+    """Return the part of a series resistance that is not in the pad."""
+    return max(float(total_ohm) - float(pad_ohm), 0.0)
+
+
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
     """Write a column whose channel is in another circuit: its virtual ground and the elements before it.
 
     Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm off by that change
     what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V: 0.003 LSB.
     """
-    r, v = 0.0, 0.0
+    r, v = float(network.r_pad_column_ohm), 0.0
     if not plan.views.has_transistors(column, plan.topology):
         r, v = float(network.r_column_ohm[column]), float(network.v_column_offset_v[column])
     end = f"far{column}" if r else f"col{column}"

@@ -47,6 +47,9 @@ _NETWORK = (
     "g_lateral_column_s",
     "r_trace_row_ohm",
     "r_trace_column_ohm",
+    "r_return_ohm",
+    "r_pad_row_ohm",
+    "r_pad_column_ohm",
 )
 
 

@@ -27,7 +27,7 @@ SHORT_S = 1e3
 SLACK = 1e-3
 """Relative room, in the voltages that a proof uses, for the distance to the true solution."""
 REFINEMENTS = 60
-"""Most corrections for trace resistance."""
+"""Most corrections for trace resistance or a shared return."""
 
 
 @dataclass(frozen=True)
@@ -232,9 +232,9 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
         raise ValueError(f"currents_a must be [frames, {network.rows}, {network.cols}]")
     if not np.isfinite(currents).all():
         raise ValueError("currents_a must be finite")
-    if not (network.r_trace_row_ohm or network.r_trace_column_ohm):
+    if not (network.r_trace_row_ohm or network.r_trace_column_ohm or network.r_return_ohm):
         return _lumped(network, currents)
-    lumped = dataclasses.replace(network, r_trace_row_ohm=0.0, r_trace_column_ohm=0.0)
+    lumped = dataclasses.replace(network, r_trace_row_ohm=0.0, r_trace_column_ohm=0.0, r_return_ohm=0.0)
     size = np.maximum(np.abs(currents).max(axis=(1, 2), initial=0.0), 1e-300)
     seen = currents.copy()
     found = _lumped(lumped, seen)

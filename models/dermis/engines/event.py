@@ -52,6 +52,9 @@ HONOURS = RANDOM | frozenset(
         "r_row_driven_ohm",
         "r_row_grounded_ohm",
         "r_column_ohm",
+        "r_pad_row_ohm",
+        "r_pad_column_ohm",
+        "r_return_ohm",
         "v_column_offset_v",
         "g_lateral_row_s",
         "g_lateral_column_s",
@@ -125,7 +128,24 @@ class Noise(NamedTuple):
 
 def refuses(plan: Plan) -> InputError | None:
     """Return the error for a plan that this engine cannot simulate, or None."""
-    return currents.refuses(plan) or _refuses_displaced(plan)
+    return _refuses_return(plan) or currents.refuses(plan) or _refuses_displaced(plan)
+
+
+def _refuses_return(plan: Plan) -> InputError | None:
+    """Refuse a shared return where more than settled currents depend on it: settling and coupled columns."""
+    if not plan.network(0).r_return_ohm:
+        return None
+    active = plan.active_fields()
+    asked = {
+        "line_capacitance": bool(active & currents.CAPACITANCES),
+        "mirror_lag": currents.glows(plan),
+        "integrator_gain": currents.couples(plan),
+    }
+    names = [name for name, on in asked.items() if on]
+    if not names:
+        return None
+    allowed = f"without {names[0]}, or engine cosim"
+    return InputError(plan.scene.path, "effects.return", f"on together with {names[0]}", allowed)
 
 
 def _refuses_displaced(plan: Plan) -> InputError | None:

@@ -253,6 +253,14 @@ class RowDriver(_Strict):
     i_leak_a: Signed
 
 
+class Wires(_Strict):
+    """Metal and bond wires between blocks and the sheet."""
+
+    r_pad_row_ohm: NonNegative
+    r_pad_column_ohm: NonNegative
+    r_return_ohm: NonNegative
+
+
 class Charge(_Strict):
     """The charge source."""
 
@@ -289,6 +297,7 @@ class Design(_Strict):
     conveyor: Conveyor
     mirror: Mirror
     row_driver: RowDriver
+    wires: Wires
     charge: Charge
     ambient: Ambient
 

@@ -415,7 +415,16 @@ def superposed(s: Subject) -> Iterator[str]:
 
 # Fields that grow and that shrink with every resistance, and currents of the converter, which
 # shrink.
-_OHMS = ("r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "r_trace_row_ohm", "r_trace_column_ohm")
+_OHMS = (
+    "r_row_driven_ohm",
+    "r_row_grounded_ohm",
+    "r_column_ohm",
+    "r_trace_row_ohm",
+    "r_trace_column_ohm",
+    "r_return_ohm",
+    "r_pad_row_ohm",
+    "r_pad_column_ohm",
+)
 _SIEMENS = ("g_lateral_row_s", "g_lateral_column_s", "i_leak_a", "c_row_f", "c_column_f", "c_taxel_f")
 _AMPERES = ("i0_a", "c_int_f", "i_offset_a", "g_in_s", "q_mirror_c")
 # A factor of 2^6 keeps these limits away from the values that replace shorts and opens

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Resistance of pads and of the return of grounded rows, against the nodal reference and by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dermis import engines, plan
+from dermis.array.array import Network, column_currents, column_currents_with_bounds
+from dermis.decode import crosstalk
+from dermis.errors import InputError
+from dermis.records import Plan
+from dermis.scene import scene
+from tb.reference import nodal
+
+
+def made(effects: dict[str, Any], engine: str | None = "closed", size: int = 8, **more: Any) -> Plan:
+    data = {"array": {"rows": size, "cols": size}, "stimulus": {"kind": "uniform", "r_ohm": 500.0}}
+    return plan.make(scene.from_data(data | {"effects": effects} | more, Path("made.toml")), engine)
+
+
+def drawn(rng: np.random.Generator) -> Network:
+    rows, cols = rng.integers(1, 6, 2)
+    g = 10 ** rng.uniform(-6, -2, (rows, cols))
+    g[rng.random(g.shape) < 0.2] = 0.0
+    driven = rng.choice([0.0, 10 ** rng.uniform(-2, 2)])
+    fields = {
+        "r_row_driven_ohm": driven,
+        "r_row_grounded_ohm": rng.choice([driven, 0.0, 10 ** rng.uniform(-2, 2), np.inf]),
+        "r_column_ohm": rng.choice([0.0, 1.0, 10 ** rng.uniform(-2, 2)], cols),
+        "r_return_ohm": 10 ** rng.uniform(-2, 2),
+    }
+    if rng.random() < 0.5:
+        fields |= {"v_column_offset_v": rng.normal(0, 1e-3, cols), "i_leak_a": rng.normal(0, 1e-8, cols)}
+    for name in ("g_lateral_row_s", "r_trace_row_ohm", "r_trace_column_ohm"):
+        if rng.random() < 0.3:
+            fields[name] = 10 ** rng.uniform(-3, 0)
+    return Network(g, 0.5, **fields)
+
+
+def test_a_shared_return_equals_the_nodal_reference() -> None:
+    moved = 0
+    for seed in range(40):
+        network = drawn(np.random.default_rng(seed))
+        want = nodal.column_currents(network)
+        have = column_currents_with_bounds(network)
+        bound = have.driven_error + (0.0 if have.rest_error is None else have.rest_error)
+        current = have.driven + (0.0 if have.rest is None else have.rest)
+        # 1e-30 A: currents of open arrays, where the bound is relative to nothing.
+        assert (np.abs(current - want) <= bound + 1e-30).all(), seed
+        # A sum of a few hundred terms rounds to some 1e-15 of the largest.
+        assert np.abs(current - want).max() <= 1e-13 * np.abs(want).max() + 1e-30, seed
+        # Far above rounding, far below any code.
+        moved += not np.allclose(want, column_currents(replace(network, r_return_ohm=0.0)), rtol=1e-6, atol=0)
+    assert moved > 10
+
+
+def test_a_column_and_two_rows_by_hand() -> None:
+    """Taxels of 1 kohm, an input of 1 kohm: 0.5 V over 1 kohm, then 1 kohm parallel to 1 kohm and the return."""
+    network = Network(np.full((2, 1), 1e-3), 0.5, r_column_ohm=1e3, r_return_ohm=1e3)
+    at_column = 0.5 * (1 / (1 / 1e3 + 1 / 2e3)) / (1e3 + 1 / (1 / 1e3 + 1 / 2e3))
+    # Some roundings.
+    assert column_currents(network)[:, 0] == pytest.approx([at_column / 1e3] * 2, rel=1e-14)
+
+
+def test_rows_of_the_wrapper_read_full_scale_through_their_pads() -> None:
+    """Limit of pads.rows; 150 ohm is the pad that the wrapper does not use."""
+    rows = {"row_driver": True, "pad": {"r_column_ohm": 0.0}}
+    assert engines.run(made(rows)).codes.min() >= 250
+    through_150 = {"pad": {"r_row_ohm": 150.0, "r_column_ohm": 0.0}}
+    assert (engines.run(made(through_150)).codes == 75).all()
+
+
+def test_a_pad_is_the_same_resistance_in_driver_and_input() -> None:
+    pads = made({"pad": {"r_row_ohm": 3.0, "r_column_ohm": 2.0}})
+    series = made({"row_driver": {"r_ohm": 3.0}, "column_input": {"r_ohm": 2.0}})
+    assert np.array_equal(engines.run(pads).codes, engines.run(series).codes)
+    assert pads.active_fields() == {"r_pad_row_ohm", "r_pad_column_ohm"}
+
+
+@pytest.mark.parametrize(
+    ("other", "topology"),
+    [
+        ({"line_capacitance": True}, "conveyor_mirror"),
+        ({"mirror_lag": True, "mux_leakage": True}, "conveyor_mirror"),
+        ({"integrator_gain": True, "row_driver": True}, "direct"),
+    ],
+)
+def test_a_return_is_refused_where_only_a_deck_follows_it(other: dict[str, Any], topology: str) -> None:
+    together = made({"return": True} | other, "event", 4, interface={"topology": topology})
+    with pytest.raises(InputError, match=r"effects\.return = on together with .*engine cosim"):
+        engines.check(together)
+
+
+def test_the_decoder_takes_a_return_out() -> None:
+    rng = np.random.default_rng(5)
+    g = 1 / rng.uniform(500, 5e3, (6, 6))
+    network = Network(g, 0.5, 1.0, 1.0, r_column_ohm=5.0, r_return_ohm=5.0)
+    found = crosstalk.solve(network, column_currents(network)[np.newaxis])
+    assert found.converged.all()
+    # The sweeps end at 1e-9 of the largest current.
+    assert found.conductance_s[0] == pytest.approx(g, rel=1e-9)
+    without = crosstalk.solve(replace(network, r_return_ohm=0.0), column_currents(network)[np.newaxis])
+    # A quarter of an LSB at full scale.
+    assert np.abs(without.conductance_s[0] / g - 1).max() > 1e-3
