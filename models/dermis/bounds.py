@@ -263,14 +263,15 @@ def _integrator_gain(s, levels, error):  # type: ignore
 
 
 @_compiled
-def _integrator_range(s, levels, error):  # type: ignore
+def _integrator_range(s, levels, error, factor):  # type: ignore
     """Nothing where the charge stays inside, or where one at the upper limit has a packet every second clock.
 
-    Nor where no charge that a gate brings lifts one at the lower limit to a decision.
+    Nor where no charge that a gate brings lifts one at the lower limit to a decision. `factor` is that of this effect:
+    its bound is the reach of the charge.
     """
-    below = s.limit_low <= _lowest(s, levels)
-    below = below or s.limit_low + s.clocks * max(s.high, 0.0) + error + levels < 0.0
-    inside = below and s.limit_high >= _highest(s, levels, error)
+    below = s.limit_low <= factor * _lowest(s, levels)
+    below = below or s.limit_low + factor * (s.clocks * max(s.high, 0.0) + error + levels) < 0.0
+    inside = below and s.limit_high >= factor * _highest(s, levels, error)
     enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
     bites = 0.0 if inside or full else math.inf
@@ -416,5 +417,5 @@ def total(s, on, levels, tally):  # type: ignore
     if on[8] > 0.0:
         a = _add(a, tally, 8, on[8], 0, False, _integrator_gain(s, a.levels, a.error))
     if on[9] > 0.0:
-        a = _add(a, tally, 9, on[9], 2, False, _integrator_range(s, a.levels, a.error))
+        a = _add(a, tally, 9, on[9], 2, False, _integrator_range(s, a.levels, a.error, on[9]))
     return a

@@ -13,7 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
-from dermis import auto, bounds, effects, engines, records
+from dermis import auto, effects, engines, records
 from dermis import plan as planning
 from dermis.engines import event, masking
 from dermis.errors import InputError
@@ -21,6 +21,7 @@ from dermis.report import verdict
 from dermis.report.progress import slots
 from dermis.scene import scene, schema
 from dermis.scene.scene import SCENES
+from tb.programs import auto_bounds
 from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World
 
@@ -146,22 +147,6 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
     return outcomes, refused
 
 
-def mutants(count: int, seed: int, frames: int) -> tuple[list[str], list[str]]:
-    """Effects whose bound, halved, lets a wrong code through in some of `count` random scenes; and the others."""
-    caught: list[str] = []
-    missed: list[str] = []
-    names = [name for name, effect in effects.EFFECTS.items() if effect.bound is not bounds.honoured]
-    for name in names:
-        effect = effects.EFFECTS[name]
-        effects.EFFECTS[name] = replace(effect, bound=replace(effect.bound, factor=0.5))
-        try:
-            wrong = any(o.wrong for o in campaign(count, seed, frames)[0])
-        finally:
-            effects.EFFECTS[name] = effect
-        (caught if wrong else missed).append(name)
-    return caught, missed
-
-
 _OPEN_ROWS = (5, 10)
 
 
@@ -207,9 +192,12 @@ def rows(
     few: list[Outcome],
     many: list[Outcome],
     refused: list[str],
-    halved: tuple[list[str], list[str]] | None = None,
+    halved: tuple[dict[str, int], list[str]] | None = None,
 ) -> list[verdict.Row]:
-    """Verdict rows: outcomes of short scenes, of long ones, names of refused scenes, and what `mutants` found."""
+    """Verdict rows: outcomes of short scenes, of long ones, names of refused scenes, and halved bounds.
+
+    `halved` is from `auto_bounds.mutants`.
+    """
     every = [*few, *many]
     wrong = [f"{o.name} ({o.wrong})" for o in every if o.wrong]
     mostly = [f"{o.name} ({o.reason or o.topology})" for o in every if o.open > 0.5]
@@ -259,10 +247,10 @@ def rows(
 @click.option(
     "--mutants",
     "halved",
-    default=0,
+    default=auto_bounds.TRIES,
     show_default=True,
     type=click.IntRange(min=0),
-    help="Scenes a halved bound.",
+    help="Scenes that search for an error of each halved bound; 0 for none.",
 )
 @click.option(
     "--cosim",
@@ -276,7 +264,7 @@ def auto_check_command(scenes: int, seed: int, frames: int, long: int, halved: i
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
-    found = rows(few, many, refused + more, mutants(halved, seed, frames) if halved else None)
+    found = rows(few, many, refused + more, auto_bounds.mutants(halved) if halved else None)
     if cols:
         found.append(cosim_speedup(cols, seed))
     verdict.write_rows("auto", found)

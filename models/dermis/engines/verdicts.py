@@ -156,7 +156,7 @@ def verdicts(  # type: ignore
                     apart *= abs(per_a)
                     driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
                     other = 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend
-                    moved = 0.5 * gate.clocks * apart
+                    moved = 0.25 * gate.clocks * apart
                     bent = abs(gate.ripple) * gate.clocks * apart
                 u = (driven + other) * per_a
                 swing = gate.ripple * driven * per_a
