@@ -97,8 +97,8 @@ def currents_of(
         for c in range(cols):
             code = codes[r, c]
             middle = step[c] * (code - start[c])
-            part = COVERAGE_SIGMA * step_part[c] * abs(middle)
-            width = step[c] * (half + COVERAGE_SIGMA * start_sigma[c]) + part
+            constant = COVERAGE_SIGMA * (start_sigma[c] + step_part[c] * abs(code - start[c]))
+            width = step[c] * (half + constant)
             # Compression stretches currents and errors; it is undone at the middle.
             squeeze = max(1.0 - abs(middle) * inv_range[c], 1e-9)
             out[r, c] = middle / squeeze
@@ -132,7 +132,7 @@ def _decode_frames(
     law_part, uncorrected = parts
     z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
     radius, weight, per_decade = law
-    current, down, up, e_down, e_up, g, scratch, through = work
+    current, down, up, e_down, e_up, g, near_low, near_high, scratch, through = work
     force, low, high, flags = results
     frames, rows, cols = codes.shape
     u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
@@ -203,15 +203,21 @@ def _decode_frames(
                 low[n, r, c] = max(g[r, c] - down[r, c], 0.0) * by_law * max(1.0 - part, 0.0)
                 high[n, r, c] = (g[r, c] + up[r, c]) * by_law * (1.0 + part)
                 force[n, r, c] = g[r, c] * by_law
+                # Gain and offset are the same in every frame; quantisation and noise are not.
+                constant = COVERAGE_SIGMA * (start_sigma[c] + step_part[c] * abs(codes[n, r, c] - start[c]))
+                share = half / (half + constant)
+                near_low[r, c] = max(g[r, c] - share * down[r, c], 0.0) * by_law
+                near_high[r, c] = min(g[r, c] + share * up[r, c], 1e300) * by_law
                 if bits & ZERO:
                     # A counter does not go below 0: offsets may hide any smaller current.
-                    low[n, r, c] = force[n, r, c] = 0.0
+                    low[n, r, c] = near_low[r, c] = force[n, r, c] = 0.0
         if remembers:
             if per_decade != 0.0 and not fresh:
                 advance_creep(creep, loaded, rate, rate_weight, dt_s[n])
             undo_frame(
-                low[n].reshape(-1), force[n].reshape(-1), high[n].reshape(-1), z, past, moved, band, frame,
-                creep, loaded, fresh, g_open, radius, weight, per_decade,
+                low[n].reshape(-1), force[n].reshape(-1), high[n].reshape(-1), near_low.reshape(-1),
+                near_high.reshape(-1), z, past, moved, band, frame, creep, loaded, fresh, g_open, radius, weight,
+                per_decade,
             )  # fmt: skip
             frame += 1
             fresh = False
@@ -327,7 +333,7 @@ class Decoder:
         work = getattr(self._local, "work", None)
         if work is None:
             shape = cal.rows, cal.cols
-            work = tuple(np.empty(shape) for _ in range(6))
+            work = tuple(np.empty(shape) for _ in range(8))
             work = self._local.work = (*work, np.empty((3, cal.rows, cal.cols + 1)), np.empty(cal.cols))
         if self._traced:
             solved = self.conductances(frames)

@@ -15,7 +15,7 @@ from scipy.stats import f as f_distribution
 
 from dermis.array.array import Network
 from dermis.decode import crosstalk, law
-from dermis.decode.calibration import Calibration
+from dermis.decode.calibration import COVERAGE_SIGMA, UNSEEN_DECADES, Calibration
 from dermis.decode.memory import MemoryLaw, SheetMemory
 
 Floats = NDArray[np.float64]
@@ -38,8 +38,10 @@ OWN_SHARE = 1e-3
 """Chance that a taxel with the shared law is given its own: the level of the F test."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
+FORCES = 64
+"""Up to this number of different forces each has its own effect."""
 LEVELS = 12
-"""Forces are compared at this many levels, with straight lines of logarithms between them."""
+"""More forces are compared at this many levels, with straight lines of logarithms between them."""
 BAD_LOAD = 5.0
 """A load is bad if its rms residual is this many times the median of all loads."""
 SHARE_BAD = 0.34
@@ -180,17 +182,19 @@ def _fit_network(
         return dataclasses.replace(known, **values)
 
     names, remarks, values = list(NETWORK_START), {}, {}
+    first = {n: 1.1 if n in TRACES else 2.0 for n in names}
     while True:
         # x - 1 is relative to the start value, so that a step of differences is never 0.
         found = least_squares(
             lambda x, n=tuple(names): residual_of(crosstalk.solve(network(n, x), currents).conductance_s),
-            np.where(np.isin(names, TRACES), 1.1, 2.0),
+            [first[n] for n in names],
             bounds=(1, 201),
             diff_step=1e-4,
         )
+        first = dict(zip(names, found.x, strict=True))
         spread = max(float(found.fun @ found.fun) / max(freedom - found.x.size, 1), 1e-12)
         covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread
-        sigma = np.sqrt(np.diag(covariance))
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         alone = np.sqrt(spread) / np.maximum(np.linalg.norm(found.jac, axis=0), 1e-300)
         for k, name in enumerate(names):
             # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
@@ -200,7 +204,7 @@ def _fit_network(
             remarks.pop(name, None)
             if blind:
                 remarks[name] = "no load shows it"
-            elif sigma[k] > INFLATED * alone[k] and found.x[k] - 1 < SHOWN * sigma[k]:
+            elif sigma[k] > INFLATED * alone[k] and abs(found.x[k] - 1) < SHOWN * sigma[k]:
                 shared = np.abs(covariance[k]) / np.maximum(sigma * sigma[k], 1e-300)
                 shared[k] = 0.0
                 remarks[name] = f"the loads cannot tell it from {names[int(shared.argmax())]}"
@@ -232,8 +236,7 @@ def _fit_loads(
         )
     names, at = np.unique(taxel, return_inverse=True)
     log_force = np.log(force[used])
-    levels = np.unique(np.quantile(log_force, np.linspace(0, 1, LEVELS)))
-    effects = np.stack([np.interp(log_force, levels, row) for row in np.eye(levels.size)], axis=1)
+    effects = _hats(log_force, FORCES)
     mine = [taxel == r * calibration.cols + c for r, c in odd]
     slopes = [np.where(m, log_force - log_force[m].mean(), 0.0) for m in mine]
     matrix = np.column_stack([np.eye(names.size)[at], effects, *slopes])
@@ -275,6 +278,7 @@ def _fit_loads(
         off[mine] = misfit[mine]
         parameters = law.PARAMETERS[kind]
         part[t] = np.sqrt(np.mean(misfit[mine] ** 2) * parameters / max(mine.sum() - parameters, 1))
+    # An upper bound: the fit takes more from the scatter without a law than from that with it.
     law_part = float(np.sqrt(max(np.mean(misfit**2) - np.mean(off**2), 0.0)))
     # A wrong force of a whole load is a level of its own, which the law does not meet.
     by_load = {
@@ -292,6 +296,27 @@ def _fit_loads(
         law_part=law_part,
     )
     return SheetFit(made, values, remarks, ()), by_load
+
+
+def _hats(log_force: Floats, most: int = 0) -> Floats:
+    """Return hat functions of the force [readings, levels]: at each force up to `most`, else at `LEVELS`."""
+    levels = np.unique(log_force)
+    if levels.size > most:
+        levels = np.unique(np.quantile(log_force, np.linspace(0, 1, LEVELS)))
+    return np.stack([np.interp(log_force, levels, row) for row in np.eye(levels.size)], axis=1)
+
+
+def _turn_on(calibration: Calibration, codes: Floats, force_n: Floats) -> Calibration:
+    """Set the force below which the sheet does not conduct, from readings of 0 [readings, taxels].
+
+    It is the least force that reads a code, if a reading of 0 contradicts the law: the median of the taxels, as some
+    may be broken.
+    """
+    law_a = calibration.v_bias_v * calibration.curve.conductance_s(force_n)
+    silent = (codes == 0) & (law_a > 1.5 * calibration.step_a.max())
+    least = np.where(codes > 0, force_n, np.inf).min(axis=0)
+    force_on = float(np.median(np.where(silent.any(axis=0), least, 0.0)))
+    return dataclasses.replace(calibration, curve=dataclasses.replace(calibration.curve, force_on_n=force_on))
 
 
 def _own_laws(
@@ -349,8 +374,10 @@ def fit_memory(
     currents = calibration.step_a * (codes - calibration.start_code)
     g = crosstalk.solve(calibration.array(), currents).conductance_s / calibration.factor
     flat_codes, flat_force = codes.reshape(len(codes), -1), force.reshape(len(force), -1)
-    chosen = np.argsort(-flat_codes.max(axis=0))[:taxels]
-    chosen = chosen[flat_codes.max(axis=0)[chosen] >= LEAST_CODE]
+    peak = flat_codes.max(axis=0)
+    # Those that saturate lose the top of the cycle, where creep shows; they come last.
+    chosen = np.argsort(np.where(peak < calibration.code_max, -peak, 0.0))[:taxels]
+    chosen = chosen[peak[chosen] >= LEAST_CODE]
     seen, g = flat_codes[:, chosen], g.reshape(len(codes), -1)[:, chosen]
     force = flat_force[:, chosen]
     used = (seen >= LEAST_CODE) & (seen < calibration.code_max) & (force > 0)
@@ -367,16 +394,20 @@ def fit_memory(
 
     laws = [calibration.law_of(*divmod(int(t), calibration.cols)) for t in chosen]
     by_law = np.stack([one.conductance_s(f) for one, f in zip(laws, force.T, strict=True)], axis=1)
+    # A taxel that reads 0 carries no load for the decoder either.
+    by_law[seen == 0] = 0.0
 
     def difference(p: Floats) -> Floats:
         stream = SheetMemory(law_of(p), chosen.size, calibration.curve.g_open_s)
         made = np.log(np.maximum([stream.apply(frame, t_frame_s) for frame in by_law], 1e-12))
         return (measured - made)[used]
 
+    # Errors of the law are the same on the way up and down, and static loads hold some creep: both are taken out.
+    basis, _ = np.linalg.qr(weight[:, None] * _hats(np.log(force[used])))
+
     def residual(p: Floats) -> Floats:
-        # The level of static loads holds some creep: it is fitted along.
-        off = difference(p)
-        return (off - np.average(off, weights=weight**2)) * weight
+        off = difference(p) * weight
+        return off - basis @ (basis.T @ off)
 
     start = np.array([0.03, 0.7, 0.02])
     found = least_squares(
@@ -388,7 +419,7 @@ def fit_memory(
     level = float(np.exp(np.average(difference(p), weights=weight**2)))
     # A share of the loop within its own uncertainty of the whole is the whole.
     memory = law_of(p)
-    if play > 1 - max(3 * sigma[1], 0.02):
+    if play > 1 - max(3 * sigma[1], 0.05):
         memory = MemoryLaw(np.array([radius * play]), np.ones(1), creep_per_decade, memory.creep_start_s)
     # A loop of under 1/1000 of the force is below half a code at full scale, 1/510.
     if radius * play < 1e-3:
@@ -401,4 +432,11 @@ def fit_memory(
         "hysteresis_share": (float(play), float(sigma[1])),
         "creep_per_decade": (float(creep_per_decade), float(sigma[2])),
     }
-    return dataclasses.replace(calibration, memory=memory, factor=calibration.factor * level), values
+    made = dataclasses.replace(
+        _turn_on(calibration, seen, force),
+        memory=memory,
+        factor=calibration.factor * level,
+        uncorrected_part=UNSEEN_DECADES * creep_per_decade
+        + COVERAGE_SIGMA * float(np.hypot(values["hysteresis"][1] / 2, sigma[2])),
+    )
+    return made, values

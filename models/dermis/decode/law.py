@@ -20,7 +20,7 @@ CONTRADICTION = 0.2
 """Part of the largest force by which a table may differ from its loads to be monotone."""
 KINDS = ("linear", "power", "cubic", "table")
 """Laws that can be fitted."""
-POINTS = 10
+POINTS = 16
 """Most points of a table."""
 PARAMETERS = {"linear": 1, "power": 2, "cubic": 3, "table": POINTS}
 """Parameters of each law."""

@@ -154,9 +154,28 @@ def apply_frame(g, out, z, creep, loaded, fresh, radius, weight, per_decade):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def undo_frame(
-    low, g, high, z, past, moved, band, frame, creep, loaded, fresh, g_open, radius, weight, per_decade
+    low,
+    g,
+    high,
+    near_low,
+    near_high,
+    z,
+    past,
+    moved,
+    band,
+    frame,
+    creep,
+    loaded,
+    fresh,
+    g_open,
+    radius,
+    weight,
+    per_decade,
 ):
     """Turn conductances of the sheet [taxels] and their ends into those by the law, in place.
+
+    `near_low` and `near_high` [taxels] are the ends for the errors that change from frame to frame, quantisation and
+    noise: they decide if a taxel has moved. They are scratch afterwards.
 
     `past` [taxels, HISTORY] holds the last estimates, `moved` [taxels, 2] the frame of the last movement and the
     frames between the last two, `band` [taxels, 2] the values that explain all readings since.
@@ -167,14 +186,17 @@ def undo_frame(
             low[t] *= factor
             g[t] *= factor
             high[t] *= factor
+            near_low[t] *= factor
+            near_high[t] *= factor
         if radius.size and g[t] < np.inf:
             y = _log(g[t])
             y_low, y_high = min(_log(low[t]), y - ROUNDING), max(_log(min(high[t], 1e300)), y + ROUNDING)
+            b_low, b_high = min(_log(near_low[t]), y - ROUNDING), max(_log(near_high[t]), y + ROUNDING)
             if fresh:
                 z[0, t, :], z[1, t, :], z[2, t, :] = y - radius, y_low - radius, y_high - radius
                 past[t, :] = y
                 moved[t, 0], moved[t, 1] = frame, 1
-                band[t, 0], band[t, 1] = y_low, y_high
+                band[t, 0], band[t, 1] = b_low, b_high
             # Two sheets that started lower and higher stay lower and higher: play operators keep the order.
             x_low = _lowest(y_low, z[2, t], radius, weight)
             x_high = _highest(y_high, z[1, t], radius, weight)
@@ -183,10 +205,10 @@ def undo_frame(
             x = past[t, last % HISTORY]
             returning = 2 * still > 3 * moved[t, 1]
             # A moving taxel whose next code just overlaps moves on; one that rests may drift over a threshold.
-            room = 0.0 if returning else 0.2 * (y_high - y_low)
-            if max(y_low, band[t, 0]) + room <= min(y_high, band[t, 1]):
+            room = 0.0 if returning else 0.2 * (b_high - b_low)
+            if max(b_low, band[t, 0]) + room <= min(b_high, band[t, 1]):
                 # One constant value explains all readings since the last movement.
-                band[t, 0], band[t, 1] = max(y_low, band[t, 0]), min(y_high, band[t, 1])
+                band[t, 0], band[t, 1] = max(b_low, band[t, 0]), min(b_high, band[t, 1])
                 # A slow force that turned goes back as it came; one that is not seen in twice that time rests. A fast
                 # one leaves the flat piece at once.
                 if returning and 2 * still < HISTORY:
@@ -196,12 +218,12 @@ def undo_frame(
                         x = past[t, (last - still) % HISTORY]
             else:
                 # The states that are certain to be behind the movement put the taxel on a steep piece.
-                if y_low + y_high > band[t, 0] + band[t, 1]:
+                if b_low + b_high > band[t, 0] + band[t, 1]:
                     x = _highest(y, z[1, t], radius, weight)
                 else:
                     x = _lowest(y, z[2, t], radius, weight)
                 moved[t, 0], moved[t, 1] = frame, min(still, HISTORY)
-                band[t, 0], band[t, 1] = y_low, y_high
+                band[t, 0], band[t, 1] = b_low, b_high
             x = min(max(x, x_low), x_high)
             _move(x, z[0, t], radius)
             _move(x_low, z[1, t], radius)
@@ -283,7 +305,7 @@ class SheetMemory:
         )
         law = self.law
         parameters = self._g_open_s, law.radius, law.weight, law.creep_per_decade
-        undo_frame(low_s, conductance_s, high_s, *memory, *parameters)
+        undo_frame(low_s, conductance_s, high_s, low_s.copy(), high_s.copy(), *memory, *parameters)
         self._fresh = False
         self._frame += 1
 
