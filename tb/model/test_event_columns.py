@@ -15,7 +15,7 @@ from dermis.array.array import Network, column_currents
 from dermis.converter import coupling
 from dermis.converter.coupling import seen_from_grounds
 from dermis.engines import event
-from dermis.errors import InputError
+from dermis.errors import InputError, SimulatorError
 from tb.reference import columns_reference
 
 
@@ -29,18 +29,52 @@ def coupled(seed: int) -> dict[str, object]:
     }
 
 
+def drawn_by_offsets(plan: records.Plan) -> np.ndarray:
+    """Conductances [driven row, column, column of the offset] from currents of the array with an offset at a column."""
+    network, drawn = plan.network(0), []
+    for d in range(plan.cols):
+        surrounding = plan.surrounding | {"v_column_offset_v": 1e-3 * np.eye(plan.cols)[d]}
+        drawn.append(-column_currents(Network(network.g_taxel_s, 0.0, **surrounding)) / 1e-3)
+    return np.stack(drawn, axis=-1)
+
+
 def test_conductances_between_virtual_grounds_are_what_an_offset_there_draws(tmp_path: Path) -> None:
     for seed in range(5):
         plan = made(tmp_path, ohms(seed, 1, 3, 4), coupled(seed), "direct")
-        network = plan.network(0)
-        found = seen_from_grounds(network, plan.conductance_s())[0]
-        for d in range(plan.cols):
-            offset = np.where(np.arange(plan.cols) == d, 1e-3, 0.0)
-            drawn = column_currents(
-                Network(network.g_taxel_s, 0.0, **(plan.surrounding | {"v_column_offset_v": offset}))
-            )
-            # A millivolt beside half a volt of bias, in a solve to 1e-12; 1e-15 S where columns do not touch.
-            assert found[:, :, d] == pytest.approx(-drawn / 1e-3, rel=1e-9, abs=1e-15)
+        found = seen_from_grounds(plan.network(0), plan.conductance_s())[0]
+        # A millivolt beside half a volt of bias, in a solve to 1e-12; 1e-15 S where columns do not touch.
+        assert found == pytest.approx(drawn_by_offsets(plan), rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.paper
+@pytest.mark.parametrize(
+    ("seed", "gain", "row_ohm", "column_ohm", "taken"),
+    [
+        (20, 60.0, 1.0, 100.0, True),
+        (19, 30.0, 1.0, 300.0, True),
+        (38, 15.0, 1.0, 100.0, False),
+        (11, 15.0, 1.0, 900.0, False),
+    ],
+)
+def test_traces_between_virtual_grounds_are_refused_where_they_move_codes(
+    seed: int, gain: float, row_ohm: float, column_ohm: float, taken: bool,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """The matrix counts every taxel as if it were alone on its lines; the true one of the array is put in its place."""
+    on = {
+        "integrator_gain": {"gain_dc": gain, "r_in_ohm": 1e9},
+        "trace": {"r_row_ohm": row_ohm, "r_column_ohm": column_ohm},
+    }
+    plan = made(tmp_path, ohms(seed, 1, 3, 4), on, "direct")
+    if not taken:
+        with pytest.raises(InputError, match=r"integrator_gain.*trace.*certain to 1 LSB"):
+            event.run(plan)
+        monkeypatch.setattr(coupling._Columns, "_in_traces", lambda _: 0.0)
+    codes, exact = event.run(plan).codes.astype(int), drawn_by_offsets(plan)
+    monkeypatch.setattr(coupling, "seen_from_grounds", lambda *_: exact[np.newaxis].copy())
+    apart = np.abs(codes - event.run(plan).codes).max()
+    # What is taken is certain to 1 LSB.
+    assert (apart <= 1) == taken
 
 
 def test_coupled_columns_count_as_their_common_equation_to_one_count(tmp_path: Path) -> None:
@@ -237,6 +271,22 @@ def test_the_mean_charge_of_a_converter_at_its_limits_is_that_of_small_steps() -
     mean, _ = coupling._walk_in_range(x, -0.5, 0.0, low, high, clocks)
     # Half a step of one clock's change at most is between a sum and an integral.
     assert mean == pytest.approx(total, abs=1.0 / steps)
+
+
+def test_a_mean_charge_that_is_not_a_number_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = made(tmp_path, ohms(0, 1, 2, 4), coupled(0), "direct")
+    event.run(plan)
+    walk = coupling._walk_over_gate
+
+    def broken(*arguments: np.ndarray) -> None:
+        walk(*arguments)
+        arguments[-2][-1, -1, -1] = np.nan
+
+    monkeypatch.setattr(coupling, "_walk_over_gate", broken)
+    with pytest.raises(SimulatorError, match="column coupling: the charge over a gate"):
+        event.run(plan)
 
 
 def test_a_charge_that_stands_still_within_its_range_divides_nothing_by_nothing() -> None:

@@ -38,6 +38,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     return dict(np.load(out))
 
 
+@pytest.mark.paper  # a world is refused where a packet is twice as large
 @pytest.mark.parametrize("name", plain_loops.WORLDS)
 def test_plain_python_raises_nothing_and_gives_the_same_codes(
     name: str, plain: dict[str, np.ndarray], tmp_path: Path
@@ -45,6 +46,7 @@ def test_plain_python_raises_nothing_and_gives_the_same_codes(
     np.testing.assert_array_equal(plain_loops.codes(name, tmp_path), plain[name])
 
 
+@pytest.mark.paper
 def test_long_gates_give_the_same_counts_in_plain_python(plain: dict[str, np.ndarray]) -> None:
     counts = plain_loops.long_gate()
     assert (counts > 600).all(), "too weak to test anything"

@@ -176,6 +176,7 @@ def test_a_wrong_unit_does_not_pass(tmp_path: Path, factor: float, row: str) -> 
     assert [v["name"] for v in verdicts if v["status"] == "FAIL"] == [row]
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

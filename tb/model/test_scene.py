@@ -20,6 +20,7 @@ from dermis import plan as planning
 from dermis.array.array import Network
 from dermis.converter.vfc import Converter
 from dermis.errors import InputError
+from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import ROOT, TOPOLOGIES
 from dermis.scene.schema import SCENE_BYTES_MAX
@@ -131,7 +132,7 @@ def test_every_stimulus_law_and_interface_has_a_scene() -> None:
     assert shapes - {None} == {"flat", "triangular", "cylindrical", "spherical", "round"}
     assert {t.sensor.law for t in tables} == {"inverse", "power"}
     assert {t.interface.topology for t in tables} == set(TOPOLOGIES)
-    assert {t.interface.k for t in tables} >= {20, 80, 160}
+    assert {t.interface.k for t in tables} >= {20, design_module.load().interface.k, 160}
     named = {name for path in SCENES for name in scene.load(path).effects}
     assert named == set(effects.EFFECTS)
     assert all(t.title for t in tables)

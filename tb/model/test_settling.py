@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dermis.array import settling
+from dermis.array import settling, star_mesh
 from dermis.array.array import Network, column_currents
 from dermis.array.settling import Unsupported, bound_c, transients
+from dermis.errors import SimulatorError
 from dermis.records import Timing
 from tb.reference.lines_reference import charge_reference
 
@@ -215,6 +217,20 @@ def test_a_wrong_mode_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(np.linalg, "eigh", broken)
     with pytest.raises(Unsupported, match=r"too far apart"):
+        transients(network, g, TIMING, 1e-25)
+
+
+def test_a_voltage_that_is_not_a_number_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    g = 1 / np.random.default_rng(2).uniform(500, 5000, (1, 2, 4))
+    network = Network(g[0], 0.5, 1e3, 2e3, 500.0, c_row_f=1e-10, c_column_f=3e-9)
+    up = star_mesh.up
+
+    def broken(work: NDArray[np.float64], *arguments: Any) -> None:
+        up(work, *arguments)
+        work[0, 0, -1] = np.nan
+
+    monkeypatch.setattr(star_mesh, "up", broken)
+    with pytest.raises(SimulatorError, match="settling of the lines: a voltage"):
         transients(network, g, TIMING, 1e-25)
 
 

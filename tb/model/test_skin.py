@@ -121,7 +121,7 @@ def test_threads_and_batches_change_nothing() -> None:
 
 def test_arrays_of_the_caller_are_filled() -> None:
     skin, forces, codes = world("crosstalk")
-    out = np.empty(forces.shape, np.uint8)
+    out = np.empty(forces.shape, codes.dtype)
     assert skin.read(forces, out=out) is out
     assert (out == codes).all()
     places = Forces(*(np.full(forces.shape, np.nan) for _ in range(3)), np.empty(forces.shape, np.uint8))
@@ -129,6 +129,7 @@ def test_arrays_of_the_caller_are_filled() -> None:
     assert np.array_equal(places.force_n, skin.decode(codes).force_n)
 
 
+@pytest.mark.paper
 def test_a_scene_by_name_and_what_it_cannot_do() -> None:
     assert Skin("single_touch").read(np.zeros((16, 16))).shape == (16, 16)
     with pytest.raises(InputError, match="not possible with engine closed"):

@@ -237,8 +237,6 @@ def _follow(
             "on together with trace, and not settled when the gate opens",
             "lines that settle before the gate, or engine cosim",
         )
-    if timing.settle_clocks - timing.break_clocks < 1:
-        raise ValueError("a slot without settle clocks behind its break has no end of its switching")
     g = _frames(network, g_frames_s)
     if not np.isfinite(network.r_row_grounded_ohm) and network.c_taxel_f and (g.sum(axis=2) == 0).any():
         raise Unsupported(
