@@ -201,7 +201,7 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
     """Charge switches of a recorded process, one array [clocks, cols] a frame; entry n follows clock edge n + 1."""
-    frames, timing = record["codes"].shape[0], made.timing
+    frames, timing = len(record["codes"]) // made.rows, made.timing
     words = [int(word, 16) for word in record["trace_charge"]]
     bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
     # Between two frames there are clocks without a row, which belong to neither.

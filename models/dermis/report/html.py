@@ -184,8 +184,10 @@ def _verdicts(body: _Body, target: str, rows: Sequence[Row], alone: bool) -> Non
 def _share(row: Row) -> float | None:
     """Return a value relative to its limit, 1 at the limit and less inside, or None."""
     value, low, high = row["value"], row["min"], row["max"]
-    if value is None or value < 0:
+    if value is None:
         return None
+    if value < 0:
+        return float(value / low) if low is not None and low < 0 else None
     if high:
         return float(value / high)
     return float(low / value) if low and value else None
