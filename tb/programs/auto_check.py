@@ -17,11 +17,12 @@ from dermis import auto, effects, engines, records
 from dermis import plan as planning
 from dermis.engines import event, masking
 from dermis.errors import InputError
+from dermis.places import ROOT
 from dermis.report import verdict
 from dermis.report.progress import slots
 from dermis.scene import scene, schema
 from dermis.scene.scene import SCENES
-from tb.programs import auto_bounds
+from tb.programs import auto_bounds, auto_picture
 from tb.reference import scenes
 from tb.reference.scenes import PROFILES, World
 
@@ -260,8 +261,15 @@ def rows(
     type=click.IntRange(min=0, max=64),
     help="Columns of the frame for engine cosim; 0 for none.",
 )
-def auto_check_command(scenes: int, seed: int, frames: int, long: int, halved: int, cols: int) -> int:
+@click.option("--picture", is_flag=True, help="Only draw time against exactness in docs/figures.")
+def auto_check_command(
+    scenes: int, seed: int, frames: int, long: int, halved: int, cols: int, picture: bool
+) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
+    if picture:
+        auto_picture.draw(auto_picture.measure(), ROOT / "docs" / "figures" / "auto_time.png")
+        click.echo("drawn: docs/figures/auto_time.png")
+        return 0
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
     found = rows(few, many, refused + more, auto_bounds.mutants(halved) if halved else None)
