@@ -20,7 +20,7 @@ def codes(plan: Plan, frame: int = 0) -> np.ndarray:
 
 
 def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
-    """A matrix exponential a clock, or two where a comparator is late; what moves inside a gate stands for a clock."""
+    """Step by matrix exponentials, one a clock, two with a late comparator; inputs are constant in a clock."""
     converter, timing, drive, cols = plan.converter, plan.timing, plan.drive, plan.cols
     g = plan.conductance_s()
     behind = plan.next_conductance_s() if drive.motion else g

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes made for a test; makes the helpers beside it importable."""
+"""Plans for tests of whole commands; the modules of this room can be imported by name."""
 
 from __future__ import annotations
 

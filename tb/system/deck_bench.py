@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python beside
+"""Reads decks without the Verilog: a row scanner and synchronizers in a few lines of Python with
 ngspice.
 
 A deck costs milliseconds to start this way instead of the two seconds of an HDL simulator, so that

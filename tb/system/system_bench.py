@@ -32,7 +32,7 @@ def processes_with(text: str) -> list[int]:
         try:
             said = (entry / "cmdline").read_bytes() + (entry / "environ").read_bytes()
             state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
-        # A process that ended while it was looked at.
+        # The process has ended meanwhile.
         except OSError:
             continue
         if text.encode() in said and state != "Z":

@@ -238,7 +238,7 @@ def test_a_directory_in_the_place_of_a_file_is_refused(
 @pytest.mark.long
 @pytest.mark.parametrize("limit", [360, 8192], ids=["codes", "figure"])
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path, limit: int) -> None:
-    """A limit on the size of a file stands for a full disk."""
+    """A limit on the size of a file takes the place of a full disk."""
     out = tmp_path / "out"
 
     def small_files() -> None:

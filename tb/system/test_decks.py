@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands in a deck: exactly what each effect adds, nothing of an effect that is off, the array as it is meant."""
+"""Content of a deck: the elements of each effect that is on, nothing of others, and the array."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OHM = 510 * 60 ** np.random.default_rng(8).random((2, ROWS, COLS))
 OHM[1, 2, 3] = OHM[0, 2, 3]
 OHM[0, 0, 1], OHM[0, 1, 2] = np.inf, 0.0
 
-TAXELS = ROWS * COLS - 1  # the open one is no element
+TAXELS = ROWS * COLS - 1  # the open one has no element
 MOVING = ROWS * COLS - 1
 
 
@@ -367,7 +367,7 @@ def test_abstol_beside_a_clamp_is_of_the_largest_reference_current_in_the_deck(
 
 
 def test_a_comparator_late_by_a_good_part_of_a_clock_is_looked_at_earlier(resistance_plan: MakePlan) -> None:
-    """Beyond a twentieth of a clock the block is told to leave its delay out, and alone it is no pole for the steps."""
+    """Beyond a twentieth of a clock the block leaves its delay out, which alone sets no step limit."""
     bare = frame_deck(resistance_plan(OHM), 0, LEVELS, record=True)
     assert bare.late_s == ()
     late = frame_deck(

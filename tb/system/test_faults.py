@@ -88,7 +88,7 @@ def job_of(parent: int) -> str | None:
         try:
             if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
                 return Path(f"/proc/{pid}/cmdline").read_text().split("\0")[-2]
-        # A process that ended while it was looked at.
+        # The process has ended meanwhile.
         except (OSError, ValueError):
             continue
     return None

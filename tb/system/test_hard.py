@@ -91,7 +91,7 @@ _numbers = itertools.count()
 
 @pytest.fixture(autouse=True)
 def _seconds_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tests run beside one another: each knows the processes that its faults leave by how long they sleep."""
+    """Give each test its own sleeping time, which marks the processes that its faults leave."""
     monkeypatch.setenv(seeded_faults.SLEEP, f"1717.{os.getpid()}{next(_numbers):03d}")
 
 

@@ -172,7 +172,7 @@ def test_random_effects_are_refused_with_the_engine_that_can(resistance_plan: Ma
 
 # ---- off leaves no trace
 
-# What each effect builds: a name that stands in the elaborated design where it is on.
+# Effect -> name in the elaborated design where it is on.
 BUILDS = {
     "GAIN": "gen_gain",
     "I_OFFSET": "gen_offset",
@@ -329,7 +329,7 @@ def frame(number: int = 1, **other: Any) -> spi_protocol.Frame:
 
 
 def line(data: bytes) -> str:
-    """What the host writes of a frame."""
+    """Return the line that the host writes for a frame."""
     return f"a5{len(data):04x}{data.hex()}\n"
 
 

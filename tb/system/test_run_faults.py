@@ -471,7 +471,7 @@ def test_a_tool_that_hangs_is_ended_with_what_it_started(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("how", ["unreadable", "truncated", "garbage", "empty"])
 def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, how: str) -> None:
-    """A Liberty file without a cell, or one that is no text, is refused with its name."""
+    """A Liberty file without a cell, or one that is not text, is refused with its name."""
     path = tmp_path / "cells.lib"
     path.write_text("library (a) {\n  // no cell\n" * 40)
     trials.damage(path, how)

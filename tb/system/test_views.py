@@ -198,7 +198,7 @@ def test_any_block_may_be_transistors_among_models(block: str, tmp_path: Path) -
 # ---- charge, clock by clock ----------------------------------------------------------------------------------
 
 SETTLE = 20
-"""Clocks of preset here: nothing has to settle, for there is no row before."""
+"""Clocks of preset: nothing has to settle before the first row."""
 
 
 @pytest.fixture

@@ -71,7 +71,7 @@ except KeyboardInterrupt:
 
 
 def runs(pid: int) -> bool:
-    """Whether a process does, and does not only wait for being asked how it ended."""
+    """Return True if a process runs and is not a zombie."""
     try:
         return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     except OSError:

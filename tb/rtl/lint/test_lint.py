@@ -183,7 +183,7 @@ def test_file_left_out_of_the_list_and_second_module_in_a_file_fail(copy: Path) 
 
 
 def test_listed_module_that_nothing_instantiates_fails(copy: Path) -> None:
-    """The tools look only below the top they are given, so a module beside it would pass unread."""
+    """The tools read only what is below the top; a module outside would pass unread."""
     (copy / "rtl" / "dermis_stray.v").write_text("module dermis_stray ();\nendmodule\n")
     listed = copy / lint.FILE_LIST
     listed.write_text(listed.read_text() + "rtl/dermis_stray.v\n")
@@ -271,7 +271,7 @@ def test_missing_tool_is_an_input_error_that_names_it(monkeypatch: pytest.Monkey
 
 
 def test_source_missing_from_the_list_fails(copy: Path) -> None:
-    """Verilator finds a module beside the header by its name, so only the other two and the list's own row can fail."""
+    """Verilator finds a module next to the header by name; the other two tools and the file list fail."""
     path = copy / lint.FILE_LIST
     path.write_text(path.read_text().replace("rtl/dermis_tech_latch.v\n", ""))
     seen = status(copy, "sync_latch")

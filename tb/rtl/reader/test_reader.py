@@ -73,7 +73,7 @@ def random_duties(rows: int, cols: int, seed: int, top: float = 0.5) -> list[lis
 @pytest.mark.paper
 @SYNCHRONIZERS
 def test_duty_c_over_510_reads_code_c_for_every_code(simulator: str, sync_latch: int) -> None:
-    values = random.Random(2).sample(range(256), 256)  # no code stands beside its neighbour
+    values = random.Random(2).sample(range(256), 256)  # in random order
     table = [values[16 * r : 16 * r + 16] for r in range(16)]
     result = read(simulator, [[(c, 510) for c in row] for row in table], {"SYNC_LATCH": sync_latch})
     assert counts(result) == table
@@ -223,7 +223,7 @@ def test_every_sample_of_the_gate_counts_and_no_other(simulator: str, sync_latch
 
 @SYNCHRONIZERS
 def test_a_dark_slot_counts_what_flows_without_a_row(simulator: str, sync_latch: int) -> None:
-    """A preset above zero stands for an offset: one count in every slot, with or without a row."""
+    """A preset above zero acts as an offset: one count in every slot, with or without a row."""
     p = SMALL | {"gate": 30, "settle": 10, "SYNC_LATCH": sync_latch}
     x: list[list[Duty]] = [
         [(10, 62), (0, 1), (0, 1), (0, 1), (0, 1)],

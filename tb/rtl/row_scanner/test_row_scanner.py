@@ -41,7 +41,7 @@ def play(
 
 
 class Scanner:
-    """What docs/rtl.md says, as a program of one step a clock that knows nothing of counters and flops."""
+    """Reference of docs/rtl.md: one step a clock, without counters and flip-flops."""
 
     def __init__(self, rows: int, break_clocks: int) -> None:
         self.rows, self.break_clocks = rows, break_clocks

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.timeout(120)
 
 
 def two_edges_late(seen: list[list[int]]) -> bool:
-    """Whether the output behind an edge is the level that the edge before it met; 0 behind reset."""
+    """Return True if the output after an edge is the input level at the edge before; 0 after reset."""
     levels, outputs = zip(*seen, strict=True)
     return list(outputs) == [0, 0, *levels[1:-1]]
 

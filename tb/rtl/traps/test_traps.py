@@ -36,7 +36,7 @@ def read(
     settle: int = 115,
     **more: Any,
 ) -> Any:
-    """Result of `slots` slots, of the default timing unless told, with one module replaced by its wrong variant."""
+    """Return the result of `slots` slots, by default with default timing, with one wrong module."""
     p = {"ROWS": len(x), "COLS": len(x[0]), **parameters}
     settings = {"gate_i": gate, "settle_i": settle}
     scenario = {
