@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -149,3 +150,34 @@ def test_forces_that_are_none_are_refused(bad: np.ndarray) -> None:
 def test_forces_of_another_array_are_refused() -> None:
     with pytest.raises(ValueError, match="forces_n must be"):
         world("ideal")[0].read(np.zeros((3, 3)))
+
+
+def test_frames_allocate_nothing() -> None:
+    """A thousand calls with `out` keep no memory, and a batch needs none of the size of its frames."""
+    skin, force, codes = world("worn")
+    forces = np.ascontiguousarray(np.resize(force, (1000, *force.shape[1:])))
+    out = np.empty(forces.shape, codes.dtype)
+    places = Forces(*(np.empty(forces.shape) for _ in range(3)), np.empty(forces.shape, np.uint8))
+    single = Forces(*(np.empty(force.shape[1:]) for _ in range(3)), np.empty(force.shape[1:], np.uint8))
+
+    def calls() -> None:
+        for n in range(1000):
+            skin.read(forces[n], 1e-3, out=out[n])
+            skin.decode(out[n], 1e-3, out=single)
+
+    def batch() -> None:
+        skin.read(forces, 1e-3, out=out)
+        skin.decode(out, 1e-3, out=places)
+
+    for work in (calls, batch):
+        work()  # compiles, and makes the scratch arrays of this thread
+        tracemalloc.start()
+        try:
+            before = tracemalloc.get_traced_memory()[0]
+            work()
+            after, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        # Python keeps up to 2000 freed tuples of a size, 72 bytes each. One frame of doubles has 2 kB, 1000 have 2 MB.
+        assert after - before < 200_000, work.__name__
+        assert peak - before < 200_000, work.__name__
