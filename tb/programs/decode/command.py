@@ -145,7 +145,8 @@ def hysteresis() -> tuple[list[verdict.Row], dict[str, Floats]]:
     blind = dataclasses.replace(true, memory=memory.MemoryLaw(np.empty(0), np.empty(0)))
     found, values = identify.fit_memory(blind, skin.read(one, 2e-3), one, 2e-3)
     off, plain, kept = [], [], {}
-    for seed in range(1, 11):
+    # The constants of the inverse (memory.py) were chosen with other seeds, 1 to 10.
+    for seed in range(101, 111):
         skin.reset()
         force = cycles(seed, 1500, 16).reshape(-1, 4, 4)
         codes = skin.read(force, 2e-3)
@@ -154,7 +155,7 @@ def hysteresis() -> tuple[list[verdict.Row], dict[str, Floats]]:
         used = decoded.flags & SATURATED == 0
         off.append((decoded.force_n - force)[used])
         plain.append((uncorrected.force_n - force)[used])
-        if seed == 1:
+        if seed == 101:
             kept = {"force": force, "before": uncorrected.force_n, "after": decoded.force_n,
                     "low": decoded.low_n, "high": decoded.high_n}  # fmt: skip
     errors, before = np.concatenate(off) / FULL_N * 100, np.concatenate(plain) / FULL_N * 100
