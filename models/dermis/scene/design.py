@@ -269,6 +269,13 @@ class Charge(_Strict):
     flicker: NonNegative
 
 
+class Calibration(_Strict):
+    """Currents that a chip calibrates itself with."""
+
+    i_pedestal_a: Positive
+    i_test_a: Positive
+
+
 class Ambient(_Strict):
     """Surroundings."""
 
@@ -299,6 +306,7 @@ class Design(_Strict):
     row_driver: RowDriver
     wires: Wires
     charge: Charge
+    calibration: Calibration
     ambient: Ambient
 
     @model_validator(mode="after")

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration of every column over SPI: self-test frames in, gain, offset and a verdict per column out.
+
+A self-test frame has a dark slot (no row driven, the pedestal alone) and two slots with the test current in the even
+and the odd columns. One code resolves half an LSB. A gate 16 times as long resolves the dark duty 16 times better; a
+full-scale count would not fit there, so its duty is the intersection of what 16 gates next to each other allow.
+docs/howto_calibrate.md has the same steps for firmware.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip import register_map as rm
+from dermis.chip import spi_protocol as spi
+from dermis.errors import SimulatorError
+from dermis.scene.design import Design
+
+Floats = NDArray[np.float64]
+
+DARK_GATES = 16
+"""The dark slot is counted over this many normal gates: 1/32 LSB."""
+FULL_GATES = 16
+"""Number of gates up to the normal one for the test current: at most 0.12 LSB at duties of 0.41 to 0.48."""
+# 4.8 sigma of a packet mismatch of 2.5 %.
+GAIN_LIMIT = 0.12
+"""Largest gain error of a good column, relative."""
+FULL_PART = 0.8
+"""Part of the nominal count of the test current below which a column is faulty: 8 sigma."""
+POLLS = 10_000
+"""Reads of STATUS after which a self-test frame is overdue; each takes at least a clock."""
+
+
+class Step(NamedTuple):
+    """A transaction of the routine; its result is sent back into the generator."""
+
+    transaction: spi.Transaction[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Calibration of the columns of a chip.
+
+    Attributes
+    ----------
+    dark, full : ndarray
+        [cols] duty in packets a clock without current and with the test current.
+    verdict : tuple of str
+        [cols] "ok", or the first test that failed: "inject", "dark", "full" (masks of the chip), "pedestal" (no count
+        without current: offsets below it are lost), "gain".
+    gate_clocks : int
+        Gate of the codes that `step_a` and `start_code` are for.
+    i_test_a : float
+        Test current in ampere.
+    """
+
+    dark: Floats
+    full: Floats
+    verdict: tuple[str, ...]
+    gate_clocks: int
+    i_test_a: float
+
+    @property
+    def step_a(self) -> Floats:
+        """Column current of one code in ampere, [cols]; inf where the test current counts nothing."""
+        with np.errstate(divide="ignore"):
+            return self.i_test_a / (self.gate_clocks * np.maximum(self.full - self.dark, 0.0))
+
+    @property
+    def start_code(self) -> Floats:
+        """Code without current, [cols]; fields of dermis.decode.calibration.Calibration of the same names."""
+        return self.gate_clocks * self.dark
+
+
+def measure(design: Design, cols: int) -> Generator[Step, Any, Columns]:
+    """Measure all columns; yields transactions, takes their results, returns the calibration.
+
+    The chip is left scanning with the normal gate. Raises SimulatorError if a self-test frame does not come.
+    """
+    gate, made = design.timing.gate_clocks, design.calibration
+    nominal = made.i_test_a / (design.interface.k * design.converter.i0_a)
+    pedestal = made.i_pedestal_a / design.converter.i0_a
+    long = DARK_GATES * gate
+    yield from _write(rm.CONTROL, 0)
+    yield from _write(rm.DARK_MAX, round(2 * gate * pedestal))
+    yield from _write(rm.FULL_MIN, int(FULL_PART * gate * nominal))
+    frame = yield from _test_frame(long)
+    counts = frame.slot(spi.SLOT_DARK).astype(float)
+    dark = counts / long
+    low, high = np.zeros(cols), np.ones(cols)
+    for gate_clocks in range(gate - FULL_GATES + 1, gate + 1):
+        frame = yield from _test_frame(gate_clocks)
+        even = np.arange(cols) % 2 == 0
+        full = np.where(even, frame.slot(spi.SLOT_FULL_EVEN), frame.slot(spi.SLOT_FULL_ODD)).astype(float)
+        # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
+        low = np.maximum(low, (full - 0.5) / gate_clocks)
+        high = np.minimum(high, (full + 0.5) / gate_clocks)
+    failed = {}
+    for name, first in (("inject", rm.INJECT_FAULT), ("dark", rm.DARK_FAULT), ("full", rm.FULL_FAULT)):
+        failed[name] = yield from _mask(first, cols)
+    full = 0.5 * (low + high)
+    failed["pedestal"] = counts == 0
+    failed["gain"] = np.abs((full - dark) / nominal - 1.0) > GAIN_LIMIT
+    verdict = tuple(next((n for n, bad in failed.items() if bad[c]), "ok") for c in range(cols))
+    yield from _write(rm.CONTROL, rm.CONTROL_CONTINUOUS_MASK)
+    return Columns(dark, full, verdict, gate, made.i_test_a)
+
+
+def run(steps: Generator[Step, Any, Columns], transact: Callable[[spi.Transaction[Any]], Any]) -> Columns:
+    """Run `measure` with a function that makes one transaction, chip select around it."""
+    try:
+        step = next(steps)
+        while True:
+            step = steps.send(transact(step.transaction))
+    except StopIteration as done:
+        return done.value
+
+
+def _write(address: int, value: int) -> Generator[Step, Any, None]:
+    yield Step(spi.write_register(address, value))
+
+
+def _test_frame(gate_clocks: int) -> Generator[Step, Any, spi.Frame]:
+    yield from _write(rm.GATE, gate_clocks)
+    yield from _write(rm.CONTROL, rm.CONTROL_TEST_MASK)
+    for _ in range(POLLS):
+        if (yield Step(spi.read_register(rm.STATUS))) & rm.STATUS_TEST_DONE_MASK:
+            return (yield Step(spi.read_frame()))
+    raise SimulatorError(
+        f"calibration: no self-test frame after {POLLS} reads of STATUS; is the enable pin high?"
+    )
+
+
+def _mask(first: int, cols: int) -> Generator[Step, Any, NDArray[np.bool_]]:
+    bits: list[bool] = []
+    for word in range((cols + 15) // 16):
+        value = yield Step(spi.read_register(first + word))
+        bits += [bool(value >> n & 1) for n in range(16)]
+    return np.array(bits[:cols])
