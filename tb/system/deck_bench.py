@@ -23,6 +23,7 @@ from dermis.chip.bridge import analog_s
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.engines import cosim
 from dermis.records import Plan, Timing
+from tb.reference.chip import Synchronizer
 
 
 def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> NDArray[np.int64]:
@@ -37,7 +38,8 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> NDArray[np.in
     )
     rows, t_clk = timing.rows, 1.0 / timing.f_clk_hz
     counts = np.zeros((rows, cols), dtype=np.int64)
-    sample = charge = np.zeros(cols, dtype=bool)  # the two flip-flops of each column
+    low = np.zeros(cols, dtype=bool)
+    flops = Synchronizer(low)
     edges: list[tuple[float, int, float]] = []
     half.advance(0.0, [])
     # The deck starts where row 0 is driven.
@@ -46,10 +48,10 @@ def read_deck(deck: Deck, timing: Timing, cols: int, log: Path) -> NDArray[np.in
         comparator = half.advance(now, edges)[:cols] > 0.0
         row, at = divmod(clock - 1, timing.slot_clocks)
         counting = at >= timing.settle_clocks  # the preset has been let go before this edge
-        before, charge = charge, sample
-        sample = comparator & ~sample if counting else np.zeros(cols, dtype=bool)
-        counts[row] += sample
-        edges = [(now, rows + 1 + int(c), float(charge[c])) for c in np.flatnonzero(charge != before)]
+        before = flops.charge
+        counts[row] += flops.clock(comparator if counting else low)
+        changed = np.flatnonzero(flops.charge != before)
+        edges = [(now, rows + 1 + int(c), float(flops.charge[c])) for c in changed]
         if at + 1 == timing.settle_clocks:
             edges.append((now, rows, 0.0))
         if at + 1 == timing.slot_clocks:

@@ -23,6 +23,7 @@ from dermis.records import Plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from dermis.scene.views import BLOCKS
+from tb.reference.chip import Synchronizer
 
 UNIT_OHM = 250.0  # V_b / (k i0), so x = 250 / R
 LSB = 1 / 510  # of the packets of a gate
@@ -213,7 +214,7 @@ def charge(
 ) -> NDArray[np.float64]:
     """Charge that has flown into every integrator, in packets, [clocks, cols]; NaN while a packet flows out.
 
-    The flip-flops are a few lines here. What has flown in is what was drawn plus what is on the capacitor, so two
+    What has flown in is what was drawn plus what is on the capacitor, so two
     solutions can be compared to far below a count, and where they decide differently as well.
     """
     cols, t_clk = made.cols, 1.0 / made.timing.f_clk_hz
@@ -228,18 +229,18 @@ def charge(
         level=ladder.Level(start=1),
     )
     edges: list[tuple[float, int, float]] = []
-    sample = before = np.zeros(cols, dtype=bool)
+    low = np.zeros(cols, dtype=bool)
+    flops = Synchronizer(low)
     drawn, busy = np.zeros((clocks, cols)), np.zeros((clocks, cols), dtype=bool)
     total = np.zeros(cols)
     for clock in range(1, clocks + 1):
         now = clock * t_clk
         comparator = half.advance(now, edges) > 0.0
-        switch, old = sample, before
-        busy[clock - 1] = old
+        busy[clock - 1] = old = flops.charge
         total = total + old
         drawn[clock - 1] = total
-        before = switch
-        sample = comparator & ~sample if clock >= SETTLE else np.zeros(cols, dtype=bool)
+        flops.clock(comparator if clock >= SETTLE else low)
+        switch = flops.charge
         edges = [(now, made.rows + 1 + int(c), float(switch[c])) for c in np.flatnonzero(switch != old)]
         if clock == SETTLE:
             edges.append((now, made.rows, 0.0))
