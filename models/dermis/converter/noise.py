@@ -90,20 +90,38 @@ def normal(key, stream, counter):  # type: ignore
 
 
 @numba.njit(cache=True)
+def cell_key(seed, frame, row, col):  # type: ignore
+    """Return the key of one cell; `frame` is its number in the whole scene."""
+    of_frame = _mix(_mix(np.uint64(seed) * _MIX1 + _WEYL) + np.uint64(frame) * _WEYL)
+    return _mix(_mix(of_frame + np.uint64(row + 1) * _MIX2) + np.uint64(col + 1) * _WEYL)
+
+
+@numba.njit(cache=True)
 def _keys(seed, first_frame, out):  # type: ignore
     frames, rows, cols = out.shape
     for f in range(frames):
-        of_frame = _mix(_mix(np.uint64(seed) * _MIX1 + _WEYL) + np.uint64(first_frame + f) * _WEYL)
         for r in range(rows):
-            of_row = _mix(of_frame + np.uint64(r + 1) * _MIX2)
             for c in range(cols):
-                out[f, r, c] = _mix(of_row + np.uint64(c + 1) * _WEYL)
+                out[f, r, c] = cell_key(seed, first_frame + f, r, c)
 
 
 def cell_keys(seed: int, first_frame: int, shape: tuple[int, int, int]) -> NDArray[np.uint64]:
     """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole scene."""
     out = np.empty(shape, dtype=np.uint64)
     _keys(np.uint64(seed), first_frame, out)
+    return out
+
+
+@numba.njit(cache=True)
+def _chosen_keys(seed, first_frame, frame, row, col, out):  # type: ignore
+    for i in range(out.size):
+        out[i] = cell_key(seed, first_frame + frame[i], row[i], col[i])
+
+
+def chosen_keys(seed: int, first_frame: int, cells: tuple[NDArray[np.intp], ...]) -> NDArray[np.uint64]:
+    """Keys of chosen cells, given by frame, row and column, [n]."""
+    out = np.empty(cells[0].size, dtype=np.uint64)
+    _chosen_keys(np.uint64(seed), first_frame, *cells, out)
     return out
 
 

@@ -156,6 +156,7 @@ class _Part:
         self.slow_mirror = "q_mirror_c" in self.active
         self.g_column_s = np.minimum(self.g, G_ACROSS_S).sum(axis=1)
         self.tally = np.zeros((bounds.COUNT, 3))
+        self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
         self._solve()
 
     def _solve(self) -> None:
@@ -205,7 +206,7 @@ class _Part:
         unsettled = self.unsettled if self.brisk else np.full((frames, cols), np.inf)
         sampled = self.loops.verdicts(
             self.gate, on, self.columns, self.g_column_s, dark, swing_sum, unsettled, self.moved,
-            *(np.ascontiguousarray(i) for i in solved), self.s, self.tally, ratios,
+            *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.tally, ratios,
         )  # fmt: skip
         if sampled:
             self.table.looseness.append(float(np.sort(ratios[:sampled])[sampled // 2]))
@@ -218,8 +219,9 @@ class _Part:
         self.table.decided += s.codes.size - cells[0].size
         if cells[0].size and self.random:
             still = np.empty(cells[0].size, dtype=bool)
-            keys = self._keys(cells)
-            self.loops.draw(self.gate, self.columns, self.g_column_s, self.moved, s, *cells, keys, still)
+            self.loops.draw(
+                self.gate, self.columns, self.g_column_s, self.moved, s, *cells, self.seed, self.first, still
+            )
             self.table.drawn += cells[0].size - int(still.sum())
             cells = tuple(index[still] for index in cells)
         if cells[0].size:
@@ -227,12 +229,6 @@ class _Part:
             self._blame(cells)
             s.codes[cells] = np.minimum(self._walk(cells), full)
         return s.codes
-
-    def _keys(self, cells: Cells) -> NDArray[np.uint64] | None:
-        if not self.random:
-            return None
-        first = self.plan.first_frame + self.part.start
-        return noise.cell_keys(self.plan.seed, first, self.g.shape)[cells]
 
     def _chosen(self, cells: Cells, depth: NDArray[np.intp]) -> event.Chosen:
         x = self.s.x[cells]
@@ -246,7 +242,7 @@ class _Part:
             self.g_column_s[cells[0], cells[2]],
             *cells,
             x,
-            self._keys(cells),
+            noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None,
             self.ways,
             self._night(cells),
             self.phase,

@@ -21,7 +21,7 @@ _X_LARGE = 1.0
 # Packets that roundings of the two ways to a level may differ by: a sum of 510 clocks, and polynomials of a course.
 ROUNDING = 1e-7
 # Every n-th cell is sampled for the ratio of bound and shift.
-EACH = 7
+EACH = 29
 # Duty beyond which a converter saturates whatever its noise is, as in engine event.
 _X_NOISE_MAX = 1.0
 
@@ -99,6 +99,25 @@ def _decide(x, level, error, packet, gate):  # type: ignore
 
 
 @_compiled
+def _drawn(gate, table, g_column, x, c, key):  # type: ignore
+    """Numbers of a slot: the end of the Brownian path, the start, and the size of the packet."""
+    most = min(abs(x), _X_NOISE_MAX)
+    rate = min(most, 0.5)
+    variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
+    variance += 2.0 * table[of.JITTER, c] ** 2 * rate
+    path, begin, packet = 0.0, table[of.BEGIN, c], table[of.PACKET, c]
+    if variance > 0.0:
+        span = int(noise.span_of(gate.clocks))
+        path = math.sqrt(variance * span) * noise.normal(key, noise.WALK, span) * (gate.clocks / span)
+    if table[of.PRESET_NOISE, c] > 0.0:
+        begin += table[of.PRESET_NOISE, c] * noise.normal(key, noise.PRESET, 0)
+        begin = min(max(begin, table[of.LOW, c]), table[of.HIGH, c])
+    if table[of.FLICKER, c] > 0.0:
+        packet *= 1.0 + table[of.FLICKER, c] * noise.normal(key, noise.FLICKER, 0)
+    return path, begin, packet
+
+
+@_compiled
 def _worst(s, on, calm):  # type: ignore
     """Number of the effect with the largest bound in a cell."""
     own = np.zeros((of.COUNT, 3))
@@ -109,7 +128,7 @@ def _worst(s, on, calm):  # type: ignore
 @_compiled
 def verdicts(  # type: ignore
     gate, on, table, g_column, dark, swing_sum, unsettled, moved_lsb,
-    follows, rest, follows_end, rest_end, follows_bend, rest_bend, out, tally, ratios
+    follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip
     """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled.
 
@@ -126,6 +145,7 @@ def verdicts(  # type: ignore
         Sum of the sine of the ripple over the gate.
     moved_lsb : [frames or 1, rows or 1, cols or 1]
         Packets by which levels are moved.
+    seed, first : of the random numbers, and the number of frame 0 in the whole run.
     follows, rest : [frames, rows, cols]
         Column currents, with the bias and without it; `_end` and `_bend` of them with motion.
     """
@@ -247,34 +267,27 @@ def verdicts(  # type: ignore
                 out.quiet[f, r, c], out.open[f, r, c], out.codes[f, r, c] = calm, open_, code
                 if open_:
                     out.blame[f, r, c] = _worst(s, on, calm)
-                if number % EACH == 0 and abs(shift - late) > ROUNDING:
-                    ratios[sampled] = error / abs(shift - late)
-                    sampled += 1
+                if number % EACH == 0:
+                    path, start, size = _drawn(
+                        gate, table, g_column[f, c], x, c, noise.cell_key(seed, first + f, r, c)
+                    )
+                    happened = shift - late + start - table[of.BEGIN, c]
+                    happened += (path if calm else 0.0) - (size - packet) * gate.clocks * x / packet
+                    if abs(happened) > ROUNDING:
+                        ratios[sampled] = error / abs(happened)
+                        sampled += 1
                 number += 1
     return sampled
 
 
 @_compiled
-def draw(gate, table, g_column, moved_lsb, out, frame, row, col, keys, still):  # type: ignore
+def draw(gate, table, g_column, moved_lsb, out, frame, row, col, seed, first, still):  # type: ignore
     """Decide open cells with the random numbers of their slots; `still` says where they stay open."""
-    span = int(noise.span_of(gate.clocks))
     for i in range(frame.size):
-        f, r, c, key = frame[i], row[i], col[i], keys[i]
-        x = out.x[f, r, c]
-        most = min(abs(x), _X_NOISE_MAX)
-        rate = min(most, 0.5)
-        variance = table[of.THERMAL, c] * g_column[f, c] + table[of.SHOT, c] * (most + rate)
-        variance += 2.0 * table[of.JITTER, c] ** 2 * rate
-        shift = out.shift[f, r, c]
-        if out.quiet[f, r, c] and variance > 0.0:
-            path = math.sqrt(span) * noise.normal(key, noise.WALK, span) * (gate.clocks / span)
-            shift += math.sqrt(variance) * path
-        begin, packet = table[of.BEGIN, c], table[of.PACKET, c]
-        if table[of.PRESET_NOISE, c] > 0.0:
-            begin += table[of.PRESET_NOISE, c] * noise.normal(key, noise.PRESET, 0)
-            begin = min(max(begin, table[of.LOW, c]), table[of.HIGH, c])
-        if table[of.FLICKER, c] > 0.0:
-            packet *= 1.0 + table[of.FLICKER, c] * noise.normal(key, noise.FLICKER, 0)
+        f, r, c = frame[i], row[i], col[i]
+        x, key = out.x[f, r, c], noise.cell_key(seed, first + f, r, c)
+        path, begin, packet = _drawn(gate, table, g_column[f, c], x, c, key)
+        shift = out.shift[f, r, c] + (path if out.quiet[f, r, c] else 0.0)
         mf, mr, mc = moved_lsb.shape
         raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
         level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - begin - shift
