@@ -186,6 +186,7 @@ class _Part:
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion), self.slow_mirror, plan.topology == "direct",
+            self.random,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.functions.values():
@@ -197,14 +198,13 @@ class _Part:
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
         solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
-        # Rows: x, low, settled, shift, error, drawn, noise, squares, kept.
-        values = np.empty((9, *shape))
-        flags, whole = np.empty((2, *shape), dtype=bool), np.empty((2, *shape), dtype=np.int64)
+        values = np.empty((7, *shape))
+        open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         end = np.empty((3, *shape) if self.slow_mirror else (3, 1, 1, 1))
-        self.s = self.loops.Solved(*values[:3], end, *values[3:], *flags, *whole)
+        self.s = self.loops.Solved(*values[:3], end, *values[3:], open_, *whole)
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         unsettled = self.unsettled if self.brisk else np.full((frames, cols), np.inf)
-        sampled = self.loops.verdicts(
+        sampled, self.drawn = self.loops.verdicts(
             self.gate, on, self.columns, self.g_column_s, dark, swing_sum, unsettled, self.moved,
             *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.tally, ratios,
         )  # fmt: skip
@@ -216,14 +216,8 @@ class _Part:
         s, full = self.s, self.plan.timing.code_max
         self._tally()
         cells = np.nonzero(s.open)
-        self.table.decided += s.codes.size - cells[0].size
-        if cells[0].size and self.random:
-            still = np.empty(cells[0].size, dtype=bool)
-            self.loops.draw(
-                self.gate, self.columns, self.g_column_s, self.moved, s, *cells, self.seed, self.first, still
-            )
-            self.table.drawn += cells[0].size - int(still.sum())
-            cells = tuple(index[still] for index in cells)
+        self.table.decided += s.codes.size - cells[0].size - self.drawn
+        self.table.drawn += self.drawn
         if cells[0].size:
             self.table.walked += cells[0].size
             self._blame(cells)

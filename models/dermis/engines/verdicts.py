@@ -29,26 +29,26 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 
 
 class Gate(
-    namedtuple("Gate", "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct")
+    namedtuple(
+        "Gate", "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random"
+    )
 ):
     """Numbers that all cells of a run share.
 
     Clocks of a slot, the largest code and the error that decides a cell all the same; the amplitude of the ripple and
-    the largest sum of its sine; what there is of motion and slow mirrors.
+    the largest sum of its sine; what there is of motion, slow mirrors and noise.
     """
 
     __slots__ = ()
 
 
-class Solved(
-    namedtuple("Solved", "x low settled end shift error drawn noise squares kept quiet open codes blame")
-):
+class Solved(namedtuple("Solved", "x low settled end error noise squares kept open codes blame")):
     """Results of `verdicts`, [frames, rows, cols] each.
 
     `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and `end` [3, ...] their
-    outputs behind each gate: as solved, the lowest and the highest possible. `shift`, `error` of the level at the last
-    decision in packets, `undrawn` the error without random numbers, `drawn` with those of a slot known. `noise` and
-    `squares` are what random numbers alone add, `kept` what hysteresis and late packets do.
+    outputs behind each gate: as solved, the lowest and the highest possible. `error` of the level at the last decision
+    in packets; `noise` and `squares` are what random numbers alone add, `kept` what hysteresis and late packets do.
+    `blame` is the effect with the largest bound in an open cell.
     """
 
     __slots__ = ()
@@ -130,7 +130,8 @@ def verdicts(  # type: ignore
     gate, on, table, g_column, dark, swing_sum, unsettled, moved_lsb,
     follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip
-    """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled.
+    """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled, and how many
+    cells were decided by the random numbers of their slots.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ def verdicts(  # type: ignore
     """
     frames, rows, cols = follows.shape
     u_of = np.empty((3, cols))
-    sampled = number = 0
+    sampled = drawn = number = 0
     span = noise.span_of(gate.clocks)
     root, root_bridge = math.sqrt(gate.clocks), math.sqrt(gate.clocks * (span - gate.clocks) / span)
     for f in range(frames):
@@ -259,36 +260,28 @@ def verdicts(  # type: ignore
                 error = steady + math.sqrt(a.squares)
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
                 code, open_ = _decide(x, level, error, packet, gate)
-                out.x[f, r, c], out.low[f, r, c] = x, low
-                out.shift[f, r, c], out.error[f, r, c] = shift, error
-                out.drawn[f, r, c] = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
-                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
-                out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
-                out.quiet[f, r, c], out.open[f, r, c], out.codes[f, r, c] = calm, open_, code
-                if open_:
-                    out.blame[f, r, c] = _worst(s, on, calm)
-                if number % EACH == 0:
+                sample = number % EACH == 0
+                if open_ or sample:
                     path, start, size = _drawn(
                         gate, table, g_column[f, c], x, c, noise.cell_key(seed, first + f, r, c)
                     )
-                    happened = shift - late + start - table[of.BEGIN, c]
-                    happened += (path if calm else 0.0) - (size - packet) * gate.clocks * x / packet
-                    if abs(happened) > ROUNDING:
-                        ratios[sampled] = error / abs(happened)
+                    path = path if calm else 0.0
+                    moved_start = start - table[of.BEGIN, c]
+                    happened = abs(
+                        shift - late + path + moved_start - (size - packet) * gate.clocks * x / packet
+                    )
+                    if sample and happened > ROUNDING:
+                        ratios[sampled] = error / happened
                         sampled += 1
+                    if open_ and gate.random:
+                        error_drawn = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
+                        code, open_ = _decide(x, level - moved_start - path, error_drawn, size, gate)
+                        drawn += not open_
+                out.x[f, r, c], out.low[f, r, c], out.error[f, r, c] = x, low, error
+                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
+                out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
+                out.open[f, r, c], out.codes[f, r, c] = open_, code
+                if open_:
+                    out.blame[f, r, c] = _worst(s, on, calm)
                 number += 1
-    return sampled
-
-
-@_compiled
-def draw(gate, table, g_column, moved_lsb, out, frame, row, col, seed, first, still):  # type: ignore
-    """Decide open cells with the random numbers of their slots; `still` says where they stay open."""
-    for i in range(frame.size):
-        f, r, c = frame[i], row[i], col[i]
-        x, key = out.x[f, r, c], noise.cell_key(seed, first + f, r, c)
-        path, begin, packet = _drawn(gate, table, g_column[f, c], x, c, key)
-        shift = out.shift[f, r, c] + (path if out.quiet[f, r, c] else 0.0)
-        mf, mr, mc = moved_lsb.shape
-        raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
-        level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - begin - shift
-        out.codes[f, r, c], still[i] = _decide(x, level, out.drawn[f, r, c], packet, gate)
+    return sampled, drawn
