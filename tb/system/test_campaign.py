@@ -146,15 +146,17 @@ def test_some_scenes_have_few_effects_drawn_far(tmp_path: Path) -> None:
     assert any(one.plan(tmp_path, None).on for one, _ in few[:20])
 
 
-@pytest.mark.parametrize(
-    ("engines", "number"),
-    [*(("rtl", n) for n in (4, 5, 10, 13, 18, 23, 25, 27)), *(("cosim", n) for n in (1, 2, 10, 11))],
-)
-def test_scenes_of_a_campaign_break_no_law(engines: str, number: int) -> None:
-    """Scenes that engine event does not refuse: every topology, from one effect to nearly all."""
-    outcome = laws.judge(drawn(engines, number), engines, number)
-    assert not outcome.broken
-    assert sum(outcome.compared.values()) == 2
+@pytest.mark.parametrize(("engines", "wanted"), [("rtl", 6), ("cosim", 3)])
+def test_scenes_of_a_campaign_break_no_law(engines: str, wanted: int) -> None:
+    """The first scenes that engine event and the other one both take."""
+    compared = 0
+    for number in range(4 * wanted):
+        outcome = laws.judge(drawn(engines, number), engines, number)
+        assert not outcome.broken, number
+        compared += not outcome.refused
+        if compared == wanted:
+            return
+    pytest.fail(f"{compared} of {4 * wanted} scenes were compared")
 
 
 # ---- seeded faults
