@@ -112,6 +112,7 @@ def test_loads_tell_traces_from_drivers() -> None:
     fit = identify.fit_sheet(fitted(), list(loads(0.4)), "linear")
     for name, true in (TRUE | dict.fromkeys(identify.TRACES, 0.4)).items():
         value, sigma = fit.values[name]
+        # Four of the fit's own standard deviations.
         assert abs(value - true) < 4 * sigma, name
         # The two traces are alike in many loads.
         assert sigma < 0.35 * true, name
@@ -148,12 +149,14 @@ def test_a_taxel_with_another_law_gets_its_own(tmp_path: Path) -> None:
         made.append(identify.Load(f"weight {n}", codes[None], force))
     fit = identify.fit_sheet(dataclasses.replace(true, factor=1.0), made, "power").calibration
     assert sorted(fit.own) == odd
+    # Half a code of 30 at the least force is 1.7 % of it, at one end of the curve.
     assert fit.curve.coefficients[0, 1] == pytest.approx(1.0, rel=0.02)
     fit.save(tmp_path / "sheet.toml")
     fit = calibration.load(tmp_path / "sheet.toml")
     codes, force = (np.array(a) for a in zip(*((load.codes[0], load.force_n) for load in made), strict=True))
     with_own, shared = (Decoder(c, 2e-3).decode(codes) for c in (fit, dataclasses.replace(fit, own={})))
     for place in odd:
+        # The same for the readings of one taxel alone.
         assert fit.own[place].coefficients[0, 1] == pytest.approx(1 / 0.8, rel=0.03)
         pressed = (slice(None), *place)
         used = force[pressed] > 0

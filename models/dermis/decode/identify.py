@@ -334,7 +334,7 @@ def _own_laws(
             continue
         try:
             mine = law.fit(kind, g, force)
-        except law.LawError:
+        except law.LawError:  # readings that no law of its own fits stay with the shared one
             continue
         before, after = (float(np.sum((c.force_n(g) / force - 1) ** 2)) for c in (shared, mine))
         freedom = g.size - parameters
