@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from dermis.chip import sky130
 from dermis.chip.spice_text import array_subckt, spice_number
 from dermis.errors import InputError
 from dermis.files import write_atomic
@@ -63,6 +64,19 @@ def spice_params(design: Design) -> str:
             else:
                 lines.append(f".param {name} = {spice_number(value)}")
     return "\n".join([*lines, ""])
+
+
+def front_end_file(design: Design) -> str:
+    """Return spice/sky130/dermis_analog_front_end.sp, the top netlist."""
+    rows, cols = design.array.rows, design.array.cols
+    text = [
+        f"* {HEADER}",
+        f"* The analog front end of {rows} rows and {cols} columns. {ORIGIN}",
+        "* From outside come vbias (0.5 V, all current of the taxels), vref (0.5 V), 50 kohm from r_ref to agnd,",
+        "* and agnd, half way between vdd and vss; vss and vss_d are the board's ground.",
+        sky130.front_end(rows, cols),
+    ]
+    return "\n".join(text)
 
 
 def array_file(design: Design) -> str:
@@ -215,6 +229,7 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
         "rtl/dermis_design.vh": verilog_header(design),
         "spice/design.inc": spice_params(design),
         "spice/array/array.sp": array_file(design),
+        "spice/sky130/dermis_analog_front_end.sp": front_end_file(design),
         **register_files.files(design, root),
     }
     for path in (*PERIODS, *TABLES):

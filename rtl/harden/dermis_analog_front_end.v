@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Black box of the analog front end: row drivers, and a channel (conveyor, mirror, converter) per column.
-// Interface: pins of row_driver, mirror and channel_conveyor_mirror in spice/behavioural, as buses over rows or
-// columns; d_range is d_k1, d_k0 of each column. d_test and d_sense have no circuit in spice/ (docs/handover.md).
+// Black box of the analog front end: row drivers with read-back, bias, and a column circuit per column.
+// Interface: the pins of spice/sky130/dermis_analog_front_end.sp; d_range is d_k1, d_k0 of each column. vbias and vref
+// are 0.5 V above agnd, the mid rail; 50 kohm from r_ref to agnd set the bias.
 // Timing: comp is asynchronous; d_row, d_preset and d_charge come from registers of dermis_top.
 // Why empty: the layout is drawn, not synthesized; a LEF and a GDS with the same pins replace it.
 `default_nettype none
@@ -20,7 +20,10 @@ module dermis_analog_front_end #(
   inout  wire [ROWS-1:0]   row,
   inout  wire [COLS-1:0]   col,
   inout  wire              vbias,
-  inout  wire              ibias,
+  inout  wire              vref,
+  inout  wire              r_ref,
+  inout  wire              agnd,
+  input  wire              d_enable,
   input  wire [ROWS-1:0]   d_row,
   output wire [ROWS-1:0]   d_sense,
   input  wire              d_preset,

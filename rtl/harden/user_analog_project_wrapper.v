@@ -65,6 +65,7 @@ module user_analog_project_wrapper (
   localparam READY  = 9;
   localparam ENABLE = 10;
   localparam ROW_0  = 7;
+  localparam VREF   = 4;
 
   wire [COLS-1:0]   comp;
   wire [ROWS-1:0]   row_sense;
@@ -122,7 +123,10 @@ module user_analog_project_wrapper (
     .row      (gpio_noesd[ROW_0 +: ROWS]),
     .col      (io_analog[COLS-1:0]),
     .vbias    (io_analog[COLS]),
-    .ibias    (io_analog[COLS+1]),
+    .r_ref    (io_analog[COLS+1]),
+    .agnd     (io_analog[COLS+2]),
+    .vref     (gpio_analog[VREF]),
+    .d_enable (~wb_rst_i),
     .d_row    (row_select),
     .d_sense  (row_sense),
     .d_preset (preset),

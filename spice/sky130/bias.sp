@@ -22,6 +22,11 @@ xc_gate vdd v_gate sky130_fd_pr__cap_mim_m3_1 w=100 l=100
 xp v_out v_gate vdd vdd pmos w=20 l=4 k=2
 xpc out v_cp v_out vdd pmos w=20 l=1
 .ends bias_output
+* Power-down: while d_enable is low the gate line of the bank is at vdd, and no output has a current.
+.subckt power_down d_enable v_gate vdd vss vdd_d vss_d
+xlevel d_enable on off vdd vss vdd_d vss_d level_shifter
+xp_off v_gate on vdd vdd pmos w=20 l=0.5
+.ends power_down
 * In a channel 10 uA into ibias make the gate line ibias: 5 uA for each cascoded nmos w=5 l=2. The device of the line
 * has the drain voltage of the cascoded devices that follow it (1.5 % at ss without).
 .subckt bias_line ibias vdd vss

@@ -26,6 +26,7 @@ GENERATED = (
     "rtl/dermis_design.vh",
     "spice/design.inc",
     "spice/array/array.sp",
+    "spice/sky130/dermis_analog_front_end.sp",
     "rtl/dermis_registers.v",
     "rtl/dermis_registers.h",
     "models/dermis/chip/register_map.py",

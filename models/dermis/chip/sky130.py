@@ -216,3 +216,49 @@ def deck_head(
         f'.include "{folder / "blocks.inc"}"',
         f".temp {temperature_c:g}",
     )
+
+
+def front_end_pins(rows: int, cols: int) -> list[str]:
+    """Return the pins of the analog front end: rows, columns, inputs, outputs, references, supplies."""
+    bits = {
+        "row": rows,
+        "col": cols,
+        "d_row": rows,
+        "d_charge": cols,
+        "d_range": 2 * cols,
+        "d_test": cols,
+        "d_sense": rows,
+        "comp": cols,
+    }
+    buses = [f"{name}{n}" for name, count in bits.items() for n in range(count)]
+    return [*buses, "d_preset", "d_enable", *"vbias vref r_ref agnd vdd vss vdd_d vss_d".split()]
+
+
+def front_end(rows: int, cols: int) -> str:
+    """Return the subcircuit `dermis_analog_front_end`: a column for each bus bit, drivers of the rows, the bias."""
+    rails = "vdd vss vdd_d vss_d"
+    lines = [
+        "xbias vref r_ref v_gate v_cp vdd vss bias",
+        f"xenable d_enable v_gate {rails} power_down",
+        "xr_high vbias v_half vss sky130_fd_pr__res_xhigh_po w=1 l=50",
+        "xr_low v_half agnd vss sky130_fd_pr__res_xhigh_po w=1 l=50",
+        bias_current("ibias_rows"),
+        "xline_rows ibias_rows vdd vss bias_line",
+    ]
+    for r in range(rows):
+        lines.append(f"xrow{r} d_row{r} row{r} vbias agnd {rails} row_driver")
+        lines.append(f"xsense{r} row{r} d_sense{r} v_half ibias_rows {rails} row_sense")
+    for c in range(cols):
+        inputs = f"col{c} d_charge{c} d_preset d_range{2 * c} d_range{2 * c + 1} d_test{c}"
+        lines.append(bias_current(f"ibias{c}"))
+        lines.append(f"xcolumn{c} {inputs} comp{c} vbias vref agnd ibias{c} {rails} column")
+    pins = front_end_pins(rows, cols)
+    head = [" ".join(pins[n : n + 12]) for n in range(0, len(pins), 12)]
+    return "\n".join(
+        [
+            ".subckt dermis_analog_front_end",
+            *(f"+ {part}" for part in head),
+            *lines,
+            ".ends dermis_analog_front_end\n",
+        ]
+    )

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from rtl_run import simulate
 
+from dermis.chip import sky130
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
 from dermis.scene.design import ROOT
 
@@ -58,20 +59,19 @@ def ports(path: Path) -> set[str]:
     )
 
 
-def pins(block: str) -> set[str]:
-    text = (ROOT / "spice" / "behavioural" / f"{block}.sp").read_text()
-    found = re.search(rf"^\.subckt {block} ([^=\n]*?)(?: \w+ ?=.*)?$", text, re.MULTILINE)
-    assert found, block
-    return set(found[1].split())
-
-
-def test_black_box_has_the_pins_of_the_spice_blocks() -> None:
-    """Every pin of row driver, channel and mirror is there; two more have no circuit yet."""
-    spice = set().union(*map(pins, ("row_driver", "channel_conveyor_mirror", "mirror")))
-    inner = {"in", "out", "d_k0", "d_k1", "vref", "agnd", "vdd_d", "vss_d"}
-    black_box = ports(HARDEN / "dermis_analog_front_end.v") - {"vdd_d", "vss_d"}
-    assert black_box - {"d_range", "d_sense", "d_test"} == spice - inner
-    assert {"d_k0", "d_k1"} <= spice  # d_range is these two
+def test_black_box_has_the_pins_of_the_top_netlist() -> None:
+    """Bit for bit, from the netlist of the design's size; the black box has them as buses."""
+    text = (ROOT / "spice" / "sky130" / "dermis_analog_front_end.sp").read_text()
+    head = re.search(r"^\.subckt dermis_analog_front_end\n((?:\+.*\n)+)", text, re.MULTILINE)
+    assert head
+    pins = head[1].replace("+", " ").split()
+    assert pins == sky130.front_end_pins(16, 16)
+    box = (HARDEN / "dermis_analog_front_end.v").read_text()
+    widths = {"ROWS-1": 16, "COLS-1": 16, "2*COLS-1": 32}
+    declared = re.findall(r"(?:inout|input|output) +wire +(?:\[([^:]+):0\])? *(\w+)", box)
+    assert {name for _, name in declared} == ports(HARDEN / "dermis_analog_front_end.v")
+    bits = [f"{name}{n}" if width else name for width, name in declared for n in range(widths.get(width, 1))]
+    assert sorted(bits) == sorted(pins)
 
 
 def test_configuration_takes_the_sources_of_the_one_file_list() -> None:
@@ -133,7 +133,10 @@ def pads_of_wrapper(text: str) -> dict[str, tuple[str, int]]:
     found |= {f"row {n}": (rows[1], value[rows[2]] + n) for n in range(value["ROWS"])}
     assert re.search(r"\.col +\(io_analog\[COLS-1:0\]\)", text)
     found |= {f"column {n}": ("io_analog", n) for n in range(value["COLS"])}
-    for pin, above in re.findall(r"\.([vi]bias) +\(io_analog\[COLS(?:\+(\d+))?\]\)", text):
+    found |= {
+        s: ("gpio_analog", value[n]) for s, n in re.findall(r"\.(vref) +\(gpio_analog\[(\w+)\]\)", text)
+    }
+    for pin, above in re.findall(r"\.(vbias|r_ref|agnd) +\(io_analog\[COLS(?:\+(\d+))?\]\)", text):
         found[pin] = ("io_analog", value["COLS"] + int(above or 0))
     return found
 
@@ -146,7 +149,9 @@ NAMES = {
     "frame ready": "READY",
     "enable": "ENABLE",
     "bias voltage of the rows": "vbias",
-    "bias current": "ibias",
+    "bias resistor": "r_ref",
+    "mid rail": "agnd",
+    "reference voltage": "vref",
 }
 
 
@@ -164,7 +169,7 @@ def clashes(wrapper: str) -> list[int]:
 
 def test_table_and_wrapper_name_the_same_pads_and_none_twice() -> None:
     wrapper = pads_of_wrapper(WRAPPER.read_text())
-    assert len(wrapper) == 6 + 2 * 8 + 2
+    assert len(wrapper) == 6 + 2 * 8 + 4
     table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
     assert table == {signal: (pad(*where), *where) for signal, where in wrapper.items()}
     assert clashes(WRAPPER.read_text()) == []
@@ -172,7 +177,7 @@ def test_table_and_wrapper_name_the_same_pads_and_none_twice() -> None:
 
 def test_rows_on_the_pads_of_the_host_are_seen() -> None:
     text = WRAPPER.read_text()
-    assert clashes(re.sub(r"(localparam ROW_0 +=) 7", r"\1 1", text)) == [8, 9, 10]
+    assert clashes(re.sub(r"(localparam ROW_0 +=) 7", r"\1 1", text)) == [8, 9, 10, 11]
     # Rows one index higher lie on other pads than the table says, without a clash.
     table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
     moved = pads_of_wrapper(re.sub(r"(localparam ROW_0 +=) 7", r"\1 8", text))
