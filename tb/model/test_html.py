@@ -7,13 +7,14 @@ import json
 import re
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from dermis import engines, plan
 from dermis.chip import vcd_file
-from dermis.cli import cli
+from dermis.cli import NO_TABLE, cli, with_page
 from dermis.errors import InputError
 from dermis.report import html, output, verdict
 
@@ -111,6 +112,70 @@ def test_option_html_writes_tables_and_runs_of_a_command(tmp_path: Path) -> None
     text = page.read_text()
     assert "run.taxels_at_full_scale.single_touch" in text
     assert "Worst taxels" in text
+
+
+# The file of numbers that each of these commands leaves, as its head and one line of values.
+CURVES = {
+    "sim": "", "bench": "",
+    "sweep": "topology,r_ohm,code\nconveyor_mirror,{0},{1}\n",
+    "characterise": "corner,celsius,error_lsb\ntt,{0},{1}\n",
+    "accuracy": "method,seconds,error_lsb\nevent,{0},{1}\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_option_html_of_a_command_with_a_table(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command's own option around a body that leaves rows and numbers as the command does."""
+    monkeypatch.setattr(html, "BUILD", tmp_path)
+    monkeypatch.setattr(verdict, "BUILD", tmp_path)
+
+    def body(**_: object) -> int:
+        head, _, line = CURVES[name].partition("\n")
+        (tmp_path / name).mkdir()
+        if head:
+            lines = "".join(line.format(10**n, 1 / (n + 1)) for n in range(5))
+            (tmp_path / name / "numbers.csv").write_text(f"{head}\n{lines}")
+        verdict.write_rows(name, ROWS)
+        return 1
+
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    params = [parameter for parameter in command.params if parameter.name != "html"]
+    again = with_page(name, click.Command(name, params=params, callback=body))
+    page = tmp_path / "page.html"
+    done = CliRunner().invoke(again, ["--html", str(page)], standalone_mode=False)
+    assert done.exception is None
+    assert done.return_value == 1
+    text = page.read_text()
+    assert f"<h1>dermis {name}</h1>" in text
+    assert "some.&lt;script&gt;" in text
+    assert "Value relative to its limit" in text
+    assert fetched(text) == []
+    assert ("numbers.csv" in text) == bool(CURVES[name])
+    if CURVES[name]:
+        _, x, y = CURVES[name].partition("\n")[0].split(",")
+        assert f"{y} against {x}" in text
+    if name == "accuracy":
+        assert "seconds" in text
+        assert "error / LSB" in text
+
+
+def test_every_command_with_a_table_takes_html() -> None:
+    context = click.Context(cli)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None
+        taken = any(parameter.name == "html" for parameter in command.params)
+        assert taken == (name not in NO_TABLE), name
+
+
+def test_a_value_below_zero_is_drawn_against_its_own_limit() -> None:
+    low = verdict.within("some.gain", -0.04, "1", -0.05, 0.1)
+    assert html._share(low) == pytest.approx(0.8)
+    assert html._share({**low, "min": None}) is None
+    assert html._share({**low, "value": 0.05}) == pytest.approx(0.5)
 
 
 def test_option_html_is_refused_before_the_command_runs(tmp_path: Path) -> None:

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import functools
+import http.server
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -42,22 +45,50 @@ def test_a_report_page_is_accessible(driver: Any, tmp_path: Path, command: list[
         [sys.executable, "-m", "dermis", *command, "--out", tmp_path / "run", "--html", page],
         ROOT, tmp_path / "log", 120, "dermis run",
     )  # fmt: skip
-    browser.screen(driver, 1440, 1000, dark)
-    driver.get(page.as_uri())
+    from selenium.webdriver.support.ui import WebDriverWait
+
     drawn = "return document.querySelectorAll('.bk-Figure').length"
-    from selenium.webdriver.support.ui import WebDriverWait
+    for width, height in ((1440, 1000), (390, 844)):
+        browser.screen(driver, width, height, dark)
+        driver.get(page.as_uri())
+        WebDriverWait(driver, browser.LIMIT_S).until(lambda d: d.execute_script(drawn) > 0)
+        assert errors(driver) == []
+        assert browser.complaints(driver, minimum_px=10) == [], width
 
-    WebDriverWait(driver, browser.LIMIT_S).until(lambda d: d.execute_script(drawn) > 0)
-    assert errors(driver) == []
-    assert browser.complaints(driver, minimum_px=10) == []
 
-
-def test_the_first_page_of_the_site_runs_the_chip(driver: Any) -> None:
-    from selenium.webdriver.support.ui import WebDriverWait
-
+@pytest.fixture(scope="module")
+def site() -> Path:
     website.build()
+    return BUILD / "site"
+
+
+@pytest.fixture
+def served(site: Path) -> Iterator[str]:
+    """The address of the site on a server of this machine."""
+    handler = functools.partial(QuietHandler, directory=str(site))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    """Files of a folder, without a line for each request."""
+
+    def log_message(self, format: str, *args: Any) -> None:
+        pass
+
+
+def run_the_chip(driver: Any, address: str) -> None:
+    """Open the first page and wait for a good frame of the chip in it."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
     browser.screen(driver, 1440, 1000, False)
-    driver.get((BUILD / "site" / "index.html").as_uri())
+    driver.get(address)
     driver.switch_to.frame(driver.find_element("tag name", "iframe"))
     WebDriverWait(driver, browser.LIMIT_S).until(
         lambda d: d.execute_script("return !!(window.demo && demo.firstCode)")
@@ -65,4 +96,20 @@ def test_the_first_page_of_the_site_runs_the_chip(driver: Any) -> None:
     assert driver.execute_script("return demo.state().latest.good")
     driver.switch_to.default_content()
     assert errors(driver) == []
+
+
+def test_the_first_page_of_the_site_runs_the_chip_from_the_disk(driver: Any, site: Path) -> None:
+    run_the_chip(driver, (site / "index.html").as_uri())
     assert browser.complaints(driver, SITE_PX) == []
+
+
+def test_the_first_page_of_the_site_runs_the_chip_from_a_server(driver: Any, served: str) -> None:
+    run_the_chip(driver, f"{served}/index.html")
+    assert driver.find_elements("css selector", "[data-md-component=search]")
+
+
+def test_no_page_of_the_site_has_an_error_on_the_console(driver: Any, site: Path) -> None:
+    for page in sorted(site.glob("*.html")):
+        if page.name not in ("index.html", "chip.html", "404.html"):  # the first two have tests of their own
+            driver.get(page.as_uri())
+            assert errors(driver) == [], page.name

@@ -447,7 +447,7 @@ def _curves(
         f"{head[y]} against {head[x]}", x_axis_type="log" if log else "linear",
         tooltips=[(head[x], "$x"), (head[y], "$y")],
     )  # fmt: skip
-    figure.xaxis.axis_label, figure.yaxis.axis_label = head[x], head[y]
+    figure.xaxis.axis_label, figure.yaxis.axis_label = _with_unit(head[x]), _with_unit(head[y])
     paints = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", GREY)
     names = sorted(set(groups))[:14]
     for n, group in enumerate(names):
@@ -460,6 +460,26 @@ def _curves(
     if figure.legend:
         figure.legend.click_policy, figure.legend.label_text_font_size = "hide", "11px"
     return figure
+
+
+_UNITS = {
+    "a": "A",
+    "f": "F",
+    "hz": "Hz",
+    "j": "J",
+    "lsb": "LSB",
+    "n": "N",
+    "nj": "nJ",
+    "ohm": "ohm",
+    "s": "s",
+    "v": "V",
+}
+
+
+def _with_unit(name: str) -> str:
+    """Return a quantity and its unit from a column name: `r_ohm` is `r / ohm`."""
+    quantity, _, unit = name.rpartition("_")
+    return f"{quantity.replace('_', ' ')} / {_UNITS[unit]}" if quantity and unit in _UNITS else name
 
 
 def _lines(reader: Iterator[list[str]]) -> Iterator[list[str]]:
