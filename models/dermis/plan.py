@@ -89,7 +89,7 @@ def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
     interface, cols = world.table.interface, world.table.array.cols
     direct = interface.topology == "direct"
     return Converter(
-        k=np.full(cols, 1.0 if direct else float(interface.k)),
+        k=np.full(cols, 1.0 if direct else (interface.k_column or float(interface.k))),
         i0_a=np.full(cols, interface.i0_a * (interface.k if direct else 1)),
         c_int_f=np.full(cols, interface.c_int_f * (interface.k if direct else 1)),
         f_clk_hz=world.design.converter.f_clk_hz,

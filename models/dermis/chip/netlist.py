@@ -368,7 +368,8 @@ def frame_deck(
         if leak := float(network.i_leak_a[c]):
             lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
         if _channel_in_transistors(views, plan.topology):
-            values = _assignments({"k": plan.scene.table.interface.k})
+            interface = plan.scene.table.interface
+            values = _assignments({"k": interface.k_column[c] if interface.k_column else interface.k})
         else:
             values = _assignments(_channel_parameters(plan, network, c))
         references = "0 0 ibias"

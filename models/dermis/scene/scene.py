@@ -66,6 +66,11 @@ class InterfaceTable(Strict):
         default_from="interface.k",
         ge=1,
     )
+    k_column: list[int] | None = entry(
+        None,
+        "k of each column, as RANGE_COLUMN of the chip sets it; forces and codes of a stimulus stay those of k",
+        "a list of interface.k_options, one a column; not for direct",
+    )
     v_bias_v: float | None = entry(
         None,
         "Bias of the driven row, in V",
@@ -231,6 +236,26 @@ def with_views(world: Scene, views: str) -> Scene:
     return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
 
 
+def _check_k_column(
+    table: SceneTable, interface: InterfaceTable, cols: int, design: Design, path: Path
+) -> None:
+    """Refuse ranges of columns that the chip does not have."""
+    k_column = interface.k_column
+    if k_column is None:
+        return
+    key = "interface.k_column"
+    if interface.topology == "direct":
+        raise InputError(path, key, "on with topology direct", "interface.k: no mirror divides the current")
+    if table.effects.extracted is not None:
+        raise InputError(
+            path, key, "on together with effects.extracted", "one of them: extracted effects are of one k"
+        )
+    if len(k_column) != cols:
+        raise InputError(path, key, f"a list of {len(k_column)}", f"a list of {cols}, one a column")
+    if wrong := [k for k in k_column if k not in design.interface.k_options]:
+        raise InputError(path, key, wrong[0], "one of " + ", ".join(map(str, design.interface.k_options)))
+
+
 def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scene:
     """Fill in the defaults of the design, and check keys against each other."""
     design = design or load_design()
@@ -247,6 +272,7 @@ def resolve(table: SceneTable, path: Path, design: Design | None = None) -> Scen
     if interface.k not in design.interface.k_options:
         options = ", ".join(str(k) for k in design.interface.k_options)
         raise InputError(path, "interface.k", interface.k, f"one of {options}")
+    _check_k_column(table, interface, array.cols, design, path)
     packet_v = interface.i0_a / design.converter.f_clk_hz / interface.c_int_f
     if packet_v > design.swing_v:
         lowest_f = interface.i0_a / design.converter.f_clk_hz / design.swing_v
