@@ -71,7 +71,8 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     below = result.read_text(encoding="utf-8").partition("**.ends")[2].partition("\n")[2]
     found = netlist.parse(below, result)
     for name in {*names} & {*found}:
-        found[name].ports.extend(p.values["lab"] for p in places(sheets / f"{name}.sch") if p.kind in PORTS)
+        for place in places(sheets / f"{name}.sch"):
+            found[name].ports.extend(netlist.bits(place.values["lab"]) if place.kind in PORTS else ())
     return found
 
 

@@ -40,6 +40,12 @@ def _value(text: str) -> str:
         return plain
 
 
+def bits(name: str) -> list[str]:
+    """Return the names of the text for one of a sheet: row[0:15] is row0 ... row15."""
+    bus = re.fullmatch(r"(\w+)\[(\d+):(\d+)\]", name)
+    return [f"{bus[1]}{n}" for n in range(int(bus[2]), int(bus[3]) + 1)] if bus else [name]
+
+
 def parse(text: str, source: Path) -> dict[str, Subckt]:
     """Return the subcircuits of a netlist by name.
 
@@ -50,7 +56,8 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
     """
     found: dict[str, Subckt] = {}
     here: Subckt | None = None
-    lines = [line for line in text.lower().splitlines() if line.strip() and line[0] != "*"]
+    text = re.sub(r"\[(\d+)\]", r"\1", text.lower())
+    lines = [line for line in text.splitlines() if line.strip() and line[0] != "*"]
     for line in "\n".join(lines).replace("\n+", " ").splitlines():
         words = _TOKEN.findall(line)
         plain = [word for word in words if "=" not in word and word != "params:"]

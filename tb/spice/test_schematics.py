@@ -99,7 +99,8 @@ def test_a_subcircuit_on_one_side_alone_is_found(text, sheets):
 
 def test_a_drawing_names_every_element_and_port(text):
     for sheet in sorted(SHEETS.glob("*.sch")):
-        words = {element.text for element in ElementTree.fromstring(draw(sheet)).iter() if element.text}
+        texts = [element.text for element in ElementTree.fromstring(draw(sheet)).iter() if element.text]
+        words = {word for text_ in texts for word in netlist.bits(text_)}
         assert {*text[sheet.stem].elements, *text[sheet.stem].pins} <= words, sheet
 
 
