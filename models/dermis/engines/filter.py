@@ -198,7 +198,7 @@ class _Part:
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
         solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
-        values = np.empty((7, *shape))
+        values = np.empty((8, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         end = np.empty((3, *shape) if self.slow_mirror else (3, 1, 1, 1))
         self.s = self.loops.Solved(*values[:3], end, *values[3:], open_, *whole)

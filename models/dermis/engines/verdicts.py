@@ -42,13 +42,14 @@ class Gate(
     __slots__ = ()
 
 
-class Solved(namedtuple("Solved", "x low settled end error noise squares kept open codes blame")):
+class Solved(namedtuple("Solved", "x low settled end shift error noise squares kept open codes blame")):
     """Results of `verdicts`, [frames, rows, cols] each.
 
-    `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and `end` [3, ...] their
-    outputs behind each gate: as solved, the lowest and the highest possible. `error` of the level at the last decision
-    in packets; `noise` and `squares` are what random numbers alone add, `kept` what hysteresis and late packets do.
-    `blame` is the effect with the largest bound in an open cell.
+    `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and
+    `end` [3, ...] their outputs behind each gate: as solved, the lowest and the highest possible.
+    `shift` and `error` of the level at the last decision in packets, before any noise is drawn;
+    `noise` and `squares` are what random numbers alone add, `kept` what hysteresis and late packets
+    do. `blame` is the effect with the largest bound in an open cell.
     """
 
     __slots__ = ()
@@ -277,7 +278,8 @@ def verdicts(  # type: ignore
                         error_drawn = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
                         code, open_ = _decide(x, level - moved_start - path, error_drawn, size, gate)
                         drawn += not open_
-                out.x[f, r, c], out.low[f, r, c], out.error[f, r, c] = x, low, error
+                out.x[f, r, c], out.low[f, r, c] = x, low
+                out.shift[f, r, c], out.error[f, r, c] = shift, error
                 out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
                 out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
