@@ -72,7 +72,7 @@ def measure(names: list[str] | None = None) -> list[Point]:
                 "closed": _timed(lambda world=simple: engines.run(planning.make(world, "closed"))),
                 "auto": _timed(lambda world=world: engines.run(planning.make(world, "event"))),
             }
-        except InputError:
+        except InputError:  # event refuses the scene, so nothing is compared
             continue
         frames = whole.codes.shape[0]
         for way, (result, seconds) in (found | {"everything": (whole, whole_s)}).items():

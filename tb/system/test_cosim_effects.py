@@ -49,9 +49,12 @@ STRONGER: dict[str, tuple[int, Parameters, dict[str, Parameters]]] = {
         {"row_driver": {"r_ohm": 50.0, "grounded_r_ohm": 50.0}, "column_input": {"r_ohm": 50.0}},
     ),
     "trace": (5, {"r_row_ohm": 5.0, "r_column_ohm": 7.0}, {}),
+    "return": (1, {"r_ohm": 100.0}, {"column_input": {"r_ohm": 20.0}}),
     "integrator_bandwidth": (1, {"gbw_hz": 5e4}, {}),  # an eighth of the settle time
 }
 OF_TOPOLOGY: dict[tuple[str, str], Parameters] = {
+    ("pad", "direct"): {"r_row_ohm": 5.0, "r_column_ohm": 0.0},
+    ("return", "direct"): {"r_ohm": 20.0},  # with 40 ohm ngspice needs a rung of the ladder
     ("offset_current", "direct"): {"i_a": 4e-5},  # the packet is k times larger
     ("integrator_range", "direct"): {"v_max_v": 0.6, "v_min_v": -0.25},
     ("integrator_range", "conveyor_mirror_inverted"): {"v_max_v": 0.25, "v_min_v": -0.6},
