@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
+import itertools
 import json
 import re
 import shutil
@@ -57,7 +59,7 @@ MEASURED: dict[str, dict[str, str]] = {
         "sky130.supply_channel_a.conveyor_mirror": "Supply current of a channel",
         "sky130.supply_array_a.conveyor_mirror": "Supply current of sixteen channels with their bias",
         "accuracy_chip.energy_nj": "Energy of a conversion, sensor included",
-        "accuracy_chip.energy_per_step_pj": "Energy a conversion step, where it is least",
+        "accuracy_chip.energy_per_bit_nj": "Energy of a conversion over its bits",
     },
 }
 
@@ -153,13 +155,19 @@ def rows_table(section: str) -> str:
             low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
             limit = f"{low} .. {high}".strip()
         command = f"`{rule.command}`" if rule else f"`{_COMMANDS[name.partition('.')[0]]}`"
-        matches = [row for key, row in found.items() if key == name] or [
-            row for key, row in found.items() if key.startswith(name + ".")
-        ]
+        matches = (
+            {meaning: found[name]}
+            if name in found
+            else {
+                f"{meaning}: {key.removeprefix(name + '.')}": row
+                for key, row in found.items()
+                if key.startswith(name + ".")
+            }
+        )
         if not matches:
             lines.append(f"| {meaning} | | not measured here | | | {limit} | | {command} |")
-        for row in matches[:3]:
-            cells = (meaning, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command)
+        for said, row in itertools.islice(matches.items(), 3):
+            cells = (said, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command)
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -337,6 +345,50 @@ def demo_page(source: Path) -> None:
         page.write_text(text.replace(DEMO_MARK, shown), encoding="utf-8")
 
 
+SHORTENED = ("benchmarks", "characterise", "equivalence", "synthesis")
+"""Pages of results whose long tables are cut on the site; all rows go into a csv file."""
+SHOWN_ROWS = 10
+
+
+WRITTEN = re.compile(r"<!-- begin: .*?<!-- end: ", re.S)
+"""What a command has written into a page; the other tables belong to its text."""
+TABLE = re.compile(r"^\|.*\n\|[-:| ]+\|\n(?:\|.*\n)+", re.M)
+
+
+def shorten_tables(source: Path) -> None:
+    """Leave ten rows of each long table of the result pages, those that missed first, and write all to csv."""
+    (source / "tables").mkdir()
+    for name in SHORTENED:
+        page = source / f"{name}.md"
+        text = page.read_text(encoding="utf-8")
+        long = [
+            table[0]
+            for part in WRITTEN.findall(text)
+            for table in TABLE.finditer(part)
+            if table[0].count("\n") > SHOWN_ROWS + 4  # head, rule, and not for two rows
+        ]
+        for number, table in enumerate(long, 1):
+            text = text.replace(table, _shortened(table, source, f"tables/{name}_{number}.csv"))
+        page.write_text(text, encoding="utf-8")
+
+
+def _shortened(table: str, source: Path, file: str) -> str:
+    head, rule, *rows = table.rstrip("\n").split("\n")
+    with (source / file).open("w", encoding="utf-8", newline="") as out:
+        csv.writer(out).writerows(
+            [cell.strip().strip("`") for cell in _cells(line)] for line in (head, *rows)
+        )
+    missed = [row for row in rows if {"FAIL", "ERROR"} & {cell.strip() for cell in _cells(row)}]
+    shown = [*missed, *(row for row in rows if row not in missed)][:SHOWN_ROWS]
+    first = f", the {len(missed)} that missed first" if missed else ""
+    said = f"{len(shown)} of {len(rows)} rows{first}; all are in [{file}]({file})."
+    return "\n".join([head, rule, *shown, "", said, ""])
+
+
+def _cells(line: str) -> list[str]:
+    return re.split(r"(?<!\\)\|", line.strip().strip("|"))
+
+
 def write_source(source: Path | None = None) -> None:
     """Copy docs/ and add the pages and tables of the site alone."""
     source = SOURCE if source is None else source
@@ -347,6 +399,7 @@ def write_source(source: Path | None = None) -> None:
     (source / "commands.md").write_text(commands_page(), encoding="utf-8")
     (source / "library.md").write_text(api_page(), encoding="utf-8")
     schematics.pictures(source / "schematics")
+    shorten_tables(source)
     timing_diagram(design, source / "figures" / "timing.svg")
     tables = {
         "key values": key_values(design),
