@@ -213,14 +213,17 @@ def characterise_command(
     # A partial run does not change the results of the last whole run.
     if whole:
         results.write_values(runs.outcomes)
-    verdict.write_rows("characterise" if whole else "characterise_part", rows)
+    pads = [results.pads_row()] if whole else []
+    verdict.write_rows("characterise" if whole else "characterise_part", [*rows, *pads])
     print_table(found, rows, _title(every))
+    if pads:
+        verdict.print_rows(pads)
     if docs:
         from scripts.characterise import docs as pages
 
         pages.write(found, rows, runs)
         click.echo("written: docs/characterise.md")
-    return results.exit_code(found, rows)
+    return results.exit_code(found, [*rows, *pads])
 
 
 def _title(every: Sequence[Job]) -> str:

@@ -9,11 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dermis import engines, plan
 from dermis.chip import sky130, spice_batch
 from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.report.verdict import Row
+from dermis.scene import scene
 from dermis.scene.design import ROOT, Limit, spec
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
@@ -235,6 +237,18 @@ def load(path: Path | None = None) -> dict[Condition, dict[str, float]]:
 def _condition(at: str) -> Condition:
     corner, celsius, supply = at.split(",")
     return Condition(corner, float(celsius), float(supply))
+
+
+def pads_row(pad_ohm: float | None = None) -> Row:
+    """Return the verdict of pads.rows: the lowest code of a pressed 8x8 sheet behind row drivers and row pads."""
+    pads = {"r_column_ohm": 0.0} | ({} if pad_ohm is None else {"r_row_ohm": pad_ohm})
+    data = {
+        "array": {"rows": 8, "cols": 8},
+        "stimulus": {"kind": "uniform", "r_ohm": 500.0},
+        "effects": {"row_driver": True, "pad": pads},
+    }
+    made = plan.make(scene.from_data(data, ROOT / "models" / "scenes" / "pads.toml"), "closed")
+    return verdict.judge("pads.rows", int(engines.run(made).codes.min()))
 
 
 def exit_code(all_series: Iterable[Series], rows: Sequence[Row]) -> int:
