@@ -317,6 +317,62 @@ def pulse(found: Found, side: str) -> dict[str, float]:
     return {f"pulse_asymmetry.{side}": found["fall"] - found["rise"] - _PULSE_S}
 
 
+# ---- wires ---------------------------------------------------------------------------------------------------
+
+# Sixteen columns at direct current, each with a bias current of its own. Column 0 has a taxel of 1 kohm and 14 of 500
+# ohm on held rows; the other 15 go from 0 to 1 mA. The charge sources are on. All share 1 ohm in each return, or in the
+# mid rail; rows, vbias and the reference are at the pads. The offset null, which has no direct path, is left out: it
+# takes away what moves the column.
+WIRE_OHM = 1.0
+OTHERS = 15
+
+
+def crosstalk_body(wire: str) -> str:
+    """Column 0 among 15 others, `WIRE_OHM` in the wires of all: "return" is vss and vdd, "mid_rail" is agnd."""
+    ohm = {name: WIRE_OHM if wire == kind else 1e-3 for kind, name in (("return", "s"), ("mid_rail", "a"))}
+    rails = "vdd_c vss_c vdd_d vss_d"
+    lines = [
+        f"rvss vss_c vss {ohm['s']}",
+        f"rvdd vdd_c vdd {ohm['s']}",
+        f"ragnd agnd_c agnd {ohm['a']}",
+        "vs s 0 0",
+        "vhold logic_hold 0 1",
+        "vcharge logic_charge 0 1",
+        "vrow row 0 0.5",
+        "rrow row col 1k",
+        f"rheld col 0 {500 / 14!r}",
+        "xline ibias vdd_c vss_c bias_line",
+        "xconveyor agnd_c col z ibias vdd_c vss_c conveyor",
+        "xmirror z out ibias vdd_c vss_c mirror_fixed",
+        "vout out sum 0",
+        f"xcharge d_charge packet ibias {rails} charge_source",
+        "vpacket packet sum 0",
+        f"xintegrator sum agnd_c d_hold v_int vref ibias {rails} integrator",
+    ]
+    for n in range(1, OTHERS + 1):
+        lines += [
+            sky130.bias_current(f"ibias{n}"),
+            f"bcol{n} 0 col{n} i = v(s)*1e-3",
+            f"xline{n} ibias{n} vdd_c vss_c bias_line",
+            f"xconveyor{n} agnd_c col{n} z{n} ibias{n} vdd_c vss_c conveyor",
+            f"xmirror{n} z{n} sum{n} ibias{n} vdd_c vss_c mirror_fixed",
+            f"xcharge{n} d_charge sum{n} ibias{n} {rails} charge_source",
+            f"xintegrator{n} sum{n} agnd_c d_hold v_int{n} vref ibias{n} {rails} integrator",
+        ]
+    meas = "".join(
+        f".meas dc {name}_{when} find i(v{name}) at={at}\n"
+        for name in ("out", "packet")
+        for when, at in (("idle", 0), ("pressed", 1))
+    )
+    return "\n".join(lines) + f"\n.dc vs 0 1 0.25\n{meas}"
+
+
+def crosstalk(found: Found, wire: str) -> dict[str, float]:
+    """Change of the code of column 0."""
+    idle, pressed = (found[f"out_{when}"] / -found[f"packet_{when}"] for when in ("idle", "pressed"))
+    return {f"{wire}_crosstalk": 510.0 * (pressed - idle)}
+
+
 # ---- integrator, comparator and charge source ----------------------------------------------------------------
 
 # A charge of 1 us into 5 pF, then a packet: slopes and steps of the integrator are the currents, its first value
@@ -783,6 +839,15 @@ _ALL = (
             trtol=1.0,
         )
         for side, source in (("sink", "charge_source"), ("source", "charge_source_inverted"))
+    ),
+    *(
+        Bench(
+            f"{wire}_crosstalk",
+            crosstalk_body(wire),
+            partial(crosstalk, wire=wire),
+            {f"{wire}_crosstalk": "lsb"},
+        )
+        for wire in ("return", "mid_rail")
     ),
     Bench("r_x", R_X, r_x, {f"r_x_ohm.f{f}": "ohm" for f in R_X_HZ}),
     *(
