@@ -64,7 +64,8 @@ def test_candidates_are_what_has_defaults_and_what_is_named(topology: str) -> No
     interface = {"topology": topology}
     world = made({"auto": {}}, interface=interface).scene
     there = {e.name for e in EFFECTS.values() if topology in e.topologies}
-    special = {"motion", *(n for n in EFFECTS if n.startswith("sensor_"))}
+    special = {name for name, effect in EFFECTS.items() if not effect.considered}
+    assert {"motion", *(n for n in EFFECTS if n.startswith("sensor_"))} <= special
     missing = {"column_input"} if topology == "direct" else set()  # the direct interface has no conveyor
     assert set(world.effects) == there - special - missing
     assert set(auto.candidates(made({}, interface=interface).scene)) == set(world.effects)
