@@ -235,5 +235,5 @@ def test_the_benchmark_holds_itself_on_one_core() -> None:
 def test_all_effects_are_all_that_the_engine_does(tmp_path: Path) -> None:
     on, lost = engines.all_effects("event", tmp_path)
     assert set(on) | set(lost) == set(EFFECTS)
-    assert lost == []
+    assert lost == ["return"]  # event refuses it together with line_capacitance
     assert "comparator_noise" in engines.all_effects("closed", tmp_path)[1]

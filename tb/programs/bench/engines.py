@@ -51,9 +51,10 @@ MEMORY: dict[str, tuple[str, int, int, dict[str, bool]]] = {
 
 def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
     """Return the effects that an engine honours with their physical defaults, and the names it refuses."""
-    probe = random_plan(work, 1, engine, **dict.fromkeys(effects.EFFECTS, True))
+    names = [name for name in effects.EFFECTS if name != "return"]  # event takes no line_capacitance with it
+    probe = random_plan(work, 1, engine, **dict.fromkeys(names, True))
     lost = {name for field in engines.refused(probe, engine) for name in probe.effects_of_field(field)}
-    return {name: True for name in effects.EFFECTS if name not in lost}, sorted(lost)
+    return {name: True for name in names if name not in lost}, sorted({*lost, "return"})
 
 
 def _runner(made: Plan) -> functools.partial[engines.Result]:
