@@ -57,6 +57,7 @@ LEFT_OFF = {
     "trace": "depends on where a taxel is, and a point of the sweep is a resistance, not a place",
     "line_capacitance": "the other rows float here and would keep their charge",
     "motion": "nothing moves",
+    "return": "the other rows float here, so no current returns",
     **{e.name: "random; ngspice draws no numbers" for e in effects.EFFECTS.values() if e.random},
     **{
         name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")

@@ -327,12 +327,12 @@ def frame_deck(
         lines += [f"{name} {name[2:]} 0 external" for name in names]
     rails = "vdd vss vdd_d vss_d" if transistors else "vdd vss 0 0"
     driver = {}
+    # A floating row has 1e-18 S to ground, lost in the matrix next to a pad: there the driver includes the pad.
+    pad_row_ohm = float(network.r_pad_row_ohm) if math.isfinite(network.r_row_grounded_ohm) else 0.0
     if "row_driver" not in transistors:
         driver = {
-            "r_on_ohm": _without_pad(network.r_row_driven_ohm, network.r_pad_row_ohm),
-            "r_ground_ohm": min(
-                _without_pad(network.r_row_grounded_ohm, network.r_pad_row_ohm), 1e18
-            ),  # inf: floating
+            "r_on_ohm": _without_pad(network.r_row_driven_ohm, pad_row_ohm),
+            "r_ground_ohm": min(_without_pad(network.r_row_grounded_ohm, pad_row_ohm), 1e18),  # inf: floating
             "v_bias_v": float(network.v_bias_v),
         }
         if network.r_return_ohm:
@@ -343,8 +343,8 @@ def frame_deck(
     if network.r_return_ohm:
         ground = "ground_rows"
         lines.append(f"rreturn {ground} 0 {spice_number(float(network.r_return_ohm))}")
-    if network.r_pad_row_ohm:
-        end, pad_ohm = "pad_row", spice_number(float(network.r_pad_row_ohm))
+    if pad_row_ohm:
+        end, pad_ohm = "pad_row", spice_number(pad_row_ohm)
         lines += [f"rpad_row{r} {end}{r} row{r} {pad_ohm}" for r in range(rows)]
     lines += [f"xrow{r} d_row{r} {end}{r} vbias {ground} {rails} {values}" for r in range(rows)]
 

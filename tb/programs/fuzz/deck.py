@@ -16,7 +16,7 @@ _NUMBER = r"-?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:e[+-]?[0-9]{1,3})?"
 _NODE = (
     r"(?:0|vdd|vss|vbias|ibias|vg[0-9]+|row[0-9]+|col[0-9]+|comp[0-9]+|d_row[0-9]+|d_preset|d_charge[0-9]+"
 )
-_NODE += r"|[uv]_r[0-9]+c[0-9]+|r[0-9]+|c[0-9]+)"
+_NODE += r"|[uv]_r[0-9]+c[0-9]+|r[0-9]+|c[0-9]+|pad_(?:row|col)[0-9]+|ground_rows)"
 _RAILS = "vdd vss (?:0 0|vdd_d vss_d)"
 _REFERENCES = "(?:0 0 ibias|vref agnd ibias[0-9]+)"
 _LOGIC = r"(?:row[0-9]+|preset|charge[0-9]+)"
@@ -40,7 +40,10 @@ FORMS = {
     "bias current": r"xout_ibias[0-9]+ v_gate v_cp ibias[0-9]+ vdd bias_output",
     "bias line": r"xline[0-9]+ ibias[0-9]+ vdd vss bias_line",
     "temperature": rf"\.temp {_NUMBER}",
-    "row driver": rf"xrow[0-9]+ d_row[0-9]+ row[0-9]+ vbias 0 {_RAILS} row_driver(?:{_VALUES})?",
+    "row driver": rf"xrow[0-9]+ d_row[0-9]+ (?:pad_)?row[0-9]+ vbias (?:0|ground_rows) {_RAILS} row_driver"
+    f"(?:{_VALUES})?",
+    "return": rf"rreturn ground_rows 0 {_NUMBER}",
+    "pad": rf"rpad_(?:row[0-9]+ pad_row[0-9]+ row[0-9]+|col[0-9]+ col[0-9]+ pad_col[0-9]+) {_NUMBER}",
     "subckt": r"\.subckt array|\.ends array",
     "pins": rf"\+(?: {_NODE})+",
     "taxel": rf"[rc]taxel{_CELL} {_NODE} {_NODE} {_NUMBER}",
