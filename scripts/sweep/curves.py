@@ -58,6 +58,7 @@ LEFT_OFF = {
     "line_capacitance": "the other rows float here and would keep their charge",
     "motion": "nothing moves",
     "return": "the other rows float here, so no current returns",
+    "pad": "a series resistance like those of row_driver and column_input, which are in the sweep",
     **{e.name: "random; ngspice draws no numbers" for e in effects.EFFECTS.values() if e.random},
     **{
         name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")

@@ -29,7 +29,7 @@ from dermis.errors import DermisError, InputError, SimulatorError
 from dermis.files import write_between
 from dermis.places import ROOT
 from dermis.records import Plan
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from dermis.report.machine import machine_line
 from dermis.report.verdict import Row
 from tb.programs.accuracy import converter
@@ -334,11 +334,10 @@ def bench_command(
     work = Path(tempfile.mkdtemp(dir=base))  # its own: two may run at once
     m = Measurements(work, repeat or (2 if quick else 5), quick)
     rows: list[Row] = []
-    for section in sections:
-        begin = time.perf_counter()
-        click.echo(f"bench: {section.names[0]} and {len(section.names) - 1} more ...", err=True)
-        rows += run_section(section, m)
-        click.echo(f"bench:   {time.perf_counter() - begin:.0f} s", err=True)
+    with progress.slots("bench", len(sections), "sections") as tell:
+        for done, section in enumerate(sections):
+            tell(done, f"{section.names[0]} and {len(section.names) - 1} more")
+            rows += run_section(section, m)
     machine = machine_line()
     options = {"quick": quick, "repeat": m.repeat, "only": list(only)}
     run = past.record(rows, machine, fingerprint()[:12], options)
