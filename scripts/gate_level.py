@@ -21,7 +21,7 @@ from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.processes import children
 from dermis.processes.children import run_logged
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts.lint import header_values
@@ -299,9 +299,11 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
     base = default_size()
     size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
     judged: list[Row] = []
-    for technology in technologies(tech):
-        click.echo(f"gl: {size.name} in {technology.name} ...", err=True)
-        judged += gate_level(technology, size)
+    chosen = technologies(tech)
+    with progress.slots("gl", len(chosen), "libraries") as tell:
+        for done, technology in enumerate(chosen):
+            tell(done, f"{size.name} in {technology.name}")
+            judged += gate_level(technology, size)
     verdict.write_rows("gl", judged)
     verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
     if docs and verdict.exit_code(judged) == 0:

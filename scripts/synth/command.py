@@ -18,7 +18,7 @@ import click
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.files import write_between
 from dermis.processes import children
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
@@ -430,10 +430,11 @@ def synth_command(
     size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
     judged = constraint_rows()
     outcomes = []
-    for technology in chosen:
-        click.echo(f"synth: {size.name} in {technology.name} ...", err=True)
-        outcomes.append(synthesise(technology, size, equivalence=not no_proof))
-        judged += outcomes[-1].rows
+    with progress.slots("synth", len(chosen), "libraries") as tell:
+        for done, technology in enumerate(chosen):
+            tell(done, f"{size.name} in {technology.name}")
+            outcomes.append(synthesise(technology, size, equivalence=not no_proof))
+            judged += outcomes[-1].rows
     verdict.write_rows("synth", judged)
     verdict.print_rows(judged, f"Synthesis of {size.name}, before layout")
     click.echo(blocks_table(outcomes))
@@ -448,10 +449,10 @@ def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
     lines: list[SizeLine] = []
     judged: list[Row] = []
     bits = load_design().timing.code_bits
-    for technology in chosen:
-        for rows, cols in SIZES:
-            size = Size(rows, cols, bits)
-            click.echo(f"synth: {size.name} in {technology.name} ...", err=True)
+    runs = [(technology, Size(*size, bits)) for technology in chosen for size in SIZES]
+    with progress.slots("synth", len(runs), "sizes") as tell:
+        for done, (technology, size) in enumerate(runs):
+            tell(done, f"{size.name} in {technology.name}")
             line, made = size_line(technology, size, limit_s=900.0)
             lines.append(line)
             judged += made

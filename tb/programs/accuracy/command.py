@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import shutil
@@ -15,7 +16,7 @@ import click
 from dermis.errors import InputError
 from dermis.files import write_atomic, write_between
 from dermis.places import ROOT
-from dermis.report import verdict
+from dermis.report import progress, verdict
 from dermis.report.machine import machine_line
 from dermis.report.verdict import Row
 from dermis.scene import design
@@ -175,6 +176,9 @@ def _refuse_contradictions(
         )
 
 
+PARTS = ("order", "converter", "frames", "sky130")
+
+
 @click.command("accuracy")
 @click.option("--quick", is_flag=True, help="Fewer settings, once each, without --only sky130.")
 @click.option("--repeat", type=click.IntRange(1, 99), help="Runs of each setting; default 3, with --quick 1.")
@@ -182,15 +186,9 @@ def _refuse_contradictions(
 @click.option(
     "--redraw", is_flag=True, help="Draw the figures from the csv files of the last run; measure nothing."
 )
-@click.option("--only", type=click.Choice(["order", "converter", "frames", "sky130"]), help="One part.")
+@click.option("--only", type=click.Choice(PARTS), help="One part.")
 def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None) -> int:
     """Measure error against simulation time, and draw it, in build/accuracy."""
-
-    def tell(words: str) -> None:
-        click.echo(words, err=True)
-
-    def wanted(part: str) -> bool:
-        return only in (None, part)
 
     _refuse_contradictions(quick, repeat, docs, redraw, only)
     if redraw:
@@ -202,24 +200,29 @@ def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, 
     repeat = repeat or (1 if quick else 3)
     points: list[Point] = []
     rows = [busy_row("accuracy.busy_cores")]
-    with tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
+    parts = [part for part in PARTS if only in (None, part) and not (quick and part == "sky130")]
+    shown = progress.slots("accuracy", len(parts), "parts")
+    with shown as show, tempfile.TemporaryDirectory(prefix="accuracy_") as scratch:
         work = Path(scratch)
-        if wanted("order"):
-            rows.append(converter.order_row(work))
-        if wanted("converter"):
-            more, failed = converter.measured(work, repeat, quick, tell)
-            points += more
-            rows += [*failed, *ratios(more)]
-            missing = {peer: peers.missing(peer) for peer in peers.GUESTS}
-            rows += [verdict.skip(f"accuracy.peer.{peer}", why) for peer, why in missing.items() if why]
-        if wanted("frames"):
-            more, gates = frames.measured(work / "frames", repeat, quick, tell)
-            points += more
-            rows += gates
-        if wanted("sky130") and not quick:
-            more, gates = frames.channel(work / "channel", tell)
-            points += more
-            rows += gates
+        for done, part in enumerate(parts):
+            tell = functools.partial(show, done)
+            tell(part)
+            if part == "order":
+                rows.append(converter.order_row(work))
+            elif part == "converter":
+                more, failed = converter.measured(work, repeat, quick, tell)
+                points += more
+                rows += [*failed, *ratios(more)]
+                missing = {peer: peers.missing(peer) for peer in peers.GUESTS}
+                rows += [verdict.skip(f"accuracy.peer.{peer}", why) for peer, why in missing.items() if why]
+            elif part == "frames":
+                more, gates = frames.measured(work / "frames", repeat, quick, tell)
+                points += more
+                rows += gates
+            else:
+                more, gates = frames.channel(work / "channel", tell)
+                points += more
+                rows += gates
     for work_name, file in FILES.items():
         if own := [p for p in points if p.work == work_name]:
             write_atomic(OUT / f"{file}.csv", to_csv([p.columns() for p in own]))
