@@ -109,9 +109,11 @@ def test_no_engine_but_the_closed_one_refuses_any_of_them_and_the_deck_has_their
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["rtl", "cosim"])
 def test_every_engine_reads_them_as_it_reads_what_a_scene_says_by_hand(engine: str) -> None:
-    made = world({"extracted": TYPICAL}, stimulus={"kind": "uniform", "code": [64, 240]})
+    # 64, and 0.03 above the step to 241 of an ideal channel: parameters of transistors move that code.
+    ohm = [250 * 510 / 64, 250 * 510 / 240.53]
+    made = world({"extracted": TYPICAL}, stimulus={"kind": "uniform", "r_ohm": ohm})
     by_event = engines.run(plan.make(made, "event")).codes
-    assert (by_event[1] != 240).any(), "what was extracted moves no code: nothing is shown"
+    assert (by_event[1] != 241).any(), "the extracted parameters move no code, so nothing is compared"
     # The pole that stands for the comparator's delay in a deck is late by the same time on a ramp (docs/scenes.md).
     assert np.array_equal(engines.run(plan.make(made, engine)).codes, by_event)
 
@@ -187,7 +189,7 @@ def test_faults_are_many_and_each_is_one_change() -> None:
 
 @pytest.mark.long
 def test_a_bench_notices_a_wrong_number_in_the_mirror(tmp_path: Path) -> None:
-    fault = next(f for f in faults.all_faults() if f.name == "wrong_ratio.mirror.xin")
+    fault = next(f for f in faults.all_faults() if f.name == "wrong_ratio.mirror_fixed.xin")
     found = faults.bench(fault, tmp_path)
     assert found.caught
     assert "ratio_error" in found.said

@@ -15,6 +15,7 @@ from rtl_run import simulate
 from dermis.chip import sky130
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
 from dermis.scene.design import ROOT
+from dermis.scene.design import load as load_design
 
 pytestmark = pytest.mark.timeout(120)
 HARDEN = ROOT / "rtl" / "harden"
@@ -65,9 +66,10 @@ def test_black_box_has_the_pins_of_the_top_netlist() -> None:
     head = re.search(r"^\.subckt dermis_analog_front_end\n((?:\+.*\n)+)", text, re.MULTILINE)
     assert head
     pins = head[1].replace("+", " ").split()
-    assert pins == sky130.front_end_pins(16, 16)
+    rows, cols = load_design().array.rows, load_design().array.cols
+    assert pins == sky130.front_end_pins(rows, cols)
     box = (HARDEN / "dermis_analog_front_end.v").read_text()
-    widths = {"ROWS-1": 16, "COLS-1": 16, "2*COLS-1": 32}
+    widths = {"ROWS-1": rows, "COLS-1": cols, "2*COLS-1": 2 * cols}
     declared = re.findall(r"(?:inout|input|output) +wire +(?:\[([^:]+):0\])? *(\w+)", box)
     assert {name for _, name in declared} == ports(HARDEN / "dermis_analog_front_end.v")
     bits = [f"{name}{n}" if width else name for width, name in declared for n in range(widths.get(width, 1))]
