@@ -139,11 +139,16 @@ def figure(curves: Sequence[Curve], path: Path) -> None:
         if (fit := sweep.straight_line(curve, reading)) is not None:
             steps = curve.gate * curve.x
             left = curve.gate / reading.line_clocks - fit[0] * steps - fit[1]
-            rest.plot(steps, left, ls="-", lw=0.8, **look)
+            rest.plot(steps, left, ls="", **look)
     whole.set_xlabel("resistance of the taxel R / ohm")
     whole.set_ylabel("pulse frequency f / kHz")
     whole.set_title("f against R, channels in transistors (tt, 27 C)", fontsize=10)
     whole.legend(frameon=False, fontsize=8.5, loc="lower left")
+    rest.set_xscale("log")
+    rest.set_xticks(
+        [2, 5, 10, 20, 50, 100, 255], labels=["2", "5", "10", "20", "50", "100", "255"], minor=False
+    )
+    rest.minorticks_off()
     rest.set_xlabel("charge balance, 510 x / LSB")
     rest.set_ylabel("residual / LSB")
     rest.set_title("f against 1/R less a straight line of its own", fontsize=10)
