@@ -173,6 +173,29 @@ def test_a_load_that_is_wrong_is_named() -> None:
     assert identify.fit_sheet(fitted(), bad, "linear").bad == ("weight 3",)
 
 
+def test_one_wrong_load_of_many_forces_is_named() -> None:
+    """With a force for each load, only the law tells which is wrong, and a wrong force bends the law."""
+    rng, made = np.random.default_rng(6), []
+    for n, force_n in enumerate(rng.uniform(1, 12, 14)):
+        force = np.zeros((SIZE, SIZE))
+        r, c = rng.integers(0, 5, 2)
+        force[r : r + 4, c : c + 4] = force_n
+        codes = skin().read(force)[None].astype(int)
+        made.append(identify.Load(f"weight {n}", codes, force * (1.5 if n == 9 else 1.0)))
+    assert identify.fit_sheet(fitted(), made, "linear").bad == ("weight 9",)
+
+
+def test_dead_and_stuck_taxels_are_named() -> None:
+    made = []
+    for load in loads():
+        codes = load.codes.copy()
+        codes[:, 2, 3], codes[:, 5, 6] = 0, 255
+        made.append(dataclasses.replace(load, codes=codes))
+    fit = identify.fit_sheet(fitted(), made, "linear")
+    assert fit.bad_taxels == {(2, 3): "does not respond to loads", (5, 6): "reads full scale without a load"}
+    assert any("taxel 2 3" in note for note in fit.calibration.notes)
+
+
 def test_loads_that_contradict_each_other_are_refused() -> None:
     rng = np.random.default_rng(2)
     wrong = [dataclasses.replace(load, force_n=load.force_n * rng.uniform(0.4, 2.5)) for load in loads()]
@@ -268,6 +291,8 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
         ("[[reference]]\nrow = 0", "[[reference]]\nrow = 8", "reference.0"),
         ('file = "codes0.npy"', "", "load.0.file"),
         ("current_a = 0.0", "current_a = -1.0", "current.0.current_a"),
+        ('force_n = "force0.npy"', "force_n = -2.0", "load.0.force_n"),
+        ('force_n = "force0.npy"', 'force_n = "minus.npy"', "forces from 0"),
     ],
 )
 def test_a_session_that_is_wrong_is_refused_in_one_line(
@@ -277,6 +302,7 @@ def test_a_session_that_is_wrong_is_refused_in_one_line(
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
+    np.save(tmp_path / "minus.npy", -loads()[0].force_n)
     with pytest.raises(InputError) as error:
         run(str(path))
     assert said in str(error.value)

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from dermis.decode import recording
+from dermis.decode.calibration import Calibration
 from dermis.decode.recording import Layout
 from dermis.errors import InputError
 from dermis.report import read, verdict
@@ -51,6 +54,15 @@ TEXTS: dict[str, tuple[str, dict]] = {
     "a row a line": (
         "\n".join(",".join(f"{v:g}" for v in row) for frame in FRAMES for row in frame), {**SIZE, "rate_hz": 50.0},
     ),
+    "comments and a last separator": (
+        "# recorded by hand\n# 50 frames a second\n" + text(",").replace("\n", ",\n"), {**SIZE, "rate_hz": 50.0},
+    ),
+    "a list in one column, and a date": (
+        "time,data\n" + "".join(
+            f'2026-01-01 10:00:00.{20 * n:03d},"[{", ".join(f"{v:g}" for v in frame.ravel())}]"\n'
+            for n, frame in enumerate(FRAMES)
+        ), SIZE,
+    ),
     "blank lines and a byte order mark": ("\ufeff" + text(",").replace("\n", "\r\n\r\n"), {**SIZE, "rate_hz": 50.0}),
 }  # fmt: skip
 
@@ -62,8 +74,9 @@ def test_every_text_gives_the_same_frames(tmp_path: Path, name: str) -> None:
     path.write_text(content, encoding="utf-8")
     found = recording.load(path, Layout(**layout))
     assert (found.values == FRAMES).all()
-    # Seconds; differences of stamps of 100 s round to 1e-14, and the finest unit of a file is 1 ns.
-    assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=1e-9)
+    # Seconds; differences of stamps of 100 s round to 1e-14, and the finest unit of a file is 1 ns. A double holds the
+    # seconds since 1970 to 2.4e-7.
+    assert found.time_s == pytest.approx(0.02 * np.arange(7), abs=2.4e-7 if "date" in name else 1e-9)
     assert found.present.all()
 
 
@@ -112,7 +125,13 @@ def test_places_without_a_taxel_are_found(tmp_path: Path) -> None:
         ("", SIZE, "at least one line"),
         ("a,b\n", SIZE, "header only"),
         (text(",").replace("0", "x", 1), {**SIZE, "rate_hz": 1.0}, "a number"),
-        (text(",").replace(FRAMES[1, 0, 1].astype(str), "nan", 1), {**SIZE, "rate_hz": 1.0}, "--missing"),
+        (
+            text(",").replace(FRAMES[1, 0, 1].astype(str), "nan", 1),
+            {**SIZE, "rate_hz": 1.0},
+            "= nan: a finite",
+        ),
+        ("1 2 3 4\n" * 8, {"rate_hz": 1.0}, "--rows 2 --cols 2 if a line is a frame"),
+        ("a,b,c\n1,2\n", {"rate_hz": 1.0}, "header = 3 names"),
     ],
 )
 def test_a_refusal_names_the_option_that_helps(tmp_path: Path, content: str, layout: dict, said: str) -> None:
@@ -184,14 +203,24 @@ def test_a_wrong_unit_does_not_pass(tmp_path: Path, factor: float, row: str) -> 
         (["--unit", "kpa"], "--area"),
         (["--unit", "newtons", "--rate", "5000"], "at most 2000 frames"),
         (["--unit", "newtons", "--scene", "wide_sheet"], "as the recording has"),
+        (["--unit", "newtons", "--mask", "gone.npy"], "--mask"),
+        (["--unit", "newtons", "--mask", "touch.npy"], "4 x 6 values, 0 where"),
+        (["--unit", "newtons", "--mask", "zero.npy"], "no taxel"),
+        (["--unit", "newtons", "--out", "touch.npy"], "a directory that can be written"),
+        (["--unit", "newtons", "--calibration", "gone.toml"], "gone.toml"),
     ],
 )
-def test_open_questions_are_asked_in_one_line(tmp_path: Path, arguments: list[str], said: str) -> None:
-    np.save(tmp_path / "touch.npy", FRAMES)
+def test_open_questions_are_asked_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("touch.npy", FRAMES)
+    np.save("zero.npy", np.zeros((4, 6), dtype=bool))
     rate = [] if "--rate" in arguments else ["--rate", "50"]
     with pytest.raises(InputError) as error:
-        run(str(tmp_path / "touch.npy"), *rate, *arguments)
+        run("touch.npy", *rate, *arguments)
     assert said in str(error.value)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["touch.npy", "zero.npy"]
 
 
 def test_a_mask_and_hdf5(tmp_path: Path) -> None:
@@ -208,3 +237,37 @@ def test_a_mask_and_hdf5(tmp_path: Path) -> None:
         assert (file["forces_n"][:, 1, 2] == 0).all()
     found = recording.load(tmp_path / "out/forces.h5", Layout(key="forces_n", time_key="time_s"))
     assert found.t_frame_s == pytest.approx(0.02)
+    # A second run without --hdf5 leaves no file of the first one.
+    run(str(tmp_path / "touch.npy"), "--unit", "newtons", "--rate", "50", *mask_option[:2], *mask_option[3:])
+    assert not (tmp_path / "out/forces.h5").exists()
+
+
+def test_hdf5_without_its_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.save(tmp_path / "touch.npy", FRAMES)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out"), "--hdf5"]
+    with pytest.raises(InputError, match=r"dermis\[recordings\]"):
+        run(str(tmp_path / "touch.npy"), *arguments)
+    assert not (tmp_path / "out").exists()
+
+
+def test_negative_values_need_an_option(tmp_path: Path) -> None:
+    np.save(tmp_path / "touch.npy", FRAMES - 0.5)
+    arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")]
+    with pytest.raises(InputError, match="--clip-negative"):
+        run(str(tmp_path / "touch.npy"), *arguments)
+    assert run(str(tmp_path / "touch.npy"), "--clip-negative", *arguments)[0] == 0
+    # Half a code of 15 N, and a tenth for the network that is taken back.
+    clipped = np.maximum(FRAMES - 0.5, 0)
+    assert np.abs(np.load(tmp_path / "out/forces_n.npy") - clipped).max() < 0.6 * 15 / 255
+
+
+def test_a_calibration_of_another_chip_fails(tmp_path: Path) -> None:
+    np.save(tmp_path / "touch.npy", FRAMES)
+    true = Calibration.of_plan(read.chip_of(4, 6, None))
+    step = true.step_a * np.where(np.arange(6) == 2, 1.2, 1.0)
+    dataclasses.replace(true, step_a=step).save(tmp_path / "other.toml")
+    arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out")]
+    status, said = run(str(tmp_path / "touch.npy"), *arguments, "--calibration", str(tmp_path / "other.toml"))
+    assert status == 1
+    assert "column 2" in said

@@ -44,6 +44,8 @@ LEVELS = 12
 """More forces are compared at this many levels, with straight lines of logarithms between them."""
 BAD_LOAD = 5.0
 """A load is bad if its rms residual is this many times the median of all loads."""
+RESIDUAL_MIN = 1 / np.sqrt(12) / 50
+"""Relative rms residual that every load may have: rounding of a reading of 50 codes."""
 SHARE_BAD = 0.34
 """Share of bad loads from which on no fit can tell the good from the bad."""
 
@@ -124,12 +126,16 @@ def fit_noise(codes: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class SheetFit:
-    """A calibration with its values and standard uncertainties by name, remarks on them, and bad loads."""
+    """A calibration with its values and standard uncertainties by name, and remarks on them.
+
+    `bad` names loads that were left out, `bad_taxels` taxels that do not read a force, with the reason.
+    """
 
     calibration: Calibration
     values: dict[str, tuple[float, float]]
     remarks: dict[str, str]
     bad: tuple[str, ...]
+    bad_taxels: dict[tuple[int, int], str] = dataclasses.field(default_factory=dict)
 
 
 def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFit:
@@ -150,21 +156,42 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
         raise ContradictionError(f"{len(loads)} loads; at least 3 are needed")
     fit, by_load = _fit_loads(calibration, loads, kind)
     middle = np.median(list(by_load.values()))
-    floor = 1 / np.sqrt(12) / 50
-    bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, floor)]
+    bad = [name for name, rms in by_load.items() if rms > BAD_LOAD * max(middle, RESIDUAL_MIN)]
     if len(bad) > SHARE_BAD * len(loads) or middle > 0.2:
         worst = ", ".join(sorted(by_load, key=lambda n: -by_load[n])[:4])
         raise ContradictionError(
             f"loads contradict each other by {middle:.0%} of a reading; largest: {worst}"
         )
+    bad_taxels = _bad_taxels(calibration, [load for load in loads if load.name not in bad])
     if bad or fit.calibration.own:
         good = [load for load in loads if load.name not in bad]
         own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
         fit, _ = _fit_loads(calibration, good, kind, own)
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
+    notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
     made = dataclasses.replace(fit.calibration, notes=(*calibration.notes, *notes))
-    return dataclasses.replace(fit, calibration=made, bad=tuple(bad))
+    return dataclasses.replace(fit, calibration=made, bad=tuple(bad), bad_taxels=bad_taxels)
+
+
+def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, int], str]:
+    """Return taxels that do not read a force, with the reason.
+
+    One is dead if it reads below `LEAST_CODE` in every load under which most of the loaded taxels read twice that. One
+    is stuck if it reads full scale in every load, and in one at least where most taxels of that force do not.
+    """
+    codes = np.array([np.median(load.codes, axis=0) for load in loads])
+    force = np.array([load.force_n for load in loads])
+    pressed = force > 0
+    typical = np.array([np.median(c[p]) if p.any() else 0.0 for c, p in zip(codes, pressed, strict=True)])[
+        :, None, None
+    ]
+    telling = pressed & (typical >= 2 * LEAST_CODE)
+    dead = telling.any(axis=0) & ~(telling & (codes >= LEAST_CODE)).any(axis=0)
+    full = calibration.code_max
+    stuck = (codes >= full).all(axis=0) & (~pressed | (typical < full)).any(axis=0)
+    said = {(int(r), int(c)): "does not respond to loads" for r, c in np.argwhere(dead)}
+    return said | {(int(r), int(c)): "reads full scale without a load" for r, c in np.argwhere(stuck)}
 
 
 def _fit_network(
@@ -265,9 +292,9 @@ def _fit_loads(
     part[names] = np.sqrt(np.bincount(at, off**2) / np.maximum(count - 1, 1)) / np.sqrt(count)
     part = np.maximum(part, rms / np.sqrt(count.max()))
     by_law = g[used] / factor[taxel]
+    alike = ~np.isin(taxel, [r * calibration.cols + c for r, c in odd])
     try:
-        alike = ~np.isin(taxel, [r * calibration.cols + c for r, c in odd])
-        curve = law.fit(kind, by_law[alike], force[used][alike])
+        curve = _robust_law(kind, by_law[alike], force[used][alike], which[alike])
     except law.LawError as error:
         raise ContradictionError(str(error)) from None
     misfit = curve.force_n(by_law) / force[used] - 1
@@ -296,6 +323,41 @@ def _fit_loads(
         law_part=law_part,
     )
     return SheetFit(made, values, remarks, ()), by_load
+
+
+def _robust_law(kind: str, conductance_s: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:
+    """Fit a law to readings of the loads `which`, without loads that the law of the others does not meet.
+
+    A wrong force bends the law towards itself: the worst load is judged by a law that is fitted without it.
+    """
+    kept = np.ones(which.size, dtype=bool)
+    count = np.unique(which).size
+    while True:
+        curve = law.fit(kind, conductance_s[kept], force_n[kept])
+        left = np.unique(which[kept])
+        if left.size <= (1 - SHARE_BAD) * count:
+            return curve
+        worst = left[np.argmax(_misfits(curve, conductance_s, force_n, which, left))]
+        try:
+            without = law.fit(kind, conductance_s[kept & (which != worst)], force_n[kept & (which != worst)])
+        except law.LawError:  # the load is needed
+            return curve
+        off = _misfits(without, conductance_s, force_n, which, left)
+        if off[left == worst][0] <= BAD_LOAD * max(np.median(off), RESIDUAL_MIN):
+            return curve
+        kept &= which != worst
+
+
+def _misfits(
+    curve: law.Curve,
+    conductance_s: Floats,
+    force_n: Floats,
+    which: NDArray[np.integer],
+    loads: NDArray[np.integer],
+) -> Floats:
+    """Return the relative rms difference between a law and the readings of each load."""
+    off = (curve.force_n(conductance_s) / force_n - 1) ** 2
+    return np.array([np.sqrt(off[which == n].mean()) for n in loads])
 
 
 def _hats(log_force: Floats, most: int = 0) -> Floats:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ _TIME_SPREAD = 0.5
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout that a file does not state; None is to be found out.
+    """Layout that a file does not state; None: taken from the file.
 
     Attributes
     ----------
@@ -85,8 +86,8 @@ class Recording:
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else 0.0
 
 
-def load(path: str | Path, layout: Layout) -> Recording:
-    """Read a recording.
+def load(path: str | Path, layout: Layout, option: str = "FILE") -> Recording:
+    """Read a recording; `option` names it in a message if there is no such file.
 
     Raises
     ------
@@ -95,14 +96,14 @@ def load(path: str | Path, layout: Layout) -> Recording:
         answers it.
     """
     path = Path(path)
-    data = read_bytes(path, FILE_BYTES_MAX, ("command line", "FILE", str(path)))
+    data = read_bytes(path, FILE_BYTES_MAX, ("command line", option, str(path)))
     suffix = path.suffix.lower()
-    time = None
     if suffix in (".npy", ".npz", ".h5", ".hdf5"):
         values, time = _binary(path, data, suffix, layout)
+        named = False
     else:
-        values, time = _text(path, data, layout)
-    frames = _shaped(path, values, layout)
+        values, time, named = _text(path, data, layout)
+    frames = _shaped(path, values, layout, named or time is not None)
     absent = np.isnan(frames).all(axis=0)
     if layout.missing is not None:
         absent |= (frames == layout.missing).all(axis=0)
@@ -110,7 +111,8 @@ def load(path: str | Path, layout: Layout) -> Recording:
     if not np.isfinite(frames).all():
         n, r, c = np.argwhere(~np.isfinite(frames))[0]
         where = f"frame {n}, row {r}, column {c}"
-        raise InputError(path, where, frames[n, r, c], "a number, or --missing for places without a taxel")
+        allowed = "a finite number; a place without a taxel has none in any frame"
+        raise InputError(path, where, float(frames[n, r, c]), allowed)
     if absent.all():
         raise InputError(path, "--missing", layout.missing, "a value that some taxel does not always have")
     time_s, source = _times(path, time, len(frames), layout)
@@ -119,7 +121,7 @@ def load(path: str | Path, layout: Layout) -> Recording:
 
 def _binary(path: Path, data: bytes, suffix: str, layout: Layout) -> tuple[Floats, Floats | None]:
     if suffix == ".npy":
-        return np.asarray(_parsed(path, lambda: npy_array(data, path.name)), dtype=float), None
+        return np.asarray(_parsed(path, lambda: npy_array(data, path.name, "biuf")), dtype=float), None
     names = (layout.key, layout.time_key)
     if suffix == ".npz":
         values = _parsed(path, lambda: npz_member(data, path.name, names[0]))
@@ -163,12 +165,13 @@ def _hdf5(path: Path, key: str | None, time_key: str | None) -> tuple[Any, Any]:
         raise InputError(path, "file", str(error), "a readable HDF5 file") from None
 
 
-def _text(path: Path, data: bytes, layout: Layout) -> tuple[Floats, Floats | None]:
+def _text(path: Path, data: bytes, layout: Layout) -> tuple[Floats, Floats | None, bool]:
+    """Return values [lines, taxels], times [lines], and True if the columns have names."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            path, f"byte {error.start}", "no text", "csv, npy, npz or HDF5 by its suffix"
+            path, f"byte {error.start}", "no text in UTF-8", "csv, npy, npz or HDF5 by its suffix"
         ) from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
@@ -178,39 +181,74 @@ def _text(path: Path, data: bytes, layout: Layout) -> tuple[Floats, Floats | Non
     mark = next((m for m in (";", "\t", ",") if m in sample), None)
     if mark in (";", "\t") and "." not in sample:
         lines = [(n, line.replace(",", ".")) for n, line in lines]
-    names: list[str] = []
-    while lines and not any(_is_number(cell) for cell in _cells(lines[0][1], mark)):
-        names = _cells(lines.pop(0)[1].lstrip("#"), mark)
+    headers: list[str] = []
+    while lines and (
+        lines[0][1].lstrip().startswith("#") or not any(_is_number(c) for c in _cells(lines[0][1], mark))
+    ):
+        headers.append(lines.pop(0)[1])
     if not lines:
         raise InputError(path, "lines", "a header only", "at least one line of numbers")
+    names, trailing = _names(path, headers, [line for _, line in lines], mark, layout)
     first = _cells(lines[0][1], mark)
-    width = len(first)
-    if names and len(names) != width:
-        raise InputError(
-            path, "header", f"{len(names)} names", f"{width}, as many as the line below it has values"
-        )
-    times, taxels = _columns(path, names, first, layout)
+    width = len(first) - trailing
+    times, taxels = _columns(path, names, first[:width], layout)
     if len(lines) * len(taxels) > VALUES_MAX:
         raise InputError(path, "values", len(lines) * len(taxels), f"at most {VALUES_MAX}")
     wanted = taxels if times is None else [times, *taxels]
     table = np.empty((len(lines), len(wanted)))
     for i, (number, line) in enumerate(lines):
         cells = _cells(line, mark)
-        if len(cells) != width:
-            raise InputError(
-                path, f"line {number}", f"{len(cells)} values", f"{width} values, as the first line"
-            )
+        if len(cells) - trailing != width:
+            said = f"{len(cells) - trailing} values"
+            raise InputError(path, f"line {number}", said, f"{width} values, as the first line")
         try:
+            if times is not None and not _is_number(cells[times]):
+                cells[times] = _stamp(cells[times])
             table[i] = [float(cells[k]) if cells[k] else np.nan for k in wanted]
         except ValueError:
             k = next(k for k in wanted if cells[k] and not _is_number(cells[k]))
             allowed = "a number; --skip N leaves out leading columns"
             raise InputError(path, f"line {number}, value {k + 1}", quoted(cells[k]), allowed) from None
-    return (table, None) if times is None else (table[:, 1:], table[:, 0])
+    return (table, None, bool(names)) if times is None else (table[:, 1:], table[:, 0], bool(names))
+
+
+def _names(
+    path: Path, headers: list[str], lines: list[str], mark: str | None, layout: Layout
+) -> tuple[list[str], bool]:
+    """Return the names of the columns, if any, and True if every line ends with a separator."""
+    width = len(_cells(lines[0], mark))
+    names = next((n for h in reversed(headers) if len(n := _cells(h.lstrip("# "), mark)) == width), None)
+    trailing = bool(mark) and all(line.rstrip().endswith(str(mark)) for line in lines)
+    if names:
+        return (names[:-1], True) if trailing and not names[-1] else (names, False)
+    header = next((h for h in reversed(headers) if not h.lstrip().startswith("#")), None)
+    if header is None:
+        known = layout.rows * layout.cols if layout.rows and layout.cols else None
+        return [], trailing and (not _square(width) if known is None else known != width)
+    names = _cells(header, mark)
+    if trailing and len(names) == width - 1:
+        return names, True
+    if "[" in lines[0] and len(names) < width:
+        # A list in one column, as ROS tools write arrays.
+        k, count = len(_cells(lines[0].split("[")[0], mark)) - 1, width - len(names) + 1
+        if k < len(names):
+            return [*names[:k], *(f"{names[k]}{n}" for n in range(count)), *names[k + 1 :]], False
+    raise InputError(
+        path, "header", f"{len(names)} names", f"{width}, as many as the line below it has values"
+    )
+
+
+def _stamp(cell: str) -> str:
+    """Return seconds for a date and time of ISO 8601; other text unchanged."""
+    try:
+        time = datetime.fromisoformat(cell)
+    except ValueError:
+        return cell
+    return repr((time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp())
 
 
 def _cells(line: str, mark: str | None) -> list[str]:
-    return [cell.strip().strip('"') for cell in (line.split(mark) if mark else line.split())]
+    return [cell.strip(' \t"[]()') for cell in (line.split(mark) if mark else line.split())]
 
 
 def _is_number(cell: str) -> bool:
@@ -250,7 +288,9 @@ def _columns(path: Path, names: list[str], first: list[str], layout: Layout) -> 
                 path, "--time-key", layout.time_key, "a name of the header: " + ", ".join(names[:8])
             )
         return names.index(layout.time_key), list(range(skip, width))
-    named = [k for k in range(min(skip, len(names))) if _TIME.fullmatch(names[k]) and _is_number(first[k])]
+    named = [
+        k for k in range(min(skip, len(names))) if _TIME.fullmatch(names[k]) and _is_number(_stamp(first[k]))
+    ]
     if not named and not names and skip >= 1 and _is_number(first[0]):
         named = [0]
     return named[0] if named else None, list(range(skip, width))
@@ -260,7 +300,10 @@ def _square(count: int) -> bool:
     return count > 0 and round(count**0.5) ** 2 == count
 
 
-def _shaped(path: Path, values: Floats, layout: Layout) -> Floats:
+def _shaped(path: Path, values: Floats, layout: Layout, by_line: bool) -> Floats:
+    """Return values as [frames, rows, cols]; `by_line`: a line is known to be a frame."""
+    if not values.size:
+        raise InputError(path, "shape", list(values.shape), "at least one frame")
     rows, cols, allowed = layout.rows, layout.cols, "--rows and --cols of the array"
     if values.ndim == 3:
         found = values.shape[1:]
@@ -269,11 +312,16 @@ def _shaped(path: Path, values: Floats, layout: Layout) -> Floats:
                 path, "shape", list(values.shape), f"[frames, {rows}, {cols}], or other --rows and --cols"
             )
         return values
-    if values.ndim != 2 or not values.size:
+    if values.ndim != 2:
         raise InputError(path, "shape", list(values.shape), "[frames, rows, cols] or [frames, rows x cols]")
     count = values.shape[1]
     if rows is None and cols is None and _square(count):
         rows = cols = round(count**0.5)
+        if not by_line and len(values) % count == 0:
+            question = (
+                f"--rows {rows} --cols {cols} if a line is a frame, --cols {count} and --rows if it is a row"
+            )
+            raise InputError(path, "shape", list(values.shape), question)
     elif rows is None and cols is not None and count % cols == 0 and count != cols:
         rows = count // cols
     elif cols is None and rows is not None and count % rows == 0:
@@ -301,7 +349,7 @@ def _times(path: Path, time: Floats | None, frames: int, layout: Layout) -> tupl
     if not (np.isfinite(step).all() and (step > 0).all()):
         at = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
         raise InputError(
-            path, f"time of frame {at + 1}", time[at + 1], "later than the frame before; or --rate"
+            path, f"time of frame {at + 1}", float(time[at + 1]), "later than the frame before; or --rate"
         )
     unit = layout.time_unit
     median = float(np.median(step))

@@ -15,7 +15,7 @@ from pydantic import Field
 from dermis.decode import calibration, identify, recording
 from dermis.decode.calibration import Calibration
 from dermis.errors import InputError
-from dermis.report import verdict
+from dermis.report import output, verdict
 from dermis.report.read import chip_of
 from dermis.scene.schema import Strict, entry, read_toml, validate
 
@@ -91,8 +91,14 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         try:
             return recording.load(path.parent / name, layout).values
         except InputError as error:
-            said_of = f"a file to read: {error.key} = {error.value}: {error.allowed}"
+            said_of = f"a file to read ({error.key} = {error.value}: {error.allowed})"
             raise InputError(path, key, name, said_of) from None
+
+    def forces(name: str, key: str) -> NDArray[np.float64]:
+        found = frames(name, key)
+        if not (found >= 0).all():
+            raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
+        return found
 
     def codes(name: str, key: str) -> NDArray[np.int64]:
         found = frames(name, key)
@@ -122,8 +128,10 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
             loads = []
             for n, load in enumerate(table.load):
                 known = load.force_n
+                if not isinstance(known, str) and not 0 <= known < np.inf:
+                    raise InputError(path, f"load.{n}.force_n", known, "a number >= 0, or a file")
                 force = (
-                    frames(known, f"load.{n}.force_n")[0]
+                    forces(known, f"load.{n}.force_n")[0]
                     if isinstance(known, str)
                     else np.full((rows, cols), known)
                 )
@@ -137,10 +145,12 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
                 " ..." if len(made.own) > 8 else ""
             )
             said.append(verdict.report("calibrate.own_laws", len(made.own), "taxels", taxels))
+            odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])
+            said.append(verdict.within("calibrate.bad_taxels", len(fit.bad_taxels), "taxels", None, 0, odd))
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:
-            force = frames(cycle.force_n, "cycle.force_n")
+            force = forces(cycle.force_n, "cycle.force_n")
             seen = codes(cycle.file, "cycle.file")
             if force.shape != seen.shape:
                 raise InputError(
@@ -194,12 +204,15 @@ def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:
 def calibrate_command(recordings: str, out: str | None, check: str | None) -> int:
     """Fit a calibration to a session file that names test currents, loads and cycles."""
     path = Path(recordings)
+    target = path.with_name("calibration.toml") if out is None else Path(out)
+    if target.is_dir():
+        raise InputError("command line", "--out", str(target), "a file to write")
     made, rows = session(path)
     if check is not None:
         old = calibration.load(check)
         old.check(made.rows, made.cols, check)
         rows += drift_rows(made, old)
-    target = path.with_name("calibration.toml") if out is None else Path(out)
+    output.prepare(target.parent)
     made.save(target)
     verdict.write_rows("calibrate", rows)
     verdict.print_rows(rows, f"calibration of {made.rows} x {made.cols} taxels")

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from dermis import plan as planning
 from dermis.decode import calibration, recording
 from dermis.decode.decoder import Forces
-from dermis.errors import InputError, one_line
+from dermis.errors import InputError, one_line, optional
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.records import Plan
-from dermis.report import verdict
+from dermis.report import output, verdict
 from dermis.scene import scene as scenes
 from dermis.scene.schema import read_toml
 from dermis.skin import Skin
@@ -34,6 +34,8 @@ SATURATED_MAX = 0.01
 """Share of the pressed readings that may be at full scale; more is a wrong unit, scale or k."""
 LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
+COVERAGE_MIN = 0.99
+"""Share of forces in their interval; less is a calibration of another chip or sheet. Intervals hold 99.9 %."""
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
 
@@ -78,7 +80,7 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
         force = values
     force = force * scale
     if not ((force >= 0).all() and np.isfinite(force).all()):
-        allowed = "forces from 0; negative ones need an offset taken off first"
+        allowed = "finite forces from 0; --clip-negative takes smaller ones as 0"
         raise InputError("recording", "values", f"{values.min():g} .. {values.max():g} {unit}", allowed)
     return force + 0.0
 
@@ -152,7 +154,6 @@ def read_frames(
             rows.append(verdict.report(f"read.{name}.{key}", value, unit, "pressed taxels below full scale"))
     # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
     inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
-    rows.append(verdict.report("read.interval_coverage", float(inside[:, rec.present].mean()), "1"))
     note = "a wrong --unit or --scale? k of the scene sets the range"
     pressed = max(int((rec.present & (force > 0)).sum()), 1)
     share = float((full & rec.present).sum() / pressed)
@@ -167,6 +168,16 @@ def read_frames(
             f"{taxels} taxels; {note}" if share else "",
         )
     )
+    inside_share = float(inside[:, rec.present].mean())
+    # The bound of a saturated taxel, g_max_s, need not hold for forces of a wrong unit.
+    least = COVERAGE_MIN if share <= SATURATED_MAX else None
+    why = ""
+    if least is not None and inside_share < least:
+        r, c = np.unravel_index(
+            np.argmin(np.where(rec.present, inside.mean(axis=0), np.inf)), rec.present.shape
+        )
+        why = f"the calibration does not fit; most errors at row {r}, column {c}"
+    rows.append(verdict.within("read.interval_coverage", inside_share, "1", least, None, why))
     most = int(codes.max(initial=0))
     low = f"the recording uses little of the range: {note}" if most < LEAST_CODE else ""
     rows.append(verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, low))
@@ -185,8 +196,11 @@ def read_frames(
 @click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
 @click.option("--missing", type=float, help="Value of a place that has no taxel in any frame.")
 @click.option("--mask", type=click.Path(), help="csv or npy [rows, cols]: 0 where there is no taxel.")
+@click.option("--clip-negative", is_flag=True, help="Take values below 0 as 0.")
 @click.option("--area", "area_mm2", type=click.FloatRange(1e-9, 1e9), help="Area of a taxel in mm2, for kPa.")
-@click.option("--scale", type=click.FloatRange(0, 1e9), default=1.0, help="Factor on every force.")
+@click.option(
+    "--scale", type=click.FloatRange(0, 1e9, min_open=True), default=1.0, help="Factor on every force."
+)
 @click.option("--scene", help="Chip and sheet: a scene whose stimulus is not used.")
 @click.option(
     "--calibration", "known", type=click.Path(), help="File of `dermis calibrate`, for the way back."
@@ -198,6 +212,7 @@ def read_command(
     unit: str | None,
     rate: float | None,
     mask: str | None,
+    clip_negative: bool,
     area_mm2: float | None,
     scale: float,
     scene: str | None,
@@ -207,47 +222,65 @@ def read_command(
     **layout: Any,
 ) -> int:
     """Read a recording with the chip: codes, and forces with time and intervals."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
-        rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
-    for said in caught:
-        click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
-    if unit is None:
-        spread = f"{rec.values.min():g} .. {rec.values.max():g}"
-        raise InputError(file, "unit", f"unknown for values {spread}", "--unit " + ", ".join(recording.UNITS))
-    if mask is not None:
-        present = recording.load(mask, recording.Layout(*rec.present.shape, rate_hz=1.0)).values != 0
-        rec = dataclasses.replace(rec, present=rec.present & present[0])
-    frames, rows, cols = rec.values.shape
-    chip = chip_of(rows, cols, scene)
-    force = np.where(
-        rec.present,
-        forces_of(
-            np.where(rec.present, rec.values, 0 if unit != "ohm" else np.inf), unit, chip, area_mm2, scale
-        ),
-        0.0,
-    )
-    # Times of a file have six digits; a frame that is shorter by less is the same.
-    if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
-        least_s = chip.timing.frame_s
-        allowed = f"at most {1 / least_s:.4g} frames a second: the chip reads {rows} rows in {least_s:g} s"
-        raise InputError(file, "rate", f"{1 / rec.t_frame_s:.6g}", allowed)
-    skin = Skin(chip, calibration=None if known is None else calibration.load(known))
-    codes, found, judged = read_frames(skin, rec, force)
-    target = BUILD / "read" / Path(file).stem if out is None else Path(out)
-    write(
-        target, rec, codes, found, judged, {"file": str(file), "unit": unit, "scene": scene or "default chip"}
-    )
-    if hdf5:
-        _write_hdf5(target / "forces.h5", rec, codes, found)
-    verdict.write_rows("read", judged)
-    taxels = int(rec.present.sum())
-    title = (
-        f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
-    )
-    verdict.print_rows(judged, title)
-    click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
-    return verdict.exit_code(judged)
+    with output.place(BUILD / "read" / Path(file).stem if out is None else out) as target:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            rec = recording.load(file, recording.Layout(rate_hz=rate, **layout))
+        for said in caught:
+            click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
+        if unit is None:
+            spread = f"{rec.values.min():g} .. {rec.values.max():g}"
+            raise InputError(
+                file, "unit", f"unknown for values {spread}", "--unit " + ", ".join(recording.UNITS)
+            )
+        if mask is not None:
+            rec = _masked(rec, mask)
+        if clip_negative:
+            rec = dataclasses.replace(rec, values=np.maximum(rec.values, 0.0))
+        frames, rows, cols = rec.values.shape
+        chip = chip_of(rows, cols, scene)
+        force = np.where(
+            rec.present,
+            forces_of(
+                np.where(rec.present, rec.values, 0 if unit != "ohm" else np.inf), unit, chip, area_mm2, scale
+            ),
+            0.0,
+        )
+        # Times of a file have six digits; a frame that is shorter by less is the same.
+        if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
+            least_s = chip.timing.frame_s
+            allowed = (
+                f"at most {1 / least_s:.4g} frames a second: the chip reads {rows} rows in {least_s:g} s"
+            )
+            raise InputError(file, "rate", f"{1 / rec.t_frame_s:.6g}", allowed)
+        skin = Skin(chip)
+        if known is not None:
+            own = calibration.load(known)
+            own.check(rows, cols, known)
+            skin = Skin(chip, calibration=own)
+        codes, found, judged = read_frames(skin, rec, force)
+        said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
+        write(target, rec, codes, found, judged, said, hdf5)
+        verdict.write_rows("read", judged)
+        taxels = int(rec.present.sum())
+        title = f"{one_line(file)}: {frames} frames of {rows} x {cols}, {taxels} taxels, time from {rec.time_from}"
+        verdict.print_rows(judged, title)
+        click.echo(f"codes, forces and summary are in {one_line(str(target), 400)}")
+        return verdict.exit_code(judged)
+
+
+def _masked(rec: recording.Recording, mask: str) -> recording.Recording:
+    """Return a recording without the taxels for which the file `mask` has 0."""
+    rows, cols = rec.present.shape
+    allowed = f"{rows} x {cols} values, 0 where there is no taxel"
+    try:
+        found = recording.load(mask, recording.Layout(rows, cols, rate_hz=1.0), "--mask").values
+    except InputError as error:
+        raise InputError(mask, error.key, error.value, f"{error.allowed}; {allowed}") from None
+    present = rec.present & (found[0] != 0)
+    if len(found) > 1 or not present.any():
+        raise InputError(mask, "--mask", f"{len(found)} frames" if len(found) > 1 else "no taxel", allowed)
+    return dataclasses.replace(rec, present=present)
 
 
 def write(
@@ -257,8 +290,9 @@ def write(
     found: Forces,
     rows: list[verdict.Row],
     said: dict[str, Any],
+    hdf5: bool = False,
 ) -> None:
-    """Write codes and forces with time (csv and npy) and summary.json."""
+    """Write codes and forces with time (csv, npy, HDF5 if asked for) and, last, summary.json."""
     summary = said | {
         "frames": len(codes),
         "rows": codes.shape[1],
@@ -278,13 +312,16 @@ def write(
         "forces_n.csv": taxel_table(found.force_n, rec.time_s, ".6g"),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }
+    if hdf5:
+        files = {"forces.h5": _hdf5(rec, codes, found)} | files
+    # A summary is there only with the files that it describes.
+    for name in ("summary.json", "forces.h5"):
+        (target / name).unlink(missing_ok=True)
     for name, content in files.items():
         write_atomic(target / name, content)
 
 
-def _write_hdf5(path: Path, rec: recording.Recording, codes: NDArray, found: Forces) -> None:
-    from dermis.errors import optional
-
+def _hdf5(rec: recording.Recording, codes: NDArray, found: Forces) -> bytes:
     h5py = optional("h5py", "recordings")
     held = io.BytesIO()
     with h5py.File(held, "w") as file:
@@ -297,4 +334,4 @@ def _write_hdf5(path: Path, rec: recording.Recording, codes: NDArray, found: For
         for name, array in arrays.items():
             file.create_dataset(name, data=array, compression="gzip")
         file["time_s"], file["present"] = rec.time_s, rec.present
-    write_atomic(path, held.getvalue())
+    return held.getvalue()

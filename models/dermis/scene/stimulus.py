@@ -740,7 +740,7 @@ def _shaped(array: NDArray[Any], shown: str, about: Surroundings) -> Floats:
         return array.astype(float)
 
 
-def npy_array(data: bytes, shown: str) -> NDArray[Any]:
+def npy_array(data: bytes, shown: str, kinds: str = "iuf") -> NDArray[Any]:
     # The header is checked against the bytes of the file: 80 bytes can claim a petabyte.
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
@@ -750,7 +750,7 @@ def npy_array(data: bytes, shown: str) -> NDArray[Any]:
     if reader is None:
         raise ValueError(f"npy version {version}")
     shape, fortran, dtype = reader(stream)
-    if dtype.hasobject or dtype.kind not in "iuf":
+    if dtype.hasobject or dtype.kind not in kinds:
         raise InputError(shown, "dtype", str(dtype), "integers or floating point numbers")
     values = math.prod(int(n) for n in shape)
     if values > VALUES_MAX:
