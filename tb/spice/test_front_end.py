@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from dermis.chip import sky130, spice_batch
+from dermis.scene import design
 from dermis.scene.extracted import CIRCUIT
 from scripts.characterise import benches
 from scripts.characterise.benches import Condition
@@ -117,8 +118,11 @@ def test_the_front_end_starts_converts_senses_tests_and_stops(tmp_path: Path, co
     levels |= {"comp_held": low, "comp_past": high}
     # The core reads a level within a tenth of its supply; the gates are rail to rail.
     assert {n: found[n] for n in levels} == pytest.approx(levels, abs=0.18)
-    # 0.5 V over 1 kohm by 80, and over 10 kohm by 40: 0.5 mV of column and 0.5 % of mirror are a hundredth at most.
-    assert 5e-12 * (found["fast_0"] - found["fast_1"]) / 0.4e-6 == pytest.approx(6.25e-6, rel=0.01)
-    assert 5e-12 * (found["slow_0"] - found["slow_1"]) / 2e-6 == pytest.approx(1.25e-6, rel=0.02)
-    # Row 1 and 506 ohm of the test resistor: what it is without its switch and the column's few millivolts.
-    assert -found["i_test"] == pytest.approx(0.5 / 506 + 0.55e-3, rel=0.02)
+    pedestal_a = 16e-6
+    fast, slow = (0.5e-3 + pedestal_a) / 80, (0.05e-3 + pedestal_a) / 40
+    # 0.5 V over 1 kohm by 80, and over 10 kohm by 40, each with the pedestal: 0.5 mV of column and 0.5 % of mirror are
+    # a hundredth at most.
+    assert 5e-12 * (found["fast_0"] - found["fast_1"]) / 0.4e-6 == pytest.approx(fast, rel=0.01)
+    assert 5e-12 * (found["slow_0"] - found["slow_1"]) / 2e-6 == pytest.approx(slow, rel=0.02)
+    # Row 1 and the test current: the column's few millivolts.
+    assert -found["i_test"] == pytest.approx(0.55e-3 + design.load().calibration.i_test_a, rel=0.01)

@@ -9,7 +9,7 @@ docs/howto_calibrate.md has the same steps for firmware.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -83,8 +83,8 @@ def measure(design: Design, cols: int) -> Generator[Step, Any, Columns]:
     The chip is left scanning with the normal gate. Raises SimulatorError if a self-test frame does not come.
     """
     gate, made = design.timing.gate_clocks, design.calibration
-    nominal = made.i_test_a / (design.interface.k * design.converter.i0_a)
-    pedestal = made.i_pedestal_a / design.converter.i0_a
+    full_a = design.interface.k * design.converter.i0_a
+    nominal, pedestal = made.i_test_a / full_a, made.i_pedestal_a / full_a
     long = DARK_GATES * gate
     yield from _write(rm.CONTROL, 0)
     yield from _write(rm.DARK_MAX, round(2 * gate * pedestal))
@@ -92,23 +92,33 @@ def measure(design: Design, cols: int) -> Generator[Step, Any, Columns]:
     frame = yield from _test_frame(long)
     counts = frame.slot(spi.SLOT_DARK).astype(float)
     dark = counts / long
-    low, high = np.zeros(cols), np.ones(cols)
-    for gate_clocks in range(gate - FULL_GATES + 1, gate + 1):
+    found = []
+    for gate_clocks in full_gates(gate):
         frame = yield from _test_frame(gate_clocks)
         even = np.arange(cols) % 2 == 0
-        full = np.where(even, frame.slot(spi.SLOT_FULL_EVEN), frame.slot(spi.SLOT_FULL_ODD)).astype(float)
-        # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
-        low = np.maximum(low, (full - 0.5) / gate_clocks)
-        high = np.minimum(high, (full + 0.5) / gate_clocks)
+        found.append(np.where(even, frame.slot(spi.SLOT_FULL_EVEN), frame.slot(spi.SLOT_FULL_ODD)))
     failed = {}
     for name, first in (("inject", rm.INJECT_FAULT), ("dark", rm.DARK_FAULT), ("full", rm.FULL_FAULT)):
         failed[name] = yield from _mask(first, cols)
-    full = 0.5 * (low + high)
+    full = duty(np.array(found, dtype=float), full_gates(gate))
     failed["pedestal"] = counts == 0
     failed["gain"] = np.abs((full - dark) / nominal - 1.0) > GAIN_LIMIT
     verdict = tuple(next((n for n, bad in failed.items() if bad[c]), "ok") for c in range(cols))
     yield from _write(rm.CONTROL, rm.CONTROL_CONTINUOUS_MASK)
     return Columns(dark, full, verdict, gate, made.i_test_a)
+
+
+def full_gates(gate: int) -> range:
+    """Return the gates in which the test current is counted, in clocks."""
+    return range(gate - FULL_GATES + 1, gate + 1)
+
+
+def duty(counts: Floats, gates: Sequence[int]) -> Floats:
+    """Return the middle of the duties that all counts allow, [gate, col] -> [col], between 0 and 1."""
+    clocks = np.array(gates)[:, None]
+    # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
+    low, high = np.max((counts - 0.5) / clocks, axis=0), np.min((counts + 0.5) / clocks, axis=0)
+    return 0.5 * (np.maximum(low, 0.0) + np.minimum(high, 1.0))
 
 
 def run(steps: Generator[Step, Any, Columns], transact: Callable[[spi.Transaction[Any]], Any]) -> Columns:

@@ -53,11 +53,6 @@ def everything() -> list[Case]:
     return first + ranges
 
 
-def limit_s(case: Case) -> float:
-    """Wall clock that a column may take."""
-    return _OPEN_S + _CLOCK_S * case.clocks * len(case.codes)
-
-
 def _pack(slots: Sequence[Slot]) -> list[dict[str, Any]]:
     return [
         {
@@ -76,13 +71,37 @@ def _unpack(packed: Sequence[dict[str, Any]]) -> list[Slot]:
     return [Slot(flags(p["comparator"]), flags(p["bits"]), np.array(p["stored_v"])) for p in packed]
 
 
-def simulate(case: Case, made: Deck, log: Path) -> list[dict[str, Any]]:
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column to run.
+
+    Attributes
+    ----------
+    deck : in one piece
+    clocks : decisions of each row
+    sign : of the integrator's voltage over the stored charge
+    """
+
+    deck: Deck
+    clocks: int
+    sign: float = -1.0
+
+    @property
+    def name(self) -> str:
+        """Of its record and log."""
+        return runs.key("\n".join(self.deck.lines)) + f"_{self.clocks}"
+
+    @property
+    def limit_s(self) -> float:
+        """Wall clock that it may take."""
+        return _OPEN_S + _CLOCK_S * self.clocks * (len(self.deck.sources) - 2)
+
+
+def simulate(column: Column, log: Path) -> list[dict[str, Any]]:
     """A column in this process, which ngspice wants for itself."""
     log.parent.mkdir(parents=True, exist_ok=True)
     os.chdir(log.parent)  # the transistor model writes a file in its working directory
-    design = design_module.load()
-    sign = 1.0 if case.topology == "conveyor_mirror_inverted" else -1.0
-    return _pack(loop.column(made, case.clocks, sign, design, log))
+    return _pack(loop.column(column.deck, column.clocks, column.sign, design_module.load(), log))
 
 
 def stamp() -> str:
@@ -95,7 +114,11 @@ def deck(case: Case, blocks: Path | None = None) -> Deck:
     """Return the deck of a case in one piece, so that the hashed deck is the one that runs."""
     design = design_module.load()
     ohm = gate.resistances(case, design).tolist()
-    made = loop.deck_of(case.topology, case.k, ohm, case.condition, design, blocks)
+    return whole(loop.deck_of(case.topology, case.k, ohm, case.condition, design, blocks))
+
+
+def whole(made: Deck) -> Deck:
+    """Return a deck in one piece."""
     text = runs.resolved("\n".join((*made.lines, ".end")))
     return dataclasses.replace(made, lines=tuple(line for line in text.splitlines() if line != ".end"))
 
@@ -107,30 +130,36 @@ def shown(
     fresh: bool = False,
     work: Path = WORK,
 ) -> list[list[Slot] | str]:
+    """Return the records of cases, each of spice/sky130 or of a changed copy; the rest as in `records`."""
+    signs = {"conveyor_mirror_inverted": 1.0}
+    columns = [Column(deck(*one), one[0].clocks, signs.get(one[0].topology, -1.0)) for one in asked]
+    return records(columns, jobs, tell, fresh, work)
+
+
+def records(
+    columns: Sequence[Column],
+    jobs: int,
+    tell: Callable[[int], None] = lambda done: None,
+    fresh: bool = False,
+    work: Path = WORK,
+) -> list[list[Slot] | str]:
     """Return the records of columns in order; a text is the reason for a missing one.
 
     Parameters
     ----------
-    asked : columns, each of spice/sky130 or of a changed copy
+    columns : what to run
     jobs : processes at a time
     tell : called with how many are done
     fresh : run those that are kept as well
     work : folder that keeps one file a column, so that commands share them
     """
-    decks = [deck(*one) for one in asked]
-    names = [
-        runs.key("\n".join(d.lines)) + f"_{case.clocks}" for d, (case, _) in zip(decks, asked, strict=True)
-    ]
+    names = [column.name for column in columns]
     kept = [Checkpoint(work / "columns" / f"{name}.json", stamp(), fresh=fresh) for name in names]
     todo = [n for n, own in enumerate(kept) if _SHOWN not in own.pieces]
     found: dict[int, str] = {}
-    tell(len(asked) - len(todo))
+    tell(len(columns) - len(todo))
     tasks = (
-        workers.Task(
-            simulate,
-            (asked[n][0], decks[n], work / "logs" / f"{names[n]}.log"),
-            limit_s(asked[n][0]),
-        )
+        workers.Task(simulate, (columns[n], work / "logs" / f"{names[n]}.log"), columns[n].limit_s)
         for n in todo
     )
     for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
@@ -139,7 +168,7 @@ def shown(
             found[n] = outcome.fault
         else:
             kept[n].put(_SHOWN, outcome.value)
-        tell(len(asked) - len(todo) + done)
+        tell(len(columns) - len(todo) + done)
     return [found[n] if n in found else _unpack(own.pieces[_SHOWN]) for n, own in enumerate(kept)]
 
 

@@ -35,7 +35,8 @@ def mismatched(tmp_path: Path, pedestal: bool = True) -> Plan:
     ideal = plan.make(scene.from_data(data, tmp_path / "made.toml"), "closed")
     design = ideal.scene.design
     lsb_a = design.converter.i0_a / design.timing.gate_clocks
-    zero_a = 0.7 * lsb_a * rng.standard_normal(COLS) + pedestal * design.calibration.i_pedestal_a
+    zero_a = 0.7 * lsb_a * rng.standard_normal(COLS)
+    zero_a += pedestal * design.calibration.i_pedestal_a / design.interface.k
     data["effects"] = {
         "offset_current": {"i_a": zero_a.tolist()},
         "charge_packet": {"packet_error": (0.025 * rng.standard_normal(COLS)).tolist()},
