@@ -308,23 +308,27 @@ def in_range(network: Network) -> Network:
         "c_column_f": _C_MAX_F,
         "c_taxel_f": _C_MAX_F,
     }
-    change = {
-        n: np.minimum(getattr(network, n), most)
-        for n, most in limited.items()
-        if np.any(np.asarray(getattr(network, n)) > most)
-    }
+    change = {}
+    for name, most in limited.items():
+        above = getattr(network, name) > most
+        if above.any() if isinstance(above, np.ndarray) else above:
+            change[name] = np.minimum(getattr(network, name), most)
     if _R_OPEN_OHM < network.r_row_grounded_ohm < np.inf:
         change["r_row_grounded_ohm"] = _R_OPEN_OHM
     return dataclasses.replace(network, **change) if change else network
 
 
-def _conductance(resistance_ohm: ArrayLike) -> Floats:
+def _conductance(resistance_ohm: ArrayLike) -> Floats | float:
+    if isinstance(resistance_ohm, float):
+        return min(1.0 / float(resistance_ohm), _G_SERIES_SHORT_S) if resistance_ohm else _G_SERIES_SHORT_S
     with np.errstate(divide="ignore", over="ignore"):
         return np.minimum(np.divide(1.0, np.asarray(resistance_ohm, dtype=float)), _G_SERIES_SHORT_S)
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
     """Return above / below, 0 where below is 0 (a row line without any conductance)."""
+    if below.min() > 0:
+        return above / below
     return np.divide(
         above, below, out=np.zeros(np.broadcast_shapes(above.shape, below.shape)), where=below > 0
     )
@@ -505,7 +509,8 @@ def _lift(
         to_rows = np.maximum(response.away - response.delivered.sum(axis=2), 0.0)
         sent = to_rows / scale
         own = (change * sent / node)[:, :, np.newaxis] * response.delivered
-        seen = np.maximum(_sum_of_others(alone) - own, 0.0)
+        others = _sum_of_others(alone)
+        seen = np.maximum(others - own, 0.0)
         share = network.r_return_ohm / (1.0 + network.r_return_ohm * (seen.sum(axis=2) + sent))
         volt = (network.v_bias_v * share * sent)[:, :, np.newaxis]
         driven = grounded.driven + volt * seen
@@ -514,7 +519,7 @@ def _lift(
             8.0 * float(np.max(grounded.driven_part))
             + (2 * network.rows + 2 * network.cols + 32) * solve_error.U
         )
-        doubt = _of(part, _sum_of_others(alone) + np.abs(own))
+        doubt = _of(part, others + np.abs(own))
         sent_v = (network.v_bias_v * share * _of(part, response.away / scale))[:, :, np.newaxis]
         error = _of(grounded.driven_part, grounded.driven) + volt * doubt + sent_v * (seen + doubt)
         relative = np.divide(error, driven, out=np.zeros_like(driven), where=driven > 0)
@@ -583,8 +588,9 @@ def _rest(
         error += error_held[:, np.newaxis, :]
     # A bound that is NaN counts as infinite.
     error = np.where(np.isnan(error), np.inf, error)
-    slots = np.argwhere(((lifted > 0) & (error > account.tolerance_a(network.cols))).any(axis=2))
-    for row in np.unique(slots[:, 1]):
+    doubtful = (lifted > 0) & (error > account.tolerance_a(network.cols))
+    slots = np.argwhere(doubtful.any(axis=2)) if doubtful.any() else np.empty((0, 2), dtype=int)
+    for row in set(slots[:, 1].tolist()):
         frames = slots[slots[:, 1] == row, 0]
         grounded = np.full(network.rows, _conductance(ground))
         grounded[row] = _conductance(driver)
@@ -693,9 +699,10 @@ def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
 
 def _sum_of_others(values: Floats) -> Floats:
     """Sum along axis 1 of all elements but the one at each place, without a subtraction."""
-    others = np.zeros_like(values)
-    np.cumsum(values[:, :-1], axis=1, out=others[:, 1:])
-    others[:, :-1] += np.cumsum(values[:, :0:-1], axis=1)[:, ::-1]
+    from dermis.array import star_mesh
+
+    others = np.empty(values.shape)
+    star_mesh.sum_of_others(np.ascontiguousarray(values), others)
     return others
 
 

@@ -6,6 +6,7 @@ docs/array.md, "Bounds", has the derivation. Counts are in roundings, u = 2^-53 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -42,6 +43,7 @@ def elements(rows: int, cols: int, bent: bool) -> float:
     return rows + 2 * cols + 10 + (6 * cols * cols + 8 * cols if bent else 0)
 
 
+@functools.lru_cache(maxsize=256)
 def one_matrix(cols: int, per_element: float) -> float:
     """Roundings in any node voltage of cols nodes that are eliminated by star-mesh steps.
 
@@ -53,6 +55,7 @@ def one_matrix(cols: int, per_element: float) -> float:
     return float(2 * (cols + 1) * per_element + (2 * (m + 1) * (m + 4) + m + 2).sum())
 
 
+@functools.lru_cache(maxsize=256)
 def chain(rows: int, cols: int, per_element: float) -> float:
     """Roundings in any node voltage of a chain of `rows` blocks that are inverted and folded one into the next.
 
@@ -155,10 +158,15 @@ class Account:
         if isinstance(error, np.ndarray):
             total = driven if rest is None else driven + rest
             with np.errstate(over="ignore", invalid="ignore"):
-                low, high = (np.clip(total + s * error, -self.reach_a, self.reach_a) for s in (-1.0, 1.0))
+                low, high = (
+                    np.minimum(np.maximum(total + s * error, -self.reach_a), self.reach_a)
+                    for s in (-1.0, 1.0)
+                )
             off = (high - low) / 2 / self.lsb_a
-            place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
-            worst, where = float(off[place]), f"row {place[1]}, column {place[2]}"
+            worst = float(off.max())
+            if not worst <= LIMIT_LSB:
+                place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
+                where = f"row {place[1]}, column {place[2]}"
         else:
             worst = error * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:

@@ -71,6 +71,21 @@ def ladder(g, segment, pass_on, seen, through, to_driver):  # type: ignore
 
 
 @_compiled
+def sum_of_others(values, others):  # type: ignore
+    """For every element of [frames, rows, cols] the sum of the other rows' in its column, without a subtraction."""
+    frames, rows, cols = values.shape
+    for f in range(frames):
+        for c in range(cols):
+            before = after = 0.0
+            for r in range(rows):
+                others[f, r, c] = before
+                before += values[f, r, c]
+            for r in range(rows - 1, -1, -1):
+                others[f, r, c] += after
+                after += values[f, r, c]
+
+
+@_compiled
 def _add_product(out, factor, a, b, first):  # type: ignore
     """out += factor * a b, in columns first onwards; four rows of b at once, so that out is touched less."""
     n, inner, last = a.shape[0], a.shape[1], b.shape[1]
