@@ -22,7 +22,11 @@ def active(record: Any, given: frozenset[str]) -> frozenset[str]:
     """
     found = []
     for name, default in _defaults(type(record), given):
-        away = getattr(record, name) != default
-        if away.any() if isinstance(away, np.ndarray) else away:
+        value = getattr(record, name)
+        if isinstance(value, np.ndarray):
+            # The first element decides most of them.
+            if (value.flat[0] != default) or (value != default).any():
+                found.append(name)
+        elif value != default:
             found.append(name)
     return frozenset(found)

@@ -73,16 +73,16 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
 
 def _with_auto(world: Scene, state: EffectState) -> EffectState:
     """The reason of an effect in a scene with auto."""
-    effect = effects.EFFECTS[state.name]
+    reason = state.reason
     if state.on:
-        return state._replace(reason="auto, with every effect that has defaults")
-    if world.table.interface.topology not in effect.topologies:
-        return state._replace(reason=f"topology {world.table.interface.topology} has none")
-    if getattr(world.table.effects, state.name) is False:
-        return state._replace(reason="switched off")
-    if world.table.effects.auto is not None and not effect.considered:
-        return state._replace(reason="not named, and auto adds none that changes the scene")
-    return state
+        reason = "auto, with every effect that has defaults"
+    elif world.table.interface.topology not in effects.EFFECTS[state.name].topologies:
+        reason = f"topology {world.table.interface.topology} has none"
+    elif getattr(world.table.effects, state.name) is False:
+        reason = "switched off"
+    elif world.table.effects.auto is not None and not effects.EFFECTS[state.name].considered:
+        reason = "not named, and auto adds none that changes the scene"
+    return EffectState(state.name, state.on, reason)
 
 
 def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:

@@ -267,7 +267,7 @@ def test_motion_is_followed(tmp_path: Path) -> None:
 
 def test_slow_mirrors_in_closed_form_give_the_charge_of_clocks() -> None:
     plan = filtered({"mirror_lag": {"q_c": 2e-11}})
-    found = filter._Part(plan, slice(0, plan.frames), filter.bounding(plan), filter.Table())
+    found = filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
     # A polynomial of an exponential of 1e-13 in each of 625 clocks.
     assert found.s.x == pytest.approx(np.clip(event.run(plan).info["x"], -0.75, 0.75), abs=1e-11)
     # In two steps as in one, and settled after many.
@@ -302,7 +302,7 @@ EVERYTHING: dict[str, Any] = {name: True for name in STRONG if name not in ("lin
 def test_chosen_cells_are_counted_as_in_a_whole_run(effects: dict[str, Any]) -> None:
     stimulus = {"kind": "ramp", "force_n": [0.0, 12.0, 3.0], "frames": 7}
     plan = filtered(effects, stimulus=stimulus, array={"rows": 6, "cols": 5})
-    part = filter._Part(plan, slice(0, plan.frames), filter.bounding(plan), filter.Table())
+    part = filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
     rng = np.random.default_rng(6)
     cells = np.nonzero(rng.random(plan.resistance_ohm.shape) < 0.3)
     counts = np.minimum(part._walk(cells), plan.timing.code_max)

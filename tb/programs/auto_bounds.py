@@ -114,7 +114,7 @@ def _rare(name: str, plan: records.Plan) -> Iterator[records.Plan]:
 
 
 def _part(plan: records.Plan) -> Any:
-    return filter._Part(plan, slice(0, plan.frames), filter.bounding(plan), filter.Table())
+    return filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
 
 
 def violations(plan: records.Plan) -> int:

@@ -78,7 +78,8 @@ class Network:
             raise ValueError("g_taxel_s must be [rows, cols], 0 or above")
         object.__setattr__(self, "g_taxel_s", g)
         for name in ("r_column_ohm", "v_column_offset_v", "i_leak_a"):
-            array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (g.shape[1],)).copy()
+            array = np.empty(g.shape[1])
+            array[:] = getattr(self, name)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if not (np.isfinite(self.r_column_ohm).all() and (self.r_column_ohm >= 0).all()):

@@ -87,20 +87,31 @@ def sum_of_others(values, others):  # type: ignore
 
 @_compiled
 def _add_product(out, factor, a, b, first):  # type: ignore
-    """out += factor * a b, in columns first onwards; four rows of b at once, so that out is touched less."""
+    """out += factor * a b, in columns first onwards; four rows of b for two of out at once, so that both are touched
+    less.
+    """
     n, inner, last = a.shape[0], a.shape[1], b.shape[1]
     whole = inner - inner % 4
-    for i in range(n):
+    spare = np.zeros(last if n % 2 else 0)
+    for i in range(0, n, 2):
+        j = min(i + 1, n - 1)
+        upper, lower = out[i], out[j] if j > i else spare
         for k in range(0, whole, 4):
             a0, a1, a2, a3 = (
                 factor * a[i, k], factor * a[i, k + 1], factor * a[i, k + 2], factor * a[i, k + 3]
             )  # fmt: skip
+            c0, c1, c2, c3 = (
+                factor * a[j, k], factor * a[j, k + 1], factor * a[j, k + 2], factor * a[j, k + 3]
+            )  # fmt: skip
             for q in range(first, last):
-                out[i, q] += (a0 * b[k, q] + a1 * b[k + 1, q]) + (a2 * b[k + 2, q] + a3 * b[k + 3, q])
+                b0, b1, b2, b3 = b[k, q], b[k + 1, q], b[k + 2, q], b[k + 3, q]
+                upper[q] += (a0 * b0 + a1 * b1) + (a2 * b2 + a3 * b3)
+                lower[q] += (c0 * b0 + c1 * b1) + (c2 * b2 + c3 * b3)
         for k in range(whole, inner):
-            a0 = factor * a[i, k]
+            a0, c0 = factor * a[i, k], factor * a[j, k]
             for q in range(first, last):
-                out[i, q] += a0 * b[k, q]
+                upper[q] += a0 * b[k, q]
+                lower[q] += c0 * b[k, q]
 
 
 @_compiled

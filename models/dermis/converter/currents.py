@@ -235,15 +235,15 @@ def _terms(drive: Drive, ways: Course, sine: Floats, cosine: Floats, limit_a: Fl
     """Coefficients of `_basis` in ampere, each shaped as the currents."""
 
     def finite(current: Floats) -> Floats:
-        return np.clip(current, -limit_a, limit_a)
+        return np.minimum(np.maximum(current, -limit_a), limit_a)
 
     with np.errstate(over="ignore"):
-        follows, moves = finite(ways.follows_begin), finite(ways.follows_end)
+        follows = finite(ways.follows_begin)
         terms = [follows + finite(ways.rest_begin)]
         if drive.ripple:
             terms += [follows * sine, follows * cosine]
         if drive.motion:
-            moves = moves - follows
+            moves = finite(ways.follows_end) - follows
             terms += [moves + finite(ways.rest_end) - finite(ways.rest_begin)]
             if drive.ripple:
                 terms += [moves * sine, moves * cosine]
@@ -290,7 +290,7 @@ def charges_of(
     output: Floats | None,
     cells: tuple[NDArray[np.intp], ...],
     depth: NDArray[np.intp],
-) -> Iterator[tuple[NDArray[np.intp], Floats, Floats]]:
+) -> Iterator[tuple[slice, Floats, Floats]]:
     """Charge a clock of chosen cells alone, as `Slots.blocks` gives it.
 
     Parameters
@@ -303,13 +303,13 @@ def charges_of(
         [frames, rows] of the ripple.
     output : ndarray or None
         [frames, rows, cols] output of slow mirrors at the end of each slot.
-    cells : frame, row and column of each, [n].
+    cells : frame, row and column of each, [n]. Those that `depth` treats alike are fastest side by side.
     depth : ndarray
         [n] rows before its own that are walked as well, for the mirror.
 
     Yields
     ------
-    indices into `cells`, charge [clocks, indices], mean [indices]; the arrays are used again.
+    slice of `cells`, charge [clocks, cells], mean [cells]; the arrays are used again.
     """
     converter, timing, drive = plan.converter, plan.timing, plan.drive
     omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz if drive.ripple else 0.0
@@ -323,44 +323,38 @@ def charges_of(
     if converter.inv_i_range_a.any() and converter.gain.all():
         squeeze = converter.inv_i_range_a * np.abs(converter.k * converter.i0_a / converter.gain)
     scratch = np.empty((settle + gate, WIDEST))
-    frame, row, col = cells
-    first = (depth == row) | (lag is None)  # begins with the frame, or remembers nothing
-    for kind in np.unique(2 * depth + first):
-        deep, from_start = int(kind) // 2, bool(kind % 2)
-        chosen = np.flatnonzero(2 * depth + first == kind)
-        for at in range(0, chosen.size, WIDEST):
-            which = chosen[at : at + WIDEST]
-            f, c = frame[which], col[which]
-            before = np.arange(-deep if from_start else -deep - 1, 1)[:, None]
-            r = np.maximum(row[which] + before, 0)
-            per_a = (converter.gain / (converter.k * converter.i0_a))[c]
-            limit_a = (X_INFINITE * converter.k * converter.i0_a)[c]
-
-            sine, cosine = drive.ripple * np.sin(phase[f, r]), drive.ripple * np.cos(phase[f, r])
-            terms = np.stack(
-                [t * per_a for t in _terms(drive, _at(ways, f, r, c), sine, cosine, limit_a)], axis=1
-            )
-            night = None
-            if dark is not None:
-                lights = _dark_terms(_at(dark, f, r, c), drive, limit_a, terms.shape[1])
-                night = np.stack([t * per_a for t in lights], axis=1)
-            slow = None
-            if lag is not None:
-                slow = np.zeros(which.size)
-                if not from_start:
-                    slow[:] = output[f, r[0], c]
-            out, mean = scratch[:, : which.size], np.empty(which.size)
+    per_a, limit_a = (
+        converter.gain / (converter.k * converter.i0_a),
+        X_INFINITE * converter.k * converter.i0_a,
+    )
+    offset, most = converter.i_offset_a / converter.i0_a, converter.drowning()
+    kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
+    edges = [0, *(np.flatnonzero(np.diff(kinds)) + 1).tolist(), kinds.size]
+    for begins, ends in itertools.pairwise(edges):
+        deep, from_start = divmod(int(kinds[begins]), 2)
+        f, row, c = (index[begins:ends] for index in cells)
+        r = np.maximum(row + np.arange(-deep if from_start else -deep - 1, 1)[:, None], 0)
+        sine, cosine = drive.ripple * np.sin(phase[f, r]), drive.ripple * np.cos(phase[f, r])
+        terms = np.stack(_terms(drive, _at(ways, f, r, c), sine, cosine, limit_a[c]), axis=1) * per_a[c]
+        night = slow = None
+        if dark is not None:
+            lights = _dark_terms(_at(dark, f, r, c), drive, limit_a[c], terms.shape[1])
+            night = np.stack(lights, axis=1) * per_a[c]
+        if lag is not None:
+            slow = np.zeros(c.size) if from_start else output[f, r[0], c]
+        offsets, mean = np.full(r.shape, offset[c]), np.empty(c.size)
+        for at in range(0, c.size, WIDEST):
+            out = scratch[:, : c.size - at]
             if out.shape[1] != WIDEST:
                 out = np.empty(out.shape)
-            offset = np.broadcast_to((converter.i_offset_a / converter.i0_a)[c], r.shape).copy()
-            most = converter.drowning()[c]
             for k in range(0 if from_start else 1, r.shape[0]):
                 charge = charges(
-                    k, 0, basis, begin, settle, terms, None, None, None, None, None,
+                    k, at, basis, begin, settle, terms, None, None, None, None, None,
                     None if squeeze is None else squeeze[c], None if lag is None else lag[c],
-                    slow, pause, night, offset, most, out, mean,
+                    slow, pause, night, offsets, most[c], out, mean,
                 )  # fmt: skip
-            yield which, charge, mean
+            block = slice(begins + at, begins + at + out.shape[1])
+            yield block, charge, mean[at : at + out.shape[1]]
 
 
 def glows(plan: Plan) -> bool:

@@ -139,7 +139,7 @@ class Converter:
             for name, default in _arrays(type(self)).items()
             if name not in _STRUCTURE
             and (value := getattr(self, name)) is not _constant(default, self.cols)
-            and (value != default).any()
+            and (value[0] != default or (value != default).any())
         }
         if "inv_gain_dc" not in active and "t_gbw_s" not in active:
             active.discard("g_in_s")  # no voltage across it, no current in it

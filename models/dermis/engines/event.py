@@ -414,6 +414,10 @@ def _fill(rows: Floats, rate: Floats, drive: Floats, weight: Floats, packet: Flo
 
 def _grow(rate: Floats, length: float | Floats) -> Floats:
     """Integral of exp(rate t) over 0..length."""
+    if not np.any(length):
+        return np.zeros_like(rate)
+    if rate.all():
+        return np.expm1(rate * length) / rate
     straight = rate == 0
     return np.where(straight, length, np.expm1(rate * length) / np.where(straight, 1.0, rate))
 
@@ -585,35 +589,21 @@ def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
     converter = columns_of(plan.converter, chosen.col)
     cells = _cells_chosen(plan, chosen, converter)
     walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
-    variance = None
-    if walks:
-        variance = path_variance(converter, chosen.column_s)
+    variance = path_variance(converter, chosen.column_s) if walks else None
     if not active & currents.FIELDS - currents.CAPACITANCES:
         draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
         return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
-    counts = np.empty(chosen.row.size, dtype=np.int64)
+    rows = rows_of(cells, timing.charge_delay_clocks)
+    counts, end = np.empty(chosen.row.size, dtype=np.int64), np.empty(chosen.row.size)
+    draws = Noise(np.zeros((4, chosen.row.size)), chosen.keys) if walks else None
     where = chosen.frame, chosen.row, chosen.col
-    for which, charge, mean in currents.charges_of(
+    for block, charge, mean in currents.charges_of(
         plan, chosen.ways, chosen.dark, chosen.phase, chosen.output, where, chosen.depth
     ):
-        some = Cells(*(value[which] for value in vars(cells).values()))
-        draws = None
-        if walks:
-            rows = noise_rows(converter, mean, variance[which], which)
-            draws = Noise(rows, chosen.keys[which])
-        found, end = np.empty(which.size, dtype=np.int64), np.empty(which.size)
-        rows_here = rows_of(some, timing.charge_delay_clocks)
+        if draws is not None:
+            draws.rows[:, block] = noise_rows(converter, mean, variance[block], block)
         walk_cells(
-            timing.gate_clocks,
-            timing.charge_delay_clocks,
-            None,
-            charge,
-            rows_here,
-            draws,
-            0,
-            which.size,
-            found,
-            end,
-        )
-        counts[which] = found
+            timing.gate_clocks, timing.charge_delay_clocks, None, charge, rows, draws, block.start, block.stop,
+            counts, end,
+        )  # fmt: skip
     return counts

@@ -45,35 +45,35 @@ _MEMORY = 60.0
 
 
 @dataclass
-class Tally:
-    """Influence of an effect in a run: its largest shift and bound in packets, and the cells walked because of it."""
-
-    caused: float = 0.0
-    possible: float = 0.0
-    walked: int = 0
-
-
-@dataclass
 class Table:
-    """Cells decided from the solved currents, decided once their noise was drawn, and walked; each effect's part."""
+    """Cells decided from the solved currents, decided once their noise was drawn, and walked; each effect's part.
 
+    `tally` [bounds.COUNT, 3] is that of `verdicts.verdicts`, `blamed` [bounds.COUNT] counts walked cells by the effect
+    with the largest bound.
+    """
+
+    functions: dict[str, Bounding] = field(default_factory=dict)
     decided: int = 0
     drawn: int = 0
     walked: int = 0
     reason: str = ""
     looseness: list[float] = field(default_factory=list)
-    effects: dict[str, Tally] = field(default_factory=dict)
+    tally: Floats = field(default_factory=lambda: np.zeros((bounds.COUNT, 3)))
+    blamed: NDArray[np.intp] = field(default_factory=lambda: np.zeros(bounds.COUNT, dtype=np.intp))
 
     def as_dict(self) -> dict[str, Any]:
-        """The table for summary.json."""
-        effects = {n: [_finite(t.caused), _finite(t.possible), t.walked] for n, t in self.effects.items()}
+        """The table for summary.json: of each effect the largest shift, the largest error and its walked cells."""
+        tally, blamed = self.tally.tolist(), self.blamed.tolist()
         return {
             "decided": self.decided,
             "level_1": self.drawn,
             "everything": self.walked,
             "reason": self.reason,
             "bound_over_shift": statistics.median(self.looseness or [0.0]),
-            "effects": effects,
+            "effects": {
+                name: [*map(_finite, tally[bound.number][:2]), blamed[bound.number]]
+                for name, bound in self.functions.items()
+            },
         }
 
 
@@ -121,11 +121,10 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         result = event.run(plan, progress)
         result.info["filter"] = Table(walked=result.codes.size, reason=reason).as_dict()
         return result
-    functions = bounding(plan)
-    table = Table(effects={name: Tally() for name in functions})
+    table = Table(bounding(plan))
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     for part in _parts(plan):
-        codes[part] = _Part(plan, part, functions, table).codes()
+        codes[part] = _Part(plan, part, table).codes()
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"filter": table.as_dict()})
@@ -144,18 +143,17 @@ def _parts(plan: Plan) -> list[slice]:
 class _Part:
     """Some frames of a plan: solved, bounded and counted."""
 
-    def __init__(self, plan: Plan, part: slice, functions: dict[str, Bounding], table: Table) -> None:
+    def __init__(self, plan: Plan, part: slice, table: Table) -> None:
         # Loading the compiled loop takes a moment that a scene without it does not need to wait.
         from dermis.engines import verdicts
 
         self.loops = verdicts
-        self.plan, self.part, self.table, self.functions = plan, part, table, functions
+        self.plan, self.part, self.table = plan, part, table
         self.g = plan.conductance_s(part)
         self.active = plan.active_fields()
         self.random = bool(self.active & event.RANDOM)
         self.slow_mirror = "q_mirror_c" in self.active
         self.g_column_s = np.minimum(self.g, G_ACROSS_S).sum(axis=1)
-        self.tally = np.zeros((bounds.COUNT, 3))
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
         self._solve()
 
@@ -172,28 +170,30 @@ class _Part:
             swing_sum = (np.cos(begin) - np.cos(begin + omega * timing.gate_clocks)) / omega
             reach = min(float(timing.gate_clocks), 2.0 / omega)
         dark = self.unsettled = np.zeros((frames, cols))
-        network = plan.network(0)
+        network, driven_v, others_v = (
+            plan.network(0),
+            plan.v_bias_v * (1.0 + abs(drive.ripple)),
+            _largest_v(plan),
+        )
         if self.slow_mirror and currents.glows(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
-            volts = _largest_v(plan) - plan.v_bias_v * (1.0 + abs(drive.ripple))
             side = 2.0 * rows * network.g_lateral_row_s
-            amperes = np.abs(network.i_leak_a).sum() + volts * (self.g_column_s + side)
+            amperes = np.abs(network.i_leak_a).sum() + others_v * (self.g_column_s + side)
             dark = amperes * np.abs(c.gain) / (c.k * c.i0_a)
         self.brisk = True
         if self.active & currents.CAPACITANCES:
             self.brisk = not self.slow_mirror or bounds.brisk(network, c)
-            self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, _largest_v(plan))
+            self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, driven_v + others_v)
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion), self.slow_mirror, plan.topology == "direct",
             self.random,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
-        for bound in self.functions.values():
+        for bound in self.table.functions.values():
             on[bound.number] = bound.factor
         self.columns = bounds.columns(c)
-        moved = np.asarray(plan.of_frames(plan.moved_lsb, self.part), dtype=float)
-        self.moved = np.array(moved, ndmin=3)
+        moved = np.array(plan.of_frames(plan.moved_lsb, self.part), dtype=float, ndmin=3)
         bend = (ways.follows_bend, ways.rest_bend)
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
@@ -205,8 +205,8 @@ class _Part:
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         unsettled = self.unsettled if self.brisk else np.full((frames, cols), np.inf)
         sampled, self.drawn = self.loops.verdicts(
-            self.gate, on, self.columns, self.g_column_s, dark, swing_sum, unsettled, self.moved,
-            *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.tally, ratios,
+            self.gate, on, self.columns, self.g_column_s, dark, swing_sum, unsettled, moved,
+            *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.table.tally, ratios,
         )  # fmt: skip
         if sampled:
             self.table.looseness.append(float(np.sort(ratios[:sampled])[sampled // 2]))
@@ -214,13 +214,12 @@ class _Part:
     def codes(self) -> NDArray[np.unsignedinteger]:
         """Codes of these frames."""
         s, full = self.s, self.plan.timing.code_max
-        self._tally()
         cells = np.nonzero(s.open)
         self.table.decided += s.codes.size - cells[0].size - self.drawn
         self.table.drawn += self.drawn
         if cells[0].size:
             self.table.walked += cells[0].size
-            self._blame(cells)
+            self.table.blamed += np.bincount(s.blame[cells], minlength=bounds.COUNT)
             s.codes[cells] = np.minimum(self._walk(cells), full)
         return s.codes
 
@@ -255,17 +254,18 @@ class _Part:
             for alike, slots in currents.groups(plan, one):
                 found = event.count_frames(plan, alike, slots, self.random)[0]
                 counts[here] = found[0][tuple(index[here] for index in cells[1:])]
-        if not slow:
-            return event.count_chosen(plan, self._chosen(cells, self._depth(cells)))
-        rest = ~np.isin(cells[0], slow)
-        if rest.any():
-            others = tuple(index[rest] for index in cells)
-            counts[rest] = event.count_chosen(plan, self._chosen(others, self._depth(others)))
+        rest = np.flatnonzero(~np.isin(cells[0], slow)) if slow else np.arange(cells[0].size)
+        if rest.size:
+            depth = self._depth(tuple(index[rest] for index in cells))
+            # Alike side by side.
+            order = np.argsort(2 * depth + (depth == cells[1][rest]), kind="stable")
+            rest = rest[order]
+            counts[rest] = event.count_chosen(plan, self._chosen(tuple(i[rest] for i in cells), depth[order]))
         return counts
 
     def _unsettled_frames(self, frames: NDArray[np.intp]) -> list[int]:
         """Frames in which lines that have not settled bring charge that engine event follows."""
-        if not self.active & currents.CAPACITANCES or (self.brisk and np.all(self.unsettled < _SETTLED)):
+        if not self.active & currents.CAPACITANCES or (self.brisk and self.unsettled.max() < _SETTLED):
             return []
         return [int(f) for f in np.unique(frames)]
 
@@ -300,9 +300,10 @@ class _Part:
         settle = self.gate.settle - self.gate.pause
         kappa, offset = self.columns[bounds.KAPPA, cells[2]], self.columns[bounds.OFFSET, cells[2]]
         least = np.maximum(self.s.low[cells] - offset, 0.0)
-        frames = np.unique(cells[0][least * settle <= _MEMORY * kappa])
-        if not frames.size:
+        remembers = least * settle <= _MEMORY * kappa
+        if not remembers.any():
             return None
+        frames = np.unique(cells[0][remembers])
         network = self.plan.network(0)
         if network.r_row_driven_ohm == network.r_row_grounded_ohm:
             return self.ways
@@ -317,27 +318,12 @@ class _Part:
 
         return Course(*(spread(getattr(found, part.name)) for part in fields(Course)))
 
-    def _tally(self) -> None:
-        for name, bound in self.functions.items():
-            tally, (caused, possible, _) = self.table.effects[name], self.tally[bound.number]
-            tally.caused, tally.possible = (
-                max(tally.caused, float(caused)),
-                max(tally.possible, float(possible)),
-            )
-
-    def _blame(self, cells: Cells) -> None:
-        """Count each walked cell for the effect whose bound is the largest there."""
-        many = np.bincount(self.s.blame[cells], minlength=bounds.COUNT)
-        for name, bound in self.functions.items():
-            self.table.effects[name].walked += int(many[bound.number])
-            many[bound.number] = 0
-
 
 def largest(plan: Plan) -> dict[str, float]:
     """Largest error in packets that each effect of a plan may cause in engine closed, 0 where that honours it."""
-    functions = bounding(plan)
-    part = _Part(plan, slice(0, plan.frames), functions, Table())
-    found = {name: float(part.tally[bound.number, 1]) for name, bound in functions.items()}
+    table = Table(bounding(plan))
+    _Part(plan, slice(0, plan.frames), table)
+    found = {name: float(table.tally[bound.number, 1]) for name, bound in table.functions.items()}
     return dict.fromkeys(plan.on, 0.0) | found
 
 
@@ -354,7 +340,7 @@ def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
     if not random and not plan.budget_lsb and not np.any(more_lsb):
         return margin
     for frames in _parts(plan):
-        s = _Part(plan, frames, functions, Table()).s
+        s = _Part(plan, frames, Table(functions)).s
         # Cells with a larger error are walked.
         linear = np.where(s.error <= plan.budget_lsb, s.error, 0.0) + plan.of_frames(more_lsb, frames)
         cells = linear + s.noise + np.sqrt(s.squares) * (sigma / bounds.SIGMAS)
@@ -364,8 +350,7 @@ def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
 
 
 def _largest_v(plan: Plan) -> float:
-    """Largest voltage between any two sources, with those that leaks make."""
+    """Largest voltage between any two sources but drivers, with those that leaks make."""
     net = plan.network(0)
-    offset, lift = net.v_column_offset_v, net.r_column_ohm * net.i_leak_a
-    ranges = [max(float(v.max()), 0.0) - min(float(v.min()), 0.0) for v in (offset, lift)]
-    return plan.v_bias_v * (1.0 + abs(plan.drive.ripple)) + sum(ranges)
+    sources = net.v_column_offset_v.tolist(), (net.r_column_ohm * net.i_leak_a).tolist()
+    return sum(max(*v, 0.0) - min(*v, 0.0) for v in sources)

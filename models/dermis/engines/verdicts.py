@@ -224,8 +224,9 @@ def verdicts(  # type: ignore
                             begin2, end2 = begin, end
                     late = kappa * math.log(end0 / begin0)
                     if end1 != end0 or begin1 != begin0 or end2 != end0 or begin2 != begin0:
-                        above = math.log(end2 / end0 * (begin0 / begin1))
-                        known = kappa * max(above, math.log(end0 / end1 * (begin2 / begin0)))
+                        known = kappa * math.log(
+                            max(end2 * begin0 / (end0 * begin1), end0 * begin2 / (end1 * begin0))
+                        )
                     if u - away < Y_MIN:
                         # A mirror gives no negative current.
                         known += gate.clocks * min(away, abs(u) + away)

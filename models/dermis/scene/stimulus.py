@@ -684,7 +684,7 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
         try:
             if "_" in line:  # float() takes 1_000
                 raise ValueError
-            values.extend([float(cell) for cell in cells])
+            values.extend(map(float, cells))
         except ValueError:
             place, cell = next((i, c) for i, c in enumerate(cells, start=1) if not _is_number(c))
             raise InputError(
