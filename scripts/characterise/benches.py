@@ -317,6 +317,82 @@ def pulse(found: Found, side: str) -> dict[str, float]:
     return {f"pulse_asymmetry.{side}": found["fall"] - found["rise"] - _PULSE_S}
 
 
+# ---- overload ------------------------------------------------------------------------------------------------
+
+# One row, driven by its driver: a taxel that is too strong on column 0, 1 kohm on column 1, and 1 kohm from column to
+# column. The swept source chooses 500 ohm, 100 ohm or a short of 10 mohm.
+OVERLOADS = ("full", "100", "short")
+OVERLOAD = f"""\
+{_LINE}\
+{sky130.bias_current("ibias1")}
+xline1 ibias1 vdd vss bias_line
+vs s 0 0
+vb vb 0 0.5
+vrow logic_row 0 1
+xdriver d_row row vb 0 {RAILS} row_driver
+bstrong row x i = (v(row) - v(x))*(v(s) < 0.5 ? 2m : (v(s) < 1.5 ? 10m : 100))
+rside x x1 1k
+rtaxel row x1 1k
+vy y 0 0
+xconveyor y x z ibias vdd vss conveyor
+xmirror z sum ibias vdd vss mirror_fixed
+vsum sum 0 0
+xconveyor1 y x1 z1 ibias1 vdd vss conveyor
+xmirror1 z1 sum1 ibias1 vdd vss mirror_fixed
+vsum1 sum1 0 0
+.dc vs 0 2 0.1
+"""
+OVERLOAD += "".join(
+    f".meas dc {name}{n} find {what} at={n}\n"
+    for n in range(len(OVERLOADS))
+    for name, what in (("x", "v(x)"), ("row", "v(row)"), ("out", "i(vsum1)"))
+)
+
+
+def overload(found: Found) -> dict[str, float]:
+    """Return the voltage of the column of a strong taxel, and what its neighbour reads more than at 500 ohm."""
+    codes = [found[f"out{n}"] / 25e-6 * 510 for n in range(len(OVERLOADS))]
+    volts = {f"overload_column_v.{name}": found[f"x{n}"] for n, name in enumerate(OVERLOADS)}
+    return volts | {
+        "overload_row_v.short": found["row2"],
+        "overload_neighbour": codes[1] - codes[0],
+        "short_neighbour": codes[2] - codes[0],
+    }
+
+
+# ---- start-up ------------------------------------------------------------------------------------------------
+
+# A bank of its own behind d_enable, which goes high at 1 us: its output feeds the line of a channel.
+START_UP = f"""\
+{_LINE}\
+venable logic_enable 0 pwl(0 0 1u 0 1.01u 1)
+rref_own r_own 0 50k
+xbank vref r_own gate cp vdd vss bias
+xenable d_enable gate {RAILS} power_down
+xout gate cp ibias_own vdd bias_output
+xline_own ibias_own vdd vss bias_line
+xbias_cn_p ibias_own vbp_own vdd vss bias_p
+xbias_cn vbp_own vcn_own vdd vss bias_cascode_n
+xn v_unit ibias_own vss vss nmos w=5 l=2 k=5
+xnc packet vcn_own v_unit vss nmos w=5 l=0.5 k=5
+vpacket packet 0 0
+.save i(vpacket)
+.tran 100n 201u
+.meas tran off find i(vpacket) at=0.9u
+.meas tran end find i(vpacket) at=200u
+.meas tran low when i(vpacket)=-24.75u cross=last
+"""
+
+
+def start_up(found: Found) -> dict[str, float]:
+    """Return the time from enable to 99 % of the current of a packet, and that current off and at the end."""
+    return {
+        "start_up_s": found["low"] - 1e-6,
+        "start_up_off_a": -found["off"],
+        "start_up_error": -found["end"] / 25e-6 - 1.0,
+    }
+
+
 # ---- wires ---------------------------------------------------------------------------------------------------
 
 # Sixteen columns at direct current, each with a bias current of its own. Column 0 has a taxel of 1 kohm and 14 of 500
@@ -849,6 +925,19 @@ _ALL = (
         )
         for wire in ("return", "mid_rail")
     ),
+    Bench(
+        "overload",
+        OVERLOAD,
+        overload,
+        dict.fromkeys((f"overload_column_v.{name}" for name in OVERLOADS), "V")
+        | {"overload_row_v.short": "V", "overload_neighbour": "lsb", "short_neighbour": "lsb"},
+    ),
+    Bench(
+        "start_up",
+        START_UP,
+        start_up,
+        {"start_up_s": "s", "start_up_off_a": "A", "start_up_error": "1"},
+    ),
     Bench("r_x", R_X, r_x, {f"r_x_ohm.f{f}": "ohm" for f in R_X_HZ}),
     *(
         Bench(f"settling_{side}", settling_body(side), partial(settling, side=side), _settling_units(side))
@@ -900,6 +989,7 @@ CODES_A_UNIT: dict[str, float] = {
     # On 16 taxels of 500 ohm, 32 mS.
     "column_offset_v": 16 / 500 / 80 / 25e-6 * 510,
     "settling_lsb": 1.0,
+    "start_up_error": 255.0,
     # A late decision is x packets a clock of 200 ns late.
     "comparator_delay_s": 0.5 / 200e-9,
 }

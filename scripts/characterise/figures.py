@@ -87,7 +87,7 @@ def input_resistance(outcomes: Outcomes, path: Path) -> None:
         for c, o in _of(outcomes, "r_x").items()
     }
     _corner_lines(axes, lines)
-    axes.axhline(verdict.limit("sky130.conveyor_r_x_ohm").max, color=GREY, linestyle="--", linewidth=1)
+    axes.axhline(verdict.limit("sky130.conveyor_r_x_ohm.k80").max, color=GREY, linestyle="--", linewidth=1)
     if lines:
         axes.set_xscale("log")
         axes.set_yscale("log")

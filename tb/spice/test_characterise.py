@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from dermis.chip.sky130 import CORNERS
 from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
+from dermis.scene.extracted import CIRCUIT
 from scripts.characterise import benches, command, results, run_all, runs
 from scripts.characterise.benches import BENCHES, Bench, Condition, deck
 from scripts.characterise.command import characterise_command, chosen, jobs_of
@@ -410,7 +412,7 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     monkeypatch.setattr(docs, "FIGURES", build)
     docs.DOCS.write_text(f"before\n{docs.BEGIN}\nold\n{docs.END}\nafter\n")
     made = Runs([])
-    for n, value in ((None, 0.001), (1, 0.004), (2, -0.03), (3, 0.06)):
+    for n, value in ((None, 0.001), (1, 0.004), (2, -0.03), (3, 0.08)):
         place = Condition(sample=n)
         units = BENCHES["vfc_sink"].units
         made.outcomes[Job("vfc_sink", place)] = run_all.Outcome(dict.fromkeys(units, value))
@@ -425,10 +427,38 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     text = docs.DOCS.read_text()
     assert text.startswith("before\n")
     assert (
-        "| mismatch.packet_error.sink | -0.03 | 0.001 | 0.06 | -0.05 .. 0.05 | 1 | FAIL | `--at tt,27,1 --sample 3` |"
+        "| mismatch.packet_error.sink | -0.03 | 0.001 | 0.08 | -0.075 .. 0.075 | 1 | FAIL | `--at tt,27,1 --sample 3` |"
         in text
     )
     assert "| r_x_ohm.f100 |  |  |  |  | ohm | ERROR |  |" in text
     assert {path.name for path in build.glob("characterise_*.png")} == {
         f"characterise_{name}.png" for name in figures.FIGURES
     }
+
+
+# ---- seeded faults ----------------------------------------------------------------------------------------------
+
+
+def with_fault(tmp_path: Path, file: str, old: str, new: str) -> Path:
+    blocks = tmp_path / "faulty"
+    shutil.copytree(CIRCUIT, blocks)
+    text = (blocks / file).read_text()
+    assert text.count(old) == 1
+    (blocks / file).write_text(text.replace(old, new))
+    return blocks
+
+
+@pytest.mark.parametrize(
+    ("bench", "quantity", "fault"),
+    [
+        ("overload", "overload_neighbour", ("conveyor.sp", "pmos w=20 l=0.5 k=50", "pmos w=20 l=0.5 k=5")),
+        ("start_up", "start_up_s", ("bias.sp", "cap_mim_m3_1 w=100 l=100", "cap_mim_m3_1 w=500 l=500")),
+    ],
+)
+def test_a_wrong_device_moves_the_quantity(
+    bench: str, quantity: str, fault: tuple[str, str, str], tmp_path: Path
+) -> None:
+    body, values = BENCHES[bench].body, BENCHES[bench].values
+    right = values(runs.measured(body, Condition()))[quantity]
+    wrong = values(runs.measured(body, Condition(), blocks=with_fault(tmp_path, *fault)))[quantity]
+    assert wrong > 2 * right > 0
