@@ -52,24 +52,22 @@ class Targets(BaseModel):
     rows: int | None = _whole("rows of the array", ge=1, le=1024)
     cols: int | None = _whole("columns of the array, one converter each", ge=1, le=1024)
     frame_s: float | None = _value("time of one frame in s", gt=1e-9, lt=1e6)
-    frame_rate_hz: float | None = _value("frames a second, instead of frame_s", gt=1e-6, lt=1e9)
+    frame_rate_hz: float | None = _value("frames per second, instead of frame_s", gt=1e-6, lt=1e9)
     bits: int | None = _whole("bits of a code", ge=1, le=16)
-    settle_fraction: float | None = _value("least part of a row slot kept for settling", ge=0, lt=1)
+    settle_fraction: float | None = _value("smallest share of a row slot for settling", ge=0, lt=1)
     r_min_ohm: float | None = _value("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
     r_max_ohm: float | None = _value("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
     force_max_n: float | None = _value("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
-    force_min_n: float | None = _value("least force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
+    force_min_n: float | None = _value("lowest force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
     k_force_n_ohm: float | None = _value("force times resistance in N.ohm", gt=1e-9, lt=1e15)
-    i_sensor_a: float | None = _value("most current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
+    i_sensor_a: float | None = _value("largest current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
     v_bias_v: float | None = _value("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
     c_int_f: float | None = _value("integration capacitor in F", gt=1e-18, lt=1)
-    packet_v: float | None = _value(
-        "swing: most that one packet may move the integrator, in V", gt=1e-9, lt=1e6
-    )
+    packet_v: float | None = _value("largest step of the integrator per packet in V", gt=1e-9, lt=1e6)
     k: int | None = _whole("mirror ratio", ge=1, le=100_000)
     i0_a: float | None = _value("reference current in A", gt=1e-15, lt=10)
-    f_clk_hz: float | None = _value("clock in Hz, when it is given and not sought", gt=1, lt=1e12)
-    gate_clocks: int | None = _whole("gate in clocks, when it is given and not sought", ge=1, le=2**24)
+    f_clk_hz: float | None = _value("clock in Hz; default: computed", gt=1, lt=1e12)
+    gate_clocks: int | None = _whole("gate in clocks; default: computed", ge=1, le=2**24)
     gain_dc: float | None = _value("open-loop gain of the integrator", gt=1, lt=1e12)
     topology: (
         Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
@@ -160,7 +158,9 @@ class Answer:
 
     @property
     def packet_v(self) -> Fraction:
-        """Packet voltage on the integration capacitor; with the direct interface both are k times larger."""
+        """Packet voltage on the integration capacitor; with the direct interface both are k times
+        larger.
+        """
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     @property
@@ -243,7 +243,7 @@ class Answer:
         """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three
         digits.
 
-        dR and dF are what one code stands for there; dF is the same everywhere.
+        dR and dF are the change of one code at that resistance; dF is constant.
         """
         ratio = float(self.r_max_ohm / self.r_min_ohm)
         inner = [
@@ -357,7 +357,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
-    """Return r_min, r_max, K_f; K_f is the sensor's and stays when only one end of the range is named."""
+    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is given."""
     k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
     if targets.k_force_n_ohm is not None:
         k_force = exact(targets.k_force_n_ohm)
@@ -377,7 +377,9 @@ def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fractio
 
 
 def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
-    """Return V_b: given, or from the current, or the design's as far as the sensor's current allows."""
+    """Return V_b: the target, or from the current, or the design's within the sensor's current
+    limit.
+    """
     if targets.v_bias_v is not None:
         return exact(targets.v_bias_v)
     if targets.i_sensor_a is not None:
@@ -413,7 +415,9 @@ def _charge(
 
 
 def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
-    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum (docs/rtl.md)."""
+    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum
+    (docs/rtl.md).
+    """
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
@@ -425,7 +429,7 @@ def _judged(
     source_ohm: Fraction,
     scale: Fraction | int,
 ) -> Answer:
-    """Add the verdict rows, and for each miss the nearest targets that meet it.
+    """Add the verdict rows, and for each missed limit the nearest targets that meet it.
 
     `scale` multiplies c_int_f and i0 T: k for the direct interface, else 1.
     """
@@ -628,8 +632,7 @@ def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list
 @click.command("calc")
 @click.option("--write", is_flag=True, help="Write the answer into models/design.toml.")
 def calc_command(write: bool, **values: Any) -> None:
-    """Size the chip: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and
-    C.
+    """Size the chip: clock, gate, i0, V_b, k and C from the targets given.
 
     Without options it prints the design of models/design.toml. Exit 1: a limit is missed; the
     verdict names the nearest targets that meet it. Exit 2: a target is invalid, or --write was
@@ -647,14 +650,18 @@ def calc_command(write: bool, **values: Any) -> None:
 
 
 def _add_options() -> None:
-    for name, about in reversed(Targets.model_fields.items()):
+    for name, about in Targets.model_fields.items():
         kind: Any = float
         if "int" in str(about.annotation):
             kind = int
         if name == "topology":
             kind = click.Choice(design_module.TOPOLOGIES)
         option = click.option(
-            f"--{name.replace('_', '-')}", name, type=kind, default=None, help=about.description
+            f"--{name.replace('_', '-')}",
+            name,
+            type=kind,
+            default=None,
+            help=f"{about.description[0].upper()}{about.description[1:]}.",
         )
         option(calc_command)
 

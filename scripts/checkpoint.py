@@ -14,13 +14,13 @@ from dermis.engines import batch
 from dermis.files import write_atomic
 from scripts import workers
 
-# Seconds of work that a kill may lose: pieces come many a second, and writing all of them takes
+# Seconds of work that a kill may lose: many pieces end in a second, and writing all of them takes
 # milliseconds.
 _SAVE_S = 5.0
 
 
 def stamp(*folders: Path) -> str:
-    """Return a fingerprint of everything that decides about codes and of the Python files below some folders."""
+    """Return a hash of all sources that affect codes, and of the Python files below some folders."""
     text = hashlib.sha256(batch.fingerprint().encode())
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         text.update(path.name.encode() + path.read_bytes())
@@ -33,9 +33,9 @@ class Checkpoint:
     Parameters
     ----------
     path : Path
-        File of the pieces; another process that reads it sees it whole.
+        File of the pieces; another process never reads it half written.
     stamp : str
-        Fingerprint of everything that the pieces depend on; a file with another stamp is ignored.
+        Hash of everything that the pieces depend on; a file with another stamp is ignored.
     fresh : bool
         Ignore an earlier run.
 
@@ -57,13 +57,15 @@ class Checkpoint:
             return {}
 
     def put(self, name: str, piece: Any, *, now: bool = True) -> None:
-        """Add a piece and write the file, now or with other pieces within seconds (the last ones: `save`)."""
+        """Add a piece and write the file, now or with other pieces within seconds (the last ones:
+        `save`).
+        """
         self.pieces[name] = piece
         if now or time.monotonic() - self._saved > _SAVE_S:
             self.save()
 
     def save(self) -> None:
-        """Write the file, whole or not at all."""
+        """Write the file atomically."""
         write_atomic(self.path, json.dumps({"stamp": self.stamp, "pieces": self.pieces}))
         self._saved = time.monotonic()
 

@@ -191,7 +191,7 @@ def rows(result: Result, modules: Iterable[str]) -> list[dict[str, Any]]:
             elif kind == "line":
                 made.append(verdict.skip(f"coverage.{kind}.{module}", "assignments only"))
             else:
-                made.append(verdict.error(f"coverage.{kind}.{module}", "no run of the top holds it"))
+                made.append(verdict.error(f"coverage.{kind}.{module}", "not in a run of the top"))
         made.append(_share(f"coverage.{kind}.all", total["hit"], total["asked"], total["excluded"]))
     note = "; ".join(f"{e.rule} {e.module}: {e.match}" for e in result.stale)
     made.append(verdict.judge("coverage.stale_exclusions", len(result.stale), note))
@@ -233,7 +233,7 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
     Raises
     ------
     SimulatorError
-        A test failed, and so its counts are no evidence.
+        A test failed, so its counts prove nothing.
     """
     command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
     command += ["-n", "2"]

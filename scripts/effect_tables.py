@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from the engines."""
+"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from
+the engines.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ from dermis.scene.design import TOPOLOGIES, Design
 
 NONE = "-"
 
-# Enough of a scene to write a deck and to build models from: two frames that differ, three rows and columns.
+# The smallest scene for a deck and the models: two different frames, three rows and columns.
 _SIZE = 3
 _CODES = [100, 120]
 
@@ -30,7 +32,7 @@ _DUTY = frozenset({"gain", "i_offset_a", "inv_i_range_a"})
 _NO_BOUND_LSB = 1e6
 
 BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
-"""Scenes for the table of bounds: one at rest, one that moves."""
+"""Scenes for the table of bounds: one constant, one moving."""
 
 
 def _topology(effect: Effect) -> str:
@@ -40,7 +42,8 @@ def _topology(effect: Effect) -> str:
 def sample(
     name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
 ) -> Plan:
-    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare scene.
+    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare
+    scene.
 
     Effects that it requires are on in both cases.
     """
@@ -88,7 +91,9 @@ def _value(value: Any) -> str:
 
 
 def deck(name: str) -> str:
-    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing elements."""
+    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing
+    elements.
+    """
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE
@@ -153,7 +158,7 @@ def meanings(design: Design | None = None) -> str:
             text = effect.meaning + (f" ({'; '.join(more)})" if more else "")
             yield [f"`{effect.name}`", text, parameters(effect.name, design)]
 
-    return _table(["effect", "what it is", "parameters and defaults"], rows())
+    return _table(["effect", "meaning", "parameters and defaults"], rows())
 
 
 def places(_: Design | None = None) -> str:
@@ -195,5 +200,5 @@ def _everything(name: str, design: Design | None) -> Plan:
 def _bound(value: float | None) -> str:
     if value is None:
         return NONE
-    # Below a billionth of an LSB only rounding is left, which differs from processor to processor.
+    # Below a billionth of an LSB the value is rounding, which depends on the processor.
     return "none" if value > _NO_BOUND_LSB else f"{value:.2g}" if value > 1e-9 else "exact"

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proofs of the Verilog: runs the .sby files of rtl/formal, their covers, and the faults that must
+"""Proofs of the Verilog: run the .sby files of rtl/formal, their covers, and the faults that must
 break them.
 
 A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N`, and the tasks
 `cover` and `search`, a search for counterexamples. `quick` is a proof at the small size of `cover`
-and `search`. This module exchanges source files and keeps one theorem at a time; the rest is sby's.
+and `search`. This module replaces source files and selects theorems; sby does the rest.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def run(
     rtl : Path
         Directory of the sources; the checker is always that of this tree.
     where, suffix : str
-        Directory below build/, and a distinction between runs of one task.
+        Directory below build/, and a suffix for runs of one task.
 
     Raises
     ------
@@ -278,7 +278,9 @@ def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> v
 
 
 def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
-    """Return a row per theorem: PASS if proved at every size, FAIL with a counterexample, else ERROR."""
+    """Return a row per theorem: PASS if proved at every size, FAIL with a counterexample, else
+    ERROR.
+    """
     outcomes = [run(proof, task, rtl=rtl, where=where) for task in proof.proves]
     seconds = sum(outcome.seconds for outcome in outcomes)
     limit_s = proof.option("timeout") * len(outcomes)
@@ -292,7 +294,7 @@ def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list
         elif outcome.status == "FAIL" and label in outcome.failed:
             status, note = "FAIL", f"counterexample in {outcome.work.relative_to(ROOT)}/sby; {meaning}"
         elif outcome.status == "FAIL":
-            # The run ended at the first failure, and so proved nothing of the others.
+            # The run ended at the first failure, so the others are undecided.
             note = f"not decided: {', '.join(outcome.failed) or 'another assertion'} failed first"
         rows.append(_row(f"formal.{proof.name}.{label}", seconds, limit_s, status, note))
     if outcome.status == "FAIL" and not set(outcome.failed) & set(proof.theorems):
@@ -344,7 +346,7 @@ def break_it(
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
         status, note = "PASS", f"{fault.breaks} fails"
     elif outcome.status == "PASS":
-        status, note = "FAIL", "the fault is not seen"
+        status, note = "FAIL", "the fault is not detected"
     elif outcome.status == "FAIL":
         status, note = (
             "FAIL",

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gate-level simulation: the tests of the top level on the mapped netlist, in Icarus with the cells of the library."""
+"""Gate-level simulation: the tests of the top level on the mapped netlist, in Icarus with the cells
+of the library.
+"""
 
 from __future__ import annotations
 
@@ -225,7 +227,9 @@ def small_tests() -> list[TopTest]:
 
 
 def whole_tests(size: Size) -> list[TopTest]:
-    """Return the test of codes for the full array; all registers would take Icarus some 100 000 clocks."""
+    """Return the test of codes for the full array; all registers would take Icarus some 100 000
+    clocks.
+    """
     return [_charge_balance(size, 510, 2.5e6)]
 
 
@@ -236,7 +240,9 @@ def top_rows(
     tests: Sequence[TopTest],
     limit_s: float = RUN_LIMIT_S,
 ) -> list[Row]:
-    """Judge the tests of the top on the netlist: failures, and reports that differ from those of the Verilog."""
+    """Judge the tests of the top on the netlist: failures, and reports that differ from those of
+    the Verilog.
+    """
     designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
     failed: list[str] = []
     unlike: list[str] = []
@@ -259,7 +265,7 @@ def top_rows(
 
 
 def gate_level(technology: Technology, size: Size) -> list[Row]:
-    """Run every test of the top on a small netlist; compare pins, codes and registers of the whole one."""
+    """Run every test of the top on a small netlist; compare pins, codes and registers at full size."""
     rows: list[Row] = []
 
     def small() -> list[Row]:
@@ -286,14 +292,22 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 
 
 @click.command("gl")
-@click.option("--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library.")
-@click.option("--rows", type=click.IntRange(1, 128), help="Default: models/design.toml.")
-@click.option("--cols", type=click.IntRange(1, 128), help="Default: models/design.toml.")
+@click.option(
+    "--tech",
+    type=click.Choice([*TECHNOLOGIES, "both"]),
+    default="both",
+    show_default=True,
+    help="Cell library.",
+)
+@click.option("--rows", type=click.IntRange(1, 128), help="Rows of the array; default: models/design.toml.")
+@click.option(
+    "--cols", type=click.IntRange(1, 128), help="Columns of the array; default: models/design.toml."
+)
 @click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
 @click.option("--docs", is_flag=True, help=f"Also write the table of {DOCS}.")
 @children.ending()
 def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
-    """Run the tests of the top on the mapped netlist against the Verilog; write build/gl.json."""
+    """Compare the mapped netlist with the Verilog in the tests of the top; write build/gl.json."""
     if docs and (tech != "both" or rows is not None or cols is not None or sync_latch):
         raise InputError("command line", "--docs", "with a choice", "a whole run")
     base = default_size()

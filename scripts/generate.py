@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
+"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE,
+Python, C, docs.
 
 ``check`` compares the files of the tree with the generated text and shows each difference.
 """
@@ -50,7 +51,9 @@ def verilog_header(design: Design) -> str:
 
 
 def spice_params(design: Design) -> str:
-    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key = value``."""
+    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key =
+    value``.
+    """
     lines = [f"* {HEADER}", f"* Every design value as a parameter, named section_key. {ORIGIN}"]
     for title, values in (("stored in design.toml", design.stored()), ("derived", design.derived())):
         lines.append(f"* {title}")
@@ -80,7 +83,9 @@ def front_end_file(design: Design) -> str:
 
 
 def array_file(design: Design) -> str:
-    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as parameters."""
+    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as
+    parameters.
+    """
     rows, cols = design.array.rows, design.array.cols
     text = [
         f"* {HEADER}",
@@ -134,7 +139,8 @@ def range_table(design: Design, _root: Path) -> str:
     return "\n".join(lines)
 
 
-# Targets of each kind: the paper's, a larger array, another sensor, more bits, and three that cannot be met.
+# Targets of each kind: the paper's, a larger array, another sensor, more bits, and three that
+# cannot be met.
 EXAMPLES: tuple[dict[str, Any], ...] = (
     {},
     {"rows": 32, "cols": 32, "frame_rate_hz": 200.0},
@@ -204,7 +210,8 @@ def _with_tables(path: str, text: str, design: Design, root: Path) -> str:
     return text
 
 
-# Hand-written files with one value of the design in them: {path: pattern whose first group is the clock period in ns}.
+# Hand-written files with one value of the design in them: {path: pattern whose first group is the
+# clock period in ns}.
 PERIODS = {
     "rtl/synth/dermis.sdc": r"set clk_period ([\d.e+-]+)",
     "rtl/harden/config.json": r'"CLOCK_PERIOD": ([\d.e+-]+)',
@@ -222,7 +229,8 @@ def _with_period(path: str, text: str, design: Design) -> str:
 def generate_all(root: Path = ROOT) -> dict[str, str]:
     """Return every generated file as ``{path from the root: text}``.
 
-    Only the tables of a page and the clock period of a constraint file are generated; the rest of these is kept.
+    Only the tables of a page and the clock period of a constraint file are generated; the rest of
+    these is kept.
     """
     design = design_module.load(root / "models" / "design.toml")
     files = {
@@ -283,7 +291,9 @@ def check(root: Path = ROOT) -> list[verdict.Row]:
 @click.command("generate")
 @click.option("--check", "only_check", is_flag=True, help="Write nothing; fail if a file is out of date.")
 def generate_command(only_check: bool) -> None:
-    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and tables in docs."""
+    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and
+    tables in docs.
+    """
     if only_check:
         rows = check()
         verdict.write_rows("gen-check", rows)

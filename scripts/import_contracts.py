@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A contract for import-linter: no circle of imports between the modules of a package, type imports included."""
+"""A contract for import-linter: no import cycle between the modules of a package, type imports
+included.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,14 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 class NoCircles(Contract):
-    """No module imports itself through others; import-linter's own contract judges whole folders only."""
+    """No import cycles between modules; the contract of import-linter checks whole folders only."""
 
     type_name = "no_circles"
 
     packages = fields.ListField(subfield=fields.StringField())
 
     def check(self, graph: Any, verbose: bool) -> ContractCheck:
-        """Look for one circle in each package."""
+        """Find an import cycle in each package."""
         circles = []
         for package in self.packages:
             modules = {name for name in graph.modules if name == package or name.startswith(f"{package}.")}
@@ -29,6 +31,6 @@ class NoCircles(Contract):
         return ContractCheck(kept=not circles, metadata={"circles": circles})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
-        """Print each circle as a chain of imports."""
+        """Print each cycle as a chain of imports."""
         for circle in check.metadata["circles"]:
             output.print_error(" -> ".join(circle))

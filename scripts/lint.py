@@ -25,7 +25,7 @@ WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
 TIME_LIMIT_S = 180.0
 
-# Width arithmetic fails at the ends: one row, column or bit, the shortest slot, no power of two,
+# Width arithmetic fails at extremes: one row, column or bit, the shortest slot, no power of two,
 # the maximum.
 CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "sync_ff": {"SYNC_LATCH": 0},
@@ -99,7 +99,7 @@ def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-
         command = [_tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
         run = _run(command, root)
         finished = out.is_file() and f'"{top}"' in out.read_text()
-    # Without a complaint Icarus prints nothing, so every line counts.
+    # Icarus prints only warnings and errors, so every line counts.
     messages = [line for line in run.output.splitlines() if line.strip()]
     return _row(f"lint.icarus.{name}", run, messages, finished)
 
@@ -115,7 +115,9 @@ def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
 def _yosys(
     name: str, root: Path, read: str, top: str, latches: int | None = None
 ) -> tuple[Row, int | None, dict[str, int] | None]:
-    """Return the row, and with the number of `latches` the bits of memory and the cells by type of the flat design."""
+    """Return the row, and with the number of `latches` the bits of memory and the cells by type of
+    the flat design.
+    """
     includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
     sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
     with tempfile.TemporaryDirectory() as scratch:
@@ -179,7 +181,9 @@ def header_values(root: Path = ROOT) -> dict[str, int]:
 
 
 def _lint_file_list(root: Path) -> Row:
-    """Judge that every rtl/*.v is in files.f, holds exactly the module of its name, and is used below the top."""
+    """Judge that every rtl/*.v is in files.f, holds exactly the module of its name, and is used
+    below the top.
+    """
     listed = {path.resolve() for path in rtl_sources(root)}
     found = {path.resolve() for path in (root / "rtl").glob("*.v")}
     text = {path.stem: path.read_text() for path in sorted(found & listed)}
@@ -247,7 +251,9 @@ def lint_wrapper(root: Path = ROOT) -> list[Row]:
 
 
 def lint_models(root: Path = ROOT) -> list[Row]:
-    """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers); rows as `run_lint`."""
+    """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers); rows as
+    `run_lint`.
+    """
     lists = ("-f", FILE_LIST, "-f", MODELS_FILE_LIST)
     alone = ("-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv")
     rows = []

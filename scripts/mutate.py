@@ -3,7 +3,7 @@
 source.
 
 Mutants are changes of source text, not of a netlist: they keep the parameters, so that tests run
-them at every size, and a survivor reads like a mistake.
+them at every size, and a survivor is easy to read.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Mutant:
 
     Attributes
     ----------
-    key : digest of module text and change, so that a result belongs to a source
+    key : hash of module text and change, which ties a result to a source
     what : kind of change
     start, end : characters replaced by `new`
     shown : the line before and after the change
@@ -158,7 +158,9 @@ def _closing(text: str, opening: int) -> int:
 
 
 def mutants(module: str, text: str) -> list[Mutant]:
-    """Return all mutants of the statements of a module; ports, parameters, checks and comments stay."""
+    """Return all mutants of the statements of a module; ports, parameters, checks and comments
+    stay.
+    """
     body = text.index(");\n", text.index("module ")) + 2
     # Comments, declarations and code for simulation only become blanks, which keeps the positions.
     plain = re.sub(r"//[^\n]*", lambda m: " " * len(m.group()), text)
@@ -233,7 +235,9 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 
 
 def judges(module: str, rtl: Path) -> str:
-    """Return a digest of all that judges mutants of a module: tests, proofs, other sources, this file."""
+    """Return a hash of everything that judges mutants of a module: tests, proofs, other sources,
+    this file.
+    """
     block = BLOCKS[module]
     bench = ROOT / "tb" / "rtl"
     files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
@@ -281,7 +285,9 @@ def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
 
 
 def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, bool]:
-    """Return a theorem with a counterexample and True, or a proof that no longer succeeds and False."""
+    """Return a theorem with a counterexample and True, or a proof that no longer succeeds and
+    False.
+    """
     doubt = None
     for name in block.proofs:
         proof = formal.proofs()[name]
@@ -292,7 +298,7 @@ def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, b
             shutil.rmtree(outcome.work, ignore_errors=True)
             if outcome.status == "FAIL":
                 return f"proof {name}.{outcome.failed[0] if outcome.failed else '?'}", True
-        # A timeout is not evidence.
+        # A timeout proves nothing.
         if outcome.status == "UNKNOWN":
             doubt = f"proof {name}, which no longer succeeds"
     return doubt, False
@@ -324,7 +330,7 @@ def control(module: str, rtl: Path) -> float:
     Raises
     ------
     SimulatorError
-        They fail, and so a failure is no evidence against a mutant.
+        They fail, so a failure on a mutant proves nothing.
     """
     work = ROOT / "build" / "mutate" / "work" / f"control_{module}"
     shutil.rmtree(work, ignore_errors=True)
@@ -400,7 +406,9 @@ def _equal_checker(ports: Mapping[str, Mapping[str, Any]], block: Block, module:
 
 
 def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
-    """Return True if module and mutant have equal outputs at all times after a reset; None after a timeout."""
+    """Return True if module and mutant have equal outputs at all times after a reset; None after a
+    timeout.
+    """
     checker = work / "check_equal.v"
     checker.write_text(_equal_checker(_ports(rtl, module, block, work), block, module))
     mutant = work / f"{module}_mutant.v"
@@ -440,12 +448,14 @@ def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str
     said = "; ".join(doubts) or None
     if same is None or any(doubt.startswith("tests") for doubt in doubts):
         return "undecided", said
-    # Different, and its proof no longer succeeds: the proof has noticed it.
+    # Not equivalent, and its proof no longer succeeds: killed by the proof.
     return ("killed", said) if doubts else ("survives", None)
 
 
 def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
-    """Try one mutant; return its fate: stillborn, killed (with the reason), equivalent, survives or undecided."""
+    """Try one mutant; return its fate: stillborn, killed (with the reason), equivalent, survives or
+    undecided.
+    """
     block = BLOCKS[mutant.module]
     work = ROOT / "build" / "mutate" / "work" / mutant.key
     shutil.rmtree(work, ignore_errors=True)
@@ -484,7 +494,9 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
 
 
 def _rate(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
-    """Return the killed share of the mutants that are not equivalent, and the counts; undecided counts as alive."""
+    """Return the killed share of the mutants that are not equivalent, and the counts; undecided
+    counts as alive.
+    """
     count = Counter(result["fate"] for result in results)
     judged = count["killed"] + count["survives"] + count["undecided"]
     by_test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in results)
@@ -504,7 +516,9 @@ BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
 
 
 def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
-    """Return the table of all results and the survivors; `every` is the number of mutants per module."""
+    """Return the table of all results and the survivors; `every` is the number of mutants per
+    module.
+    """
     lines = [
         "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
     ]
@@ -543,13 +557,13 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
 @click.option(
     "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants per module."
 )
-@click.option("--seed", type=int, default=1, show_default=True, help="Seed of the sample.")
+@click.option("--seed", type=int, default=1, show_default=True, help="Random seed of the sample.")
 @click.option(
     "--by",
     type=click.Choice(["proofs", "tests", "both"]),
     default="both",
     show_default=True,
-    help="Judges.",
+    help="Judge by proofs, tests or both.",
 )
 @click.option(
     "--limit",
@@ -578,7 +592,7 @@ def mutate_command(
     rtl: Path | None,
     docs: bool,
 ) -> int:
-    """Seed small faults in the Verilog, which proofs or tests must notice. A new call continues an earlier one."""
+    """Mutate the Verilog; proofs or tests must notice. A new call continues an earlier one."""
     from dermis.report import progress
 
     for name in modules:
@@ -598,7 +612,7 @@ def mutate_command(
     for store in stores.values():
         if store.exists() and not fresh:
             known |= json.loads(store.read_text())
-    # A result belongs to a source and to its judges.
+    # A result is valid for a source and its tests and proofs.
     judged = {name: judges(name, source) for name in chosen}
     known = {key: r for key, r in known.items() if r.get("judges") == judged.get(r["module"])}
     wanted: list[Mutant] = []

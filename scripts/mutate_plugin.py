@@ -20,7 +20,7 @@ def _mutated(root: Path = lint.ROOT) -> list[Path]:
     return [TREE / path.name for path in _sources(root)]
 
 
-# Before any test imports them by name.
+# Before a test imports them by name.
 lint.rtl_sources = _mutated
 hdl.rtl_sources = _mutated
 hdl.BUILD = WORK / "build"

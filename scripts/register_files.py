@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates Verilog, constants for Python and C, and the table in docs from
+"""Generate Verilog, constants for Python and C, and the table in docs from
 rtl/dermis_registers.rdl.
 
 The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters.
@@ -79,7 +79,7 @@ class Entry:
 
 
 class _Quoting(MessagePrinter):
-    """Collects the messages of the compiler for one line."""
+    """Collect the messages of the compiler for one line."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
@@ -172,12 +172,12 @@ def files(design: Design, root: Path) -> dict[str, str]:
 
 
 def _lane_count(entry: Entry) -> str:
-    """How many lanes a word holds, as a Verilog expression."""
+    """Return the number of lanes per word, as a Verilog expression."""
     return "1" if entry.lane_bits == "CODE_BITS" else str(WORD_BITS // int(entry.lane_bits))
 
 
 def _vector(entry: Entry) -> str:
-    """Width of all lanes together, as a Verilog expression."""
+    """Return the width of all lanes together, as a Verilog expression."""
     return entry.lanes if entry.lane_bits == "1" else f"{entry.lane_bits}*{entry.lanes}"
 
 
@@ -188,7 +188,7 @@ def _range(width: int | str) -> str:
 
 
 def _ports(found: list[Entry]) -> Iterator[tuple[str, str, str]]:
-    """(direction, range, name) of every field's port."""
+    """Return (direction, range, name) of every field's port."""
     for kind, direction, suffix in (
         ("value", "output", "_o"),
         ("pulse", "output", "_o"),
@@ -348,7 +348,7 @@ def _list_reset(entry: Entry, part: Part) -> str:
     bit = {0: "0", (1 << WORD_BITS) - 1: "1"}.get(part.reset)
     if bit is None:
         raise InputError(
-            SOURCE, entry.name, part.reset, "a list resets to all 0, all 1 or `verilog`, one lane's"
+            SOURCE, entry.name, part.reset, "reset of a list: all 0, all 1, or `verilog` for one lane"
         )
     return f"{{({_vector(entry)}){{1'b{bit}}}}}"
 
@@ -360,7 +360,7 @@ def _source(entry: Entry, part: Part) -> str:
 
 
 def _lane_loop(entry: Entry, index: str, *statements: str) -> list[str]:
-    """Statements for each lane of a list, done where the address is that of its word."""
+    """Return the statements for each lane of a list, executed at the address of its word."""
     per, width = int(_lane_count(entry)), entry.lane_bits
     shift = per.bit_length() - 1
     if per == 1:
@@ -382,7 +382,9 @@ def _lane_loop(entry: Entry, index: str, *statements: str) -> list[str]:
 
 
 def _constants(found: list[Entry]) -> Iterator[tuple[str, int, int]]:
-    """(name, value, hexadecimal digits) of each address, mask and shift; one field over the whole word has no mask."""
+    """Return (name, value, hexadecimal digits) of each address, mask and shift; a field over the
+    whole word has no mask.
+    """
     for entry in found:
         yield entry.name, entry.address, 2
     for entry in found:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis sim`: whole frames through Verilog and ngspice, every code judged against the exact charge-balance count."""
+"""`dermis sim`: whole frames through Verilog and ngspice, every code judged against the exact
+charge-balance count.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ OUT = ROOT / "build" / "sim"
 
 @dataclass(frozen=True)
 class Case:
-    """One scene of the regression, and through which chip it is read."""
+    """One scene of the regression, with the simulator and synchronizer that read it."""
 
     name: str
     scene: Path
@@ -56,7 +58,7 @@ FIGURES = {
     "triangular_transient.png": "triangular_indenter/transient.png",
     "indenters.png": "indenters.png",
 }
-"""Figures of the documentation, and the files of a run that they are copies of."""
+"""Figures of the documentation, copied from files of a run."""
 
 INDENTERS = {
     "flat": "flat_indenter",
@@ -76,7 +78,7 @@ def frame_file_case(
     path : csv, npy or npz file, see docs/scenes.md
     select : "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20"
     unit : "codes" or "newtons"
-    key : which array of an npz file
+    key : name of the array in an npz file
     rows, cols : taxels of a frame
 
     Raises
@@ -86,7 +88,7 @@ def frame_file_case(
     """
     if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
         raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
-    # A name for every file and way of reading it, so that two runs at once do not share a scene.
+    # The name depends on the file and the options, so that two parallel runs do not share a scene.
     asked = hashlib.sha256(repr((path.resolve(), select, unit, key, rows, cols)).encode()).hexdigest()[:12]
     scene = ROOT / "build" / "frame_files" / f"{path.stem}_{asked}.toml"
 
@@ -153,7 +155,9 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
 
 
 def draw_indenters() -> None:
-    """Draw the paper's Fig. 10 from the middle row of three cases of this run, flat, triangular, cylindrical."""
+    """Draw the paper's Fig. 10 from the middle row of three cases of this run, flat, triangular,
+    cylindrical.
+    """
     lines = {}
     for name, case in INDENTERS.items():
         made = plan.load(SCENES / f"{case}.toml", "cosim")
@@ -208,13 +212,30 @@ def _run(cases: list[Case], plans: list[Plan]) -> tuple[list[Row], bool]:
     "--frames", type=click.Path(path_type=Path), help="Also read this frame file (csv, npy or npz)."
 )
 @click.option(
-    "--select", default="spread", help="Frames of the file: spread (4), all, first, last, or 0,10,20."
+    "--select",
+    default="spread",
+    show_default=True,
+    help="Frames of the file: spread (4 of them), all, first, last, or numbers, 0,10,20.",
 )
-@click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="What the file holds.")
-@click.option("--key", help="Which array of an npz file.")
-@click.option("--rows", type=click.IntRange(1, 256), default=16, help="Rows of a frame of the file.")
-@click.option("--cols", type=click.IntRange(1, 256), default=16, help="Columns of a frame of the file.")
-@click.option("--only", multiple=True, help="Only this case (may be repeated).")
+@click.option(
+    "--unit",
+    type=click.Choice(["codes", "newtons"]),
+    default="codes",
+    show_default=True,
+    help="Unit of the file.",
+)
+@click.option("--key", help="Name of the array in an npz file.")
+@click.option(
+    "--rows", type=click.IntRange(1, 256), default=16, show_default=True, help="Rows of a frame of the file."
+)
+@click.option(
+    "--cols",
+    type=click.IntRange(1, 256),
+    default=16,
+    show_default=True,
+    help="Columns of a frame of the file.",
+)
+@click.option("--only", multiple=True, help="Only this case (repeatable).")
 @click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
 def sim_command(
     frames: Path | None,
@@ -226,7 +247,7 @@ def sim_command(
     only: tuple[str, ...],
     docs: bool,
 ) -> int:
-    """Run the full-array regression: real Verilog, ngspice, every code judged.
+    """Run whole frames through the Verilog and ngspice; judge every code.
 
     Results, figures and waves are in build/sim/CASE, the table in build/sim.json.
     """

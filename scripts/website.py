@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Builds the documentation as a site: the pages of docs/, and pages made from commands, library, design and results."""
+"""Build the documentation as a site: the pages of docs/, and pages made from commands, library,
+design and results.
+"""
 
 from __future__ import annotations
 
@@ -32,21 +34,21 @@ SOURCE, SITE = BUILD / "site_source", BUILD / "site"
 CONFIG = ROOT / "mkdocs.yml"
 LIMIT_S = 300.0
 
-# Rows of the datasheet by section: name of a row, and its meaning. A name without a row of its own stands for those
-# that continue it.
+# Rows of the datasheet by section: name of a row, and its meaning. A name without a row means all
+# rows that begin with it.
 MEASURED: dict[str, dict[str, str]] = {
     "error": {
         "frame.code_error_lsb": "Code error of whole frames, ideal blocks in ngspice",
-        "sky130.chain_code_inl_lsb.k80": "Bend of the code over the range, conveyor and mirror in transistors",
+        "sky130.chain_code_inl_lsb.k80": "Non-linearity of the code, conveyor and mirror in transistors",
         "sky130.chain_gain_error.k80": "Gain error of conveyor and mirror, before calibration",
         "sky130.conveyor_r_x_ohm.k80": "Input resistance of the conveyor",
         "sky130.conveyor_v_offset_v.k80": "Offset of the virtual ground",
         "sky130.mismatch.chain_gain_error.k80": "Gain error by mismatch",
-        "sky130.noise_lsb.full": "Noise of a code at full scale, rms",
-        "sky130.noise_lsb.low": "Noise of a code at the low end, rms",
+        "sky130.noise_lsb.full": "Code noise at full scale, rms",
+        "sky130.noise_lsb.low": "Code noise at the low end, rms",
         "sky130.noise_lsb.packet": "Noise of the packets, rms",
-        "sky130.settling_lsb.low_5mhz": "Error that is left when the gate opens, at the low end",
-        "sky130.settling_lsb.high_5mhz": "Error that is left when the gate opens, at full scale",
+        "sky130.settling_lsb.low_5mhz": "Settling error when the gate opens, at the low end",
+        "sky130.settling_lsb.high_5mhz": "Settling error when the gate opens, at full scale",
     },
     "area": {
         "synth.area_um2.sky130.16x16": "Standard cells of the digital core, 130 nm",
@@ -59,7 +61,7 @@ MEASURED: dict[str, dict[str, str]] = {
         "sky130.supply_channel_a.conveyor_mirror": "Supply current of a channel",
         "sky130.supply_array_a.conveyor_mirror": "Supply current of sixteen channels with their bias",
         "accuracy_chip.energy_nj": "Energy of a conversion, sensor included",
-        "accuracy_chip.energy_per_bit_nj": "Energy of a conversion over its bits",
+        "accuracy_chip.energy_per_bit_nj": "Energy per bit of a conversion",
     },
 }
 
@@ -81,7 +83,7 @@ PINS = {
     "spi_copi_i": "SPI data into the chip",
     "spi_cipo_o": "SPI data out of the chip",
     "spi_cipo_oe_o": "High while spi_cipo_o drives",
-    "frame_ready_o": "A frame waits that has not been read",
+    "frame_ready_o": "A new frame is ready",
 }
 
 
@@ -139,14 +141,16 @@ def _page_rows() -> Iterator[tuple[str, Measured]]:
 
 
 def measured() -> dict[str, Measured]:
-    """Return measured rows by name: those of build/, else those that were recorded in docs/."""
+    """Return measured rows by name, from build/, else as recorded in docs/."""
     return {**dict(_page_rows()), **dict(_build_rows())}
 
 
 def rows_table(section: str) -> str:
-    """Return the measured rows of a section of the datasheet, each with its file and the command behind it."""
+    """Return the measured rows of a section of the datasheet, each with its file and the command
+    behind it.
+    """
     found, limits = measured(), designs.spec()
-    lines = ["| quantity | least | typical | most | unit | limit | read from | measured by |"]
+    lines = ["| quantity | min | typ | max | unit | limit | source | command |"]
     lines += ["|---|--:|--:|--:|---|---|---|---|"]
     for name, meaning in MEASURED[section].items():
         rule = limits.get(name) or limits.get(name.rpartition(".")[0])
@@ -186,12 +190,12 @@ def pins_table() -> str:
     Raises
     ------
     SimulatorError
-        A port has no meaning in `PINS`, or a pin of `PINS` is no port.
+        A port has no meaning in `PINS`, or a pin of `PINS` is not a port.
     """
     text = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
     ports = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", text, re.M)
     if {name for _, _, name in ports} != set(PINS):
-        raise SimulatorError("the pins of scripts/website.py are not the ports of rtl/dermis_top.v")
+        raise SimulatorError("the pins of scripts/website.py differ from the ports of rtl/dermis_top.v")
     lines = ["| pin | direction | width | meaning |", "|---|---|---|---|"]
     for direction, width, name in ports:
         bits = width.replace("-1:0", "") if width else "1"
@@ -263,8 +267,8 @@ def commands_page() -> str:
     lines = ["# Commands", ""]
     lines += ["`dermis NAME` from the checkout or the wheel; `make` lists the targets that call them.", ""]
     lines += ["| exit code | |", "|---|---|", "| 0 | done |", "| 1 | a check missed |"]
-    lines += ["| 2 | the input is wrong: one line with file, key, value and what is allowed |"]
-    lines += ["| 3 | a simulator failed: one line with what it did, and its log |", ""]
+    lines += ["| 2 | the input is wrong: one line with file, key, value and the allowed values |"]
+    lines += ["| 3 | a simulator failed: one line with the failure and the log |", ""]
     programs = set(cli.elsewhere()) - set(cli.LATER)
     context = click.Context(cli.cli)
     for name in cli.cli.list_commands(context):
@@ -328,7 +332,9 @@ DEMO_MARK = "<!-- demo -->"
 
 
 def demo_page(source: Path) -> None:
-    """Put the demo page beside the others and into the first one; where it cannot be built, a line says how."""
+    """Add the demo page and show it on the first page; if it cannot be built, a line gives the
+    reason.
+    """
     if reason := demo.have_compiler():
         shown = f"The demo is not in this build: {reason}."
     else:
@@ -351,12 +357,14 @@ SHOWN_ROWS = 10
 
 
 WRITTEN = re.compile(r"<!-- begin: .*?<!-- end: ", re.S)
-"""What a command has written into a page; the other tables belong to its text."""
+"""Tables that a command wrote into a page; the other tables are part of the text."""
 TABLE = re.compile(r"^\|.*\n\|[-:| ]+\|\n(?:\|.*\n)+", re.M)
 
 
 def shorten_tables(source: Path) -> None:
-    """Leave ten rows of each long table of the result pages, those that missed first, and write all to csv."""
+    """Shorten each long table of the result pages to ten rows, missed limits first; write all rows
+    to csv.
+    """
     (source / "tables").mkdir()
     for name in SHORTENED:
         page = source / f"{name}.md"
@@ -365,7 +373,7 @@ def shorten_tables(source: Path) -> None:
             table[0]
             for part in WRITTEN.findall(text)
             for table in TABLE.finditer(part)
-            if table[0].count("\n") > SHOWN_ROWS + 4  # head, rule, and not for two rows
+            if table[0].count("\n") > SHOWN_ROWS + 4  # two lines of header; a table with two rows more stays
         ]
         for number, table in enumerate(long, 1):
             text = text.replace(table, _shortened(table, source, f"tables/{name}_{number}.csv"))
@@ -380,7 +388,7 @@ def _shortened(table: str, source: Path, file: str) -> str:
         )
     missed = [row for row in rows if {"FAIL", "ERROR"} & {cell.strip() for cell in _cells(row)}]
     shown = [*missed, *(row for row in rows if row not in missed)][:SHOWN_ROWS]
-    first = f", the {len(missed)} that missed first" if missed else ""
+    first = f", the {len(missed)} missed limits first" if missed else ""
     said = f"{len(shown)} of {len(rows)} rows{first}; all are in [{file}]({file})."
     return "\n".join([head, rule, *shown, "", said, ""])
 
@@ -390,7 +398,7 @@ def _cells(line: str) -> list[str]:
 
 
 def write_source(source: Path | None = None) -> None:
-    """Copy docs/ and add the pages and tables of the site alone."""
+    """Copy docs/ and add the generated pages and tables."""
     source = SOURCE if source is None else source
     design = designs.load()
     shutil.rmtree(source, ignore_errors=True)
@@ -423,7 +431,7 @@ def build(write: Callable[[], None] = write_source) -> None:
     Raises
     ------
     SimulatorError
-        A link leads nowhere, or a page is in no menu; the log says which.
+        A link is broken, or a page is in no menu; the log names it.
     """
     write()
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--clean", "-f", CONFIG]

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks with a time limit, each in a worker process: a hang, a crash or a process left behind becomes its outcome."""
+"""Run tasks with a time limit in worker processes; a hang, a crash or a process left behind is an
+outcome.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The end of a task: its value, or in `fault` what went wrong; the seconds it took."""
+    """Outcome of a task: its value or, in `fault`, its failure; the seconds it took."""
 
     value: Any = None
     fault: str = ""
@@ -47,7 +49,7 @@ def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator
 
     Notes
     -----
-    However the iteration ends (its end, `close`, an exception, Ctrl-C, SIGTERM), no process of it stays.
+    No process remains, however the iteration ends (its end, `close`, an exception, Ctrl-C, SIGTERM).
     """
     numbered = enumerate(tasks)
     running: dict[Future[Any], tuple[int, Task]] = {}
@@ -74,7 +76,7 @@ def _outcome(future: Future[tuple[Outcome, list[str]]], task: Task) -> Outcome:
         return Outcome(
             fault=f"crashed: its process ended with {children.ended(error.code)}{_said(error.left)}"
         )
-    except Exception as error:  # the task or its value could not be sent: nothing was measured
+    except Exception as error:  # The task or its value could not be pickled: no measurement.
         return Outcome(fault=f"{type(error).__name__}: {one_line(str(error), 300)}")
     fault = found.fault
     if found.seconds > task.limit_s and not fault:
@@ -95,6 +97,6 @@ def _measured(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outco
         value = function(*arguments)
     except DermisError as error:
         fault = f"{type(error).__name__}: {one_line(str(error), 300)}"
-    except BaseException as error:  # SystemExit too: a task that exits has not measured
+    except BaseException as error:  # SystemExit too: a task that exits has no measurement.
         fault = f"raised {type(error).__name__}: {one_line(str(error), 300)}"
     return Outcome(value, fault, time.perf_counter() - start)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: parses, calls, and turns every end into its exit code (0 done, 1 missed, 2 input, 3 simulator)."""
+"""The command line: parses, calls, and turns every end into its exit code (0 done, 1 missed, 2
+input, 3 simulator).
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ from dermis.errors import DermisError, InputError, SimulatorError, one_line
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 
-# Commands of the package that are loaded only when they are called, so that each command starts quickly.
+# Commands of the package that are loaded only when they are called, so that each command starts
+# quickly.
 LATER = {
     "calibrate": (
         "dermis.report.calibrate",
@@ -48,7 +51,9 @@ LATER = {
     ),
 }
 PROGRAMS = ROOT / "scripts" / "commands.toml"
-"""Commands of the checkout: programs that build or judge the chip. An installed package has none of them."""
+"""Commands of the checkout: programs that build or judge the chip. An installed package has none of
+them.
+"""
 
 
 @functools.cache
@@ -72,7 +77,7 @@ def with_page(name: str, command: click.Command) -> click.Command:
     option = click.Option(
         ["--html"],
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Also write a report page, one file.",
+        help="Also write a report page to this file.",
     )
 
     @functools.wraps(call)
@@ -120,28 +125,36 @@ def cli() -> None:
 @click.argument("scene")
 @click.option(
     "--engine",
-    help="closed, event, rtl or cosim; default: that of the scene, or the cheapest that can do it.",
+    help="closed, event, rtl or cosim; default: the scene's, or the cheapest with all its effects.",
 )
 @click.option("--out", type=click.Path(), help="Directory for results; default build/run/SCENE.")
 @click.option(
-    "--processes", type=click.IntRange(1, 1024), default=1, help="Number of processes for the frames."
+    "--processes",
+    type=click.IntRange(1, 1024),
+    default=1,
+    show_default=True,
+    help="Parallel processes, which share the frames.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Dask cluster for the frames, such as tcp://host:8786.")
 @click.option(
-    "--simulator", type=click.Choice(["icarus", "verilator"]), help="Verilog simulator of rtl and cosim."
+    "--scheduler", metavar="ADDRESS", help="Dask cluster that runs the frames, such as tcp://host:8786."
+)
+@click.option(
+    "--simulator",
+    type=click.Choice(["icarus", "verilator"]),
+    help="Verilog simulator of rtl and cosim; default: verilator for rtl, icarus for cosim.",
 )
 @click.option("--waves", is_flag=True, help="Also write waves.vcd and waves.gtkw (cosim only).")
 @click.option(
     "--views",
     type=click.Choice(["behavioural", "sky130"]),
-    help="View of every SPICE block (cosim only; docs/views.md).",
+    help="SPICE blocks as models or transistors (cosim only; docs/views.md); default: the scene's.",
 )
-@click.option("--certify", is_flag=True, help="Also find certified codes: bounds on the codes of the chip.")
+@click.option("--certify", is_flag=True, help="Also compute certified bounds of every code.")
 @click.option(
     "--check",
     type=click.IntRange(1),
     metavar="TAXELS",
-    help="Compare this many taxels, in whole frames, with a neighbouring engine and a straight line.",
+    help="Also run this number of taxels, in whole frames, in another engine, and compare with it and a straight line.",
 )
 def run(
     scene: str,
@@ -231,14 +244,15 @@ def run(
 
 def main() -> None:
     """Run the command line and exit: 0 done, 1 check missed, 2 wrong input, 3 simulator failed."""
-    # Matrices are small: a second thread of OpenBLAS takes ten times the time. numpy, loaded later, reads this.
+    # Matrices are small: a second thread of OpenBLAS takes ten times the time. numpy, loaded later,
+    # reads this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Place of YoWASP's compiled Yosys, made by set-up; the default is the home directory.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     with children.ending():
         code = _run()
-    # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT and ignores the exit code,
-    # even if the exception was caught. Another exec clears this.
+    # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT and ignores
+    # the exit code, even if the exception was caught. Another exec clears this.
     exec("")
     try:
         sys.stdout.flush()
@@ -252,7 +266,9 @@ def main() -> None:
 
 
 def _run() -> int:
-    """Run the command; return its exit code, with a line on standard error for every one but 0 and 1."""
+    """Run the command; return its exit code, with a line on standard error for every one but 0 and
+    1.
+    """
     try:
         code = cli(standalone_mode=False)
         return code if isinstance(code, int) else 0

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every non-ideality that a scene may switch on: its meaning, its parameters and the record fields that it sets.
+"""Every non-ideality that a scene may switch on: its meaning, its parameters and the record fields
+that it sets.
 
-To add one: a table of parameters, a function from them to record fields, one entry in EFFECTS. Engines and
-decks read the record fields and need nothing else.
+To add one: a table of parameters, a function from them to record fields, one entry in EFFECTS.
+Engines and decks read the record fields and need nothing else.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ class Effect:
     examples : mapping
         By topology: parameters that take the place of those of `example`.
 
-    The parameters of the table carry the rest: meaning, allowed values, example and range (schema.entry).
+    The parameters of the table carry the rest: meaning, allowed values, example and range
+    (schema.entry).
     """
 
     name: str
@@ -106,7 +108,9 @@ class Effect:
     examples: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def example(self, topology: str = "conveyor_mirror") -> dict[str, Any]:
-        """Return parameters that move codes, alone (with `needs`) and among the examples of all effects."""
+        """Return parameters that move codes, alone (with `needs`) and among the examples of all
+        effects.
+        """
         fields = self.table.model_fields
         return {name: fields[name].json_schema_extra["example"] for name in fields} | dict(  # type: ignore[index]
             self.examples.get(topology, {})
@@ -126,7 +130,9 @@ class Effect:
         return (-1,) * (limits["low"] < 0) + (1,) * (limits["high"] > 0)
 
     def draw(self, rng: np.random.Generator, decades: float = 0.0) -> dict[str, float]:
-        """Draw parameters evenly in powers of ten within `range`, or up to `decades` beyond both ends."""
+        """Draw parameters evenly in powers of ten within `range`, or up to `decades` beyond both
+        ends.
+        """
         found = {}
         for name, (low, high) in self.range().items():
             ratio = high / low * 100.0**decades
@@ -705,7 +711,7 @@ EFFECTS: dict[str, Effect] = {
     for e in (
         Effect(
             "lateral",
-            "the sheet conducts sideways: resistors between neighbouring taxels, both ways",
+            "conductance of the sheet: resistors between neighbouring taxels, along rows and columns",
             _Lateral,
             lambda d, t: {"r_ohm": d.array.r_lateral_ohm},
             _lateral,
@@ -714,7 +720,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "row_driver",
-            "on-resistance of the row drivers: the driven row droops, the grounded rows lift",
+            "on-resistance of the row drivers: the driven row droops, the grounded rows rise",
             _RowDriver,
             _row_driver_defaults,
             _row_driver,
@@ -722,18 +728,19 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "pad",
-            "pads and their wires are in series with rows and columns",
+            "resistance of pads and wires in series with rows and columns",
             _Pad,
             lambda d, t: {"r_row_ohm": d.wires.r_pad_row_ohm, "r_column_ohm": d.wires.r_pad_column_ohm},
             _pad,
-            # Columns of the direct interface that give way would move each other by a count: cosim alone takes that.
+            # Columns of the direct interface that give way would move each other by a count: cosim
+            # alone takes that.
             examples={"direct": {"r_row_ohm": 1.0, "r_column_ohm": 0.0}},
             bound=bounds.honoured,
             considered=False,
         ),
         Effect(
             "return",
-            "grounded rows share a return: their current lifts all of them",
+            "common return of the grounded rows: their current raises all of them",
             _Return,
             lambda d, t: {"r_ohm": d.wires.r_return_ohm},
             lambda p, s: Contribution({"r_return_ohm": p.r_ohm}),
@@ -743,7 +750,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "column_input",
-            "input resistance of the columns: the virtual ground gives way",
+            "input resistance of the columns, in series with the virtual ground",
             _ColumnInput,
             lambda d, t: {} if t == "direct" else {"r_ohm": d.conveyor.r_x_ohm},
             lambda p, s: Contribution({"r_column_ohm": p.r_ohm}),
@@ -751,7 +758,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "column_offset",
-            "offset of the virtual ground: every taxel of the column adds its share",
+            "offset of the virtual ground: a current through every taxel of the column",
             _ColumnOffset,
             lambda d, t: {"v_v": d.integrator.v_offset_v if t == "direct" else d.conveyor.v_offset_v},
             lambda p, s: Contribution({"v_column_offset_v": p.v_v}),
@@ -768,7 +775,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "offset_current",
-            "a constant current into every converter",
+            "constant current into every converter",
             _OffsetCurrent,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"i_offset_a": p.i_a}),
@@ -776,7 +783,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "integrator_gain",
-            "finite gain: the input gives way and leaks through what hangs on it (direct: the whole column)",
+            "finite gain: charge leaks through the conductance at the input (direct: the whole column)",
             _IntegratorGain,
             lambda d, t: {"gain_dc": d.integrator.gain_dc, "r_in_ohm": d.integrator.r_in_ohm},
             lambda p, s: Contribution(converter={"inv_gain_dc": 1.0 / p.gain_dc, "g_in_s": 1.0 / p.r_in_ohm}),
@@ -785,7 +792,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "integrator_range",
-            "the output of the integrator stops at its limits, and charge beyond them is lost",
+            "limits of the integrator's output: charge beyond them is lost",
             _IntegratorRange,
             lambda d, t: {"v_max_v": d.integrator.v_out_max_v, "v_min_v": d.integrator.v_out_min_v},
             lambda p, s: Contribution(converter={"v_int_max_v": p.v_max_v, "v_int_min_v": p.v_min_v}),
@@ -802,7 +809,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "comparator_hysteresis",
-            "the comparator answers only half a window past its level",
+            "hysteresis of the comparator: it switches half a window past its level",
             _ComparatorHysteresis,
             lambda d, t: {"v_v": d.comparator.v_hysteresis_v},
             lambda p, s: Contribution(converter={"v_hysteresis_v": p.v_v}),
@@ -810,7 +817,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "comparator_delay",
-            "the synchronizer samples what the comparator saw a while ago",
+            "delay of the comparator before the synchronizer",
             _ComparatorDelay,
             lambda d, t: {"t_s": d.comparator.t_delay_s},
             lambda p, s: Contribution(converter={"t_comp_delay_s": p.t_s}),
@@ -818,7 +825,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "charge_packet",
-            "every packet is too large or too small",
+            "relative error of every packet",
             _ChargePacket,
             lambda d, t: {"packet_error": d.charge.packet_error},
             lambda p, s: Contribution(converter={"packet_error": p.packet_error}),
@@ -826,7 +833,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "preset_error",
-            "the preset misses half a packet",
+            "error of the preset voltage",
             _PresetError,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"preset_error_v": p.v_v}),
@@ -834,7 +841,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "trace",
-            "the lines have resistance: taxels far from driver and column input see less of both",
+            "resistance of the lines, between taxels and to driver and column input",
             _Trace,
             lambda d, t: {"r_row_ohm": d.array.r_trace_row_ohm, "r_column_ohm": d.array.r_trace_column_ohm},
             lambda p, s: Contribution({"r_trace_row_ohm": p.r_row_ohm, "r_trace_column_ohm": p.r_column_ohm}),
@@ -842,7 +849,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "line_capacitance",
-            "lines and taxels have capacitance: what has not settled when the gate opens is counted",
+            "capacitance of lines and taxels: settling that is not complete when the gate opens",
             _LineCapacitance,
             lambda d, t: {
                 "c_row_f": d.array.c_row_f,
@@ -853,13 +860,14 @@ EFFECTS: dict[str, Effect] = {
                 {"c_row_f": p.c_row_f, "c_column_f": p.c_column_f, "c_taxel_f": p.c_taxel_f}
             ),
             needs={"row_driver": {"r_ohm": 1e3}, "column_input": {"r_ohm": 1e3}},
-            # Columns that saturate would move the others by more than a count: engine cosim alone takes that.
+            # Columns that saturate would move the others by more than a count: engine cosim alone
+            # takes that.
             examples={"direct": {"c_row_f": 2e-9, "c_column_f": 0.0, "c_taxel_f": 0.0}},
             bound=bounds.line_capacitance,
         ),
         Effect(
             "mux_leakage",
-            "switches that are off leak into the columns, before the mirror",
+            "leakage of open switches into the columns, before the mirror",
             _MuxLeakage,
             lambda d, t: {"i_a": d.row_driver.i_leak_a},
             lambda p, s: Contribution({"i_leak_a": p.i_a}),
@@ -877,7 +885,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "mirror_lag",
-            "the mirror is slow at low current: it still follows the row before when the gate opens",
+            "slow mirror at low current: a rest of the previous row's current when the gate opens",
             _MirrorLag,
             lambda d, t: {"q_c": d.mirror.q_lag_c},
             lambda p, s: Contribution(converter={"q_mirror_c": p.q_c}),
@@ -886,7 +894,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "range_switch",
-            "the switches that set k take overdrive from the mirror's input at high current",
+            "resistance of the switches that set k: compression at high current",
             _RangeSwitch,
             lambda d, t: {"r_ohm": d.mirror.r_switch_ohm, "v_overdrive_v": d.mirror.v_overdrive_v},
             lambda p, s: Contribution(converter={"inv_i_range_a": p.r_ohm / p.v_overdrive_v}),
@@ -895,7 +903,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "integrator_bandwidth",
-            "finite gain-bandwidth product: the output follows the charge late",
+            "finite gain-bandwidth product: the output lags behind the charge",
             _IntegratorBandwidth,
             lambda d, t: {"gbw_hz": d.integrator.gbw_hz},
             lambda p, s: Contribution(converter={"t_gbw_s": 1.0 / (2.0 * math.pi * p.gbw_hz)}),
@@ -904,7 +912,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "comparator_noise",
-            "every decision is taken at a level of its own",
+            "noise of the decision level",
             _ComparatorNoise,
             lambda d, t: {"v_v": d.comparator.v_noise_v},
             lambda p, s: Contribution(converter={"v_comp_noise_v": p.v_v}),
@@ -913,7 +921,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "metastability",
-            "a crossing too close to a clock edge is seen one clock late, by chance",
+            "metastability: a crossing close to a clock edge may be seen one clock late",
             _Metastability,
             lambda d, t: {"t_aperture_s": d.comparator.t_aperture_s},
             lambda p, s: Contribution(converter={"t_meta_s": p.t_aperture_s}),
@@ -922,7 +930,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "reference_drift",
-            "the reference current drifts with temperature, and every packet with it",
+            "drift of the reference current, and so of every packet, with temperature",
             _ReferenceDrift,
             lambda d, t: {"tc_per_k": d.charge.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(converter={"packet_error": p.tc_per_k * p.delta_k}),
@@ -930,7 +938,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "clock_jitter",
-            "clock edges come early or late: samples move, and packets are wider or narrower",
+            "jitter of clock edges: it moves samples and changes the width of packets",
             _ClockJitter,
             lambda d, t: {"t_s": d.converter.t_jitter_s},
             lambda p, s: Contribution(converter={"t_jitter_s": p.t_s}),
@@ -939,7 +947,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "thermal_noise",
-            "every conductance on a column is a white noise current",
+            "thermal noise current of every conductance on a column",
             _ThermalNoise,
             lambda d, t: {"temperature_c": d.ambient.temperature_c, "factor": d.ambient.noise_factor},
             lambda p, s: Contribution(converter={"kt_noise_j": _kt_j(p.temperature_c) * p.factor}),
@@ -948,7 +956,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "shot_noise",
-            "input and packets are made of electrons",
+            "shot noise of input current and packets",
             _ShotNoise,
             lambda d, t: {},
             lambda p, s: Contribution(converter={"q_shot_c": ELECTRON_C * p.factor}),
@@ -957,7 +965,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "ktc_noise",
-            "the preset leaves the noise of its switch on the capacitor",
+            "sampled noise of the preset switch on the capacitor",
             _KtcNoise,
             lambda d, t: {"temperature_c": d.ambient.temperature_c},
             lambda p, s: Contribution(
@@ -968,7 +976,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "flicker_noise",
-            "the reference wanders slowly: every slot has packets of its own size",
+            "slow noise of the reference: the packet size differs from slot to slot",
             _FlickerNoise,
             lambda d, t: {"relative": d.charge.flicker},
             lambda p, s: Contribution(converter={"packet_flicker": p.relative}),
@@ -977,7 +985,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "supply_ripple",
-            "a sine on the bias of the driven row",
+            "sine on the bias of the driven row",
             _SupplyRipple,
             lambda d, t: {"relative": d.ripple.relative, "frequency_hz": d.ripple.frequency_hz},
             lambda p, s: Contribution(
@@ -991,7 +999,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "motion",
-            "forces change inside a frame and a gate: conductances run straight from frame to frame",
+            "forces change within frame and gate: conductances on straight lines from frame to frame",
             _Motion,
             lambda d, t: {},
             lambda p, s: Contribution(drive={"motion": True}),
@@ -1000,7 +1008,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "sensor_hysteresis",
-            "a taxel conducts more on the way down than on the way up",
+            "hysteresis of a taxel: higher conductance for falling force",
             _SensorHysteresis,
             lambda d, t: {"relative": d.sensor.hysteresis},
             lambda p, s: Contribution(sensor={"hysteresis": p.relative}),
@@ -1009,7 +1017,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "sensor_creep",
-            "a taxel under load conducts more with every decade of time",
+            "creep of a taxel: the conductance grows with every decade of time under load",
             _SensorCreep,
             lambda d, t: {"per_decade": d.sensor.creep_per_decade},
             lambda p, s: Contribution(sensor={"creep_per_decade": p.per_decade}),
@@ -1018,7 +1026,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "sensor_temperature",
-            "the sheet conducts more, or less, when warm",
+            "temperature coefficient of the sheet's conductance",
             _SensorTemperature,
             lambda d, t: {"tc_per_k": d.sensor.tc_per_k, "delta_k": d.ambient.delta_k},
             lambda p, s: Contribution(sensor={"temperature_error": p.tc_per_k * p.delta_k}),
@@ -1027,7 +1035,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect(
             "sensor_spread",
-            "no two taxels are alike",
+            "random factor on the conductance of each taxel",
             _SensorSpread,
             lambda d, t: {"relative": d.sensor.spread},
             lambda p, s: Contribution(sensor={"spread": p.relative}),
@@ -1053,7 +1061,9 @@ class AutoTable(Strict):
 
 
 class ExtractedTable(Strict):
-    """[effects] extracted: what was measured of the chip in transistors, as the effects it amounts to."""
+    """[effects] extracted: what was measured of the chip in transistors, as the effects it amounts
+    to.
+    """
 
     corner: Literal["tt", "ff", "ss", "sf", "fs"] = entry(
         "tt", "Corner of the process", 'one of "tt", "ff", "ss", "sf", "fs"'
@@ -1065,8 +1075,8 @@ class ExtractedTable(Strict):
     )
 
 
-# [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is leaving
-# it out; auto considers what is left out too.
+# [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is
+# leaving it out; auto considers what is left out too.
 EffectsTable: type[Strict] = create_model(
     "EffectsTable",
     __base__=Strict,
@@ -1100,7 +1110,9 @@ EffectsTable: type[Strict] = create_model(
 
 
 def considered(effect: Effect, setting: Setting) -> bool:
-    """Return True if auto considers the effect unnamed: the topology has it and every parameter has a default."""
+    """Return True if auto considers the effect unnamed: the topology has it and every parameter has
+    a default.
+    """
     if not effect.considered or setting.topology not in effect.topologies:
         return False
     filled = effect.table().model_dump() | effect.defaults(setting.design, setting.topology)
@@ -1112,8 +1124,8 @@ def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict
 
     With `auto` that is every effect it considers; the plan then leaves some of them out.
 
-    Raises InputError for an effect the topology does not have, a value without default, lists of a wrong
-    length and values outside what the physics allows.
+    Raises InputError for an effect the topology does not have, a value without default, lists of a
+    wrong length and values outside what the physics allows.
     """
     on: dict[str, Strict] = {}
     for effect in EFFECTS.values():
@@ -1166,9 +1178,9 @@ _LOWEST = {("column_input", "r_ohm"): (0.0, True), ("mirror_ratio", "ratio_error
 def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, file: Any) -> None:
     """Refuse effects that contradict each other, naming both.
 
-    Raises InputError where the levels of the comparator or the preset lie outside the range of the integrator
-    (it would never answer, or answer for ever), where hysteresis reaches the preset, and where errors of the packet
-    leave none together.
+    Raises InputError where the levels of the comparator or the preset lie outside the range of the
+    integrator (it would never answer, or answer for ever), where hysteresis reaches the preset, and
+    where errors of the packet leave none together.
     """
 
     def values(name: str, key: str) -> list[float]:
@@ -1218,9 +1230,9 @@ def check_together(on: Mapping[str, Strict], topology: str, packet_v: float, fil
                 )
 
 
-# Jitter of an edge in clocks. Two edges in a row are 1 apart and move by sqrt(2) of it against each other: at a tenth
-# they keep their order to 7 sigma, once in 1e12 edges; from half a clock on every third pair would change places, and
-# what is counted is no clock any more.
+# Jitter of an edge in clocks. Two edges in a row are 1 apart and move by sqrt(2) of it against each
+# other: at a tenth they keep their order to 7 sigma, once in 1e12 edges; from half a clock on every
+# third pair would change places, and what is counted is no clock any more.
 JITTER_MAX = 0.1
 
 _BELOW_ONE_CLOCK = {("comparator_delay", "t_s"), ("metastability", "t_aperture_s")}

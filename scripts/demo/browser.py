@@ -22,7 +22,7 @@ from dermis.report.verdict import Row
 LIMIT_S = 60
 """Longest wait for a page or a script."""
 
-# No network: the page needs none, and the browser is not to ask for updates of its own.
+# No network: the page needs none, and the browser must not look for updates.
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -47,9 +47,9 @@ def missing() -> str | None:
 def session(
     width: int = 1440, height: int = 1000, dark: bool = False, home: Path | None = None
 ) -> Iterator[Any]:
-    """Yield a WebDriver of a fresh Chromium; its files and processes end with the block.
+    """Yield a WebDriver of a new Chromium; its files and processes end with the block.
 
-    `home` is where downloads go.
+    `home` is the directory of downloads.
     """
     from selenium import webdriver
 
@@ -92,7 +92,9 @@ def visit(driver: Any, page: Path, fragment: str = "") -> None:
 
 
 def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
-    """Return how many codes of the page differ from engine event, for the scene that the page saves."""
+    """Return the number of codes that differ between the page and engine event, for the scene that
+    the page saves.
+    """
     scene = folder / "pressed.toml"
     scene.write_text(driver.execute_script("return demo.toml()"))
     script = "const done = arguments[1]; demo.codes(arguments[0]).then(done)"
@@ -128,7 +130,7 @@ def presses(count: int = 20, seed: int = 0) -> list[str]:
 
 
 def _worker_seconds(driver: Any) -> float | None:
-    """Return the processor time of the worker's thread, None where the system does not tell."""
+    """Return the processor time of the worker's thread, None where the system does not give it."""
     try:
         pids, ticks = _descendants(driver.service.process.pid), 0
         for pid in pids:
@@ -151,9 +153,11 @@ def _descendants(root: int) -> Sequence[int]:
 
 
 def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
-    """Return frames per second of processor time (of wall time where that is not known) and of wall time."""
+    """Return frames per second of processor time (of wall time where that is not known) and of wall
+    time.
+    """
     script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
-    driver.execute_async_script(script, 300)  # the browser's compiler has seen it all by then
+    driver.execute_async_script(script, 300)  # the browser has compiled everything by then
     before = _worker_seconds(driver)
     wall = float(driver.execute_async_script(script, frames))
     after = _worker_seconds(driver)
@@ -161,12 +165,15 @@ def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
 
 
 def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
-    """Return the violations that axe-core finds on the open page, and text smaller than `minimum_px`."""
+    """Return the violations that axe-core finds on the open page, and text smaller than
+    `minimum_px`.
+    """
     import importlib.resources
 
     checker = importlib.resources.files("axe_playwright_python") / "axe.min.js"
     driver.execute_script(checker.read_text())
-    # No preload: axe would fetch style sheets anew, which a browser refuses for files and reports on the console.
+    # No preload: axe would fetch style sheets anew, which a browser refuses for files and reports
+    # on the console.
     violations = driver.execute_async_script("""
       const done = arguments[0];
       axe.run(document, {resultTypes: ["violations"], preload: false}).then((found) => done(found.violations.flatMap(
@@ -210,7 +217,7 @@ def measure(page: Path) -> list[Row]:
 
 
 def ramp_wrong(driver: Any) -> int:
-    """Return how many of the 256 codes are not read from the resistances that mean them."""
+    """Return the number of the 256 codes that differ from those of their resistances."""
     script = """
       const done = arguments[0], d = DESIGN, unit = d.v_bias_v / (d.k * d.i0_a);
       const ohm = Float64Array.from({length: 256}, (_, code) => unit * d.gate_clocks / code);

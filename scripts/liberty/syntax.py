@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Liberty as text: writes a library from tables, and reads one back as nested groups."""
+"""Liberty as text: write a library from tables, and read one as nested groups."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ class Group:
     groups: list[Group] = field(default_factory=list)
 
     def of(self, kind: str, name: str | None = None) -> list[Group]:
-        """The groups inside, of a kind and, if given, of a name."""
+        """Return the groups inside of a kind and, if given, of a name."""
         return [g for g in self.groups if g.kind == kind and (name is None or g.name == name)]
 
     def one(self, kind: str, name: str | None = None) -> Group:
-        """The one group of a kind and name."""
+        """Return the only group of a kind and name."""
         found = self.of(kind, name)
         if len(found) != 1:
             raise KeyError(f"{len(found)} groups {kind} ({name}) in {self.kind} ({self.name})")
         return found[0]
 
     def numbers(self, attribute: str) -> list[float]:
-        """The numbers of an attribute such as index_1 or values, in order."""
+        """Return the numbers of an attribute such as index_1 or values, in order."""
         return [float(word) for word in re.findall(r"[-+.\deE]+", self.attributes[attribute])]
 
     def table(self) -> Table:
-        """The values of a table group, a row for each entry of index_1."""
+        """Return the values of a table group, a row for each entry of index_1."""
         values = self.numbers("values")
         rows = len(self.numbers("index_1"))
         width = len(values) // rows
@@ -67,7 +67,7 @@ def _lines(group: Group, indent: int) -> Iterator[str]:
 
 
 def render(library: Group, comment: Sequence[str]) -> str:
-    """The text of a library with a comment above it."""
+    """Return the text of a library with a comment above it."""
     head = ["/*", *[f" * {line}".rstrip() for line in comment], " */"]
     return "\n".join([*head, *_lines(library, 0)]) + "\n"
 
@@ -142,7 +142,9 @@ def _table(kind: str, template: str, rows: Sequence[float], columns: Sequence[fl
 
 
 def max_capacitance(arcs: Sequence[Mapping[str, Any]]) -> float:
-    """The load, in pF, at which the slowest edge from the fastest input reaches the longest transition allowed."""
+    """Return the load, in pF, at which the slowest edge from the fastest input reaches the longest
+    allowed transition.
+    """
     best = float("inf")
     for arc in arcs:
         for kind in ("rise_transition", "fall_transition"):
@@ -183,7 +185,7 @@ def _storage(how: Sequential) -> Group:
 
 
 def cell_group(cell: Cell, area: float, data: Mapping[str, Any]) -> Group:
-    """The group of a cell.
+    """Return the group of a cell.
 
     Parameters
     ----------
@@ -217,7 +219,7 @@ def cell_group(cell: Cell, area: float, data: Mapping[str, Any]) -> Group:
 def library_group(
     name: str, process: str, temperature: float, voltage: float, sizes: tuple[int, int, int]
 ) -> Group:
-    """A library without cells; sizes: slews, loads, slews of constraint tables."""
+    """Return a library without cells; sizes: slews, loads, slews of constraint tables."""
     library = Group("library", f'"{name}"')
     library.attributes |= {
         "technology": "(cmos)",

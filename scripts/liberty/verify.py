@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds a Liberty file against ngspice: entries of its tables measured again, and whole paths against OpenSTA."""
+"""Compare a Liberty file with ngspice: measure entries of its tables again, and whole paths against
+OpenSTA.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,14 @@ from scripts.liberty.measure import Bench, Corner, Limit, Points
 from scripts.liberty.syntax import Group, Table
 
 SAMPLES = ("nand2_1", "dfxtp_1")
-# A table may cross zero; an error is relative to the value or to this, whichever is larger. A constraint comes from a
-# bisection to 3 ps.
+# A table may cross zero; an error is relative to the value or to this, whichever is larger. A
+# constraint comes from a bisection to 3 ps.
 SMALLEST_NS = {"setup": 0.1, "delay": 0.02}
 STA_LIMIT_S = 60.0
 
 
 def timing(library: Group, name: str, pin: str, related: str, kind: str = "", sense: str = "") -> Group:
-    """The timing group of a cell's pin from another; the first of a type and sense where those are given."""
+    """Return the timing group of a cell's pin from another; the first of a type and sense if given."""
     for group in library.one("cell", PREFIX + name).one("pin", pin).of("timing"):
         words = {key: value.strip('"') for key, value in group.attributes.items()}
         if (
@@ -51,7 +53,7 @@ def _largest(ours: Mapping[str, Table], group: Group, rows: Sequence[int], colum
 
 
 def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> float:
-    """Largest relative error of a library's entries for a cell at a few points measured again.
+    """Return the largest relative error of a cell's entries at a few points measured again.
 
     A flop also has one setup time measured again.
     """
@@ -74,7 +76,7 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
 
 @dataclass(frozen=True)
 class Step:
-    """A cell of a path: the pin it enters by and the values of the others."""
+    """A cell of a path: its input pin and the values of the others."""
 
     name: str
     pin: str
@@ -99,7 +101,7 @@ PATHS: Mapping[str, tuple[Step, ...]] = {
         _S("inv_1", "A", {}),
     ),
 }
-"""Chains whose ends are an input and an output."""
+"""Chains from an input to an output."""
 BETWEEN_FLOPS = PATHS["mixed"][:6]
 FLOP = "dfrtp_1"
 SLEW_NS = 0.1
@@ -123,7 +125,7 @@ def _joined(steps: Sequence[Step], k: int, first: str, last: str) -> dict[str, s
 
 
 def _verilog(steps: Sequence[Step], first: str, last: str) -> list[str]:
-    """Instances of a chain from net `first` to net `last`."""
+    """Return the instances of a chain from net `first` to net `last`."""
     lines = []
     for k, step in enumerate(steps):
         nets = {
@@ -158,7 +160,7 @@ def _found(pattern: str, said: str, directory: Path) -> float:
 
 
 def _chain(bench: Bench, steps: Sequence[Step], first: str, last: str) -> tuple[list[str], list[str]]:
-    """SPICE of a chain: subcircuits of its cells and instances."""
+    """Return the SPICE of a chain: subcircuits of its cells and instances."""
     lines, seen = [], {bench.cell.name}
     calls = []
     for k, step in enumerate(steps):
@@ -187,7 +189,7 @@ def _inverts(steps: Sequence[Step]) -> bool:
 def chain_delays(
     library: Path, corner: Corner, label: str, directory: Path
 ) -> dict[str, tuple[float, float]]:
-    """Delay in ns of a chain for a rising and a falling input: ngspice's and OpenSTA's."""
+    """Return the delays in ns of a chain for a rising and a falling input: ngspice's and OpenSTA's."""
     steps = PATHS[label]
     netlist = ["module path (a, y);", "  input a;", "  output y;"]
     netlist += [f"  wire n{k + 1};" for k in range(len(steps) - 1)]
@@ -216,13 +218,15 @@ def chain_delays(
     for k, edge in enumerate(("rise", "fall")):
         value = values[f"m{k}"]
         if value is None:
-            raise SimulatorError(f"the path {label} does not move", bench.log)
+            raise SimulatorError(f"the output of path {label} does not change", bench.log)
         delays[edge] = (value * 1e9 - start - k * wide, told[k])
     return delays
 
 
 def shortest_period(library: Path, corner: Corner, directory: Path) -> tuple[float, float]:
-    """Shortest clock period in ns of two flops with gates between them: ngspice's, by bisection, and OpenSTA's."""
+    """Return the shortest clock period in ns of two flops with gates between them: ngspice's, by
+    bisection, and OpenSTA's.
+    """
     steps = BETWEEN_FLOPS
     flop = f"{PREFIX}{FLOP}"
     netlist = ["module path (clk, d, q);", "  input clk, d;", "  output q;", "  wire launched, caught;"]
@@ -238,12 +242,12 @@ def shortest_period(library: Path, corner: Corner, directory: Path) -> tuple[flo
 
     bench = Bench(cells.cell(FLOP), corner, directory)
     lines, calls = _chain(bench, steps, "launched", "caught")
-    caught = not _inverts(steps)  # value for the second flop when the first rises
+    caught = not _inverts(steps)  # value for the second flop after a rise of the first
     first = 12.0
     low, high = 0.0, 2 * told
     for _ in range(10):
         middle = (low + high) / 2
-        # A clock for each, so that the edges between the two that count do not run into them.
+        # Each flop has a clock, so that no other edge disturbs the two that count.
         body = [*lines, bench.source("d", False, [(8.0, 0.05)]), *calls]
         for name, time in (("early", first), ("late", first + middle)):
             body.append(bench.source(name, False, [(2.0, SLEW_NS), (6.0, SLEW_NS), (time, SLEW_NS)]))
@@ -262,7 +266,9 @@ def shortest_period(library: Path, corner: Corner, directory: Path) -> tuple[flo
 
 
 def path_errors(library: Path, corner: Corner, directory: Path) -> list[tuple[str, float, str]]:
-    """Relative errors of OpenSTA with a library against ngspice: name of the row, error, and both numbers in words."""
+    """Return the relative errors of OpenSTA with a library against ngspice: row name, error, and a
+    note with both values.
+    """
     found = {
         f"path_error.{corner.process}_{label}_{edge}": both
         for label in PATHS

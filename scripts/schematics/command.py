@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the sheets of spice/schematic with the netlists of spice/sky130, and draws them.
+"""Compare the sheets of spice/schematic with the netlists of spice/sky130, and draw them.
 
-Two comparisons: of devices, nets and parameters by name, and netgen's of the graphs, which ignores names of nets.
+Two comparisons: of devices, nets and parameters by name, and netgen's of the graphs, which ignores
+names of nets.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     result = work / "all.spice"
     result.unlink(missing_ok=True)
     command = ["xschem", "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
-    # Settings of the user must not reach it.
+    # without the user's settings
     home = {"HOME": str(work)}
     children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem", home)
     if not result.is_file():
@@ -77,7 +78,7 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
 
 
 def netgen(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path) -> dict[str, str]:
-    """Return netgen's complaint about each subcircuit that both sides have; none: an empty text."""
+    """Return netgen's report about each subcircuit of both sides; empty if equal."""
     tool("netgen-lvs")
     work.mkdir(parents=True, exist_ok=True)
     names, found = sorted({*text} & {*sheets} - {*DEVICES}), {}
@@ -87,7 +88,8 @@ def netgen(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path)
     (work / "setup.tcl").write_text("permute default\nproperty default\n", encoding="utf-8")
     for name in names:
         pair = [f"{file} {name}" for file in ("text.spice", "sheets.spice")]
-        # Without -blackbox netgen drops the empty boxes of devices whose numbers differ, and finds the rest equal.
+        # Without -blackbox netgen drops the empty boxes of devices whose counts differ, and reports
+        # the rest as equal.
         command = ["netgen-lvs", "-batch", "lvs", *pair, "setup.tcl", f"{name}.log", "-blackbox"]
         code, output = children.output_of(command, LIMIT_S, work)
         results = re.findall(r"^Result: (.*)$", output, re.MULTILINE)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws sheets of xschem as SVG with text that a browser can search.
+"""Draw sheets of xschem as SVG with searchable text.
 
-xschem draws SVG as well, but its letters are strokes, its pins squares and its lines without width.
+The SVG of xschem itself has letters as strokes, pins as squares and lines without width.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def records(path: Path) -> tuple[Record, ...]:
 
 
 class Place(NamedTuple):
-    """A symbol on a sheet; values that it leaves out are those of the symbol's template."""
+    """A symbol on a sheet; omitted values come from the symbol's template."""
 
     drawing: tuple[Record, ...]
     kind: str
@@ -80,14 +80,14 @@ class Place(NamedTuple):
     values: dict[str, str]
 
     def direction(self, x: float, y: float) -> Point:
-        """Return a direction of the symbol as one of the sheet: flipped, then turned clockwise."""
+        """Return a direction of the symbol on the sheet: flipped, then turned clockwise."""
         x = -x if self.flip else x
         for _ in range(self.turns):
             x, y = -y, x
         return x, y
 
     def at(self, x: float, y: float) -> Point:
-        """Return a point of the symbol as one of the sheet."""
+        """Return a point of the symbol on the sheet."""
         dx, dy = self.direction(x, y)
         return self.x + dx, self.y + dy
 
@@ -107,7 +107,9 @@ def places(sheet: Path) -> list[Place]:
 
 
 def _text(record: Record, place: Place) -> tuple[str, list[Point]]:
-    """Return a text and the corners of its box. It is always horizontal; a flip moves it to the other side."""
+    """Return a text and the corners of its box. It is always horizontal; a flip moves it to the
+    other side.
+    """
     said = re.sub(r"@(\w+)", lambda m: place.values.get(m[1], "").strip("{}"), record.fields[0])
     x, y, turns, flip, size = record.numbers(1, 6)
     inner = Place((), "", 0, 0, int(turns), flip == 1, {})

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Netlists as the text of spice/sky130 and as xschem writes them from the sheets, and their differences.
+"""Read netlists of spice/sky130 and of xschem's sheets, and compare them.
 
-Nets, devices and parameters have the same names on both sides, so a plain comparison finds every change.
+Nets, devices and parameters have the same names on both sides, so a plain comparison finds every
+change.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ _TOKEN = re.compile(r"\w+\s*=\s*(?:\{[^}]*\}|\S+)|\S+")
 
 
 class Subckt(NamedTuple):
-    """One subcircuit: pins in order, parameters with defaults, elements, and the port symbols of its sheet.
+    """One subcircuit: pins in order, parameters with defaults, elements, and the port symbols of
+    its sheet.
 
     An element is the words that follow its name (nets, then the model) and its parameters.
     """
@@ -41,7 +43,7 @@ def _value(text: str) -> str:
 
 
 def bits(name: str) -> list[str]:
-    """Return the names of the text for one of a sheet: row[0:15] is row0 ... row15."""
+    """Return the netlist's names for a bus of a sheet: row[0:15] is row0 ... row15."""
     bus = re.fullmatch(r"(\w+)\[(\d+):(\d+)\]", name)
     return [f"{bus[1]}{n}" for n in range(int(bus[2]), int(bus[3]) + 1)] if bus else [name]
 
@@ -70,12 +72,12 @@ def parse(text: str, source: Path) -> dict[str, Subckt]:
         elif here and first[0].isalpha() and first not in here.elements:
             here.elements[first] = plain[1:], pairs
         elif first not in (".include", ".end"):
-            raise InputError(source, "statement", line, "an element or .subckt of a name that is new")
+            raise InputError(source, "statement", line, "an element or .subckt with a new name")
     return found
 
 
 def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
-    """Return an element with every parameter; what it leaves out has the default that the text gives it."""
+    """Return an element with every parameter; omitted ones have the default of the netlist."""
     if name not in subckt.elements:
         return "none"
     words, pairs = subckt.elements[name]
@@ -86,11 +88,11 @@ def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
 
 
 def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict[str, list[str]]:
-    """Return the differences of each subcircuit that either side has; none: an empty list."""
+    """Return the differences of each subcircuit of either side; an empty list if equal."""
     found: dict[str, list[str]] = {
         name: ["no sheet"] for name in text if name not in drawn and name not in DEVICES
     }
-    found |= {name: ["a sheet without text"] for name in drawn if name not in text}
+    found |= {name: ["a sheet without netlist"] for name in drawn if name not in text}
     for name in {*text} & {*drawn}:
         left, right = text[name], drawn[name]
         compared = [
@@ -105,7 +107,9 @@ def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict
 
 
 def plain(netlist: Mapping[str, Subckt], text: Mapping[str, Subckt]) -> str:
-    """Return a netlist for netgen: every parameter, no space in an expression, and each device as an empty box."""
+    """Return a netlist for netgen: every parameter, no space in an expression, and each device as
+    an empty box.
+    """
     devices, cells = {}, []
     below = {name: [words[-1] for words, _ in subckt.elements.values()] for name, subckt in netlist.items()}
     for name in TopologicalSorter(below).static_order():

@@ -21,23 +21,27 @@ from scripts.sweep import curves, transistors
 @click.option(
     "--points",
     type=click.IntRange(8, curves.POINTS_MAX),
-    help="Resistances; default 256, in transistors 8.",
+    help="Number of resistances; default 256, sky130 8.",
 )
 @click.option(
-    "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface; repeatable."
+    "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface (repeatable)."
 )
 @click.option(
     "--view",
     type=click.Choice(["behavioural", "sky130"]),
     default="behavioural",
-    help="View of the SPICE blocks: models or transistors.",
+    show_default=True,
+    help="SPICE blocks as models or transistors.",
 )
 @click.option(
-    "--out", "directory", type=click.Path(), help="Where results go; default build/sweep, build/sweep_sky130."
+    "--out",
+    "directory",
+    type=click.Path(),
+    help="Directory for results; default build/sweep, build/sweep_sky130.",
 )
-@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
+@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
 @click.option(
-    "--physical/--no-physical", default=True, help="Also read through the blocks' physical defaults."
+    "--physical/--no-physical", default=True, show_default=True, help="Also sweep with the physical defaults."
 )
 def sweep_command(
     points: int | None,
@@ -49,8 +53,8 @@ def sweep_command(
 ) -> int:
     """Sweep resistance against frequency, by ngspice and the real Verilog, for the four interfaces.
 
-    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json, in transistors into
-    build/sweep_sky130.json.
+    sweep.csv and the figures go into OUT, the verdict table into build/sweep.json, in transistors
+    into build/sweep_sky130.json.
     """
     name = "sweep" if view == "behavioural" else f"sweep_{view}"
     out = output.prepare(curves.OUT.with_name(name) if directory is None else directory)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws of the converter."""
+"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws
+of the converter.
+"""
 
 from __future__ import annotations
 
@@ -48,13 +50,13 @@ ROWS = 16
 COLS = 16
 PHYSICAL_SHARE = 4
 PHYSICAL_POINTS_MIN = 16
-"""A quarter of the points, but not fewer than this, are also read through physical blocks: one taxel at a time
-takes sixteen times as long."""
+"""A quarter of the points, at least this number, are also read through physical blocks: one taxel
+at a time takes sixteen times as long."""
 
 LEFT_OFF = {
-    "lateral": "needs a neighbour; a point of the sweep is one taxel alone",
+    "lateral": "needs a neighbour; a point of the sweep is a single taxel",
     "integrator_range": "never reached: up to x = 1/2 the charge stays within a packet",
-    "trace": "depends on where a taxel is, and a point of the sweep is a resistance, not a place",
+    "trace": "depends on the position of a taxel, which a point of the sweep does not have",
     "line_capacitance": "the other rows float here and would keep their charge",
     "motion": "nothing moves",
     "return": "the other rows float here, so no current returns",
@@ -64,7 +66,7 @@ LEFT_OFF = {
         name: "changes the resistance that is swept" for name in effects.EFFECTS if name.startswith("sensor_")
     },
 }
-"""Effects that the physical sweep does without, and why."""
+"""Effects that the physical sweep leaves off, with reasons."""
 
 
 # ---- resistances ---------------------------------------------------------------------------------------------
@@ -76,13 +78,13 @@ def resistances(points: int, design: Design) -> Floats:
     Parameters
     ----------
     points : int
-        How many, 8 or more.
+        Number of resistances, 8 or more.
     design : Design
 
     Returns
     -------
     ndarray
-        [points] in ohm: the two ends; up to a quarter where x = c / gate_clocks, where nothing is left to
+        [points] in ohm: the two ends; up to a quarter where x = c / gate_clocks, without
         rounding; an eighth at multiples of V_b / (k i0), where the two laws agree; an eighth within half of
         r_min_ohm above it, densest at its foot, where they differ most; the rest spread over the logarithm.
     """
@@ -95,7 +97,7 @@ def resistances(points: int, design: Design) -> Floats:
     chosen |= {float(n) * unit for n in _spread(multiples, points // 8)}
     chosen |= {low * (1 + float(e)) for e in np.geomspace(2e-4, 0.5, points // 8)}
     chosen = {r for r in chosen if low <= r <= high}
-    # Multiples of the golden ratio fill an interval evenly however many of them are taken.
+    # Any number of multiples of the golden ratio fills an interval evenly.
     step = 0
     while len(chosen) < points:
         step += 1
@@ -104,16 +106,18 @@ def resistances(points: int, design: Design) -> Floats:
 
 
 def _spread(values: Ints, most: int) -> Ints:
-    """At most `most` of some rising whole numbers, about evenly over their logarithm, ends included."""
+    """Return at most `most` of some rising whole numbers, about evenly over their logarithm, ends
+    included.
+    """
     wanted = np.round(np.geomspace(values[0], values[-1], max(most, 2))).astype(np.int64)
     return np.unique(np.clip(wanted, values[0], values[-1]))
 
 
 def in_frames(resistance_ohm: Floats, rows: int, cols: int) -> Floats:
-    """Lay resistances out as frames [frames, rows + 1, cols], row by row; the rest is open.
+    """Arrange resistances as frames [frames, rows + 1, cols], row by row; the rest is open.
 
-    The last row of every frame is open: the packets of a row's last decisions are drawn in the slot after it, and
-    that slot has to be on record.
+    The last row of every frame is open: the packets of a row's last decisions fall into the next
+    slot, and that slot must be recorded.
     """
     rows = min(rows, math.ceil(resistance_ohm.size / cols))
     frames = math.ceil(resistance_ohm.size / (rows * cols))
@@ -130,11 +134,13 @@ def out_of_frames(values: NDArray[Any], points: int) -> NDArray[Any]:
 
 
 def physical_effects(topology: str, design: Design) -> dict[str, Any]:
-    """The [effects] of one taxel read through physical blocks: everything with a default, except LEFT_OFF."""
+    """Return the [effects] of a taxel with physical blocks: every effect with a default, except
+    LEFT_OFF.
+    """
     named: dict[str, Any] = {
         e.name: True for e in effects.EFFECTS.values() if topology in e.topologies and e.name not in LEFT_OFF
     }
-    # Unread rows float, so that each point has its column alone.
+    # Unread rows float, so that each point is alone on its column.
     named["row_driver"] = {"r_ohm": design.row_driver.r_on_ohm, "grounded_r_ohm": math.inf}
     if topology == "direct":
         del named["column_input"]  # no block between column and integrator, so no default
@@ -149,7 +155,9 @@ def make_plan(
     title: str,
     views: str = "behavioural",
 ) -> Plan:
-    """Write a scene and its resistances into `directory`, so that `dermis run` can repeat it, and plan it."""
+    """Write a scene and its resistances into `directory`, so that `dermis run` can repeat it, and
+    plan it.
+    """
     name = f"{topology}{'_physical' if named else ''}"
     lines = [",".join(repr(float(r)) for r in row) for frame in laid_ohm for row in frame]
     write_atomic(directory / f"{name}.csv", "\n".join(lines) + "\n")
@@ -167,7 +175,7 @@ def make_plan(
     return made
 
 
-# ---- how it is read ------------------------------------------------------------------------------------------
+# ---- reading ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +184,9 @@ class Reading:
 
     Attributes
     ----------
-    pulses : times the charge switch closed for a decision of the gate
-    code : what the chip handed over
-    period_clocks : mean distance of the pulses, from the first and the last; NaN below two pulses
+    pulses : number of closings of the charge switch for decisions of the gate
+    code : code of the chip
+    period_clocks : mean pulse spacing, from the first and last pulse; NaN below two pulses
     line_clocks : the same as the slope of a straight line through the times of all pulses
     """
 
@@ -189,7 +197,9 @@ class Reading:
 
 
 def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
-    """Read a plan through the Verilog and ngspice in lock-step, and find the pulses in the recorded trace."""
+    """Read a plan through the Verilog and ngspice in lock-step, and find the pulses in the recorded
+    trace.
+    """
     result = cosim.run(made, on_slots, record=True, work=work)
     charge = [frame for part in result.info["records"] for frame in charge_frames(part, made)]
     pulses, period, line = find_pulses(np.stack(charge), made)
@@ -202,7 +212,9 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 
 
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
-    """Charge switches of a recorded process, one array [clocks, cols] a frame; entry n follows clock edge n + 1."""
+    """Return the charge switches of a recorded process, one array [clocks, cols] per frame; entry n
+    follows clock edge n + 1.
+    """
     frames, timing = len(record["codes"]) // made.rows, made.timing
     words = [int(word, 16) for word in record["trace_charge"]]
     bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
@@ -213,7 +225,7 @@ def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]
 
 
 def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
-    """Count pulses and measure their distance in the gate of every row slot.
+    """Count pulses and measure their spacing in the gate of every row slot.
 
     Parameters
     ----------
@@ -231,8 +243,8 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
     rises = charge.copy()
     rises[:, 1:] &= ~charge[:, :-1]
     for row in range(made.rows - 1):
-        # The switch moves with the second flip-flop, one clock after the first has decided; entry 0 is the clock behind
-        # the first driven row, which comes with the end of the break.
+        # The switch follows the second flip-flop, one clock after the decision; entry 0 is the
+        # clock after the first driven row, which comes with the end of the break.
         first = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks + 1
         gate = rises[:, first : first + timing.gate_clocks]
         if gate.shape[1] != timing.gate_clocks:
@@ -260,13 +272,13 @@ class Curve:
     ----------
     f_clk_hz, gate, code_max : clock, clocks of a gate, full-scale code
     x : duty, V_b / (k i0 R)
-    on_code : x is c / gate, so that nothing is left to rounding
+    on_code : x is c / gate, so there is no rounding
     pulses_charge_balance : exact count of charge balance
     pulses_eq3, period_eq3_clocks : the paper's eq. (3)
     ideal : through ideal blocks
-    physical, physical_at : through physical blocks, and at which of the points; None if not read
+    physical, physical_at : through physical blocks, and the indices of these points; None if not read
     physical_x : duty of `physical` by the array solve and the converter's gains
-    event_code : what the event engine makes of `physical`; None where it does not take the plan
+    event_code : codes of engine event for `physical`; None if it refuses the plan
     """
 
     topology: str
@@ -293,7 +305,7 @@ def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: A
     points = resistance_ohm.size
     x = out_of_frames(made.duty_ideal(), points)
     balance = [vfc.count_rational(unit / Fraction(float(r)), gate) for r in resistance_ohm]
-    clocks = 1 << 40  # so long that the rounding up of the count does not show in the period
+    clocks = 1 << 40  # long enough to make the rounding of the count negligible in the period
     return Curve(
         topology=made.topology,
         f_clk_hz=made.timing.f_clk_hz,
@@ -311,7 +323,9 @@ def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: A
 
 
 def physical_duty(made: Plan, points: int) -> Floats:
-    """Return packets per clock with the effects of a plan except leaks: array currents times converter gains."""
+    """Return packets per clock with the effects of a plan except leaks: array currents times
+    converter gains.
+    """
     currents = array.column_currents(made.network(0), made.conductance_s())
     return out_of_frames(made.converter.duty(currents) / (1.0 + made.converter.packet_error), points)
 
@@ -333,7 +347,7 @@ def judge(curve: Curve) -> list[Row]:
     rows = []
     error = np.abs(ideal.pulses - curve.pulses_charge_balance)
     off = np.flatnonzero(error)
-    # Between two codes the exact answer is a half; how near a point may come to it and still fall either side.
+    # At a rounding step the exact answer is a half: a point this near may fall on either side.
     steps = curve.gate * curve.x[off] + 0.5
     near = np.abs(steps - np.round(steps))
     miscounted = int((ideal.code != np.minimum(ideal.pulses, curve.code_max)).sum())
@@ -378,9 +392,7 @@ def _judge_physical(curve: Curve, reading: Reading, at: Ints) -> list[Row]:
     ]
     key = f"sweep.physical_event_difference_lsb.{name}"
     if curve.event_code is None:
-        rows.append(
-            verdict.skip(key, "the event engine does not take this interface with these effects", "lsb")
-        )
+        rows.append(verdict.skip(key, "engine event refuses this interface with these effects", "lsb"))
     else:
         worst = int(np.abs(reading.code - curve.event_code).max())
         rows.append(verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine"))
@@ -394,7 +406,9 @@ def _largest(values: Floats) -> float | None:
 def straight_line(
     curve: Curve, reading: Reading, at: Ints | None = None
 ) -> tuple[float, float, float] | None:
-    """Fit gate f / f_clk = gain (gate x) + offset; return gain, offset and largest residual, or None below three."""
+    """Fit gate f / f_clk = gain (gate x) + offset; return gain, offset and largest residual, or
+    None below three.
+    """
     x = curve.gate * (curve.x if at is None else curve.x[at])
     counts = curve.gate / reading.line_clocks
     good = np.isfinite(counts)
@@ -418,7 +432,9 @@ def judge_laws(curves: Sequence[Curve]) -> Row:
 
 
 def plain_ngspice(work: Path) -> list[Row]:
-    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an XSPICE flip-flop."""
+    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an
+    XSPICE flip-flop.
+    """
     name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
     if shutil.which("ngspice") is None:
         reason = "no ngspice on the path"
@@ -446,9 +462,11 @@ def plain_ngspice(work: Path) -> list[Row]:
     eq3 = int(vfc.count_restarting(x, clocks))
     laws = f"{ohm} ohm, {clocks} clocks: charge balance {balance}, eq. (3) {eq3}"
     return [
-        verdict.report(name, round(pulses), "pulses", f"{laws}; batch ngspice, flip-flop of its own"),
+        verdict.report(name, round(pulses), "pulses", f"{laws}; batch ngspice with its own flip-flop"),
         verdict.judge(
-            judged, abs(pulses - balance), f"measured {pulses:.6g}, the last pulse cut by the end{retried}"
+            judged,
+            abs(pulses - balance),
+            f"measured {pulses:.6g}, the last pulse cut off by the end{retried}",
         ),
     ]
 
@@ -530,7 +548,7 @@ EQ3 = {"color": figures.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f 
 
 
 def _laws(curve: Curve, low_ohm: float, high_ohm: float) -> tuple[Floats, Floats, Floats]:
-    """Resistances, and frequencies in hertz of both laws, close enough for the steps to look like steps."""
+    """Return resistances, and frequencies of both laws in Hz, dense enough to show the steps."""
     unit = float(curve.x[0] * curve.resistance_ohm[0])
     ohm = np.geomspace(low_ohm, high_ohm, 20_001)
     clocks = 1 << 40
@@ -549,7 +567,7 @@ def _ticks(axes: Any, low: float, high: float) -> None:
 
 
 def _shares(across: Floats, among: int, most: int, scale: Callable[[Any], Any]) -> list[Ints]:
-    """Share points evenly along an axis among some curves: all were read at all of them, and would hide each other."""
+    """Divide points evenly along an axis among some curves, which would hide each other."""
     place = scale(across)
     wanted = np.linspace(place.min(), place.max(), most)
     picks = np.unique([int(np.argmin(np.abs(place - w))) for w in wanted])
@@ -608,7 +626,9 @@ def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
 
 
 def code_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw the paper's Fig. 9: code against force, the range near full scale enlarged, and residuals."""
+    """Draw the paper's Fig. 9: code against force, the range near full scale enlarged, and
+    residuals.
+    """
     figure = Figure(figsize=(10, 7.6), layout="constrained")
     (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
     first, ohm = curves[0], curves[0].resistance_ohm
@@ -651,7 +671,7 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
     foot.set_ylim(0.3 * first.gate, 0.52 * first.gate)
     foot.set_xlabel("resistance of the taxel R / ohm")
     foot.set_ylabel("code")
-    foot.set_title(f"Where the laws part: just above {low:g} ohm", fontsize=10)
+    foot.set_title(f"Difference of the laws just above {low:g} ohm", fontsize=10)
 
     steps = first.gate * first.x
     for curve, at in zip(curves, _shares(steps, len(curves), 120, np.asarray), strict=True):
@@ -695,7 +715,7 @@ def run(
     ----------
     topologies : names of dermis.scene.design.TOPOLOGIES
     points : resistances in the sweep
-    out : where scenes, logs and, of a run that failed, decks go
+    out : directory for scenes, logs and the decks of a failed run
     physical : read some of the points through physical blocks as well
 
     Returns
@@ -728,7 +748,7 @@ def run(
 
             made, work = plans[key], out / "work" / f"{key[0]}{'_physical' if key[1] else ''}"
             reading = read(made, at.size if key[1] else points, on_slots, work)
-            shutil.rmtree(work)  # a run that went well can be repeated from its scene
+            shutil.rmtree(work)  # a successful run can be repeated from its scene
             return reading
 
         futures: dict[tuple[str, bool], Future[Reading]] = {key: pool.submit(one, key) for key in plans}
@@ -742,7 +762,7 @@ def run(
             pool.shutdown(wait=False, cancel_futures=True)
             cosim.end_all()
             raise
-    with contextlib.suppress(OSError):  # not empty: a run that failed
+    with contextlib.suppress(OSError):  # not empty: a failed run
         (out / "work").rmdir()
     curves: list[Curve] = []
     rows: list[Row] = []

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis sweep --view sky130`: frequency against resistance through channels in transistors, and the line through it.
+"""`dermis sweep --view sky130`: frequency against resistance through channels in transistors, and
+the line through it.
 
-Each resistance is a taxel alone: one row and one column, a frame of its own that starts settled. Interfaces that were
-read are kept; a run that was stopped goes on with the others.
+Each resistance is a single taxel: one row, one column and one frame, which starts settled. Finished
+interfaces are kept; an interrupted run continues with the others.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from scripts.sweep import curves as sweep
 from scripts.sweep.curves import Curve, Reading
 
 POINTS = 8
-"""A packet costs some 20 ms, so a point at 500 ohm takes as long as all others together."""
+"""A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""
 
 FIGURE = "sweep_transistors.png"
 
@@ -42,7 +43,7 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
     ----------
     topologies : names of dermis.scene.design.TOPOLOGIES
     points : resistances in the sweep
-    out : where scenes, logs, what is kept and, of a run that failed, decks go
+    out : directory for scenes, logs, kept readings and the decks of a failed run
 
     Returns
     -------
@@ -76,7 +77,7 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
                     failed = True
                     begun += made.frames * made.rows
                     continue
-                shutil.rmtree(work)  # a run that went well can be repeated from its scene
+                shutil.rmtree(work)  # a successful run can be repeated from its scene
                 kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
             begun += made.frames * made.rows
             show(begun)
@@ -87,7 +88,9 @@ def run(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve],
 
 
 def _circuits(made: Plan) -> str:
-    """A hash of the circuits of a plan with ngspice and its models, which the fingerprint of the package leaves out."""
+    """Return a hash of the circuits of a plan, of ngspice and its models, which the hash of the
+    package leaves out.
+    """
     levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
     text = hashlib.sha256()
     for frame in range(made.frames):
@@ -97,16 +100,16 @@ def _circuits(made: Plan) -> str:
 
 
 def _free(reading: Reading) -> Reading:
-    """What was read without the periods of two clocks, where the synchronizer holds the rate whatever flows in."""
+    """Return the readings without those at f_clk/2, where the synchronizer limits the rate."""
     return replace(reading, line_clocks=np.where(reading.line_clocks > 2.0, reading.line_clocks, np.nan))
 
 
 def judge(curve: Curve) -> list[Row]:
-    """Verdict rows of one interface: gain and offset as they are, and how far it is from a straight line."""
+    """Return the rows of one interface: gain, offset, and largest distance from a straight line."""
     name, reading = curve.topology, _free(curve.ideal)
     fit = sweep.straight_line(curve, reading)
     free = np.isfinite(reading.line_clocks)
-    line = f"straight line of f against 1/R, {free.sum()} resistances not held at f_clk/2"
+    line = f"straight line of f against 1/R, {free.sum()} resistances below f_clk/2"
     key = f"sweep.transistor_linearity_lsb.{name}"
     if fit is None:
         return [verdict.error(key, "fewer than three resistances have two pulses", "lsb")]
@@ -119,7 +122,9 @@ def judge(curve: Curve) -> list[Row]:
 
 
 def figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw frequency against resistance beside the law of charge balance, and what is left of a straight line."""
+    """Draw frequency against resistance beside the law of charge balance, and what is left of a
+    straight line.
+    """
     drawing = Figure(figsize=(10, 4.9), layout="constrained")
     whole, rest = drawing.subplots(1, 2)
     ohm = curves[0].resistance_ohm

@@ -168,7 +168,7 @@ def cells(liberty: Path) -> dict[str, Cell]:
     Raises
     ------
     InputError
-        It is no Liberty file, or has no cells.
+        It is not a Liberty file, or has no cells.
     """
     made: dict[str, Cell] = {}
     for group in parse(text_of(liberty, "a Liberty file"), str(liberty)).of("cell"):
@@ -192,7 +192,9 @@ def cells(liberty: Path) -> dict[str, Cell]:
 
 
 def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, float]:
-    """Return the area of every cell in um2, from the LEF where Liberty has 0, as for the latch of osu035."""
+    """Return the area of every cell in um2, from the LEF where Liberty has 0, as for the latch of
+    osu035.
+    """
     found = {name: cell.area_um2 for name, cell in library.items()}
     missing = {name for name, area in found.items() if area <= 0.0}
     if technology.name == "osu035" and missing:

@@ -361,7 +361,9 @@ def verdict_table(rows: Sequence[Row]) -> str:
 
 
 def blocks_table(outcomes: Sequence[Outcome]) -> str:
-    """Return cells, area, flops and latches of every module with its submodules, over all instances."""
+    """Return cells, area, flops and latches of every module with its submodules, over all
+    instances.
+    """
     out = [
         "| library | module | instances | cells | area, um2 | share | flops | latches |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
@@ -395,12 +397,22 @@ def technologies(name: str) -> list[Technology]:
 
 
 @click.command("synth")
-@click.option("--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library.")
-@click.option("--rows", type=click.IntRange(1, 128), help="Default: models/design.toml.")
-@click.option("--cols", type=click.IntRange(1, 128), help="Default: models/design.toml.")
-@click.option("--code-bits", type=click.IntRange(1, 16), help="Default: models/design.toml.")
+@click.option(
+    "--tech",
+    type=click.Choice([*TECHNOLOGIES, "both"]),
+    default="both",
+    show_default=True,
+    help="Cell library.",
+)
+@click.option("--rows", type=click.IntRange(1, 128), help="Rows of the array; default: models/design.toml.")
+@click.option(
+    "--cols", type=click.IntRange(1, 128), help="Columns of the array; default: models/design.toml."
+)
+@click.option("--code-bits", type=click.IntRange(1, 16), help="Bits of a code; default: models/design.toml.")
 @click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
-@click.option("--sizes", is_flag=True, help="Area and highest clocks of 8x8, 16x16, 64x64 and 16x1 instead.")
+@click.option(
+    "--sizes", is_flag=True, help="Map 8x8, 16x16, 64x64 and 16x1 instead; report area and highest clocks."
+)
 @click.option("--no-proof", is_flag=True, help="Skip the equivalence proof.")
 @click.option("--docs", is_flag=True, help=f"Also write the tables of {DOCS}.")
 @children.ending()

@@ -3,12 +3,11 @@
 states.
 
 Both sides become combinational networks: each flop, latch and memory word is cut, its output an
-input of the network, and what drives it an output: data, clock with its edge, set and clear. ABC
-then proves the networks equal, output by output. With equal reset states this is induction over
-time; a clock, an edge or a reset that differs is a difference. State bits are paired by name. A
-pair that optimisation has merged takes part under both names; one that it has found constant takes
-part as that constant. What has no partner is left free on its own side: the proof then holds for
-every value it might have, or fails.
+input of the network, and its data, clock with edge, set and clear become outputs. ABC then proves
+the networks equal, output by output. With equal reset states this is an induction over time.
+Another clock, edge or reset is a difference. State bits are paired by name. If optimisation merged
+bits, both names are compared with the remaining bit; a bit that it replaced by a constant is
+compared as that constant. A bit without a partner is free, so the proof holds for both its values.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ Bit = int | str
 
 @dataclass(frozen=True)
 class Proof:
-    """Outcome of a proof: `proved` None where ABC came to no end.
+    """Outcome of a proof: `proved` is None if ABC did not finish.
 
     Parameters
     ----------
@@ -42,7 +41,7 @@ class Proof:
     state_bits : flops and latches compared
     unpaired : state bits of the Verilog that the netlist does not have, left free
     outputs : outputs of the networks compared
-    said : what ABC said
+    said : output of ABC
     """
 
     proved: bool | None
@@ -176,7 +175,9 @@ class _Network:
         return self.net(bit) if high else self.gate("not", self.net(bit))
 
     def drive(self, key: str, state: _State | None, constant: str) -> list[str]:
-        """Return outputs that describe a state bit completely; a constant is a bit that never changes."""
+        """Return outputs that describe a state bit completely; a constant is a bit that never
+        changes.
+        """
         outputs = [f"{key}.{part}" for part in ("data", "clock", "set", "clear")]
         if state is None:
             for name in outputs:
@@ -227,20 +228,20 @@ def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit
     Parameters
     ----------
     gold, gate : netlists of $_AND_, $_NOT_, flops and latches
-    aliases : JSON with more names of the gate side's state bits, as mapping had them
-    directory : where the networks and ABC's log go
+    aliases : JSON with further names of the gate side's state bits, from mapping
+    directory : directory for the networks and ABC's log
 
     Raises
     ------
     SimulatorError
-        The two have other ports, or ABC failed.
+        The ports differ, or ABC failed.
     """
     left, right = _Side(gold), _Side(gate)
     if left.inputs.keys() != right.inputs.keys() or left.outputs.keys() != right.outputs.keys():
         odd = sorted(
             (left.inputs.keys() ^ right.inputs.keys()) | (left.outputs.keys() ^ right.outputs.keys())
         )
-        raise SimulatorError(f"the netlist has other ports than the Verilog: {odd[0]}", gate)
+        raise SimulatorError(f"the ports of the netlist differ from those of the Verilog: {odd[0]}", gate)
     same_name = _aliases(aliases) if aliases is not None else {}
 
     by_bit = {state.q: state for state in right.states}
@@ -305,7 +306,9 @@ def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit
 
 
 def _stays(a: _Network, b: _Network, key: str, state: _State, constant: str) -> list[str]:
-    """Outputs that are 0 where a state bit of the Verilog never leaves the constant the netlist has in its place."""
+    """Return outputs that are 0 if a state bit of the Verilog never leaves its constant in the
+    netlist.
+    """
     high = constant == "const1"
     set_, clear = a.level(state.set), a.level(state.clear)
     data = a.net(state.d)
@@ -319,7 +322,7 @@ def _stays(a: _Network, b: _Network, key: str, state: _State, constant: str) -> 
 
 
 def _aliases(path: Path) -> dict[str, tuple[str, ...]]:
-    """Other names of the same net, from the netlist before its second names were dropped."""
+    """Return all names of each net, from the netlist with every name."""
     modules = json.loads(path.read_text())["modules"]
     groups: dict[int, list[str]] = {}
     for module in modules.values():
@@ -340,8 +343,8 @@ def _aliases(path: Path) -> dict[str, tuple[str, ...]]:
 def _prove(directory: Path, states: int, unpaired: int, outputs: int, limit_s: float) -> Proof:
     log = directory / "cec.log"
     log.unlink(missing_ok=True)
-    # AIGER keeps the order of inputs and outputs, which is the same on both sides, and has no names
-    # to go by instead. `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
+    # AIGER keeps the order of inputs and outputs, which is equal on both sides, and has no names.
+    # `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
     made = [directory / name for name in ("gold", "gate")]
     steps = [f"read_blif {path}.blif; strash; write_aiger {path}.aig" for path in made]
     steps.append(f"&cec -C 100000 -T {int(limit_s)} {made[0]}.aig {made[1]}.aig")
@@ -373,11 +376,11 @@ def prove(
 
     Parameters
     ----------
-    technology : library of the netlist; its cells mean what Liberty says of them
+    technology : library of the netlist; Liberty gives the functions of its cells
     parameters : of the top level
     netlist : flat Verilog
     aliases : JSON of the same netlist with all its names, None for none
-    directory : where both sides and the logs go
+    directory : directory for both sides and the logs
     top, sources : as for mapping
 
     Raises

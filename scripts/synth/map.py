@@ -83,7 +83,7 @@ class Netlist:
     kinds : instances of each cell type below the top level
     area_um2, flops, latches, unreset : totals
     inferred_latches : latches inferred from the Verilog
-    unmapped : instances that are no cells of the library
+    unmapped : instances that are not cells of the library
     fanout : largest number of inputs on a net other than clock and reset, and that net
     blocks : module name -> totals of all its instances; hierarchical runs only
     """
@@ -125,7 +125,7 @@ def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float 
     Raises
     ------
     SimulatorError
-        It failed, timed out or warned; the message has its first complaint.
+        It failed, timed out or warned; the message has the first line of that.
     """
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
     file.write_text("\n".join(script) + "\n")
@@ -183,7 +183,7 @@ def map_design(
     parameters : of the top level
     directory : output, created if missing
     top : module to synthesise
-    hierarchical : keep the modules, for the cost of each
+    hierarchical : keep the modules, for the area of each
     sources : Verilog files; default rtl/files.f
     black_box_memory : leave dermis_tech_ram out, like a memory macro
     limit_s : time limit of Yosys
@@ -257,7 +257,7 @@ def map_design(
 
 @cache
 def _tools() -> str:
-    """What Yosys says it is, and the ABC it calls, which says nothing of the kind."""
+    """Return the version of Yosys and a hash of its ABC, which has no version."""
     said = subprocess.run(
         [tool("yosys"), "-V"], capture_output=True, text=True, timeout=20, check=False
     ).stdout
@@ -265,7 +265,7 @@ def _tools() -> str:
 
 
 def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
-    """Changes with whatever a netlist depends on."""
+    """Return a hash of everything that a netlist depends on."""
     what = [repr(technology), dict(parameters), _tools()]
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
@@ -284,10 +284,10 @@ def map_once(
     fresh: bool = False,
     limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
-    """As `map_design`, but a netlist made from the same things that lies there already is taken,
-    unless `fresh`.
+    """Return the netlist in `directory` if its inputs are unchanged, else map it; `fresh` always
+    maps.
 
-    Of two processes at the same directory one waits until the other is done.
+    A second process for the same directory waits for the first.
     """
     directory.mkdir(parents=True, exist_ok=True)
     netlist = Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
@@ -312,12 +312,12 @@ def map_once(
 
 
 def _module_name(name: str) -> str:
-    """The name in the Verilog of a module that Yosys renamed for its parameters."""
+    """Return the Verilog name of a module that Yosys renamed for its parameters."""
     return re.sub(r"^\$paramod(\$[0-9a-f]+)?\\", "", name).split("\\", 1)[0]
 
 
 def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> None:
-    """Count what is in a netlist's JSON into the record."""
+    """Count the contents of a netlist's JSON into the record."""
     design = json.loads(netlist.json.read_text())
     own = {
         name: m for name, m in design["modules"].items() if not int(m["attributes"].get("blackbox", "0"), 2)
@@ -394,7 +394,7 @@ def _callers_first(own: Mapping[str, Any], root: str) -> list[str]:
 
 
 def _without_reset(module: Mapping[str, Any], library: Mapping[str, Cell]) -> int:
-    """Flops of a module whose cell has no asynchronous pin, or none that a signal reaches."""
+    """Return the number of flops of a module without a connected asynchronous pin."""
     number = 0
     for cell in module["cells"].values():
         known = library.get(cell["type"])

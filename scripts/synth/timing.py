@@ -257,7 +257,7 @@ def unargued(technology: Technology, corner: str, directory: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Highest:
-    """The shortest period of a clock without a setup violation, and its critical path."""
+    """Shortest period of a clock without a setup violation, and its critical path."""
 
     period_ns: float
     path: Path_
@@ -268,7 +268,9 @@ class Highest:
 
 
 class _Search:
-    """Search of a period: the chord between a pass and a violation, or the line through two passes."""
+    """Search of a period by the chord between a pass and a violation, or the line through two
+    passes.
+    """
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -296,7 +298,7 @@ class _Search:
         if not low:
             self.period = 0.7 * high
             return
-        # 1e-4 above the chord, so that a straight line ends with a pass.
+        # 1e-4 above the chord, so that on a straight line the search ends with a pass.
         self.period = max((high - slack * (high - low) / (slack - short)) * (1 + 1e-4), high / 64)
 
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares codes and processor time of [effects] auto with engine event and everything on, over many scenes."""
+"""Compares codes and processor time of [effects] auto with engine event and everything on, over
+many scenes.
+"""
 
 from __future__ import annotations
 
@@ -83,8 +85,8 @@ def _loops(plan: records.Plan) -> tuple[Any, ...]:
 def compare(world: scene.Scene, name: str, warm: set[Any] | None = None, repeats: int = 1) -> Outcome:
     """Run a scene with auto and with everything on, and compare.
 
-    With `warm`, a set to be handed from scene to scene, loops are compiled before they are timed. Times are the least
-    of `repeats` runs.
+    With `warm`, a set to be handed from scene to scene, loops are compiled before they are timed.
+    Times are the least of `repeats` runs.
 
     Raises
     ------
@@ -125,7 +127,8 @@ def compare(world: scene.Scene, name: str, warm: set[Any] | None = None, repeats
 
 
 def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[list[Outcome], list[str]]:
-    """Outcomes of `count` random scenes, and of every stored one if asked; and the names of those refused.
+    """Outcomes of `count` random scenes, and of every stored one if asked; and the names of those
+    refused.
 
     A refusal is engine event's, with everything on. The same seed gives the same scenes.
     """
@@ -152,9 +155,11 @@ _OPEN_ROWS = (5, 10)
 
 
 def two_open_rows(cols: int, seed: int) -> records.Plan:
-    """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two open rows.
+    """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two
+    open rows.
 
-    Taxels that engine event is not certain of are drawn again; in the two rows only after one is open there.
+    Taxels that engine event is not certain of are drawn again; in the two rows only after one is
+    open there.
     """
     rng = np.random.default_rng(seed)
     random_off = {e.name: False for e in effects.EFFECTS.values() if e.random}
@@ -179,7 +184,9 @@ def two_open_rows(cols: int, seed: int) -> records.Plan:
 
 
 def cosim_speedup(cols: int, seed: int) -> verdict.Row:
-    """Row of the processor time of a frame with every row solved over that with two, if no code differs."""
+    """Row of the processor time of a frame with every row solved over that with two, if no code
+    differs.
+    """
     made = two_open_rows(cols, seed)
     masked, whole = engines.run(made), engines.run(replace(made, filtered=False))
     wrong = int((masked.codes != whole.codes).sum())
@@ -195,7 +202,8 @@ def rows(
     refused: list[str],
     halved: tuple[dict[str, int], list[str]] | None = None,
 ) -> list[verdict.Row]:
-    """Verdict rows: outcomes of short scenes, of long ones, names of refused scenes, and halved bounds.
+    """Verdict rows: outcomes of short scenes, of long ones, names of refused scenes, and halved
+    bounds.
 
     `halved` is from `auto_bounds.mutants`.
     """
@@ -237,13 +245,19 @@ def rows(
 
 
 @click.command("auto-check")
-@click.option("--scenes", default=1000, show_default=True, type=click.IntRange(min=1), help="Random scenes.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Seed of the first.")
 @click.option(
-    "--frames", default=12, show_default=True, type=click.IntRange(min=2), help="Frames of a scene."
+    "--scenes", default=1000, show_default=True, type=click.IntRange(min=1), help="Number of random scenes."
 )
 @click.option(
-    "--long", default=40, show_default=True, type=click.IntRange(min=0), help="Scenes of 200 frames."
+    "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Random seed of the first scene."
+)
+@click.option("--frames", default=12, show_default=True, type=click.IntRange(min=2), help="Frames per scene.")
+@click.option(
+    "--long",
+    default=40,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Number of scenes with 200 frames.",
 )
 @click.option(
     "--mutants",
@@ -251,7 +265,7 @@ def rows(
     default=auto_bounds.TRIES,
     show_default=True,
     type=click.IntRange(min=0),
-    help="Scenes that search for an error of each halved bound; 0 for none.",
+    help="Scenes per halved bound, which must show an error; 0 for none.",
 )
 @click.option(
     "--cosim",
@@ -259,7 +273,7 @@ def rows(
     default=16,
     show_default=True,
     type=click.IntRange(min=0, max=64),
-    help="Columns of the frame for engine cosim; 0 for none.",
+    help="Columns of the frame in engine cosim; 0 for none.",
 )
 @click.option("--picture", is_flag=True, help="Only draw time against exactness in docs/figures.")
 def auto_check_command(

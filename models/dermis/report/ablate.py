@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Costs of the effects of a scene: all of them on, then one off at a time, in codes and processor time."""
+"""Costs of the effects of a scene: all of them on, then one off at a time, in codes and processor
+time.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,9 @@ def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = No
 
 
 def busiest(made: Plan, frames: int) -> Plan:
-    """Return at most `frames` consecutive frames of a plan, around the one with the most conductance."""
+    """Return at most `frames` consecutive frames of a plan, around the one with the most
+    conductance.
+    """
     if frames >= made.frames:
         return made
     first = min(max(0, made.fullest_frame() - frames // 2), made.frames - frames)
@@ -245,14 +249,14 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
 
 @click.command("ablate")
 @click.argument("scene_name", metavar="SCENE")
-@click.option("--engine", help="Engine of all runs; default: the cheapest that can do all effects at once.")
+@click.option("--engine", help="Engine of all runs; default: the cheapest with all effects.")
 @click.option(
     "--frames", type=click.IntRange(min=1), help=f"Largest number of frames; default {FRAMES}, cosim 1."
 )
 @click.option(
     "--pairs",
     type=click.IntRange(min=1),
-    help=f"Pairs of runs for a ratio of times; default {PAIRS}, cosim 1.",
+    help=f"Pairs of runs per time ratio; default {PAIRS}, cosim 1.",
 )
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and its figure.")
 def ablate_command(
@@ -260,8 +264,8 @@ def ablate_command(
 ) -> int:
     """Measure the cost of each effect of a scene: all on, then one off at a time.
 
-    Writes the table to build/ablate.json and a figure to build/ablate.png. With `auto` in the scene, all
-    effects that it may choose are on.
+    Writes the table to build/ablate.json and a figure to build/ablate.png. With `auto` in the
+    scene, all effects that it may choose are on.
     """
     world = scene.load(scene.find(scene_name))
     full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))

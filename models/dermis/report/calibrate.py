@@ -199,8 +199,10 @@ def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:
 
 @click.command("calibrate")
 @click.argument("recordings", type=click.Path())
-@click.option("--out", type=click.Path(), help="The calibration; default calibration.toml beside RECORDINGS.")
-@click.option("--check", type=click.Path(), help="Compare with this calibration: columns whose gain drifted.")
+@click.option(
+    "--out", type=click.Path(), help="File of the calibration; default calibration.toml next to RECORDINGS."
+)
+@click.option("--check", type=click.Path(), help="Earlier calibration: report columns whose gain drifted.")
 def calibrate_command(recordings: str, out: str | None, check: str | None) -> int:
     """Fit a calibration to a session file that names test currents, loads and cycles."""
     path = Path(recordings)

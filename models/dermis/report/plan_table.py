@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `dermis plan`: the effects of a run, and the decisions of its filter for a sample of its frames."""
+"""The command `dermis plan`: the effects of a run, and the decisions of its filter for a sample of
+its frames.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def print_plan(plan: records.Plan) -> None:
 
 
 def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
-    """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked because of it."""
+    """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked
+    because of it.
+    """
     table = Table(title=None, box=box.SIMPLE_HEAD)
     for heading in ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it"):
         table.add_column(heading, justify="left" if heading == "effect" else "right")
@@ -82,8 +86,11 @@ def print_rows(found: dict[str, Any]) -> None:
 
 @click.command("plan")
 @click.argument("scene", required=False)
-@click.option("--engine", help="closed, event, rtl or cosim; default: the scene's own, or the cheapest one.")
-@click.option("--auto", "chosen", is_flag=True, help="As if the scene said [effects] auto = {}.")
+@click.option(
+    "--engine",
+    help="closed, event, rtl or cosim; default: the scene's, or the cheapest with all its effects.",
+)
+@click.option("--auto", "chosen", is_flag=True, help="Let the plan choose effects: [effects] auto = {}.")
 def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
     """Effects of a scene, and the verdicts of the filter for a sample; writes no run."""
     if scene is None:

@@ -29,7 +29,9 @@ from dermis.skin import Skin
 Floats = NDArray[np.float64]
 
 CHIP = {"row_driver": True, "column_input": True, "lateral": True}
-"""Effects of the chip without --scene: the design's drivers, inputs and a sheet that couples columns."""
+"""Effects of the chip without --scene: the design's drivers, inputs and a sheet that couples
+columns.
+"""
 SATURATED_MAX = 0.01
 """Share of the pressed readings that may be at full scale; more is a wrong unit, scale or k."""
 LEAST_CODE = 8
@@ -90,8 +92,9 @@ def error_figures(
 ) -> dict[str, tuple[float, str]]:
     """Compare decoded forces with the true ones, [frames, rows, cols] each; {name: (value, unit)}.
 
-    Errors by taxel count the readings in `pressed`. The centre of pressure is compared where the total force is above
-    `THRESHOLD` of its largest value; the onset delay is how much later the decoded total passes that value.
+    Errors by taxel count the readings in `pressed`. The centre of pressure is compared where the
+    total force is above `THRESHOLD` of its largest value; the onset delay is how much later the
+    decoded total passes that value.
     """
     error = (found - force)[pressed]
     total, total_found = force.sum(axis=(1, 2)), found.sum(axis=(1, 2))
@@ -138,7 +141,9 @@ def _npy(array: NDArray[Any]) -> bytes:
 def read_frames(
     skin: Skin, rec: recording.Recording, force: Floats
 ) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
-    """Send forces through the chip and back; return codes, decoded forces and the rows of the verdict."""
+    """Send forces through the chip and back; return codes, decoded forces and the rows of the
+    verdict.
+    """
     dt = np.diff(rec.time_s, prepend=rec.time_s[0])
     codes = skin.read(force, dt)
     found = skin.decode(codes, dt)
@@ -187,23 +192,29 @@ def read_frames(
 @click.command("read")
 @click.argument("file", type=click.Path())
 @click.option("--unit", type=click.Choice(recording.UNITS), help="Unit of the values.")
-@click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames a second, where the file has no time.")
+@click.option("--rate", type=click.FloatRange(1e-6, 1e9), help="Frames per second, if the file has no times.")
 @click.option("--rows", type=click.IntRange(1, 256), help="Rows of the array.")
 @click.option("--cols", type=click.IntRange(1, 256), help="Columns of the array.")
-@click.option("--skip", type=click.IntRange(0, 10_000), help="Leading columns that are no taxels.")
-@click.option("--key", help="Array of an npz or HDF5 file.")
-@click.option("--time-key", help="Array, or column of the header, with the times.")
+@click.option(
+    "--skip", type=click.IntRange(0, 10_000), help="Leading columns to skip, such as a time or a counter."
+)
+@click.option("--key", help="Name of the array in an npz or HDF5 file.")
+@click.option("--time-key", help="Name of the array, or of the csv column, with the times.")
 @click.option("--time-unit", type=click.Choice(list(recording.TIME_UNITS)), help="Unit of the times.")
-@click.option("--missing", type=float, help="Value of a place that has no taxel in any frame.")
-@click.option("--mask", type=click.Path(), help="csv or npy [rows, cols]: 0 where there is no taxel.")
-@click.option("--clip-negative", is_flag=True, help="Take values below 0 as 0.")
+@click.option("--missing", type=float, help="Value that a place without a taxel has in every frame.")
+@click.option("--mask", type=click.Path(), help="csv or npy file [rows, cols], 0 at a place without a taxel.")
+@click.option("--clip-negative", is_flag=True, help="Replace negative values with 0.")
 @click.option("--area", "area_mm2", type=click.FloatRange(1e-9, 1e9), help="Area of a taxel in mm2, for kPa.")
 @click.option(
-    "--scale", type=click.FloatRange(0, 1e9, min_open=True), default=1.0, help="Factor on every force."
+    "--scale",
+    type=click.FloatRange(0, 1e9, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Factor on every force.",
 )
-@click.option("--scene", help="Chip and sheet: a scene whose stimulus is not used.")
+@click.option("--scene", help="Scene of chip and sheet; its stimulus is ignored.")
 @click.option(
-    "--calibration", "known", type=click.Path(), help="File of `dermis calibrate`, for the way back."
+    "--calibration", "known", type=click.Path(), help="Calibration of `dermis calibrate` for decoding."
 )
 @click.option("--out", type=click.Path(), help="Directory of the results; default build/read/FILE.")
 @click.option("--hdf5", is_flag=True, help="Also write forces.h5.")

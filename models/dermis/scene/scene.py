@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: array, sensor, stimulus, interface, effects and run, read strictly from TOML, with all defaults."""
+"""The scene: array, sensor, stimulus, interface, effects and run, read strictly from TOML, with all
+defaults.
+"""
 
 from __future__ import annotations
 
@@ -308,7 +310,9 @@ def _filled(table: Any, **defaults: Any) -> Any:
 
 
 def schema_rows() -> Iterator[tuple[str, str, str, str]]:
-    """Yield every key of a scene as (key, default, allowed values, meaning), in the order of the schema."""
+    """Yield every key of a scene as (key, default, allowed values, meaning), in the order of the
+    schema.
+    """
     yield from _rows("", SceneTable)
 
 
@@ -329,7 +333,7 @@ def schema_table() -> str:
 
 def scenes_table(directory: Path = SCENES) -> str:
     """Return the table of the package's scenes, for docs/scenes.md."""
-    lines = ["| scene | what it is | stimulus | effects that are on |", "|---|---|---|---|"]
+    lines = ["| scene | title | stimulus | effects that are on |", "|---|---|---|---|"]
     for path in sorted(directory.glob("*.toml")):
         made = load(path)
         stimulus = made.table.stimulus

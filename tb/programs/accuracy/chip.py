@@ -120,12 +120,16 @@ class Point:
 
 
 def gate_of(bits: int) -> int:
-    """Return the clocks in which full scale counts to the highest code of `bits`, whatever the phase."""
+    """Return the clocks in which full scale counts to the highest code of `bits`, whatever the
+    phase.
+    """
     return 2 * (2**bits - 1)
 
 
 def design_at(f_clk_hz: float, base: Design | None = None) -> Design:
-    """Return the design at another clock; the capacitor keeps a packet at its voltage, as in `dermis calc`."""
+    """Return the design at another clock; the capacitor keeps a packet at its voltage, as in
+    `dermis calc`.
+    """
     base = base or design_module.load()
     slot_s = base.timing.slot_clocks / f_clk_hz
     return base.replace(
@@ -299,7 +303,9 @@ LOSSES: dict[str, Any] = {"row_driver": True, "column_input": True}
 
 
 def droop(gates: Sequence[int]) -> Iterator[Point]:
-    """Yield 16x16 frames with the design's drivers and inputs, as read and with `decode.taxels_alone`."""
+    """Yield 16x16 frames with the design's drivers and inputs, as read and with
+    `decode.taxels_alone`.
+    """
 
     def frames(seed: int) -> Floats:
         return random_duty(seed, frames=4, rows=16, cols=16)
@@ -347,7 +353,9 @@ def light_duty(seed: int) -> Floats:
 
 
 def light_rows(made: Plan) -> Floats:
-    """Read light rows, each after a random one, whose remainder no calibration of an offset removes."""
+    """Read light rows, each after a random one, whose remainder no calibration of an offset
+    removes.
+    """
     light = made.duty_ideal()
     heavy = np.random.default_rng([made.seed, 7]).uniform(0.0, 0.45, light.shape)
     between = np.stack([heavy, light], axis=2).reshape(light.shape[0], -1, light.shape[2])
@@ -364,7 +372,9 @@ def frame_hz(rows: int, slot_s: float) -> float:
 
 
 def split() -> Iterator[Point]:
-    """Yield the slots of `SLOTS_S` divided between settling and gate, at three clocks, with two mirrors."""
+    """Yield the slots of `SLOTS_S` divided between settling and gate, at three clocks, with two
+    mirrors.
+    """
     straight = STEPS["+ non-linearity of the converter"]
     for (name, q_c), (rate, slot_s), f_clk_hz in itertools.product(
         (("fast mirror", 50e-15), ("slow mirror", 500e-15)), SLOTS_S.items(), (5e6, 20e6, 50e6)
@@ -386,7 +396,9 @@ SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
 @dataclass(frozen=True)
 class ChannelCurrent:
-    """Supply current in ampere of one channel of spice/sky130 without a signal, and its ends over corners."""
+    """Supply current in ampere of one channel of spice/sky130 without a signal, and its ends over
+    corners.
+    """
 
     typical: float
     least: float
@@ -425,7 +437,9 @@ def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) 
 
 
 def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
-    """Return energy of a conversion and of a bit at the paper's point, and the least energy of a step."""
+    """Return energy of a conversion and of a bit at the paper's point, and the least energy of a
+    step.
+    """
     name = "accuracy_chip.energy"
     note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
     slot_s = SETTLE_S + gate_of(PAPER_BITS) / PAPER_HZ
@@ -454,7 +468,9 @@ def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason:
 
 
 def cells(point: Point, channel_a: float | None) -> dict[str, Any]:
-    """Return the cells of the csv by heading; `energy_j` is empty where no supply current was measured."""
+    """Return the cells of the csv by heading; `energy_j` is empty where no supply current was
+    measured.
+    """
     p = point
     head = {
         "curve": p.curve, "engine": p.engine, "f_clk_hz": f"{p.f_clk_hz:g}", "gate_clocks": p.gate_clocks,
@@ -475,7 +491,9 @@ SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31
 
 
 def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
-    """Return resolution against gate length: each step at the paper's clock, all effects at the others."""
+    """Return resolution against gate length: each step at the paper's clock, all effects at the
+    others.
+    """
     found = [measured(name, on, PAPER_HZ, gate_of(n)) for name, on in STEPS.items() for n in bits]
     others = [f for f in CLOCKS_HZ if f != PAPER_HZ]
     found += [measured(FULL, STEPS[FULL], f, gate_of(n), seeds=SEEDS[:1]) for f in others for n in bits]
@@ -496,7 +514,9 @@ def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
 
 
 def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
-    """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None for never."""
+    """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None for
+    never.
+    """
     own = sorted(
         (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
     )
@@ -598,7 +618,7 @@ def run(out: Path) -> list[verdict.Row]:
 
 @click.command("accuracy-chip")
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Where csv and figures go; default build/accuracy."
+    "--out", type=click.Path(path_type=Path), help="Directory for csv and figures; default build/accuracy."
 )
 @click.option("--docs", is_flag=True, help="Also write the table and the figures of docs/accuracy.md.")
 def accuracy_chip_command(out: Path | None, docs: bool) -> int:

@@ -82,7 +82,9 @@ def draw(points: Sequence[Point], directory: Path) -> None:
 
 
 def ratios(points: Sequence[Point]) -> Iterator[Row]:
-    """Compare cosim, and any of our engines, with the peers on one circuit; and the error over all steps."""
+    """Compare cosim, and any of our engines, with the peers on one circuit; and the error over all
+    steps.
+    """
     for work in converter.CIRCUITS:
         own = [p for p in points if p.work == work]
         every = [p for p in own if not p.method.startswith("peer")]
@@ -180,13 +182,13 @@ PARTS = ("order", "converter", "frames", "sky130")
 
 
 @click.command("accuracy")
-@click.option("--quick", is_flag=True, help="Fewer settings, once each, without --only sky130.")
+@click.option("--quick", is_flag=True, help="Fewer settings, one run each, without part sky130.")
 @click.option("--repeat", type=click.IntRange(1, 99), help="Runs of each setting; default 3, with --quick 1.")
 @click.option("--docs", is_flag=True, help="Also write the table and figures of docs/accuracy.md.")
 @click.option(
     "--redraw", is_flag=True, help="Draw the figures from the csv files of the last run; measure nothing."
 )
-@click.option("--only", type=click.Choice(PARTS), help="One part.")
+@click.option("--only", type=click.Choice(PARTS), help="Run one part.")
 def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None) -> int:
     """Measure error against simulation time, and draw it, in build/accuracy."""
 

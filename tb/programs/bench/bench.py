@@ -279,7 +279,9 @@ def run_section(section: Section, m: Measurements) -> list[Row]:
 
 
 def chosen(only: Sequence[str]) -> list[Section]:
-    """Return the sections that promise a row of one of the names, or of a name below it; all without names."""
+    """Return the sections that promise a row of one of the names, or of a name below it; all
+    without names.
+    """
 
     def fits(name: str, wanted: str) -> bool:
         return name == wanted or name.startswith(wanted + ".")
@@ -307,12 +309,10 @@ def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
 @click.command("bench")
 @click.option("--quick", is_flag=True, help="Fewer repetitions; not for the documentation.")
 @click.option("--repeat", type=click.IntRange(min=1), help="Runs of each median; default 5, with --quick 2.")
-@click.option(
-    "--only", multiple=True, metavar="NAME", help="Rows of this name or below it (may be repeated)."
-)
+@click.option("--only", multiple=True, metavar="NAME", help="Only rows NAME and NAME.* (repeatable).")
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS}.")
-@click.option("--bless", is_flag=True, help="Also make this run the reference of later comparisons.")
-@click.option("--history", is_flag=True, help="Show the runs that were kept, and measure nothing.")
+@click.option("--bless", is_flag=True, help="Make this run the reference of later runs.")
+@click.option("--history", is_flag=True, help="Show earlier runs and measure nothing.")
 def bench_command(
     quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool, bless: bool, history: bool
 ) -> int:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run hard cases: each case with each engine in a worker process with a time limit, judged by the case's limit."""
+"""Run hard cases: each case with each engine in a worker process with a time limit, judged by the
+case's limit.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,14 @@ PREPARE_LIMIT_S = 900.0
 """For loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle core."""
 
 NGSPICE = ("circuit", "stiff")
-"""Groups with ngspice in their own process, which keeps circuits that failed: a process for each run."""
+"""Groups with ngspice in their own process, which keeps circuits that failed: a process for each
+run.
+"""
 
 SLOW = ("cosim", "verilator")
-"""Runs left out of the short set: processes and builds of seconds, which the tests of those engines make."""
+"""Runs left out of the short set: processes and builds of seconds, which the tests of those engines
+make.
+"""
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
@@ -55,7 +61,9 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
 
 
 def run(cases: Sequence[Case], jobs: int) -> list[Row]:
-    """Run cases and return a row for each run, in the order of the cases; `seconds` in a row is its wall time."""
+    """Run cases and return a row for each run, in the order of the cases; `seconds` in a row is its
+    wall time.
+    """
     pairs = [(case, name) for case in cases for name in case.runs]
     rows: dict[tuple[str, str], Row] = {}
     with progress.slots("hard", len(pairs), "runs") as tell:
@@ -100,7 +108,9 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
 
 
 def prepare(cases: Sequence[Case]) -> Iterator[Row]:
-    """Let modules compile code of their cases before any clock runs; yield an ERROR row for each that failed."""
+    """Let modules compile code of their cases before any clock runs; yield an ERROR row for each
+    that failed.
+    """
     names = {case.name for case in cases}
     for module in hard.modules():
         own = tuple(case for case in module.cases() if case.name in names)
@@ -175,13 +185,17 @@ def table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
 
 
 @click.command("hard")
-@click.option("--only", multiple=True, metavar="WORD", help="Cases with this in their name, or a group.")
-@click.option("--short", is_flag=True, help="The short set that the tests run.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Runs at a time.")
-@click.option("--docs", is_flag=True, help=f"Refuse a part: a whole run writes {DOCS}.")
-@click.option("--list", "listed", is_flag=True, help="List the cases, and run nothing.")
+@click.option(
+    "--only", multiple=True, metavar="WORD", help="Cases with WORD in their name, or a group (repeatable)."
+)
+@click.option("--short", is_flag=True, help="Run the short set of the tests.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Parallel runs.")
+@click.option("--docs", is_flag=True, help=f"Require a whole run, which writes {DOCS}.")
+@click.option("--list", "listed", is_flag=True, help="List the cases and run nothing.")
 def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, listed: bool) -> int:
-    """Run hard cases in every engine that can express them, against exact answers; rows in build/hard.json."""
+    """Run hard cases in every engine that can express them, against exact answers; rows in
+    build/hard.json.
+    """
     if docs and (only or short):
         raise InputError("command line", "--docs", "with --only or --short", "a whole run")
     cases = chosen(only, short)

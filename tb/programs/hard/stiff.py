@@ -112,13 +112,17 @@ def reference(circuit: StiffCircuit) -> Floats:
 
 
 def published_error(circuit: StiffCircuit, states: Floats) -> Floats:
-    """Return the difference of the last row of states from the published end values, in volt of the probes."""
+    """Return the difference of the last row of states from the published end values, in volt of the
+    probes.
+    """
     scale = np.array(circuit.scale or (1.0,) * len(circuit.probes))
     return states[-1] - np.array(circuit.published, dtype=float) / scale
 
 
 def distance(circuit: StiffCircuit, states: Floats, probes: Sequence[str]) -> float:
-    """Return the largest |states - reference| over the samples that have a reference; NaN in the states stays NaN."""
+    """Return the largest |states - reference| over the samples that have a reference; NaN in the
+    states stays NaN.
+    """
     columns = [circuit.probes.index(name) for name in probes]
     expected = reference(circuit)[:, columns]
     known = np.isfinite(expected)
@@ -286,7 +290,9 @@ def settings() -> Iterator[tuple[str, Setting]]:
 
 
 def row(name: str, setting: Setting) -> tuple[float, str]:
-    """Return the largest error over all samples in volt, and a note with the end, steps and seconds."""
+    """Return the largest error over all samples in volt, and a note with the end, steps and
+    seconds.
+    """
     circuit = CIRCUITS[name]
     with tempfile.TemporaryDirectory() as work:
         solved = solve(circuit, setting, Path(work) / "ngspice.log")
@@ -298,7 +304,9 @@ def row(name: str, setting: Setting) -> tuple[float, str]:
 
 
 def sweep(jobs: int = 2) -> list[Row]:
-    """Return a row for each circuit and setting; a run that ngspice gave up is an ERROR row with its words."""
+    """Return a row for each circuit and setting; a run that ngspice gave up is an ERROR row with
+    its words.
+    """
     chosen = list(settings())
     tasks = [workers.Task(row, each, 120.0) for each in chosen]
     rows: list[Row] = [{}] * len(tasks)
@@ -324,9 +332,11 @@ def published_rows() -> Iterator[Row]:
 
 @click.command("stiff")
 @click.option("--docs", is_flag=True, help=f"Also write {DOCS}.")
-@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Runs at a time.")
+@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Parallel runs.")
 def stiff_command(docs: bool, jobs: int) -> int:
-    """Measure errors of published stiff circuits by method, step and option set; rows in build/stiff.json."""
+    """Measure errors of published stiff circuits by method, step and option set; rows in
+    build/stiff.json.
+    """
     for circuit in CIRCUITS.values():
         reference(circuit)
     rows = [*sweep(jobs), *published_rows()]
