@@ -151,7 +151,7 @@ def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
     whole = 1e9 * chip.energy_j(125e-6, 500e-6)
     assert rows["accuracy_chip.energy_nj"]["value"] == pytest.approx(whole)
     # 0.5 mA of 1.031 mA
-    assert "48 % of it the sensor's" in rows["accuracy_chip.energy_nj"]["note"]
+    assert "48 % of it for the sensor" in rows["accuracy_chip.energy_nj"]["note"]
     assert "500 uA" in rows["accuracy_chip.energy_nj"]["note"]
     assert rows["accuracy_chip.energy_per_bit_nj"]["value"] == pytest.approx(whole / 8)
     assert rows["accuracy_chip.energy_per_step_pj"]["value"] == pytest.approx(1e3 * whole / 2**8)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Searches for scenes that need the bounds of the filter: each bound halved in turn must give a wrong code.
+"""Search for scenes that need the bounds of the filter: each bound, halved in turn, must give a
+wrong code.
 
-A scene has one effect, at a strength drawn over its range, and few taxels whose duty runs through a whole code in
-small steps, so that a level that is off by more than its bound gives a wrong code in some of them.
+A scene has one effect, at a strength drawn over its range, and few taxels whose duty runs through a
+whole code in small steps, so that a level that is off by more than its bound gives a wrong code in
+some of them.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ TRIES = 400
 """Scenes for a bound."""
 
 _FRAMES = 1 << 18
-"""Frames among which the largest random number of a slot is sought: 4.5 standard deviations; a halved bound has 4."""
+"""Frames in which the largest random number of a slot is searched: 4.5 standard deviations; a
+halved bound has 4.
+"""
 
 RARE = {
     "ktc_noise": (noise.PRESET, 0),
@@ -41,10 +45,12 @@ RARE = {
     "shot_noise": (noise.WALK, None),
     "clock_jitter": (noise.WALK, None),
 }
-"""Stream and number of the random number that moves all of a slot, by effect; None is the end of a path."""
+"""Stream and number of the random number that moves all of a slot, by effect; None is the end of a
+path.
+"""
 
 LOOSE = ("line_capacitance",)
-"""Bounds that no scene comes within a factor of two of, by an argument of docs/auto.md; they are not searched for."""
+"""Bounds that no scene reaches within a factor of two (docs/auto.md); they are not searched."""
 
 
 @contextmanager
@@ -82,7 +88,9 @@ def _plan(name: str, strength: int, codes: Floats) -> records.Plan:
 
 
 def _steps(name: str, rng: np.random.Generator) -> Floats:
-    """Steps between codes, [1, rows, cols] or two frames for motion; some taxels are open or beyond full scale."""
+    """Steps between codes, [1, rows, cols] or two frames for motion; some taxels are open or beyond
+    full scale.
+    """
     rows, cols = (int(n) for n in rng.integers(1, [4, 3]))
     shape = (2 if name == "motion" else 1, rows, cols)
     steps = np.exp(rng.uniform(np.log(0.5), np.log(300.0), shape))
@@ -91,7 +99,8 @@ def _steps(name: str, rng: np.random.Generator) -> Floats:
         # Many decisions of a slow converter are near the level: one of them draws a large number.
         steps = np.zeros(shape)
     if name == "mirror_lag":
-        # An output wakes up late, behind a row without current, and then brings more than half a packet a clock.
+        # After a row without current the output follows late, and then by more than half a packet a
+        # clock.
         steps = rng.uniform(200.0, 350.0, (1, 2, 1)) * [[[0.0], [1.0]]]
     opened = (steps == 0.0) if name == "mirror_lag" else rng.random(steps.shape) < 0.2
     return np.where(opened, -0.5, np.floor(steps)) + 0.5
@@ -104,7 +113,9 @@ def _around(steps: Floats, reach: Floats | float, many: int) -> Floats:
 
 
 def _rare(name: str, plan: records.Plan) -> Iterator[records.Plan]:
-    """The frames of a plan, each in the place of the frame whose slot has the largest random number."""
+    """Return the frames of a plan, each at the position of the frame whose slot has the largest
+    random number.
+    """
     stream, number = RARE[name]
     number = int(noise.span_of(plan.timing.gate_clocks)) if number is None else number
     keys = noise.cell_keys(plan.seed, 0, (_FRAMES, plan.rows, plan.cols))[:, 0, 0]
@@ -158,7 +169,9 @@ def names() -> list[str]:
 
 
 def caught(name: str, tries: int = TRIES) -> int | None:
-    """Return the number of the first scene in which the halved bound of an effect gives a wrong code, or None."""
+    """Return the number of the first scene in which the halved bound of an effect gives a wrong
+    code, or None.
+    """
     if name in LOOSE:
         return None
     with halved(name):

@@ -94,7 +94,7 @@ def test_a_subcircuit_on_one_side_alone_is_found(text, sheets):
     fewer = {name: subckt for name, subckt in sheets.items() if name != "switch"}
     assert netlist.differences(text, fewer)["switch"] == ["no sheet"]
     less = {name: subckt for name, subckt in text.items() if name != "switch"}
-    assert netlist.differences(less, sheets)["switch"] == ["a sheet without text"]
+    assert netlist.differences(less, sheets)["switch"] == ["a sheet without netlist"]
 
 
 def test_a_drawing_names_every_element_and_port(text):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What accuracy costs in simulation time: engines and settings on the same work, drawn as error against time."""
+"""Error against simulation time: engines and settings on the same work."""

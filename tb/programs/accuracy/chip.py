@@ -41,10 +41,10 @@ Floats = NDArray[np.float64]
 HALF = 0.5
 """Duty at full force."""
 SETTLE_S = 23e-6
-"""Of the paper's slot: 115 clocks at 5 MHz."""
+"""Settling time of the paper's slot: 115 clocks at 5 MHz."""
 PAPER_BITS, PAPER_HZ = 8, 5e6
 BITS = range(3, 16)
-"""Bits of a code: gates of 2 (2^n - 1) clocks, 14 to 65534."""
+"""Bits of a code, for gates of 2 (2^n - 1) clocks, 14 to 65534."""
 CLOCKS_HZ = (1e6, 2e6, 5e6, 10e6, 20e6, 50e6)
 SIZES = (8, 16, 32, 64)
 SEEDS = (1, 2, 3)
@@ -101,7 +101,7 @@ class Resolution(NamedTuple):
 
 @dataclass(frozen=True)
 class Point:
-    """One line of the csv: a curve, where on it, and the resolution with its spread over seeds."""
+    """One line of the csv: a point of a curve, with its resolution and the spread over seeds."""
 
     curve: str
     engine: str
@@ -220,8 +220,8 @@ def measured(
 def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
     """Add quantisation, white noise and slow noise of the reference as powers, by their formulas.
 
-    In counts: 1/12 of quantisation; at a count m jitter 2 j^2 m, shot noise q (gate x + m) / packet
-    twice over, the comparator at the last decision, the reference r m.
+    In counts: quantisation 1/12; at a count m, jitter 2 j^2 m, shot noise 2 q (gate x + m) /
+    packet, the comparator at the last decision, and the reference r m.
     """
     d = design_at(f_clk_hz)
     m = np.linspace(*(HALF * r * gate_clocks for r in RANGE), 200)
@@ -246,10 +246,10 @@ def drifted(delta_k: float) -> Resolution:
 def with_residue(bits: int) -> Callable[[Plan], Floats]:
     """Return a reader that also measures the charge left in the integrator, to 2^-bits of a packet.
 
-    After the gate the input is off and a packet under way is completed, so the rest lies within one
-    packet below the threshold: N x = ones + residue - start. The chip knows a packet under way from
-    its last two bits; here they are the ones that a gate two clocks shorter, with the same noise,
-    does not count. A ramp takes 2^bits clocks.
+    After the gate the input is off and the current packet is completed, so the residue lies within
+    one packet below the threshold: N x = ones + residue - start. The chip knows the current packet
+    from its last two bits; here these are the ones that a gate two clocks shorter, with the same
+    noise, does not count. A ramp takes 2^bits clocks.
     """
 
     def read(made: Plan) -> Floats:
@@ -285,12 +285,14 @@ def without_preset(made: Plan) -> Floats:
 
 
 def ways(gates: Sequence[int]) -> Iterator[Point]:
-    """Yield the plain counter at the paper's clock, and readers that get more out of the same gate."""
+    """Yield the plain counter at the paper's clock, and readers with a higher resolution in the
+    same gate.
+    """
     noise = NOISE | DRIFT
     for gate in gates:
         yield measured("counter, preset (adopted)", {}, PAPER_HZ, gate)
         yield measured("counter, preset, with noise", noise, PAPER_HZ, gate)
-        # No state is carried from slot to slot in an engine, so these two are of the exact count
+        # Engines carry no state from slot to slot, so these two use the exact count
         # formula.
         for name, read in (("counter without preset", without_preset), ("period of whole pulses", by_period)):
             yield replace(measured(name, {}, PAPER_HZ, gate, read=read), engine="closed")
@@ -328,7 +330,7 @@ def droop(gates: Sequence[int]) -> Iterator[Point]:
 
 
 PEDESTAL = 0.05
-"""Of full scale: the top of the range gives way by as much."""
+"""Fraction of full scale, by which the top of the range shrinks."""
 
 
 def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
@@ -353,8 +355,8 @@ def light_duty(seed: int) -> Floats:
 
 
 def light_rows(made: Plan) -> Floats:
-    """Read light rows, each after a random one, whose remainder no calibration of an offset
-    removes.
+    """Read light rows, each after a random one, whose remainder an offset calibration cannot
+    remove.
     """
     light = made.duty_ideal()
     heavy = np.random.default_rng([made.seed, 7]).uniform(0.0, 0.45, light.shape)
@@ -379,7 +381,7 @@ def split() -> Iterator[Point]:
     for (name, q_c), (rate, slot_s), f_clk_hz in itertools.product(
         (("fast mirror", 50e-15), ("slow mirror", 500e-15)), SLOTS_S.items(), (5e6, 20e6, 50e6)
     ):
-        # From two clocks to all but a gate of 14.
+        # From two clocks to a slot with a gate of 14.
         for settle_s in np.geomspace(4 / f_clk_hz, slot_s - gate_of(3) / f_clk_hz, 9):
             gate = int((slot_s - settle_s) * f_clk_hz)
             effects = straight | {"mirror_lag": {"q_c": q_c}}
@@ -396,7 +398,7 @@ SUPPLY_QUANTITY = "supply_channel_a.conveyor_mirror"
 
 @dataclass(frozen=True)
 class ChannelCurrent:
-    """Supply current in ampere of one channel of spice/sky130 without a signal, and its ends over
+    """Supply current in A of one channel of spice/sky130 without a signal, and its extremes over
     corners.
     """
 
@@ -411,9 +413,9 @@ def channel_current() -> ChannelCurrent:
     Raises
     ------
     SimulatorError
-        ngspice did not measure it.
+        The measurement in ngspice failed.
     InputError
-        There are no transistor models here.
+        The transistor models are not installed.
     """
     from scripts.characterise import benches, runs
 
@@ -428,7 +430,7 @@ def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) 
 
     It adds the sensor's current, its copy through the mirror and the reference i0 of the charge
     source, as design.toml declares them, and `channel_a`, the current of a channel from vdd without
-    a signal. Without that it is a floor.
+    a signal. Without that it is a lower bound.
     """
     d = design_module.load()
     i_taxel = duty * d.interface.k * d.converter.i0_a
@@ -437,8 +439,8 @@ def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) 
 
 
 def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
-    """Return energy of a conversion and of a bit at the paper's point, and the least energy of a
-    step.
+    """Return the energy of a conversion and of a bit at the paper's point, and the lowest energy of
+    a step.
     """
     name = "accuracy_chip.energy"
     note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
@@ -453,7 +455,7 @@ def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason:
     ends = [1e9 * energy_j(paper.slot_s, amps) for amps in (current.least, current.most)]
     d = design_module.load()
     sensor = 0.25 * d.interface.k * d.converter.i0_a * (d.supply.vdd_v - d.supply.vss_v) * paper.slot_s
-    note = f"{1e11 * sensor / whole:.0f} % of it the sensor's; {SUPPLY_QUANTITY}"
+    note = f"{1e11 * sensor / whole:.0f} % of it for the sensor; {SUPPLY_QUANTITY}"
     note += f" {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
     note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {ends[0]:.0f} .. {ends[1]:.0f} nJ)"
     best = min(own, key=lambda p: energy_j(p.slot_s, current.typical) / 2.0**p.bits)
@@ -463,7 +465,7 @@ def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason:
         verdict.report(f"{name}_nj", whole, "nJ", f"one conversion of 125 us at a quarter of the clock rate; {note}"),
         verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", f"the same over its {paper.bits:.2f} bits"),
         verdict.report(f"{name}_per_step_pj", step, "pJ",
-                       f"energy over 2^bits where it is least: {best.gate_clocks} clocks, {best.bits:.2f} bits"),
+                       f"lowest energy over 2^bits: {best.gate_clocks} clocks, {best.bits:.2f} bits"),
     ]  # fmt: skip
 
 
@@ -485,9 +487,9 @@ def cells(point: Point, channel_a: float | None) -> dict[str, Any]:
 # --- the study -------------------------------------------------------------------------------------------------------
 
 FULL = "+ range switch"
-"""The curve with everything on."""
+"""The curve with all effects."""
 SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31.25e-6}
-"""Row slots of 16 rows: the paper's, and two that robots ask for."""
+"""Row slots of 16 rows: the paper's, and two for robots."""
 
 
 def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
@@ -514,7 +516,7 @@ def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
 
 
 def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
-    """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None for
+    """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None if
     never.
     """
     own = sorted(
@@ -549,8 +551,8 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
     apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks).bits) for p in white)
     lost = at(drooping, "no series resistance", paper).bits - at(drooping, "row droop corrected", paper).bits
     rows = [
-        # 512 random forces know their mean square to 4 %: 0.03 bit, and the mean over them of a
-        # sawtooth no better
+        # 512 random forces give their mean square to 4 %, 0.03 bit, and the mean of a sawtooth over
+        # them no better
         verdict.within(f"{name}paper_point_bits.ideal", at(gates, "quantisation", paper).bits, "bits", 7.9, 8.1,
                        "510 clocks at 5 MHz, quantisation alone"),
         verdict.report(f"{name}paper_point_bits.all", at(gates, FULL, paper).bits, "bits", "everything on"),
@@ -558,7 +560,7 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
         # 16 counts
         verdict.within(f"{name}formula_difference_bits", apart, "bits", None, 0.3,
                        "quantisation and noise: simulation against formula, largest over 2^4 .. 2^16 clocks"),
-        # codes of fifteen others are rounded too: each passes on its share of the droop, some per
+        # the other fifteen codes are rounded too: each contributes its share of the droop, some per
         # cent
         verdict.within(f"{name}droop_left_bits", lost, "bits", None, 0.25,
                        "16x16 behind 1 and 0.5 ohm, 510 clocks: bits lost with the correction of decode"),
@@ -568,11 +570,11 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
         verdict.report(f"{name}residue_gain_bits",
                        at(reading, "counter + residue of 4 bits, with noise", paper).bits
                        - at(reading, "counter, preset, with noise", paper).bits,
-                       "bits", "510 clocks, noise on: what 16 clocks of ramp buy"),
+                       "bits", "510 clocks, noise on: gain of a ramp of 16 clocks"),
     ]  # fmt: skip
     for f in CLOCKS_HZ:
         end = waiting_ends(gates, f)
-        note = f"{end.bits:.2f} bits; twice as long buys less than a quarter of a bit"
+        note = f"{end.bits:.2f} bits; twice as long gains less than a quarter of a bit"
         rows.append(
             verdict.report(f"{name}waiting_ends_clocks.{1e-6 * f:g}mhz", end.gate_clocks, "clocks", note)
         )

@@ -52,7 +52,7 @@ def draw(points: Sequence[Point], directory: Path) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     packet_v, small_v = design.load().converter.packet_v, converter.IDEAL.packet_v
     integrator = "largest error of an integrator / V  (1 LSB is a packet, {:g} V)"
-    exact = "rounding of the reference as it is returned, in doubles"
+    exact = "rounding of the reference to doubles"
     # Label of the error, LSB, and the floor: one code of 256 off by one is 0.004 LSB; doubles carry
     # 1e-16 V through 400 clocks of 0.1 V and 510 of 1 V; Newton's method leaves some 1e-6 V in
     # transistors.
@@ -106,7 +106,7 @@ def ratios(points: Sequence[Point]) -> Iterator[Row]:
 
 
 def time_at(front: Sequence[Point], error: float) -> float | None:
-    """Return the time at which a front reaches an error; None where it never does.
+    """Return the time at which a front reaches an error; None if it never does.
 
     Between two settings of one method it interpolates in the logarithms; between two methods it
     takes the slower.
@@ -127,14 +127,14 @@ def _against(name: str, ours: Sequence[Point], theirs: Sequence[Point]) -> Itera
     row = f"accuracy.speed_at_equal_error.{name}"
     if speed := [(p.time_s / t, p) for p in pareto(theirs) if (t := time_at(front, p.error)) is not None]:
         ratio, at = min(speed, key=lambda pair: pair[0])
-        note = "their time over ours to their error, the least over their front: "
+        note = "their time over ours at equal error, the lowest over their front: "
         yield verdict.measured(row, ratio, "1", f"{note}{at.method}, {at.setting}, {at.error:.2g} V")
     else:
         yield verdict.error(row, "none of our settings is as exact", "1")
     row = f"accuracy.error_at_equal_time.{name}"
     within = {p: [q.error for q in front if q.time_s <= p.time_s] for p in pareto(theirs)}
     if gains := [p.error / max(min(errors), 1e-16) for p, errors in within.items() if errors]:
-        note = f"their error over our least in no more time, the least over the {len(gains)} points of their front"
+        note = f"their error over ours at equal time, the lowest over the {len(gains)} points of their front"
         yield verdict.measured(row, min(gains), "1", note)
     else:
         yield verdict.error(row, "none of our settings is as fast", "1")
@@ -158,7 +158,8 @@ def _copy_figures() -> None:
 def _refuse_contradictions(
     quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None
 ) -> None:
-    """Refuse options that would be ignored, or put a part of the measurement in place of the whole.
+    """Refuse options that would be ignored, or would publish a part of the measurement as the
+    whole.
 
     Raises
     ------
@@ -190,7 +191,7 @@ PARTS = ("order", "converter", "frames", "sky130")
 )
 @click.option("--only", type=click.Choice(PARTS), help="Run one part.")
 def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, only: str | None) -> int:
-    """Measure error against simulation time, and draw it, in build/accuracy."""
+    """Measure and draw error against simulation time, in build/accuracy."""
 
     _refuse_contradictions(quick, repeat, docs, redraw, only)
     if redraw:

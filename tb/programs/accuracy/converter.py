@@ -45,7 +45,7 @@ EXTRAPOLATED_S = (300e-9, 150e-9, 100e-9, 60e-9, 30e-9)
 CUTS = ((1, 2), (1, 2, 3))
 """1 for the run with the Verilog, then the number of parts of each of its steps."""
 RELTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""The project takes 1e-4; two decades to either side."""
+"""Values around the project's 1e-4, two decades to either side."""
 
 IDEAL = Circuit(gate_clocks=CLOCKS)
 CIRCUITS = {"converter, no pole": IDEAL, "converter, amplifier pole": replace(IDEAL, t_gbw_s=T_GBW_S)}
@@ -55,14 +55,18 @@ Run = Callable[[Circuit, Path], Outcome]
 
 
 def options_with(line: str, **other: float | str) -> str:
-    """Return a line of options with some of them changed: of an option given twice ngspice takes the first."""
+    """Return a line of options with some of them changed; of an option given twice ngspice uses the
+    first.
+    """
     values = dict(word.split("=") for word in line.split()[1:])
     values |= {name: f"{v:g}" if isinstance(v, float) else str(v) for name, v in other.items()}
     return ".options " + " ".join(f"{name}={value}" for name, value in values.items())
 
 
 def tolerances(reltol: float, **other: str) -> str:
-    """Return the options with a pole and all tolerances moved together, so that none hides the others."""
+    """Return the options with a pole, with all tolerances scaled together, so that none hides the
+    others.
+    """
     share = reltol / 1e-4  # at 1e-4 they are those of netlist.py
     # Every tolerance keeps its ratio to reltol, as in the deck of an engine.
     moved = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
@@ -83,12 +87,12 @@ def _ours(simulator: str, step: float, options: str, circuit: Circuit, where: Pa
 def extrapolated(
     simulator: str, step: float, cuts: tuple[int, ...], circuit: Circuit, where: Path
 ) -> Outcome:
-    """Solve the pulses of a run again with every step cut in 2, 3, ... and extrapolate to a step of
-    zero.
+    """Solve the pulses of a run again with every step divided by 2, 3, ... and extrapolate to a
+    step of zero.
 
-    The error of trapezoids of equal steps is a series in h^2 (Richardson); each further run removes
-    one power, with Lagrange's weights at h^2 = 0. Only the voltage is extrapolated: the comparator
-    has seen that of the first run.
+    The error of the trapezoidal rule with equal steps is a series in h^2 (Richardson); each further
+    run removes one power, with Lagrange's weights at h^2 = 0. Only the voltage is extrapolated: the
+    comparator used that of the first run.
     """
     weights = [math.prod(n * n / (n * n - m * m) for m in cuts if m != n) for n in cuts]
     job = Job(circuit, 1, step, simulator, keep=True, options=EXACT, cuts=cuts[0])
@@ -108,13 +112,13 @@ _SAID = re.compile(rb"^integrator (\S+) ([01]) ([01]) (\S+)$", re.MULTILINE)
 
 
 def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.float64], NDArray[np.int64]]:
-    """Run the first frame of a plan in engine rtl, its models with one line more that writes the
-    integrators down.
+    """Run the first frame of a plan in engine rtl, with a line in its models that prints the
+    integrators.
 
     Returns
     -------
     Result
-        Of the first frame.
+        Result of the first frame.
     output : ndarray
         [rows, cols, gate clocks] output of each integrator in packets at every clock of its gate after the opening,
         just before the events of that clock.
@@ -139,7 +143,7 @@ def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.f
         {name for name, *_ in said}, key=lambda name: int((re.findall(rb"\[(\d+)\]", name) or [b"0"])[-1])
     )
     if len(names) != made.cols:
-        raise SimulatorError(f"{len(names)} integrators were written down, not {made.cols}", log)
+        raise SimulatorError(f"{len(names)} integrators were printed, not {made.cols}", log)
     gate = made.timing.gate_clocks
     output = np.empty((made.rows, made.cols, gate))
     charge = np.empty((made.rows, made.cols, gate), dtype=np.int64)
@@ -157,11 +161,13 @@ def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.f
 
 
 _RTL_FRAMES = {"verilator": 4000, "icarus": 40}
-"""So many that the start of a process is a small part of the time."""
+"""Large enough to make the start of a process a small part of the time."""
 
 
 def _rtl(simulator: str, circuit: Circuit, where: Path) -> Outcome:
-    """Run the Verilog with real-number models, whose packets begin at the edge itself, without ramps."""
+    """Run the Verilog with real-number models, whose packets begin at the edge itself, without
+    ramps.
+    """
     effects = (
         {"integrator_bandwidth": {"gbw_hz": 0.5 / (math.pi * circuit.t_gbw_s)}} if circuit.t_gbw_s else {}
     )
@@ -217,7 +223,7 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[tuple[str, str, Run]]:
         for step, cuts in itertools.product((100e-9,) if quick else EXTRAPOLATED_S, CUTS):
             words = f"step {step_words(step)} over {', '.join(str(cut) for cut in cuts)}"
             yield "cosim, verilator, extrapolated", words, partial(extrapolated, "verilator", step, cuts)
-    # XSPICE takes the options with truncation control as well; they make the errors of the guests
+    # XSPICE takes the options with truncation control as well; they make the errors of the peers
     # larger.
     for words, options in (("", EXACT), (", truncation control", POLE)):
         for step in few:
@@ -231,7 +237,9 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[tuple[str, str, Run]]:
 def measured(
     work: Path, repeat: int, quick: bool, tell: Callable[[str], None]
 ) -> tuple[list[Point], list[Row]]:
-    """Run every method on both circuits, `repeat` times in turns; return points, and ERROR rows of failures."""
+    """Run every method on both circuits, `repeat` times in turns; return points, and ERROR rows of
+    failures.
+    """
     points: list[Point] = []
     failed: list[Row] = []
     number = itertools.count()
@@ -254,7 +262,9 @@ ORDER_CLOCKS = 60
 
 
 def loop_error_v(circuit: Circuit, step: float, options: str, log: Path) -> float:
-    """Return the largest error at the clock edges of the converter closed over two flip-flops written here."""
+    """Return the largest error at the clock edges of the converter closed over two flip-flops
+    written here.
+    """
     half = NgspiceHalf(
         circuits.deck(circuit, options=options),
         t_edge_s=circuit.t_edge_s,

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of error against time: work-precision diagrams of the simulator, and resolution curves of the chip."""
+"""Figures of error against time: work-precision diagrams of the simulator, and resolution curves of
+the chip.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +41,10 @@ def work_precision(
     Parameters
     ----------
     points : points of one work; peers have open markers
-    path : where the PNG goes
+    path : file of the PNG
     title, time_label, error_label : texts, labels with their units
     lsb : one LSB in the unit of the error
-    floor : place of error 0; the reference's own error lies below
+    floor : value at which error 0 is drawn, above the reference's own error
     floor_words : meaning of the floor
     wanted : an error in LSB; the subtitle gives its time, and the error at a tenth of that time
     """
@@ -86,7 +88,9 @@ def work_precision(
 
 
 def _tenth(front: Sequence[Point], wanted: float, lsb: float) -> list[str]:
-    """Return the time of an accuracy, and of exact codes, with the error that a tenth of that time leaves."""
+    """Return the time of an accuracy and of exact codes, each with the error in a tenth of that
+    time.
+    """
     said = []
     for words, error in ((f"{wanted:g} LSB", wanted * lsb), ("every code exact", 0.0)):
         enough = [p for p in front if p.error <= error]
@@ -112,7 +116,9 @@ def seconds_words(seconds: float) -> str:
 def _curves(
     axes: Any, points: Sequence[chip.Point], x: Callable[[chip.Point], float], by_clock: bool = False
 ) -> None:
-    """Draw bits of each curve with its spread over seeds, its name at its end; or of each clock, with a legend."""
+    """Draw bits of each curve with its spread over seeds, its name at its end; or of each clock,
+    with a legend.
+    """
 
     def name(p: chip.Point) -> str:
         return f"{1e-6 * p.f_clk_hz:g} MHz" if by_clock else p.curve
@@ -142,7 +148,9 @@ def _star(axes: Any, x: float) -> None:
 
 
 def resolution(points: Sequence[chip.Point], path: Path) -> None:
-    """Draw bits against gate length at the paper's clock, effect by effect, and against row time by clock."""
+    """Draw bits against gate length at the paper's clock, effect by effect, and against row time by
+    clock.
+    """
     figure = Figure(figsize=(15, 5.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for axes in (left, right):
@@ -177,7 +185,7 @@ def resolution(points: Sequence[chip.Point], path: Path) -> None:
 
 
 def _gates(points: Sequence[chip.Point], wanted: float) -> list[str]:
-    """Return the gate that `wanted` bits take, and the error that a tenth of it leaves."""
+    """Return the gate for `wanted` bits, and the error with a tenth of it."""
     said = []
     straight = list(chip.STEPS)[list(chip.STEPS).index(chip.FULL) - 1]
     for words, curve in (("without the range switch", straight), ("all effects", chip.FULL)):
@@ -224,7 +232,9 @@ def frame_rates(points: Sequence[chip.Point], path: Path) -> None:
 def without_time(
     reading: Sequence[chip.Point], drooping: Sequence[chip.Point], settled: Sequence[chip.Point], path: Path
 ) -> None:
-    """Draw gains of accuracy without time: other ways to read, correction of row droop, a pedestal."""
+    """Draw gains of accuracy without more time: other readings, correction of row droop, a
+    pedestal.
+    """
     figure = Figure(figsize=(19, 5.2), layout="constrained")
     for axes, points, title in zip(
         figure.subplots(1, 3),
@@ -244,7 +254,9 @@ def without_time(
 
 
 def energy(points: Sequence[chip.Point], current: chip.ChannelCurrent | None, path: Path) -> None:
-    """Draw energy of a conversion and of a bit against gate length, and of a step of the quantiser against bits."""
+    """Draw energy of a conversion and of a bit against gate length, and of a step of the quantiser
+    against bits.
+    """
     figure = Figure(figsize=(13.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     own = sorted(
@@ -252,7 +264,7 @@ def energy(points: Sequence[chip.Point], current: chip.ChannelCurrent | None, pa
         key=lambda p: p.gate_clocks,
     )
     gates, bits = [p.gate_clocks for p in own], np.array([p.bits for p in own])
-    kinds = [("declared currents alone: a floor", None, GREY)]
+    kinds = [("declared currents only: lower bound", None, GREY)]
     if current is not None:
         kinds.append((f"with the channel's {1e6 * current.typical:.0f} uA, measured", current.typical, BLUE))
     for words, channel_a, colour in kinds:

@@ -48,15 +48,15 @@ EFFECTS = {
     "charge_packet": True,
     "preset_error": {"v_v": 2e-3},
 }
-"""The effects that the reference knows, each with a value that counts."""
+"""The effects of the reference, each with a value that changes codes."""
 
 BUDGETS_LSB = (3.0, 1.0, 0.5, 0.25, 0.1, 0.03, 0.01)
 _MANY = 64
-_EVERY = 5  # 50 digits take 0.1 s a conversion; rows are alike
+_EVERY = 5  # 50 digits take 0.1 s a conversion, and rows are alike
 
 
 def solvers() -> dict[str, cosim.Solver]:
-    """Return solver settings for a whole frame by their words, the project's own first."""
+    """Return solver settings for a whole frame by name, the project's own first."""
 
     def gear(order: int) -> cosim.Solver:
         return cosim.Solver(options=converter.tolerances(1e-4, method="gear", maxord=str(order)))
@@ -120,7 +120,9 @@ def output_error_v(
 
 
 def recorded(made: Plan, record: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return outputs in volt and pulses of frame 0 of a recorded co-simulation, as `output_error_v` takes them."""
+    """Return outputs in volt and pulses of frame 0 of a recorded co-simulation, as `output_error_v`
+    takes them.
+    """
     timing, gate = made.timing, made.timing.gate_clocks
     time_s, v_int = waves.integrator_waves(record, made.cols)
     charge = waves.trace(record, "charge")
@@ -128,7 +130,7 @@ def recorded(made: Plan, record: dict[str, Any]) -> tuple[NDArray[np.float64], N
     told = np.empty((made.rows, made.cols, gate), dtype=np.int64)
     begin_s = float(record["wave0_begin_s"])
     for row in range(made.rows):
-        # The analog half begins where the first row is driven.
+        # The analog part begins when the first row is driven.
         opens = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks
         at = begin_s + (opens + 1 + np.arange(gate)) / timing.f_clk_hz
         for c in range(made.cols):
@@ -141,7 +143,7 @@ def recorded(made: Plan, record: dict[str, Any]) -> tuple[NDArray[np.float64], N
 
 
 class Frames:
-    """The methods on frames with a known truth, and the codes that certified runs did not bound."""
+    """Methods on frames with a known result, and the codes outside the bounds of certified runs."""
 
     def __init__(self, work: Path, truth: reference.Frame) -> None:
         self.work, self.truth = work, truth
@@ -179,7 +181,7 @@ class Frames:
         return {WORK: Outcome(float(bound.mean()), float(bound.max()), seconds, "LSB")}
 
     def rtl(self, made: Plan, simulator: str) -> dict[str, Outcome]:
-        """Run without a probe for the time; the integrators come from a run of their own, without ramps."""
+        """Run without a probe for the time; a separate run without ramps gives the integrators."""
         _, output, told = converter.probed(made, simulator, self.work / f"probe_{simulator}")
         engines.run(made.part(0, 1), simulator=simulator)  # builds, so that it is not timed
         result, seconds = cpu_once(partial(engines.run, made, simulator=simulator))
@@ -221,13 +223,15 @@ class Frames:
 def measured(
     work: Path, repeat: int, quick: bool, tell: Callable[[str], None]
 ) -> tuple[list[Point], list[Row]]:
-    """Run every method `repeat` times in turns against the reference; return points, and rows that gate."""
+    """Run every method `repeat` times in turns against the reference; return points and verdict
+    rows.
+    """
     work.mkdir(parents=True, exist_ok=True)
     tell("reference in 50 digits")
     every = Frames(work, reference.frame(random_plan(work, _MANY, "event", **EFFECTS)))
     points, rows = measure.measure(WORK, list(every.methods(quick)), repeat, tell)
     note = f"codes of the 50-digit reference outside the bounds of {every.certified} certified runs"
-    # Nothing was judged where nothing ran.
+    # No runs, no verdict.
     rows.append(verdict.judge("accuracy.outside_certified", every.outside if every.certified else None, note))
     return points, rows
 
@@ -235,7 +239,7 @@ def measured(
 # ---- one channel in transistors ---------------------------------------------------------------------------------
 
 R_OHM = 1371.0
-"""About a third of full scale, on no boundary of two codes."""
+"""About a third of full scale, not on a boundary of two codes."""
 
 
 def channel_plan(work: Path) -> Plan:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark: accuracy and speed of each engine, and of other co-simulators on the same circuit.
 
-Correctness rows gate, speed rows inform; docs/benchmarks.md explains each. A measurement that fails
+Errors have limits, speeds have aims; docs/benchmarks.md explains each row. A failed measurement
 is an ERROR row, and the others are still made.
 """
 
@@ -53,7 +53,7 @@ STEPS = {"step_10n": 10e-9, "step_100n": 100e-9, "step_1u": 1e-6}
 RUN_LIMIT_S = 60.0
 """For one process; all take under 5 s on an idle machine."""
 
-# A step of 10 ns costs others a hundred points a clock and more: fewer clocks there.
+# A step of 10 ns costs the peers a hundred points a clock and more, so fewer clocks are run.
 _PEER_CLOCKS = {"step_10n": 300, "step_100n": 1000, "step_1u": 1000}
 
 
@@ -63,11 +63,13 @@ class Measurements:
     def __init__(self, work: Path, repeat: int, quick: bool) -> None:
         self.work, self.repeat, self.quick = work, repeat, quick
         self.circuit = Circuit()
-        self.held = replace(self.circuit, preset=True)  # every frame starts alike: for many frames in one run
+        self.held = replace(
+            self.circuit, preset=True
+        )  # the same start for every frame, for many frames in one run
         self._runs = 0
 
     def place(self) -> Path:
-        """Return a directory that does not exist yet."""
+        """Return the path of a new directory."""
         self._runs += 1
         return self.work / f"run_{self._runs:03d}"
 
@@ -78,7 +80,7 @@ class Measurements:
         return where
 
     def measure(self, job: Job) -> Run:
-        """Run a job in a process of its own."""
+        """Run a job in a separate process."""
         return circuits.measure(job, self.place(), RUN_LIMIT_S)
 
     @functools.cached_property
@@ -126,7 +128,7 @@ def _speed(m: Measurements) -> Iterator[Row]:
     step = STEPS["step_1u"]
     rates: dict[str, list[float]] = {"icarus": [], "verilator": [], "xspice": []}
     for _ in range(m.repeat):
-        # In turns, so that other load on the machine meets all of them.
+        # In turns, so that other load on the machine affects all of them.
         for simulator in ("icarus", "verilator"):
             run = m.measure(Job(m.held, 3 if m.quick else 5, step, simulator))
             if run.miscount(m.held):
@@ -179,7 +181,7 @@ def _frame(m: Measurements) -> Iterator[Row]:
     ways: dict[str, tuple[str, Plan, dict[str, Any]]] = {
         "": ("Icarus, one core", one, {}),
         ".verilator": ("Verilator, one core", one, {"simulator": "verilator"}),
-        ".two_cores": ("a frame, of two at once in Icarus", two, {}),
+        ".two_cores": ("one of two parallel frames, Icarus", two, {}),
         ".exact_half": ("Icarus, the exact converter instead of ngspice", one, {"analog": "exact"}),
     }
     cosim.run(one, simulator="verilator", analog="exact", work=m.place())  # builds, so that none is timed
@@ -210,7 +212,7 @@ def _setup(m: Measurements) -> Iterator[Row]:
 
 @dataclass(frozen=True)
 class Section:
-    """Measurements made together: the rows they promise, and their time limit."""
+    """Measurements made together: their rows and time limit."""
 
     names: tuple[str, ...]
     make: Callable[[Measurements], Iterator[Row]]
@@ -279,7 +281,7 @@ def run_section(section: Section, m: Measurements) -> list[Row]:
 
 
 def chosen(only: Sequence[str]) -> list[Section]:
-    """Return the sections that promise a row of one of the names, or of a name below it; all
+    """Return the sections with a row of one of the names, or of a name below it; all sections
     without names.
     """
 
@@ -316,7 +318,7 @@ def write_docs(rows: Sequence[Row], root: Path = ROOT) -> None:
 def bench_command(
     quick: bool, repeat: int | None, only: tuple[str, ...], docs: bool, bless: bool, history: bool
 ) -> int:
-    """Measure accuracy and speed, into build/bench.json; with --only it holds these rows alone.
+    """Measure accuracy and speed; rows in build/bench.json, with --only these rows alone.
 
     Every run is kept in build/bench_history and compared with the blessed one,
     models/bench_blessed.json.
@@ -327,11 +329,11 @@ def bench_command(
     if history:
         past.print_history(past.history())
         return 0
-    before = past.blessed()  # an unreadable file is reported before anything is measured
+    before = past.blessed()  # an unreadable file is reported before the measurements
     sections = chosen(only)
     base = ROOT / "build" / "bench"
     base.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(dir=base))  # its own: two may run at once
+    work = Path(tempfile.mkdtemp(dir=base))  # a new one, as two runs may be parallel
     m = Measurements(work, repeat or (2 if quick else 5), quick)
     rows: list[Row] = []
     with progress.slots("bench", len(sections), "sections") as tell:

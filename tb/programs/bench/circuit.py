@@ -2,9 +2,9 @@
 """One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
 known.
 
-A job runs in a process of its own, in a directory: job.pickle in; result.pickle or error.txt, and
-logs out. The HDL simulator loads this module again as the cocotb test; a job without a simulator
-drives ngspice alone.
+A job runs in a separate process, in a directory with job.pickle, and writes result.pickle or
+error.txt, and logs. The HDL simulator loads this module again as the cocotb test; a job without a
+simulator drives ngspice alone.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ JOB_VARIABLE = "DERMIS_BENCH_JOB"
 ROW, PRESET, CHARGE = range(3)
 """Sources of a deck with one row and one column."""
 
-# The same line goes into the decks of others, who get no worse from it.
+# The decks of the peers have the same line, which does not harm them.
 OPTIONS = netlist.options(pole=False)
 
 
@@ -104,7 +104,7 @@ class Circuit:
 
     @property
     def duty(self) -> Fraction:
-        """Packets a clock, of the decimals as written."""
+        """Packets per clock, from the decimals as written."""
         return Fraction(repr(self.i_in_a)) / Fraction(repr(self.i0_a))
 
     @property
@@ -124,7 +124,9 @@ class Circuit:
 
 
 def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) -> list[str]:
-    """Return the netlist of the converter in own blocks: nodes d_charge, d_hold in; comp0, xvfc.v_int out."""
+    """Return the netlist of the converter in our blocks: nodes d_charge, d_hold in; comp0,
+    xvfc.v_int out.
+    """
     values = {
         "i0_a": circuit.i0_a,
         "c_int_f": circuit.c_int_f,
@@ -147,7 +149,9 @@ def blocks(circuit: Circuit, packet_error: float = 0.0, options: str = OPTIONS) 
 
 
 def start_lines(circuit: Circuit) -> list[str]:
-    """Return the replacement of the preset: no hold, and the integrator's voltage as initial condition (for `uic`)."""
+    """Return the replacement of the preset: no hold, and the integrator's voltage as initial
+    condition (for `uic`).
+    """
     start = spice_number(circuit.v_start_v)
     lines = ["vhold d_hold 0 0", f".ic v(xvfc.v_int)={start}"]
     if circuit.t_gbw_s:
@@ -246,7 +250,7 @@ def edge_error_v(circuit: Circuit, voltage: Floats, charge: NDArray[Any]) -> flo
     first = circuit.first
     told = np.concatenate([[0], charge])[first:-1]
     if voltage.shape != (told.size + first + 1,) or told.size < 1:
-        raise ValueError(f"{voltage.size} samples and {charge.size} switch states do not belong together")
+        raise ValueError(f"{voltage.size} samples and {charge.size} switch states do not match")
     return float(np.max(np.abs(voltage[first + 1 :] - exact_voltage(circuit, told)[1:])))
 
 
@@ -268,18 +272,18 @@ def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
         last = told
 
 
-# ---- a run in a process of its own -----------------------------------------------------------------------------
+# ---- a run in a separate process -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Job:
-    """Work of the child: `frames` runs of the circuit.
+    """Job of the child: `frames` runs of the circuit.
 
-    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns what crossed
-    the bridge. `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
+    `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns the bits and
+    voltages at the bridge. `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
 
-    The last two are faults, for the test that they are found: packets in ngspice are too large by
-    `packet_error`, or the 50th switching of the charge reaches it `late_s` too late.
+    The last two are seeded faults for a test: packets in ngspice are too large by
+    `packet_error`, or the 50th switching of the charge is late by `late_s`.
     """
 
     circuit: Circuit
@@ -296,7 +300,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a job, one entry or row a frame; bits and voltages only where the job keeps them.
+    """Result of a job, one entry or row per frame; bits and voltages only if the job keeps them.
 
     `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge`
     [frames, clocks] is the state of the charge switch at clocks 1.., `voltage` [frames, clocks + 1]
@@ -310,11 +314,11 @@ class Run:
     voltage: Floats | None = None
 
     def rate(self, circuit: Circuit) -> float:
-        """Clocks a second, median of the frames."""
+        """Clocks per second, median of the frames."""
         return float(np.median(circuit.clocks / self.seconds))
 
     def cpu_per_clock_s(self, circuit: Circuit) -> float:
-        """Processor seconds a clock, median of the frames."""
+        """Processor seconds per clock, median of the frames."""
         return float(np.median(self.cpu_seconds)) / circuit.clocks
 
     def miscount(self, circuit: Circuit) -> int:
@@ -329,7 +333,7 @@ class Run:
 
 
 class _Watched:
-    """An analog half with a stop watch from its first answer to its end."""
+    """An analog half that measures the time from its first answer to its end."""
 
     def __init__(self, inner: Any, job: Job) -> None:
         self._inner, self._job, self._switched = inner, job, 0
@@ -410,7 +414,7 @@ def _leave(where: Path, name: str, value: Any) -> None:
 
 
 def main(where: Path) -> None:
-    """Run the job of a directory and leave result.pickle or error.txt there."""
+    """Run the job of a directory and write result.pickle or error.txt there."""
     job, build = pickle.loads((where / "job.pickle").read_bytes())
     try:
         if job.simulator is None:
@@ -434,7 +438,7 @@ if JOB_VARIABLE in os.environ:
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the frames of the job; a failure is left as error.txt for the parent."""
+        """Run the frames of the job; a failure is written to error.txt for the parent."""
         where = Path(os.environ[JOB_VARIABLE])
         try:
             job, _ = pickle.loads((where / "job.pickle").read_bytes())
@@ -453,7 +457,7 @@ def call(
     Raises
     ------
     SimulatorError
-        It ran longer than its limit and was ended, with all that it started.
+        It exceeded its time limit and was ended, with its children.
     """
     (where / log).unlink(missing_ok=True)
     words = [str(word) for word in command]
@@ -465,12 +469,12 @@ def call(
 
 
 def result(where: Path) -> Any:
-    """Return the result that a child left in a directory.
+    """Return the result that a child wrote to a directory.
 
     Raises
     ------
     SimulatorError
-        It left an error, or no result.
+        It wrote an error, or no result.
     """
     if (where / "error.txt").exists():
         raise SimulatorError((where / "error.txt").read_text().strip(), where)
@@ -481,12 +485,12 @@ def result(where: Path) -> Any:
 
 
 def measure(job: Job, where: Path, limit_s: float) -> Run:
-    """Run a job in a process of its own, in a new directory.
+    """Run a job in a separate process, in a new directory.
 
     Raises
     ------
     SimulatorError
-        It failed, took longer than `limit_s` or left no result.
+        It failed, took longer than `limit_s` or wrote no result.
     """
     where.mkdir(parents=True)
     build = None

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed and memory of the engines without a circuit simulator, and a peer of the array solve, all on one core."""
+"""Speed and memory of the engines without a circuit simulator, and a peer of the array solve, all
+on one core.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +29,12 @@ from dermis.report.verdict import Row
 from dermis.scene import scene
 from tb.programs.bench.measure import one_core, random_plan, time_ratios
 
-# A sample of speed is at least this long; a shorter one measures the resolution of the timer.
+# Shortest sample of speed in s; a shorter one measures the resolution of the timer.
 SAMPLE_S = 0.25
 CHILD_LIMIT_S = 120.0
 BADCROSSBAR = "badcrossbar==1.1.0"
 SERIES = {"lateral": True, "row_driver": True, "column_input": True}
-"""Lateral and series resistances, with the values of the design."""
+"""Lateral and series resistances with the values of the design."""
 OVER_RANGE = "frames of 16x16 resistances over the range"
 SIZES = (16, 32, 64, 128, 256)
 LARGE = 256
@@ -50,8 +52,12 @@ MEMORY: dict[str, tuple[str, int, int, dict[str, bool]]] = {
 
 
 def all_effects(engine: str, work: Path) -> tuple[dict[str, bool], list[str]]:
-    """Return the effects that an engine honours with their physical defaults, and the names it refuses."""
-    names = [name for name in effects.EFFECTS if name != "return"]  # event takes no line_capacitance with it
+    """Return the effects that an engine honours with their physical defaults, and the names it
+    refuses.
+    """
+    names = [
+        name for name in effects.EFFECTS if name != "return"
+    ]  # event refuses it together with line_capacitance
     probe = random_plan(work, 1, engine, **dict.fromkeys(names, True))
     lost = {name for field in engines.refused(probe, engine) for name in probe.effects_of_field(field)}
     return {name: True for name in names if name not in lost}, sorted({*lost, "return"})
@@ -79,7 +85,9 @@ def speed(name: str, made: Plan, repeat: int, note: str) -> Row:
 
 
 def closed_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
-    """Measure the closed engine, ideal, with lateral and series resistances, and with traces; and badcrossbar."""
+    """Measure the closed engine, ideal, with lateral and series resistances, and with traces; and
+    badcrossbar.
+    """
     kinds = {"": (512, {}), ".series": (512, SERIES), ".trace": (128, {**SERIES, "trace": True})}
     with one_core():
         for kind, (frames, on) in kinds.items():
@@ -91,7 +99,9 @@ def closed_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
 
 
 def _badcrossbar(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
-    """Solve the same frame with distributed lines, every row in turn, by badcrossbar and by our solver, in pairs."""
+    """Solve the same frame with distributed lines, every row in turn, by badcrossbar and by our
+    solver, in pairs.
+    """
     network = random_plan(work, 1, "closed", trace={"r_row_ohm": 1.0, "r_column_ohm": 1.0}).network(0)
     np.save(work / "peer_resistance.npy", 1.0 / network.g_taxel_s)
     words = (network.v_bias_v, network.r_trace_row_ohm, network.r_trace_column_ohm, 1 if quick else 5)
@@ -120,7 +130,7 @@ def _badcrossbar(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
     )
     yield verdict.median(speeds, rates, "1/s", f"{note}, processor time")
     yield verdict.median(
-        ratio, ratios, "1", "our frames a second over badcrossbar's, the same network, in pairs"
+        ratio, ratios, "1", "our frames per second over badcrossbar's, the same network, in pairs"
     )
     yield verdict.measured(apart, difference, "1", "largest relative difference of a column current")
 
@@ -155,7 +165,9 @@ print(json.dumps({"seconds": sorted(taken[1:])[repeat // 2], "version": importli
 
 
 def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
-    """Measure the event engine, ideal and with all effects, and the cost of a taxel of a large frame."""
+    """Measure the event engine, ideal and with all effects, and the cost of a taxel of a large
+    frame.
+    """
     on, lost = all_effects("event", work)
     told = f"{len(on)} effects with their physical defaults, noise included"
     if lost:
@@ -169,7 +181,7 @@ def event_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
         ratios = [1.0 + ratio for ratio in time_ratios(certify, run, min(repeat, 3))]
         note = "the same run with certified lower and upper codes over that without, processor time"
         yield verdict.median("event.certificate_time_ratio", ratios, "1", note)
-        # The converters alone: array.exponent has the cost of the network.
+        # Converters only: array.exponent has the cost of the network.
         alone = {name: True for name in on if not _of_network(name)}
         for kind, chosen in (("", {}), (".converter_effects", alone)):
             small = random_plan(work, (LARGE // 16) ** 2, "event", 16, **chosen)
@@ -188,7 +200,7 @@ def _of_network(name: str) -> bool:
 
 
 def off_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
-    """Measure the cost of effects that are named and off."""
+    """Measure the cost of effects that are named but off."""
     off = dict.fromkeys(effects.EFFECTS, False)
     with one_core():
         for kind, engine, frames in (("", "event", 32), (".closed", "closed", 512)):
@@ -213,7 +225,7 @@ def exponent_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
 
 
 def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
-    """Return processor time a frame of the array solve, in batches of as many frames as closed takes at once."""
+    """Return the processor time per frame of the array solve, with the batch size of engine closed."""
     frames = max(1, (1 << 15) // size**2)
     made = random_plan(work, frames, "closed", size, **on)
     base, g = made.network(0), made.conductance_s()
@@ -262,7 +274,7 @@ def batch_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
 def memory_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
     """Measure the peak memory of whole processes."""
     for name, (engine, size, frames, on) in MEMORY.items():
-        random_plan(work, frames, engine, size)  # writes the file, so that its making does not count
+        random_plan(work, frames, engine, size)  # writes the file, so that writing it does not count
         call = [sys.executable, "-m", "tb.programs.bench.engines"]
         call += [str(work), engine, str(size), str(frames), json.dumps(on)]
         code, text = children.output_of(call, CHILD_LIMIT_S)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every run of the benchmark is kept, one is blessed, and later runs name the rows that became
-worse.
+"""History of the benchmark: every run is kept, one is blessed, and later runs name the rows that
+became worse.
 
-A comparison informs and fails nothing: models/spec.toml judges. Errors and ratios of times measured
-in turns compare across machines; times and speeds do not, and are listed apart with both machines
-named.
+A comparison never fails a run; models/spec.toml has the limits. Errors, and ratios of times
+measured in turns, compare across machines. Times and speeds do not; they are listed separately with
+both machines.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ KINDS = {
 
 
 class Meaning(NamedTuple):
-    """Kind of a row, its good direction, and the factor from which on a change to the worse is named."""
+    """Kind of a row, its good direction, and the factor from which a change to the worse is named."""
 
     kind: str
     higher_is_better: bool
@@ -50,12 +50,12 @@ class Meaning(NamedTuple):
 # An error repeats to the last digit on one machine; rounding on another moves one that is rounding
 # by less than 2.
 _ERROR = Meaning("error", False, 2.0)
-# Medians of a few runs of the same tree differ by some per cent.
+# Medians of a few runs of the same tree differ by a few per cent.
 _LESS, _MORE = Meaning("ratio", False, 1.1), Meaning("ratio", True, 1.1)
 _TIME, _SPEED = Meaning("absolute", False, 1.1), Meaning("absolute", True, 1.1)
 
 MEANINGS: dict[str, Meaning | None] = {
-    "accuracy.order": Meaning("error", True, 1.02),  # 2 % are 1.95 and 1.91, and the gate is 1.9
+    "accuracy.order": Meaning("error", True, 1.02),  # 2 % below 1.95 is 1.91, and the limit is 1.9
     "array.exponent": _LESS,
     "batch.speed_ratio": _MORE,
     "closed.difference": _ERROR,
@@ -122,7 +122,7 @@ def _worse(before: Mapping[str, Any], now: Mapping[str, Any], what: Meaning) -> 
     factor = a / b if what.higher_is_better else b / a
     if not factor > what.worse_by:
         return False, factor
-    # Runs that overlap with the blessed ones are no change, however far apart the medians are.
+    # If the runs overlap with the blessed ones, it is not a change, whatever the medians.
     runs_a, runs_b = before.get("runs") or [a], now.get("runs") or [b]
     return (max(runs_b) < min(runs_a) if what.higher_is_better else min(runs_b) > max(runs_a)), factor
 
@@ -135,7 +135,9 @@ def _compared(rows: Sequence[Row], blessed: Mapping[str, Any]) -> Iterator[tuple
 
 
 def changes(rows: Sequence[Row], blessed: Mapping[str, Any]) -> list[Change]:
-    """Return the rows worse than blessed: errors, then ratios, then times; the largest factor first."""
+    """Return the rows worse than blessed: errors, then ratios, then times; the largest factor
+    first.
+    """
     found = []
     for row, before, what in _compared(rows, blessed):
         worse, factor = _worse(before, row, what)
@@ -156,7 +158,7 @@ def record(rows: Sequence[Row], machine: str, tree: str, options: Mapping[str, A
 
 
 def keep(run: Mapping[str, Any], directory: Path | None = None) -> Path:
-    """Write a run into the history and return its path; two of one second get different names."""
+    """Write a run into the history and return its path; two in the same second get different names."""
     directory = HISTORY if directory is None else directory
     stem = run["made"].replace(":", "").replace("+0000", "Z")
     names = (directory / f"{stem}{f'_{n}' if n else ''}.json" for n in range(1000))
@@ -166,7 +168,7 @@ def keep(run: Mapping[str, Any], directory: Path | None = None) -> Path:
 
 
 def history(directory: Path | None = None) -> list[dict[str, Any]]:
-    """Return the runs that were kept, the oldest first."""
+    """Return the kept runs, the oldest first."""
     found = [_read(path) for path in (HISTORY if directory is None else directory).glob("*.json")]
     return sorted(found, key=lambda run: run["made"])
 
@@ -193,7 +195,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def bless(run: Mapping[str, Any], rows: Sequence[Row], path: Path | None = None) -> None:
-    """Make a run the one that later runs are compared with.
+    """Make a run the reference of later runs.
 
     Raises
     ------
@@ -206,7 +208,7 @@ def bless(run: Mapping[str, Any], rows: Sequence[Row], path: Path | None = None)
 
 
 def report(rows: Sequence[Row], machine: str, before: Mapping[str, Any] | None, whole: bool) -> Iterator[str]:
-    """Yield the comparison in lines; `whole` if the run was to measure everything."""
+    """Yield the comparison in lines; `whole`: the run should have measured every row."""
     if before is None:
         yield f"no blessed result to compare with; {MADE_BY} writes {BLESSED.relative_to(ROOT)}"
         return
@@ -225,7 +227,7 @@ def report(rows: Sequence[Row], machine: str, before: Mapping[str, Any] | None, 
 
 
 def _known(name: str) -> bool:
-    """Return True for a row that is compared; a file may hold rows of an earlier program."""
+    """Return True for a row that is compared; a file may have rows of an earlier version."""
     try:
         return meaning(name) is not None
     except KeyError:
@@ -233,7 +235,9 @@ def _known(name: str) -> bool:
 
 
 def summary(rows: Sequence[Row], before: Mapping[str, Any] | None) -> list[Row]:
-    """Return the comparison as rows: how many rows became worse, and their names. They fail nothing."""
+    """Return the comparison as rows: the number of rows that became worse, and their names. They
+    never fail.
+    """
     if before is None:
         return [verdict.skip(f"blessed.{name}", "nothing is blessed") for name, _ in KINDS.values()]
     made = []

@@ -30,9 +30,9 @@ from dermis.scene.design import load as load_design
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Hold this process, and those that it starts, on one core."""
+    """Pin this process and its children to one core."""
     allowed = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(allowed)})  # the first one serves the interrupts of most machines
+    os.sched_setaffinity(0, {max(allowed)})  # on most machines the first one serves interrupts
     try:
         yield
     finally:
@@ -51,7 +51,7 @@ def time_limit(seconds: float) -> Iterator[None]:
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, *timer)  # pytest keeps its own limit there
+        signal.setitimer(signal.ITIMER_REAL, *timer)  # pytest uses it for its own limit
         signal.signal(signal.SIGALRM, handler)
 
 
@@ -71,7 +71,7 @@ def time_ratios(
 
 
 def busy_row(name: str) -> Row:
-    """Return a row with the number of cores that other processes keep busy, measured over one second."""
+    """Return a row with the number of cores that other processes use, measured over one second."""
 
     def ticks() -> tuple[int, int]:
         numbers = [int(word) for word in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
@@ -86,7 +86,9 @@ def busy_row(name: str) -> Row:
 
 
 def random_plan(work: Path, frames: int, engine: str, size: int | None = None, **effects_on: Any) -> Plan:
-    """Return frames of resistances spread evenly in log R over the sensor's range, always the same ones."""
+    """Return frames of resistances spread evenly in log R over the sensor's range, always the same
+    ones.
+    """
     design = load_design()
     low, high = math.log(design.sensor.r_min_ohm), math.log(design.sensor.r_max_ohm)
     rows, cols = (size, size) if size else (design.array.rows, design.array.cols)
@@ -177,7 +179,7 @@ def to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def from_csv(text: str) -> list[Point]:
-    """Return the points of a csv; the runs of each are its least, median and largest time."""
+    """Return the points of a csv; the runs of each are its lowest, median and largest time."""
     return [
         Point(
             row["work"], row["method"], row["setting"], float(row["error"]), row["unit"],
@@ -188,7 +190,7 @@ def from_csv(text: str) -> list[Point]:
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
-    """Return the points that no other one beats in both error and time, the fastest first."""
+    """Return the Pareto front, the fastest point first."""
     front: list[Point] = []
     for point in sorted(points, key=lambda p: (p.time_s, p.error)):
         if not front or point.error < front[-1].error:
@@ -198,7 +200,9 @@ def pareto(points: Sequence[Point]) -> list[Point]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run of a method: error, largest error of a code or count in LSB, seconds; the unit of the error."""
+    """One run of a method: error, largest error of a code or count in LSB, seconds; the unit of the
+    error.
+    """
 
     error: float
     largest_lsb: float
@@ -219,7 +223,7 @@ class Method:
 def measure(
     work: str, methods: Sequence[Method], repeat: int, tell: Callable[[str], None]
 ) -> tuple[list[Point], list[Row]]:
-    """Run every method `repeat` times in turns, so that other load on the machine meets all of
+    """Run every method `repeat` times in turns, so that other load on the machine affects all of
     them.
 
     A method that fails is an ERROR row with the reason, named after `work`; its point is missing.

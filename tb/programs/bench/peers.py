@@ -3,8 +3,8 @@
 tree.
 
 Each gets the same circuit, flip-flops and solver options, and is compared with the same exact
-solution, which takes the charge pulses of its own digital side. XSPICE comes with ngspice; the
-other two are measured where they import.
+solution for the charge pulses of its own digital side. XSPICE comes with ngspice; the
+other two are measured if they are installed.
 """
 
 from __future__ import annotations
@@ -37,12 +37,14 @@ from tb.programs.bench.circuit import Circuit, Floats
 AMS_VARIABLE = "DERMIS_BENCH_AMS"
 
 PIP = {"spicebind": "spicebind==0.0.2", "cocotbext_ams": "cocotbext-ams==0.1.0"}
-"""Versions that were measured; `pip install --no-deps` adds them to .venv."""
+"""Versions measured; `pip install --no-deps` adds them to .venv."""
 
 
 @dataclass(frozen=True)
 class PeerRun:
-    """Voltage error in volt, |pulses - exact|, and wall time of the clocks; NaN seconds where not timed."""
+    """Voltage error in volt, |pulses - exact|, and wall time of the clocks; NaN seconds if not
+    timed.
+    """
 
     error_v: float
     count_error: int
@@ -56,7 +58,7 @@ class PeerRun:
 
 
 def missing(name: str) -> str | None:
-    """Return why a peer cannot be measured here; None if it can."""
+    """Return the reason why a peer cannot be measured here, or None."""
     module = {"spicebind": "spicebind", "cocotbext_ams": "cocotbext.ams"}[name]
     try:
         found = importlib.util.find_spec(module)
@@ -68,21 +70,23 @@ def missing(name: str) -> str | None:
 
 
 def short(circuit: Circuit, clocks: int) -> Circuit:
-    """Return the circuit without clocks before the gate, as a peer starts it."""
+    """Return the circuit without clocks before the gate, for a peer."""
     return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks, preset=False)
 
 
 def _judge(
     circuit: Circuit, time_s: Floats, voltage: Floats, told: NDArray[Any], late_s: float
 ) -> tuple[float, int]:
-    """Compare a waveform and the switch states at clocks 0.. with the exact solution and the exact count."""
+    """Compare a waveform and the switch states at clocks 0.. with the exact solution and the exact
+    count.
+    """
     if (
         time_s.size < told.size
         or time_s[-1] < told.size / circuit.f_clk_hz
         or not set(np.unique(told)) <= {0, 1}
     ):
         raise SimulatorError(
-            f"the waveform ends at {time_s[-1] if time_s.size else 0:g} s, or its pulses are no bits"
+            f"the waveform ends at {time_s[-1] if time_s.size else 0:g} s, or its pulses are not bits"
         )
     at_edges = np.interp(np.arange(1, told.size + 1) / circuit.f_clk_hz, time_s, voltage)
     error = np.abs(at_edges - circuits.exact_voltage(circuit, told, late_s)[1:])
@@ -92,7 +96,7 @@ def _judge(
 
 # ---- ngspice with XSPICE ----------------------------------------------------------------------------------------
 
-# The least that XSPICE takes; three of them lie between a clock edge and the ramp of the charge.
+# The shortest delay of XSPICE; a clock edge takes three of them to the ramp of the charge.
 _T_GATE_S = 1e-12
 
 
@@ -104,7 +108,9 @@ def xspice(
     limit_s: float,
     options: str = circuits.OPTIONS,
 ) -> PeerRun:
-    """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a d_source file."""
+    """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a
+    d_source file.
+    """
     where.mkdir(parents=True)
     circuit = short(circuit, clocks)
     t_clk = 1.0 / circuit.f_clk_hz
@@ -148,7 +154,7 @@ def xspice(
         begin, end = (float(t) for t in re.findall(r"BENCH_(\d+\.\d+)", (where / "console.log").read_text()))
         time_s, v_int, _, charge = np.loadtxt(where / "waves.dat").T
     except (OSError, ValueError) as error:
-        raise SimulatorError(f"ngspice left no waveform: {error}", where) from None
+        raise SimulatorError(f"ngspice wrote no waveform: {error}", where) from None
     middles = (np.arange(clocks) + 0.5) * t_clk
     told = np.round(np.interp(middles, time_s, charge), 6)
     error_v, count_error = _judge(circuit, time_s, v_int, told, late_s=2 * _T_GATE_S)
@@ -219,12 +225,14 @@ def _compile(circuit: Circuit, clocks: int, where: Path, *options: str) -> Path:
 def _judged(
     circuit: Circuit, clocks: int, where: Path, seconds: float, wave: tuple[Floats, Floats] | None
 ) -> PeerRun:
-    """Judge a run by its waveform and by the pulses that the test bench wrote; without a waveform only time it."""
+    """Compare the waveform of a run, and the pulses that the test bench wrote, with the exact
+    solution; without a waveform only time it.
+    """
     try:
-        # Switch states from clock 0 on: each line is the state when the next clock came.
+        # Switch states from clock 0 on: each line is the state at the next clock.
         told = np.array([int(line) for line in (where / "told.txt").read_text().split()])
     except (OSError, ValueError) as error:
-        raise SimulatorError(f"the test bench left no pulses: {error}", where) from None
+        raise SimulatorError(f"the test bench wrote no pulses: {error}", where) from None
     if told.size < clocks:
         raise SimulatorError(f"the run ended after {told.size} of {clocks} clocks", where)
     if wave is None:
@@ -256,7 +264,9 @@ def spicebind(
     waves: bool = True,
     options: str = circuits.OPTIONS,
 ) -> PeerRun:
-    """Run SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the process."""
+    """Run SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the
+    process.
+    """
     import spicebind as package
 
     where.mkdir(parents=True)
@@ -297,9 +307,9 @@ def cocotbext_ams(
     """Run cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
     where.mkdir(parents=True)
     circuit = short(circuit, clocks)
-    # Icarus 11 does not carry a forced value on through ports and assignments; a process sees it.
+    # Icarus 11 does not carry a forced value through ports and assignments; a process sees it.
     _compile(circuit, clocks, where, "-DNO_INSTANCE")
-    # It wants a subckt with the pins in its own order, and writes the sources itself.
+    # It needs a subckt with the pins in its own order, and writes the sources itself.
     inner = [
         ".subckt bench_analog d_charge comp vdd_unused vss_unused",
         *(line for line in circuits.blocks(circuit) if not line.startswith((".include", ".options"))),
@@ -361,7 +371,7 @@ async def _ams_run(dut: Any, where: Path) -> None:
     points: list[tuple[float, float]] = []
 
     class Watch:
-        """Takes the place of its waveform writer."""
+        """Replacement for its waveform writer."""
 
         # Called with keywords.
         def write_values(self, sim_time: float, analog_values: dict[str, float], digital_values: Any) -> None:
@@ -393,7 +403,7 @@ if AMS_VARIABLE in os.environ and __name__ != "__main__":
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the converter; a failure is left as error.txt for the parent."""
+        """Run the converter; a failure is written to error.txt for the parent."""
         where = Path(os.environ[AMS_VARIABLE])
         try:
             await _ams_run(dut, where)
@@ -403,20 +413,24 @@ if AMS_VARIABLE in os.environ and __name__ != "__main__":
 
 
 GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
-"""Peers other than XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; no waves, no error."""
+"""Peers other than XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; no
+waves, no error.
+"""
 
 
 def rate(
     peer: str, circuit: Circuit, t_max_step_s: float, place: Callable[[], Path], limit_s: float
 ) -> float:
-    """Return clocks a second from the difference of a long and a short run, without start and end of the process."""
+    """Return clocks per second from the difference of a long and a short run, without start and end
+    of the process.
+    """
     few, clocks = 100, 400
 
     def seconds(clocks: int) -> float:
         return GUESTS[peer](circuit, t_max_step_s, clocks, place(), limit_s, waves=False).seconds
 
     short_s = seconds(few)
-    # Ends of processes differ by some 10 ms: the difference must be far longer.
+    # The ends of processes differ by about 10 ms, so the difference must be far longer.
     while (more_s := seconds(clocks) - short_s) < 0.6:
         clocks *= 4
         if clocks > 200_000:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The named suite of hard cases, each with an exact answer, an argued tolerance and all engines that can express it."""
+"""Hard cases, each with an exact answer, a tolerance with its reason, and every engine that can
+express it.
+"""
 
 from __future__ import annotations
 

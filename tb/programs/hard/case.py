@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard cases: why each is hard, its exact answer and source, and the engines that have to find it.
+"""Hard cases: the difficulty of each, its exact answer with source, and the engines that must find
+it.
 
-Text stands in cases.toml by name; code gives the runs. Text that holds computed numbers stays with
+cases.toml has the text of each case by name, the code its runs. Text with computed numbers is in
 the code.
 """
 
@@ -26,7 +27,7 @@ class Measured:
     note : str
         Remark of the row.
     seconds : float, optional
-        Time of the engine alone, where the run also computes its reference; default that of the run.
+        Time of the engine alone, if the run also computes its reference; default that of the run.
     """
 
     error: float
@@ -46,18 +47,18 @@ class Case:
         converter, array, circuit or stiff.
     runs : mapping
         Engine or solver name -> a module-level function, or a functools.partial of one, for a worker process. It
-        returns Measured. An expected typed error is an answer as well: Measured(0.0), or 1.0 where it does not come
+        returns Measured. An expected error is an answer as well: Measured(0.0), or 1.0 if it does not come
         or does not name its cause.
     why, expected, source, tolerance : str
-        Reason of the difficulty, the answer, its independent exact source, and the argument for `limit`.
+        Difficulty, answer, its independent exact source, and the reason for `limit`.
     limit, unit : float, str
         |error| <= limit passes; the unit of both.
     limit_s : float
         Time limit of a run.
     short : bool
-        In the short set, which `make test` runs; well under a second each.
+        Part of the short set, which `make test` runs; well under a second each.
     refused : mapping
-        Engine -> why it cannot express the case: a SKIP row.
+        Engine -> reason why it cannot express the case: a SKIP row.
     """
 
     name: str
@@ -81,5 +82,7 @@ def texts() -> dict[str, dict[str, str]]:
 
 
 def case(group: str, name: str, runs: Mapping[str, Callable[[], Measured]], **other: Any) -> Case:
-    """Return a case with its text from cases.toml; `other` has its other fields, and text that is computed."""
+    """Return a case with its text from cases.toml; `other` has its other fields, and text that is
+    computed.
+    """
     return Case(name=name, group=group, runs=runs, **texts().get(name, {}), **other)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard circuits: ngspice aborts, rings, starts wrongly or must refuse; each has an exact answer.
+"""Hard circuits, at which ngspice aborts, rings, starts wrongly or must refuse; each has an exact
+answer.
 
 Engines: `lockstep` is ngspice as the analog half with row scanner and flip-flops in Python
 (tb/system ties such a chip to the Verilog), `batch` a deck through `ngspice -b`, both on the ladder
@@ -41,7 +42,7 @@ Rows = NDArray[np.float64]
 TIGHT = ".options reltol=1e-6 abstol=1e-13 vntol=1e-9"
 
 
-# ---- how a circuit is run --------------------------------------------------------------------------------------
+# ---- run of a circuit --------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -69,7 +70,7 @@ def lockstep(
     ----------
     lines : elements and options
     times : seconds, ascending; the last one ends the transient
-    edges : what begins to move at one of the times, or at 0: (source, level in volt)
+    edges : edges that begin at one of the times, or at 0: (source, level in volt)
     levels, abrupt : of the sources; see dermis.chip.ngspice.Deck
     """
     names = tuple(f"v_d{i}" for i in range(len(levels)))
@@ -121,7 +122,7 @@ def _said(way: ladder.Climb | Sequence[ladder.Retry]) -> str:
 
 
 def refused(run: Callable[[], object], *causes: str) -> Measured:
-    """Return 0 if a run ends with an error of the project that names each cause, else 1."""
+    """Return 0 if a run ends with an error of dermis that names each cause, else 1."""
     try:
         run()
     except (SimulatorError, InputError) as error:
@@ -144,7 +145,7 @@ def transistor_converter(size: int) -> list[str]:
     one compares.
 
     1 MHz, 10 pF, packets of 1 uA; widths are drawn with `size` as seed. Its transistors have
-    Meyer's gate capacitances and nothing else, and `vref` and `vbn` are ideal sources that drive
+    Meyer's gate capacitances only, and `vref` and `vbn` are ideal sources that drive
     only gates.
     """
     draw = random.Random(size)
@@ -181,7 +182,7 @@ def transistor_converter(size: int) -> list[str]:
         "cint sum int 10p",
         ".nodeset v(d1)=1",
         "bpreset int sum i = v(d1) > 0.95 ? (v(d1) - 0.95)*(v(int,sum) - 0.05)*2e-2 : 0",
-        # ngspice's own tolerances, at which it is known to abort
+        # ngspice's default tolerances, at which it is known to abort
         ".options reltol=1e-3",
     ]
 
@@ -227,7 +228,9 @@ ABORTING = (1, 2, 3, 5, 6, 7, 11, 12, 13)
 
 
 def transistors(begin: str, sizes: Sequence[int]) -> Measured:
-    """Return the largest count error over sizes, from a rung on; each of ABORTING must leave `plain`."""
+    """Return the largest count error over sizes, starting at a rung; each of ABORTING must fail on
+    `plain`.
+    """
     foot = [rung.name for rung in ladder.STEPS].index(begin)
     worst, climbed, ends = 0.0, [], set()
     for size in sizes:
@@ -238,7 +241,7 @@ def transistors(begin: str, sizes: Sequence[int]) -> Measured:
         if way.level.steps > foot:
             climbed.append(size)
     if begin == "plain" and (lost := set(ABORTING) & set(sizes) - set(climbed)):
-        return Measured(float(GATE), f"not hard: plain ngspice did sizes {sorted(lost)}")
+        return Measured(float(GATE), f"not hard: plain ngspice solved sizes {sorted(lost)}")
     said = (
         f"{len(climbed)} of {len(sizes)} sizes abort on {begin} {climbed}; ended on {', '.join(sorted(ends))}"
     )
@@ -266,9 +269,9 @@ NEEDS = {
     "source_stepping": ("v1 a 0 30", "r1 a b 10", _DIODE, TIGHT),
     "ramp": ("v1 a 0 30", "r1 a b 10", _DIODE, _LOCKED, "r2 o n 1k", "c2 n 0 1n", TIGHT),
 }
-"""By rung of the start, a circuit with one operating point, at node b, that no rung below finds: a
-saturating element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same beside a
-loop without a state at any fraction of the supply, where source stepping stops."""
+"""By rung, a circuit with one operating point, at node b, that no lower rung finds: a
+saturating element of 1 A/uV without damping; an exponential of 20 mV from 0 V on; the same with a
+loop that has no state at a fraction of the supply, where source stepping stops."""
 
 
 LEAP = (
@@ -276,7 +279,9 @@ LEAP = (
     "rleap high leap 1meg",
     "bleap leap 0 i = time > 60u ? 1e-6*tanh(200*(v(leap) - 0.5)) : 0",
 )
-"""A saturating law that begins at 60 us, at a node without charge: no step leads from 1 V to where it settles."""
+"""A saturating law that begins at 60 us, at a node without charge: no sequence of steps leads from
+1 V to its final value.
+"""
 
 
 def leap_v() -> float:
@@ -314,7 +319,7 @@ def start(rung: str, engine: str) -> Measured:
     return Measured(abs(value - float(needed_operating_point(rung))), _said(retries))
 
 
-# ---- what has no answer ------------------------------------------------------------------------------------------
+# ---- circuits without an answer ------------------------------------------------------------------------------------
 
 FLOATING = ("v1 a 0 1", "c1 a b 1p", "c2 b 0 3p", "r1 a 0 1k")
 LOOP = ("v1 a 0 1", "v2 a 0 2", "r1 a 0 1k")
@@ -335,7 +340,9 @@ CLASHES = {"element": "R1 b 0 1k", "block": "x1 b 0 no_such_block", "source": "v
 
 
 def clash(what: str) -> Measured:
-    """Check the error of a name taken in other case, a missing block, or a source that is not driven."""
+    """Check the error of a name used in another case, a missing block, or a source that is not
+    driven.
+    """
     name = {"element": "already exists", "block": "no_such_block", "source": "v_d7"}[what]
     return refused(lambda: lockstep(["v1 a 0 1", "r1 a b 1k", CLASHES[what]], ["b"], [1e-6]), name)
 
@@ -347,7 +354,7 @@ def folded_case() -> Measured:
 
 
 def nan_in(what: str) -> Measured:
-    """Check that NaN is refused before any deck is written."""
+    """Check that NaN is refused before a deck is written."""
     if what == "array":
         return refused(lambda: array_subckt(1, 2, [[math.nan, 1e3]]), "nan", "[0, 0]")
     data = {
@@ -408,7 +415,9 @@ def closing_switch(abrupt: bool) -> Measured:
 
 
 def inconsistent_start() -> Measured:
-    """Start two capacitors of 1 V and 0 V joined by 1 uohm, and one whose start contradicts its ideal source."""
+    """Start two capacitors of 1 V and 0 V joined by 1 uohm, and one whose start contradicts its
+    ideal source.
+    """
     lines = (
         "c1 a 0 1p",
         "c2 b 0 1p",
@@ -439,7 +448,7 @@ def supply_ramp() -> Measured:
     samples, way = lockstep(
         lines, ["q", "p"], [1e-7, 2e-4], {1e-7: [(0, 2.0)]}, levels=[0.0], t_edge_s=1e-4, t_max_step_s=1e-6
     )
-    # Both cut off: q at the supply, p at ground, but for gmin's 1e-12 S at two junctions each
+    # Both cut off: q at the supply, p at ground, except for gmin's 1e-12 S at two junctions each
     # against 10 Mohm or 30 kohm.
     return Measured(float(np.max(np.abs(samples[-1] - [2.0, 0.0]))), _said(way))
 
@@ -469,7 +478,8 @@ def stiff_pair() -> Measured:
     samples, way = lockstep(
         lines, ["b", "a"], times, {0.01: [(0, 1.0)]}, levels=[0.0], t_edge_s=1e-9, t_max_step_s=1e-3
     )
-    # a = 1 but for 1e-6 of what b lacks; b charges with 1 s, 1e-6 slower, from the middle of the edge on.
+    # a is 1 except for 1e-6 of the rest of b; b charges with 1 s, 1e-6 slower, from the middle of
+    # the edge on.
     slow = mpmath.mpf(1) + mpmath.mpf("1e-6")
     exact_b = [0.0] + [
         float(1 - mpmath.exp(-(mpmath.mpf(repr(t)) - 0.01 - 0.5e-9) / slow)) for t in times[1:]
@@ -478,7 +488,9 @@ def stiff_pair() -> Measured:
 
 
 def gyrator(options: str) -> Measured:
-    """Run two capacitors and a gyrator for ten periods of 1 us: amplitude and phase of the trapezoidal rule."""
+    """Run two capacitors and a gyrator for ten periods of 1 us: amplitude and phase of the
+    trapezoidal rule.
+    """
     c = 1e-9
     g = 2 * math.pi * 1e6 * c
     lines = (
@@ -568,7 +580,7 @@ def extremes(engine: str, topology: str, corner: str = "nominal") -> Measured:
 
 STEPS_S = {"step_100_ns": 1e-7, "step_1_us": 1e-6, "step_10_us": 1e-5}
 BENDS = {"comparator_delay": {"t_s": 8e-9}, "integrator_bandwidth": {"gbw_hz": 5e6}}
-# ten times what netlist.py gives a deck with poles
+# ten times the tolerances of netlist.py for a deck with poles
 CHANGES = {
     **dict.fromkeys(STEPS_S, ""),
     "gear": ".options method=gear maxord=2",
@@ -578,7 +590,9 @@ CHANGES = {
 
 
 def unmoved(change: str, bent: bool) -> Measured:
-    """Return the largest error of a code against charge balance (engine event, with poles) under a change."""
+    """Return the largest error of a code against charge balance (engine event, with poles) under a
+    change.
+    """
     made = chip("conveyor_mirror", effects=BENDS, ohms=BENT_OHM) if bent else chip("conveyor_mirror")
     codes, way = read_frame(made, CHANGES[change], STEPS_S.get(change, 1e-6))
     exact = engine_modules.runner("event")(made).codes.astype(np.int64) if bent else exact_codes(made)
@@ -588,7 +602,9 @@ def unmoved(change: str, bent: bool) -> Measured:
 def read_frame(
     made: records.Plan, options: str = "", t_max_step_s: float = 1e-6, begin: ladder.Level = ladder.PLAIN
 ) -> tuple[NDArray[np.int64], ladder.Climb]:
-    """Return codes [1, rows, cols] of the first frame: its deck with row scanner and flip-flops in Python."""
+    """Return codes [1, rows, cols] of the first frame: its deck with row scanner and flip-flops in
+    Python.
+    """
     timing, rows, cols = made.timing, made.rows, made.cols
     deck = netlist.frame_deck(made, 0, [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols)
     if options:
@@ -634,9 +650,9 @@ def read_frame(
 
 # ---- the cases -------------------------------------------------------------------------------------------------------
 
-_FEMTO = "two roundings of a volt beside vntol 1e-9 V and reltol 1e-6, which Newton's last step leaves unused"
+_FEMTO = "two roundings of a volt; vntol 1e-9 V and reltol 1e-6 are not used up by Newton's last step"
 _OP = "reltol 1e-6 of the volt that Newton's method may leave, twice"
-_NAMED = "an error that names its cause, exit 2 or 3; 0 it does, 1 it does not"
+_NAMED = "an error that names its cause, exit 2 or 3; 0: it does, 1: it does not"
 _COUNT = "counts are whole numbers"
 
 
@@ -647,7 +663,7 @@ def _both(function: Callable[..., Measured], *arguments: Any) -> dict[str, Calla
 def _no_answer(name: str, lines: Sequence[str], causes: Sequence[str]) -> Case:
     runs = {e: functools.partial(no_answer, tuple(lines), e, *causes) for e in ("lockstep", "batch")}
     said = " and ".join(f'"{cause}"' for cause in causes)
-    source = "Kirchhoff: no state fulfils all laws, or any does"
+    source = "Kirchhoff's laws: no state fulfils them, or every state does"
     text = {"expected": f"an error that says {said}", "source": source, "tolerance": _NAMED}
     return case("circuit", name, runs, unit="1", short=True, **text)
 
@@ -660,7 +676,7 @@ def cases() -> list[Case]:
             "circuit",
             "transistor_converter",
             expected=f"{DUTY * GATE} packets in {GATE} clocks at x = {DUTY}, for {len(SIZES)} sizes of which "
-            f"{len(ABORTING)} need a rung above plain; the same where rung gear is taken at once",
+            f"{len(ABORTING)} need a rung above plain; the same starting at rung gear",
             tolerance=_COUNT,
             limit=0.0,
             unit="packets",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard cases of the charge-balance converter, whole gates of it, against exact arithmetic."""
+"""Hard cases of the charge-balance converter: whole gates against exact arithmetic."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _BENT = _ROUNDING.format(
     "1e-12 packets with the exponentials of a clock; ngspice 1e-5 packets, spec.toml cosim.edge_error_v"
 )
 _SURE = "a code is right or wrong: no level is near, or the arithmetic is exact in doubles"
-_TYPED = "the error comes and names the key, or it does not"
+_TYPED = "0: an error names the key; 1: it does not"
 
-_NO_LEAK = {"closed": "a formula of straight lines: no state inside a clock, so no {0}"}
+_NO_LEAK = {"closed": "a formula of straight lines without state inside a clock, so no {0}"}
 _LATER = {"verilator": "a build of 20 s for this alone; Icarus runs the same Verilog"}
 _ANALOG = {"cosim": "ngspice places a crossing to 1e-5 packets, which is wider than this"}
 _BELOW_SCENES = {
@@ -52,7 +52,7 @@ def _case(
     limit_s: float = 10.0,
     **other: Any,
 ) -> Case:
-    """Return a case of duties: the same ones through every engine; `analog` has fewer of them for ngspice."""
+    """Return a case with the same duties for every engine; `analog` has fewer of them for ngspice."""
     runs: dict[str, Callable[[], Measured]] = {
         engine: functools.partial(
             converter_runs.codes, engine, analog if engine == "cosim" and analog is not None else world
@@ -66,7 +66,7 @@ def _case(
         other = {"tolerance": _BENT if world.effects else _IDEAL} | other
     if "source" not in text:
         other = {"source": _DIGITS if world.effects else _WALK} | other
-    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in ten among seven other
+    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in 10 s with seven other
     # runs.
     limit_s = max(limit_s, 30.0) if "cosim" in runs else limit_s
     return case(GROUP, name, runs, limit_s=limit_s, **other)
@@ -93,7 +93,9 @@ def cases() -> list[Case]:
 
 
 def prepare(chosen: Sequence[Case]) -> None:
-    """Compile the loops and build the Verilog of the cases by one run of each engine but ngspice."""
+    """Compile the loops and build the Verilog of the cases by one run of each engine except
+    ngspice.
+    """
     for one in chosen:
         for engine, run in one.runs.items():
             if engine not in ("event", "verilator") or not isinstance(run, functools.partial):
@@ -105,14 +107,16 @@ def prepare(chosen: Sequence[Case]) -> None:
             elif run.func in (converter_inputs.ripple, converter_inputs.cells, converter_inputs.jitter):
                 run()
             elif run.func is converter_runs.many_clocks:
-                converter_runs.many_clocks("event", 10**5, (0.1,))  # a gate this long has a loop of its own
+                converter_runs.many_clocks(
+                    "event", 10**5, (0.1,)
+                )  # a gate of this length has a separate loop
 
 
 # ---- duties --------------------------------------------------------------------------------------------------
 
 
 def _around(values: Sequence[float]) -> tuple[float, ...]:
-    """Return each value with the doubles just below and above it."""
+    """Return each value with the next doubles below and above it."""
     return tuple(v for x in values for v in (math.nextafter(x, -math.inf), x, math.nextafter(x, math.inf)))
 
 
@@ -175,18 +179,18 @@ def _of_duty() -> list[Case]:
             "current_that_flows_out",
             World((-1e-9, -0.1, -0.5, -3.0, -1e12), {"preset_error": {"v_v": 3.25}}),
             ("closed", "event", "icarus", "verilator"),
-            refused={"cosim": "a resistance draws no negative current"},
+            refused={"cosim": "a resistance cannot draw a negative current"},
         ),
         _case(
             "shortest_gate_of_the_chip",
             World(tuple((c + d) / 32 for c in range(17) for d in (0.0, 0.49, -0.49)), gate=32),
             ("closed", "event", "icarus"),
-            refused=_LATER | {"cosim": "a gate of 510 says the same at this accuracy"},
+            refused=_LATER | {"cosim": "a gate of 510 gives the same at this accuracy"},
         ),
         _measured(
             "two_windows_differ_by_one_at_most",
             {"event": functools.partial(converter_inputs.windows, 97, 40)},
-            refused={"closed": "counts from the preset only: no window begins elsewhere"}
+            refused={"closed": "counts from the preset only"}
             | dict.fromkeys(("icarus", "verilator", "cosim"), "every gate begins with the preset"),
         ),
     ]
@@ -196,7 +200,9 @@ def _of_ties() -> list[Case]:
     femto, atto = 1e-15 * 5e6, 1e-18 * 5e6
 
     def beside(clocks: float) -> tuple[float, ...]:
-        """Return duties whose last one crosses the level `clocks` before and after the last edge of the gate."""
+        """Return duties whose last one crosses the level `clocks` before and after the last edge of
+        the gate.
+        """
         return tuple((c - 0.5) / (GATE + side * clocks) for c in range(1, 256, 2) for side in (-1, 1))
 
     dips = converter_inputs.dips(0.1, 1e-12 * 5e6)
@@ -246,8 +252,8 @@ def _of_ties() -> list[Case]:
             refused={
                 "verilator": "two changes within a clock need an event simulator",
                 "closed": "has no pulses, only counts",
-                "event": "has a comparator that does not chatter",
-                "cosim": "as event; its deck hands over levels at clock edges only",
+                "event": "its comparator does not chatter",
+                "cosim": "as event; its deck passes levels at clock edges only",
             },
         ),
         _case(
@@ -499,7 +505,7 @@ def _of_scale() -> list[Case]:
             "packets_of_the_range_of_scenes",
             World((0.0, *_FEW), interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
             ALL,
-            why=f"The least reference current that a scene may have: packets of {slow:.0e} C, where a "
+            why=f"The lowest reference current that a scene may have: packets of {slow:.0e} C, where a "
             "simulator's abstol is 1e-12 A.",
             analog=World(_FEW, interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
         ),

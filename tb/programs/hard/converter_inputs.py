@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard inputs of the converter that need more than a list of duties: scales, times, traps and refusals."""
+"""Hard inputs of the converter that need more than a list of duties: scales, times, traps and
+refusals.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +101,9 @@ def glitches(module: str) -> Measured:
 
 
 def asymptote(beside: float) -> World:
-    """Return duties whose charge ends `beside` of the level below and above it, at a leak of 0.01 a clock."""
+    """Return duties whose charge ends at a relative distance `beside` below and above the level,
+    with a leak of 0.01 a clock.
+    """
     effects = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 400.0}, "comparator_offset": {"v_v": 0.2}}
     cell = exact.cell_of(0.0, effects, {})
     level = cell["rise"] * cell["leak"]
@@ -113,8 +117,8 @@ def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -
     """Compare counts at both edges of every plateau p/q, inside and outside by `nudge`, with fifty
     digits.
 
-    The leak is the double nearest to -log(keep), for the walk as well: what is left is the loop's
-    own rounding.
+    The leak is the double nearest to -log(keep), for the walk as well, so only the loop's
+    rounding remains.
     """
     with mpmath.workdps(exact.DIGITS):
         leak = float(-mpmath.log(mpmath.mpf(keep.numerator) / keep.denominator))
@@ -135,7 +139,7 @@ def locking(periods: Sequence[int], keep: Fraction, clocks: int, nudge: float) -
         worst, where, outside = 0, "", 0
         for (x, p, q, inside), count in zip(places, found, strict=True):
             bits = exact.leaky_bits(mpmath.mpf(x), lam, clocks, mpmath.mpf(-0.5))
-            settled = clocks // 2 // q * q  # whole periods, when nothing of the start is left
+            settled = clocks // 2 // q * q  # whole periods, when the start no longer matters
             locks = sum(bits[-settled:]) == settled // q * p
             if inside and not locks:
                 return Measured(
@@ -252,7 +256,9 @@ def ripple(frame: int) -> Measured:
 
 
 def jitter(t_s: float) -> Measured:
-    """Compare mean and spread of codes under jitter with a walk from edge to edge, in standard errors."""
+    """Compare mean and spread of codes under jitter with a walk from edge to edge, in standard
+    errors.
+    """
     frames, duty = 40, 100.3 / GATE
     data = {
         "array": {"rows": 8, "cols": 16},
@@ -316,7 +322,7 @@ def ghost_unpreset(engine: str) -> Measured:
             found = converter_runs.through_verilog(made, x, bits, "icarus", instead=[scanner])[0, :, 0]
         expected = unpreset([OVERLOAD, TWO, TWO], made.timing.settle_clocks)
         return _differ(found, expected, time.perf_counter() - begin)
-    # Without the settle clocks between the rows: what one gate leaves, the next begins with.
+    # Without the settle clocks between the rows each gate begins with the charge of the one before.
     first = vfc.count_exact(OVERLOAD, GATE)
     left = Fraction(-1, 2) + GATE * OVERLOAD - first
     expected = vfc.count_exact(TWO, GATE, w0=left)
@@ -332,7 +338,7 @@ def scanner_that_presets_once(directory: Path) -> Path:
     text = (ROOT / "rtl" / "dermis_row_scanner.v").read_text()
     old = "  assign preset_o       = preset_q;\n"
     if text.count(old) != 1:
-        raise ValueError("rtl/dermis_row_scanner.v no longer has the line that this changes")
+        raise ValueError("rtl/dermis_row_scanner.v no longer has the line to change")
     new = """  reg gated_q;
   always @(posedge clk_i or negedge rst_ni)
     if (!rst_ni) gated_q <= 1'b0;
@@ -348,8 +354,8 @@ def unpreset(duties: Sequence[Fraction], settle: int) -> list[int]:
     """Return codes of successive rows when only the first is preset and the converter runs through
     each settle.
 
-    Through the break between two rows the current of the first flows on, as models/verilog/array.sv
-    has it: with the preset nobody sees it.
+    During the break between two rows the current of the first continues, as in
+    models/verilog/array.sv; with the preset it has no effect.
     """
     w, last, counts = Fraction(-1, 2), False, []
     rest, before = header_values()["DERMIS_BREAK_CLOCKS"], Fraction(0)
@@ -368,7 +374,9 @@ TRAP_DUTIES = (Fraction(1, 2), Fraction(200, 510), Fraction(100, 510), Fraction(
 
 
 def two_flops(x: Fraction, first_gates: bool) -> int:
-    """Count rising edges of two flip-flops on one clock edge, gated by the second one (and the first)."""
+    """Count rising edges of two flip-flops on one clock edge, gated by the second one (and the
+    first).
+    """
     w, first, second, edges = Fraction(-1, 2) + x, False, False, 0
     for _ in range(GATE):
         sample = w >= 0 and not second and not (first and first_gates)
@@ -431,7 +439,7 @@ def every_number_refused() -> Measured:
 
 
 def bad_resistances() -> Measured:
-    """Count the invalid resistances that a list, a csv and an npy file let through."""
+    """Count the invalid resistances that a list, a csv and an npy file accept."""
     wrong, through = (math.nan, -math.inf, -1.0, -1e-300), []
     with tempfile.TemporaryDirectory() as place:
         for value in wrong:

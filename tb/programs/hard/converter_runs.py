@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hard duties and converters through each engine, whole gates, against the exact counts of tb/reference/exact.py."""
+"""Run hard duties and converters in each engine, whole gates, against the exact counts of
+tb/reference/exact.py.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,10 @@ COLS = 8
 
 GATE = 510
 
-# A decision at clock n rests on n sums, each rounded by half an ulp of a charge below 2.
+# A decision at clock n depends on n sums, each rounded by half an ulp of a charge below 2.
 _SUMS = 2.0**-53
-# The coefficients of a clock (exponentials and their integrals) are each right to a few ulp, and so
-# is a whole gate of them to 1e-12 of a packet: tb/model/test_engines ties the loops to fifty digits
+# The coefficients of a clock (exponentials and their integrals) are right to a few ulp each, and a
+# whole gate of them to 1e-12 of a packet: tb/model/test_engines ties the loops to fifty digits
 # with it.
 _LOOPS = 1e-12
 # spec.toml, cosim.edge_error_v: 1e-6 V where a packet is 0.1 V.
@@ -55,7 +57,7 @@ class World:
     latch : bool
         The flip-flop + latch synchronizer: the packet begins half a clock after its decision.
     exactly : bool
-        No margin even where an engine may round: the arithmetic of this case is exact in doubles.
+        No margin for rounding: the arithmetic of this case is exact in doubles.
     """
 
     x: tuple[float, ...]
@@ -71,7 +73,9 @@ class World:
         return 0.5 if self.latch else 1.0
 
     def margin(self, engine: str, x: float) -> float:
-        """Return the rounding of an engine: largest distance of its levels from the exact ones, in packets."""
+        """Return the rounding of an engine: largest distance of its levels from the exact ones, in
+        packets.
+        """
         if engine == "cosim":
             return _SPICE
         if self.exactly:
@@ -118,8 +122,8 @@ def _event(world: World) -> NDArray[Any]:
     return event.codes_of(made, x)
 
 
-# Parameters of the one Verilator build for all effects; an effect that is off has its neutral
-# value. (DELAY has none: a comparator without it is built to be looked at where the charge is.)
+# Parameters of the Verilator build with all effects; an effect that is off has its neutral
+# value. (DELAY has none: without it the comparator is sampled at the clock.)
 _EVERY = ("PACKET", "W_PRESET", "RISE", "FALL", "W_LOW", "LEAK")
 
 
@@ -170,7 +174,7 @@ _MANY, _EVERY_SO_MANY = 200, 5
 
 
 def codes(engine: str, world: World) -> Measured:
-    """Return the largest error of an engine in codes beyond the interval that the exact walk allows."""
+    """Return the largest error of an engine in codes outside the interval of the exact walk."""
     if engine == "icarus" and len(world.x) > _MANY:
         world = dataclasses.replace(world, x=world.x[::_EVERY_SO_MANY])
     begin = time.perf_counter()
@@ -197,7 +201,9 @@ def codes(engine: str, world: World) -> Measured:
 
 
 def certificate(world: World, margin: float) -> Measured:
-    """Return the largest distance of exact codes, with levels anywhere within the margin, from the certified ones."""
+    """Return the largest distance of exact codes, with levels anywhere within the margin, from the
+    certified ones.
+    """
     made, x = make_plan(world, "event")
     unit_ohm = made.v_bias_v / float(made.converter.k[0] * made.converter.i0_a[0])
     made = dataclasses.replace(made, resistance_ohm=resistances(x, unit_ohm), force_n=None, margin_lsb=margin)
@@ -217,11 +223,13 @@ def certificate(world: World, margin: float) -> Measured:
     return Measured(float(worst), where or f"at most {wide} codes wide", seconds)
 
 
-# ---- very many clocks ----------------------------------------------------------------------------------------
+# ---- long gates ----------------------------------------------------------------------------------------
 
 
 def loop(cells: Mapping[str, Sequence[float]], clocks: int, late: float = 1.0) -> tuple[NDArray[Any], Floats]:
-    """Return counts and charges of cells (fields of event.Cells; the others ideal) by the loops of engine event."""
+    """Return counts and charges of cells (fields of event.Cells; the others ideal) by the loops of
+    engine event.
+    """
     size = max(len(values) for values in cells.values())
     ideal = {"w0": -0.5, "packet": 1.0, "low": -np.inf, "high": np.inf}
     whole = {

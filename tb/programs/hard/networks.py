@@ -2,8 +2,8 @@
 """Hard cases of the array: shorts, opens, resistances 38 decades apart, lines that cancel, sizes
 from 1x1 to 256x256.
 
-Each runs the solver and, where the network can be a scene, engines closed and event. Compared are
-the current of every column in every slot, and the code.
+Each runs in the solver and, if the network can be a scene, in engines closed and event. The
+currents of every column in every slot and the codes are compared.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ def _random_g(name: str, rows: int, cols: int, low: float = 500.0, high: float =
 class Hard:
     """A hard network: its conductances, its other elements, and the source of its currents.
 
-    `exact` gives the currents [rows, cols]; None takes the nodal matrix in DIGITS digits, `slots`
-    of it alone where that would take long. `cancels` says that offsets cancel by nature, so that
-    errors count against what adds up.
+    `exact` gives the currents [rows, cols]; None uses the nodal matrix in DIGITS digits, only for
+    `slots` if that would take long. With `cancels` the currents of offsets cancel, so errors are
+    relative to the terms of the sum.
     """
 
     name: str
@@ -84,7 +84,9 @@ class Hard:
 
 
 def relative_error(hard: Hard) -> Measured:
-    """Return the largest relative error of a current: of itself, or of the largest one that cancels in its slot."""
+    """Return the largest relative error of a current, relative to itself or to the largest one in
+    its slot that cancels.
+    """
     with solve_error.account() as account:
         have = column_currents(hard.network())[hard.rows()]
     want = hard.expected()
@@ -121,7 +123,7 @@ def code_error(hard: Hard, engine: str) -> Measured:
     """Return the largest error of a code; within 1e-6 count of a step both codes are right."""
     codes = engines.run(plan_of(hard.network(), engine)).codes[0][hard.rows()].astype(int)
     x = hard.expected() / K_I0_A
-    # A millionth of a count: a thousandth of what the solver may be off by before it refuses.
+    # A millionth of a count: a thousandth of the error at which the solver refuses.
     low, high = (vfc.code(np.clip(x + s * 1e-6 / CLOCKS, -1e9, 1e9), CLOCKS, CODE_MAX) for s in (-1, 1))
     off = np.maximum(np.maximum(low - codes, codes - high), 0)
     return Measured(float(off.max()), f"codes {codes.min()}..{codes.max()}")
@@ -225,7 +227,7 @@ HARD: tuple[Hard, ...] = (
             ("nano_ohm", 1e-9, "one node, condition 1e9"),
             ("condition_1e16", 1e-16, "one node, condition past 1e16"),
             ("condition_1e24", 1e-24, "one node, condition past 1e24"),
-            ("tera_ohm", 1e12, "as good as alone"),
+            ("tera_ohm", 1e12, "practically isolated"),
         )
     ),
     Hard("drivers_ideal", partial(_random_g, "d", 4, 5), {"r_column_ohm": 0.5}),
@@ -389,7 +391,9 @@ def no_solution(engine: str | None) -> Measured:
 
 
 def doubtful_code(engine: str) -> Measured:
-    """Return 1 unless currents that cancel beyond double precision are refused with their row and column."""
+    """Return 1 unless currents that cancel beyond double precision are refused with their row and
+    column.
+    """
     network = Network(np.full((2, 3), 1e-3), V_BIAS, g_lateral_row_s=1e12, v_column_offset_v=[1.0, 0.0, -1.0])
     try:
         engines.run(plan_of(network, engine))
@@ -420,11 +424,11 @@ def random_networks(count: int) -> Measured:
     return Measured(worst, f"{count} networks")
 
 
-_PROMISE = "what the solver promises, above its own counted bound and far below a code"
+_PROMISE = "the promise of the solver: above its counted bound and far below a code"
 _CANCELS = "; of the largest current of the slot, since sources cancel by nature"
 _REFUSED = {
-    "rtl": "its Verilog is given the currents of the same solver",
-    "cosim": "no ngspice is asked for resistances so far apart; decks of tamer arrays are compared in "
+    "rtl": "its Verilog gets the currents of the same solver",
+    "cosim": "resistances too far apart for ngspice; decks of ordinary arrays are compared in "
     "tb/system/test_decks.py and tb/model/test_array_peers.py",
 }
 
@@ -492,7 +496,7 @@ def cases() -> list[Case]:
 
 
 def prepare(chosen: Sequence[Case]) -> None:
-    """Compile the elimination before anything is timed."""
+    """Compile the elimination before the timed runs."""
     for trace in (0.0, 0.1):
         column_currents(Network(np.ones((2, 2)), V_BIAS, 1.0, 1.0, 1.0, r_trace_column_ohm=trace))
 

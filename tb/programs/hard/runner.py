@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run hard cases: each case with each engine in a worker process with a time limit, judged by the
-case's limit.
+limit of the case.
 """
 
 from __future__ import annotations
@@ -23,16 +23,15 @@ from tb.programs.hard import Case, Measured
 DOCS = "build/hard_cases.md"
 
 PREPARE_LIMIT_S = 900.0
-"""For loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle core."""
+"""Time limit for loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle core."""
 
 NGSPICE = ("circuit", "stiff")
-"""Groups with ngspice in their own process, which keeps circuits that failed: a process for each
-run.
+"""Groups with a new process for each run, as ngspice keeps failed circuits.
 """
 
 SLOW = ("cosim", "verilator")
-"""Runs left out of the short set: processes and builds of seconds, which the tests of those engines
-make.
+"""Runs left out of the short set: processes and builds take seconds, and the tests of these engines
+cover them.
 """
 
 
@@ -69,12 +68,12 @@ def run(cases: Sequence[Case], jobs: int) -> list[Row]:
     with progress.slots("hard", len(pairs), "runs") as tell:
         for fresh in (False, True):
             own = [pair for pair in pairs if (pair[0].group in NGSPICE) == fresh]
-            # Made one by one as they begin: on a busy machine a run takes longer, and may.
+            # A generator: the limit depends on the load when a run begins.
             tasks = (workers.Task(case.runs[name], (), case.limit_s * _busy()) for case, name in own)
             for number, outcome in workers.run(tasks, jobs, fresh=fresh):
                 case, name = own[number]
                 row = rows[case.name, name] = row_of(case, name, outcome)
-                if row["status"] != "PASS":  # at once, because the rest may take minutes
+                if row["status"] != "PASS":  # at once, as the rest may take minutes
                     click.echo(_wrong(row), err=True)
                 tell(len(rows), f"after {case.name} in {name}")
     found = []
@@ -85,7 +84,7 @@ def run(cases: Sequence[Case], jobs: int) -> list[Row]:
 
 
 def _busy() -> float:
-    """Return the number of processes that want each core, at least 1: a run takes that much longer."""
+    """Return the number of processes per core, at least 1: a run takes this factor longer."""
     return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
@@ -108,8 +107,8 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
 
 
 def prepare(cases: Sequence[Case]) -> Iterator[Row]:
-    """Let modules compile code of their cases before any clock runs; yield an ERROR row for each
-    that failed.
+    """Compile code of the cases before the timed runs; yield an ERROR row for each module that
+    failed.
     """
     names = {case.name for case in cases}
     for module in hard.modules():
@@ -141,7 +140,7 @@ def summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
     timed = [row for row in rows if "seconds" in row]
     if not timed:
-        return f"{len(cases)} cases, none of them run: {counts}"
+        return f"{len(cases)} cases, no runs: {counts}"
     longest = max(timed, key=lambda row: row["seconds"])
     return (
         f"{len(cases)} cases, {len(timed)} runs: {counts}; {sum(row['seconds'] for row in timed):.0f} s in all, "

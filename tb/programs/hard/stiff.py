@@ -2,9 +2,9 @@
 """Published stiff circuits through the project's own ngspice driver: errors by method, step and
 tolerance.
 
-A run drives a deck as the co-simulation does: the digital side's edges, samples at given times,
-integration by lockstep.c's steps. Its error is the largest difference from the reference over all
-those samples.
+A run drives a deck as the co-simulation does: edges of the digital side, samples at given times,
+integration in the steps of lockstep.c. Its error is the largest difference from the reference over
+all samples.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def solve(circuit: StiffCircuit, setting: Setting, log: Path) -> Solved:
     found = []
     edges = list(circuit.edges)
     for now in circuit.times_s:
-        while edges and edges[0][0] < now * (1.0 - 1e-12):  # an edge on a sample belongs to what follows
+        while edges and edges[0][0] < now * (1.0 - 1e-12):  # an edge at a sample follows it
             at = edges[0][0]
             half.advance(at, [])
             together = [edge for edge in edges if edge[0] == at]
@@ -138,14 +138,14 @@ def measure(circuit: StiffCircuit, setting: Setting, probes: tuple[str, ...]) ->
 
 
 def against_published(name: str) -> Measured:
-    """Compare the own reference with the published end values."""
+    """Compare our reference with the published end values."""
     circuit = CIRCUITS[name]
     own = [i for i, probe in enumerate(circuit.probes) if not (name == "charge_pump" and probe == "i")]
     return Measured(float(np.max(np.abs(published_error(circuit, reference(circuit))[own]))))
 
 
 def prepare(cases: Sequence[Case]) -> None:
-    """Compute the references that cases need, so that no case is timed with it."""
+    """Compute the references of the cases before the timed runs."""
     for name, circuit in CIRCUITS.items():
         if any(case.name.startswith(name) for case in cases):
             reference(circuit)
@@ -155,7 +155,7 @@ _PUBLISHED = "end values of the IVP test set, and a solution of our own at toler
 _WHY = {
     "transistor_amplifier": "exponential laws and a singular capacitance matrix: an algebraic part of index 1",
     "nand_gate": "charges that depend on voltage, laws with kinks, time constants of 0.2 ps in a span of 80 ns",
-    "charge_pump": "a transistor that is charge alone, its current a derivative: index 2",
+    "charge_pump": "a transistor modelled by charge only, its current a derivative: index 2",
     "ring_modulator": "diodes with 2 pF: rates of 3e11/s and ringing at 5 MHz below signals of 1 and 10 kHz",
 }
 
@@ -208,7 +208,7 @@ def cases() -> list[Case]:
         )
 
     sine = "second order lags a sine of 100 Hz by at most (w h)^2 / 3 a radian (gear; trap a quarter), of 4 V of output"
-    gate = "1 % of the 5 V swing at 0.1 ns; at a tenth of the step a hundredth, for the methods are of second order"
+    gate = "1 % of the 5 V swing at 0.1 ns; a hundredth of it at a tenth of the step (second order)"
     return [
         at("transistor_amplifier", 1e-4, 5e-3, sine, what="100us", short=True),
         at("transistor_amplifier", 1e-5, 5e-5, sine, what="10us", short=True),
@@ -226,7 +226,7 @@ def cases() -> list[Case]:
             "charge_pump",
             1e-9,
             1e-3,
-            "charge is a function of state, so no error adds up; a thousandth of our converter's packet of 1 V",
+            "charge is a function of state, so errors do not accumulate; a thousandth of our converter's packet of 1 V",
             what="voltages",
             probes=("q_g", "s", "d"),
             short=True,
@@ -284,7 +284,7 @@ def settings() -> Iterator[tuple[str, Setting]]:
     """Yield every circuit with every method, step and option set; the slowest are left out."""
     for name, steps in STEPS_S.items():
         for options, method, step in itertools.product(OPTIONS, ("trap", "gear"), steps):
-            # Below 100 ns without truncation control: some minutes each, with nothing new.
+            # Below 100 ns without truncation control: minutes each, without new information.
             if not (name == "ring_modulator" and options == "exact" and step < 1e-7):
                 yield name, Setting(method, step, options)
 
@@ -304,8 +304,8 @@ def row(name: str, setting: Setting) -> tuple[float, str]:
 
 
 def sweep(jobs: int = 2) -> list[Row]:
-    """Return a row for each circuit and setting; a run that ngspice gave up is an ERROR row with
-    its words.
+    """Return a row for each circuit and setting; an aborted run is an ERROR row with ngspice's
+    message.
     """
     chosen = list(settings())
     tasks = [workers.Task(row, each, 120.0) for each in chosen]
@@ -323,10 +323,10 @@ def sweep(jobs: int = 2) -> list[Row]:
 
 
 def published_rows() -> Iterator[Row]:
-    """Yield the difference of each own reference from the published end values."""
+    """Yield the difference of each of our references from the published end values."""
     for name, circuit in CIRCUITS.items():
         if any(value is not None for value in circuit.published):
-            note = "own reference against the published end values"
+            note = "our reference against the published end values"
             yield verdict.report(f"stiff.{name}.published", against_published(name).error, "V", note)
 
 

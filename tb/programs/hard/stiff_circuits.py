@@ -5,8 +5,8 @@ equations of their own.
 The test set (F. Mazzia, C. Magherini: Test Set for Initial Value Problem Solvers, release 2.4)
 gives laws, numbers, initial state and end values of each. A deck and its equations are written
 separately from those laws, so an error in one shows against the other. In the decks a charge that
-depends on voltages is a node that stands at charge / unit and a linear capacitor of one unit at it,
-whose current is copied to where the charge sits.
+depends on voltages is a node at the voltage charge / unit with a linear capacitor of one unit,
+whose current is copied to the nodes of the charge.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ class StiffCircuit:
     Attributes
     ----------
     name : one word, as in the test set.
-    title : what it is.
+    title : description.
     t_stop_s : end of the published span, seconds.
-    t_edge_s : length of the edges that the digital side drives; where there are none, ngspice's printing step.
+    t_edge_s : length of the edges of the digital side; without edges, ngspice's printing step.
     lines : deck without title and options.
-    sources, levels : what the digital side drives, and where it stands at time 0, volt.
+    sources, levels : sources of the digital side, and their levels at time 0 in volt.
     edges : (time in seconds, source, level in volt), ascending.
     probes : nodes that hold the states, in the order of the published values.
-    published : end values of the test set; None where it gives none.
-    times_s : where solutions are compared, the last one the end.
+    published : end values of the test set; None if it has none.
+    times_s : times at which solutions are compared; the last one is the end.
     reference : computes the states [times, probes] at times_s; `fine` in 0, 1: the second is the more accurate.
     scale : unit of every probe in SI is probe volt * scale (charges and currents are probed as voltages).
     """
@@ -63,7 +63,7 @@ class StiffCircuit:
     scale: tuple[float, ...] = field(default=())
 
     def deck(self, options: str) -> Deck:
-        """The deck with a line of options."""
+        """Return the deck with a line of options."""
         lines = (self.name.replace("_", " "), *self.lines)
         lines += tuple(f"{name} {name[2:]} 0 external" for name in self.sources)
         return Deck((*lines, options), self.sources, self.levels, (True,) * len(self.sources), self.probes)
@@ -105,20 +105,24 @@ def _amp_lines() -> tuple[str, ...]:
 
 
 def _amp_nodes(t: float, u: Floats) -> tuple[float, ...]:
-    """The eight node voltages for the voltages u of the five capacitors: two scalar equations, by Newton's method."""
+    """The eight node voltages for the voltages u of the five capacitors: two scalar equations, by
+    Newton's method.
+    """
     p = _AMP
     ue = 0.1 * math.sin(200.0 * math.pi * t)
     u1, y3, u3, y6, u5 = u
     r, share = p["r"], 1.0 - p["alpha"]
 
     def solve(conductance: float, current: float, emitter: float) -> tuple[float, float]:
-        """y with conductance y + share g(y - emitter) = current; starts above the root of a convex function."""
+        """y with conductance y + share g(y - emitter) = current; starts above the root of a convex
+        function.
+        """
         y = emitter + 0.5
         for _ in range(200):
             e = p["beta"] * math.exp((y - emitter) / p["uf"])
             step = (conductance * y + share * (e - p["beta"]) - current) / (conductance + share * e / p["uf"])
             y -= step
-            if abs(step) < 1e-15 * max(1.0, abs(y)):  # some roundings of y
+            if abs(step) < 1e-15 * max(1.0, abs(y)):  # a few roundings of y
                 break
         return y, p["beta"] * (math.exp((y - emitter) / p["uf"]) - 1.0)
 
@@ -148,7 +152,9 @@ def _amp_rates(t: float, u: Floats) -> Floats:
 
 
 def _amp_reference(fine: int) -> Floats:
-    """Explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate left is some 1e4 / s."""
+    """Explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate left is some
+    1e4 / s.
+    """
     start = [_AMP_START[0] - _AMP_START[1], 3.0, 3.0, 3.0, 6.0]
     rtol = (1e-11, 1e-13)[fine]
     # Capacitor voltages are some volts, and pass through zero: a thousandth of what is allowed of a
@@ -205,7 +211,9 @@ _NAND_FETS = (
 
 
 def _nand_junction_c(v: float) -> float:
-    """Charge of a bulk junction in units of its capacitance, V: of 1/sqrt(1 - v/b) below 0, of 1 + v/(2b) above."""
+    """Charge of a bulk junction in units of its capacitance, V: of 1/sqrt(1 - v/b) below 0, of 1 +
+    v/(2b) above.
+    """
     b = _NAND_BARRIER
     return 2.0 * b * (1.0 - math.sqrt(1.0 - v / b)) if v <= 0.0 else v + v * v / (4.0 * b)
 
@@ -254,7 +262,9 @@ def _nand_lines() -> tuple[str, ...]:
 
 
 def _nand_input(t: float, delay: float, high: float, period: float) -> tuple[float, float]:
-    """Return an input and its slope: 5 ns up, `high` ns at 5 V, 5 ns down; at a corner the slope after it."""
+    """Return an input and its slope: 5 ns up, `high` ns at 5 V, 5 ns down; at a corner the slope
+    after it.
+    """
     phase = t % period
     if phase < delay:
         return 0.0, 0.0
@@ -329,7 +339,9 @@ def _nand_rates(t: float, y: Floats, piece: float) -> Floats:
 
 
 def _nand_reference(fine: int) -> Floats:
-    """Between the corners of the inputs, every 5 ns, LSODA's backward differences at a tolerance near rounding."""
+    """Between the corners of the inputs, every 5 ns, LSODA's backward differences at a tolerance
+    near rounding.
+    """
     rtol = (1e-10, 1e-12)[fine]
     state, found = np.array(_NAND_START), []
     for begin in range(0, 80, 5):
@@ -388,7 +400,9 @@ _PUMP_TIMES = tuple(10 * _N * n for n in range(1, 121))
 
 
 def _pump_charges() -> tuple[str, str]:
-    """Gate charge and charge of source or drain (half of the channel each, Ward's symmetrical split) over `unit`."""
+    """Gate charge and charge of source or drain (half of the channel each, Ward's symmetrical
+    split) over `unit`.
+    """
     p = _PUMP
     flat = repr(p["vt0"] - p["gamma"] * math.sqrt(p["phi"]) - p["phi"])
     gamma = repr(p["gamma"])
@@ -434,8 +448,8 @@ def _pump_input(t_ns: float) -> float:
 def _pump_point(v_gate: float) -> tuple[Any, Any]:
     """Charge of the source's capacitor and of the gate at a gate voltage.
 
-    What leaves the channel at either end stays on that end's capacitor, so both hold the same
-    charge q: no history, one equation q = cox / 3 H(v_gate, q), solved by bisection, for its right
+    Charge that leaves the channel at either end stays on that end's capacitor, so both have the
+    same charge q. There is no history: q = cox / 3 H(v_gate, q), solved by bisection, as the right
     side falls with q.
     """
     p = {k: mpf(repr(v)) for k, v in _PUMP.items()}
@@ -480,7 +494,7 @@ def _pump_reference(fine: int) -> Floats:
 
 CHARGE_PUMP = StiffCircuit(
     name="charge_pump",
-    title="charge pump, a MOS transistor that is charge alone, 1200 ns",
+    title="charge pump, a MOS transistor modelled by charge only, 1200 ns",
     t_stop_s=1200 * _N,
     t_edge_s=10 * _N,
     lines=_pump_lines(),
@@ -511,7 +525,7 @@ def _ring_lines() -> tuple[str, ...]:
         3: "v(y4)+v(y5)+v(y7)+v(uin2)",
         4: "-v(y3)-v(y6)+v(y7)+v(uin2)",
     }
-    # Current i of a diode is copied: out of the nodes where it leaves, into those where it comes.
+    # The current of a diode is copied: out of the nodes that it leaves, into those that it enters.
     leaves = {1: ("y3",), 2: ("y6",), 3: ("y4", "y5", "y7"), 4: ("y7",)}
     comes = {1: ("y5", "y7"), 2: ("y4", "y7"), 3: (), 4: ("y3", "y6")}
     for n, v in across.items():
@@ -583,7 +597,9 @@ def _ring_rates() -> Callable[[Floats, float], Floats]:
 
 
 def _ring_reference(until: tuple[float, ...], fine: int) -> Floats:
-    """LSODA's backward differences: the fastest rate is 3e11 / s where a diode takes over, 3e8 over the span."""
+    """LSODA's backward differences: the fastest rate is 3e11 / s where a diode takes over, 3e8 over
+    the span.
+    """
     tolerance = (1e-12, 2e-13)[fine]
     times = (0.0, *until)
     # Voltages are known to 1e-12 V, the currents, of the order of a milliampere, to 1e-15 A.

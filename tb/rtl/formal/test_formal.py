@@ -132,7 +132,7 @@ def test_a_fault_that_changes_nothing_is_a_miss() -> None:
     )
     (row,) = formal.break_it(PROOFS["sync_ff"], fault, where="formal_test")
     assert row["status"] == "FAIL"
-    assert row["note"] == "the fault is not seen"
+    assert row["note"] == "the fault is not detected"
 
 
 def test_a_cover_that_is_not_reached_is_a_miss() -> None:
