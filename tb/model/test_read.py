@@ -257,8 +257,8 @@ def test_negative_values_need_an_option(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--clip-negative"):
         run(str(tmp_path / "touch.npy"), *arguments)
     assert run(str(tmp_path / "touch.npy"), "--clip-negative", *arguments)[0] == 0
-    # Half a code of 15 N, and a tenth for the network that is taken back.
     clipped = np.maximum(FRAMES - 0.5, 0)
+    # Half a code of 15 N, and a tenth of a code for the correction of the array.
     assert np.abs(np.load(tmp_path / "out/forces_n.npy") - clipped).max() < 0.6 * 15 / 255
 
 
