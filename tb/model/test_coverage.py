@@ -54,7 +54,7 @@ def test_runs_of_any_size_and_any_module_are_added_to_the_points_of_the_top(tmp_
     left(tmp_path, "c", [point("dermis_top", "row_select_o[63]:0->1", 20, 0)], parameters={"ROWS": 64})
     rows = shares(tmp_path)
     assert rows["coverage.toggle.dermis_spi"]["value"] == 100.0
-    assert "no run" in rows["coverage.toggle.dermis_top"]["note"]
+    assert "not in a run" in rows["coverage.toggle.dermis_top"]["note"]
 
 
 def test_wrong_modules_of_the_tests_do_not_count(tmp_path: Path) -> None:

@@ -72,8 +72,8 @@ def test_a_moved_register_moves_in_the_verilog(tmp_path: Path) -> None:
         ("} TEST_RATE @ 0x16;", "} TEST_RATE @ 0x16", "SystemRDL"),
         ("} TEST_RATE @ 0x16;", "} TEST_RATE @ 0x14;", "SystemRDL"),
         (
-            'sw = rw; hw = r; desc = "pulses a clock',
-            'sw = rw; hw = rw; desc = "pulses a clock',
+            'sw = rw; hw = r; desc = "pulses per clock',
+            'sw = rw; hw = rw; desc = "pulses per clock',
             "TEST_RATE.test_rate",
         ),
         ("regwidth    = 16", "regwidth    = 32", "regwidth"),

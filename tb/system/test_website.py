@@ -93,7 +93,7 @@ def test_a_number_of_the_datasheet_is_the_one_that_was_measured(place: Path) -> 
 
 def test_a_pin_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(website.PINS, "charge_o")
-    with pytest.raises(SimulatorError, match="not the ports"):
+    with pytest.raises(SimulatorError, match="differ from the ports"):
         website.pins_table()
 
 
