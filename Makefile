@@ -85,7 +85,7 @@ bench: setup ## speed and accuracy figures, into build/bench.json
 
 test: setup ## tests [TESTS=paths] [JOBS=2] [LONG=1: long ones as well, a browser's too] [ARGS="-k word"]
 	@$(if $(LONG),scripts/setup.sh browser)
-	@.venv/bin/pytest -n $(JOBS) $(if $(LONG),-m '') $(ARGS) $(TESTS)
+	@.venv/bin/pytest -n $(JOBS) --dist worksteal $(if $(LONG),-m '') $(ARGS) $(TESTS)
 
 faults: setup ## commands that are killed, interrupted, out of disk, or lack a tool [ARGS="--only kill"]
 	@$(dermis) faults $(ARGS)

@@ -209,6 +209,13 @@ class Plan:
         """The frame with the most conductance; a short counts as much as 1 ohm."""
         return int(np.argmax(np.minimum(self.conductance_s(), 1.0).sum(axis=(1, 2))))
 
+    def busiest(self, frames: int) -> Plan:
+        """Return at most `frames` consecutive frames as a plan, around the one with the most conductance."""
+        if frames >= self.frames:
+            return self
+        first = min(max(0, self.fullest_frame() - frames // 2), self.frames - frames)
+        return self.part(first, first + frames)
+
     def network(self, frame: int) -> Network:
         """The network of one frame."""
         if frame == 0:

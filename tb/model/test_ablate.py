@@ -73,9 +73,9 @@ def test_a_scene_without_effects_has_nothing_to_take_off(tmp_path: Path) -> None
 def test_long_scenes_are_ablated_where_most_happens(tmp_path: Path) -> None:
     codes = [1] * 40 + [200, 210] + [1] * 40
     made = plan.make(_world(tmp_path, codes))
-    part = ablate.busiest(made, 6)
+    part = made.busiest(6)
     assert (part.frames, part.first_frame <= 40, part.first_frame + 6 > 41) == (6, True, True)
-    assert ablate.busiest(made, 100) is made
+    assert made.busiest(100) is made
     full, costs = ablate.measure(
         _world(tmp_path, codes, charge_packet={"packet_error": -0.02}), frames=2, pairs=1
     )

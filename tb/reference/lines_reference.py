@@ -39,9 +39,10 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
                 rest, rate, ohm = settles(network, driven, c)
                 distance = (now - rest) if now is not None else mpmath.zeros(n, 1)
                 per_clock = mpmath.expm(rate * clock, method="taylor")
+                of_change = mpmath.inverse(rate)
                 for tick in ticks:
                     later = per_clock * distance
-                    integral = mpmath.lu_solve(rate, later - distance)
+                    integral = of_change * (later - distance)
                     for k in range(cols):
                         # Current through the input resistance of column k is (v - offset) / r.
                         out[row, k, tick] = float(integral[rows + k] / ohm[rows + k])

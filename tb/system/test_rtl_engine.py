@@ -73,11 +73,11 @@ def together(topology: str) -> str:
 # ---- the ideal reader
 
 
-# The synchronizer does not know the topology, so one Verilator build with the latch is enough.
+# The synchronizer does not know the topology, so one build with the latch is enough. Verilator compiles C++ for each
+# build; the scenes below are its short test.
+@pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.long)])
 @pytest.mark.parametrize(
-    ("simulator", "topology", "sync_latch"),
-    [(simulator, topology, False) for simulator in hdl.SIMULATORS for topology in TOPOLOGIES]
-    + [(simulator, "conveyor_mirror", True) for simulator in hdl.SIMULATORS],
+    ("topology", "sync_latch"), [*((topology, False) for topology in TOPOLOGIES), ("conveyor_mirror", True)]
 )
 def test_all_256_codes_read_back_exactly(
     resistance_plan: MakePlan, simulator: str, topology: str, sync_latch: bool
@@ -137,8 +137,15 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
         assert np.abs(expected - closed.run(resistance_plan(ohm)).codes).max() >= 1, "too small to be seen"
 
 
-@pytest.mark.parametrize("simulator", [pytest.param("icarus", marks=pytest.mark.long), "verilator"])
-@pytest.mark.parametrize("topology", ["conveyor_mirror", "direct"])
+@pytest.mark.parametrize(
+    ("topology", "simulator"),
+    [
+        ("conveyor_mirror", "verilator"),
+        pytest.param("conveyor_mirror", "icarus", marks=pytest.mark.long),
+        pytest.param("direct", "verilator", marks=pytest.mark.long),
+        ("direct", "icarus"),
+    ],
+)
 def test_all_effects_together_equal_the_event_engine(
     resistance_plan: MakePlan, simulator: str, topology: str
 ) -> None:
@@ -284,10 +291,8 @@ def with_fault(folder: Path, file: str, right: str, wrong: str) -> Path:
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_a_model_is_caught(resistance_plan: MakePlan, tmp_path: Path, fault: str) -> None:
     made = resistance_plan(of_codes(np.random.default_rng(3).permutation(256).reshape(16, 16)[:4]))
-    right = rtl.run(made, simulator="icarus").codes
-    assert np.array_equal(right, closed.run(made).codes)
     wrong = rtl.run(made, simulator="icarus", models=with_fault(tmp_path, *FAULTS[fault])).codes
-    assert not np.array_equal(wrong, right)
+    assert not np.array_equal(wrong, closed.run(made).codes)
 
 
 def test_models_that_do_not_compile_end_with_the_log(resistance_plan: MakePlan, tmp_path: Path) -> None:

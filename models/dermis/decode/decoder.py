@@ -312,9 +312,9 @@ class Decoder:
         if codes.size and not (0 <= codes.min() and codes.max() <= cal.code_max):
             raise ValueError(f"codes must be 0..{cal.code_max}")
         frames = codes.reshape(-1, cal.rows, cal.cols)
-        dt_s = np.broadcast_to(
-            np.asarray(self.t_frame_s if t_frame_s is None else t_frame_s, float), len(frames)
-        )
+        # An array of its own: a broadcast one has other strides, and the loops would be compiled again for it.
+        dt_s = np.empty(len(frames))
+        dt_s[:] = self.t_frame_s if t_frame_s is None else t_frame_s
         if not (dt_s >= 0).all():
             raise ValueError("t_frame_s must be 0 or above: time runs backwards")
         if out is None:

@@ -347,7 +347,8 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
     """
     if not 0 < charge_delay <= 1:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
-    flat = {name: np.ascontiguousarray(value, dtype=float).ravel() for name, value in vars(cells).items()}
+    # Copies, so that none is read-only: the loops would be compiled again for it.
+    flat = {name: np.asarray(value, dtype=float).flatten() for name, value in vars(cells).items()}
     leak, lag, packet, w0 = flat["leak"], flat["lag"], flat["packet"], flat["w0"]
     sample = 1.0 - flat["delay"]
     slow = np.empty((8, w0.size))
@@ -436,11 +437,11 @@ def count_cells(
     )
     ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
     counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
-    x = np.ascontiguousarray(cells.x, dtype=float).ravel()
+    x = np.asarray(cells.x, dtype=float).flatten()
     if ideal:
         if not 0 < charge_delay <= 1:
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
-        w0, packet, rise = (np.ascontiguousarray(getattr(cells, n)).ravel() for n in ("w0", "packet", "rise"))
+        w0, packet, rise = (getattr(cells, n).flatten() for n in ("w0", "packet", "rise"))
         # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
         plain = loops.plain if clocks <= LONGEST_GATE else loops.plain_long
         plain(x, w0, packet, rise, clocks, charge_delay, counts, end)

@@ -79,16 +79,6 @@ def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = No
     return plan.make(replace(world, table=table, effects=dict(on)), engine)
 
 
-def busiest(made: Plan, frames: int) -> Plan:
-    """Return at most `frames` consecutive frames of a plan, around the one with the most
-    conductance.
-    """
-    if frames >= made.frames:
-        return made
-    first = min(max(0, made.fullest_frame() - frames // 2), made.frames - frames)
-    return made.part(first, first + frames)
-
-
 def measure(
     world: Scene,
     engine: str | None = None,
@@ -128,7 +118,7 @@ def measure(
         full = replace(full, engine=engines.cheapest(full) or full.engine)
     engines.check(full)
     slow = full.engine == "cosim"
-    full, pairs = busiest(full, frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
+    full, pairs = full.busiest(frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
     said(f"everything on, engine {full.engine}")
     codes = engines.runner(full.engine)(full).codes.astype(int)
     costs = []

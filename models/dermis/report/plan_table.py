@@ -17,7 +17,6 @@ from dermis import plan as planning
 from dermis.converter import injection
 from dermis.engines import masking
 from dermis.errors import InputError
-from dermis.report.ablate import busiest
 from dermis.scene import scene as scenes
 
 # Frames that `dermis plan` looks at, around the fullest one.
@@ -102,7 +101,7 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
     engines.check(made)
     print_plan(made)
     if made.filtered:
-        sample = busiest(made, _SAMPLE)
+        sample = made.busiest(_SAMPLE)
         click.echo(f"filter, {sample.frames} of {made.frames} frames:")
         if made.engine == "cosim":
             print_rows(masking.decide(sample).as_dict(sample.first_frame))

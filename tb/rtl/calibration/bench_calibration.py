@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import cocotb
 import numpy as np
 from cocotb.triggers import Timer
+from numpy.typing import NDArray
 from rtl_bench import report, scenario
 from spi_client import Pins
 
@@ -27,22 +29,27 @@ async def channels(dut: Any, s: dict[str, Any]) -> None:
     half, rest, before = Timer(100, "ns"), Timer(99, "ns"), Timer(1, "ns")
 
     def level(handle: Any) -> int:
-        return int(handle.value) if handle.value.is_resolvable else 0
+        value = handle.value
+        return int(value) if value.is_resolvable else 0
+
+    @functools.cache
+    def current(row: int, test: int) -> NDArray[np.float64]:
+        x = dark + sum((duty[r] - dark for r in range(rows) if row >> r & 1), start=np.zeros(cols))
+        return np.where(test & bits, x + full - dark, x)
 
     while True:
         dut.clk_i.value = 1
         await half
         row, test = level(dut.row_select_o), level(dut.test_current_o)
         dut.row_sense_i.value = row
-        x = dark + sum((duty[r] - dark for r in range(rows) if row >> r & 1), start=np.zeros(cols))
-        x = np.where(test & bits, x + full - dark, x)
+        x = current(row, test)
         for wait in (None, rest):
             charge = level(dut.charge_o) & bits != 0
             w = np.full(cols, -0.5) if level(dut.preset_o) else w + 0.5 * (x - packet * charge)
             if wait is not None:
                 dut.clk_i.value = 0
                 await wait
-        dut.comp_async_i.value = int(bits[w >= 0].sum())
+        dut.comp_async_i.value = int(bits @ (w >= 0))
         await before
 
 
