@@ -357,7 +357,9 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
-    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is given."""
+    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is
+    given.
+    """
     k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
     if targets.k_force_n_ohm is not None:
         k_force = exact(targets.k_force_n_ohm)

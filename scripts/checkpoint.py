@@ -20,7 +20,9 @@ _SAVE_S = 5.0
 
 
 def stamp(*folders: Path) -> str:
-    """Return a hash of all sources that affect codes, and of the Python files below some folders."""
+    """Return a hash of all sources that affect codes, and of the Python files below some
+    folders.
+    """
     text = hashlib.sha256(batch.fingerprint().encode())
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         text.update(path.name.encode() + path.read_bytes())

@@ -139,7 +139,9 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
-    """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run at any size."""
+    """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run at any
+    size.
+    """
     modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()

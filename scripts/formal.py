@@ -158,7 +158,9 @@ def proofs(root: Path = ROOT) -> dict[str, Proof]:
 
 
 def labels(text: str, kind: str) -> list[str]:
-    """Return the labels of the assertions (`kind` "assert") or covers in the source of a checker."""
+    """Return the labels of the assertions (`kind` "assert") or covers in the source of a
+    checker.
+    """
     return re.findall(rf"\b(\w+)\s*:\s*{kind}\s*\(", text)
 
 
@@ -261,7 +263,9 @@ def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
 
 
 def _outcome(text: str, seconds: float, work: Path) -> Outcome:
-    """Parse a log of sby: only its last verdict counts, and a FAIL only with the failed assertion."""
+    """Parse a log of sby: only its last verdict counts, and a FAIL only with the failed
+    assertion.
+    """
     done = _DONE.findall(text)
     status = done[-1][0] if done else "TIMEOUT"
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
@@ -455,7 +459,9 @@ def table(rows: Sequence[verdict.Row]) -> str:
 def formal_command(
     names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path, workers: int
 ) -> int:
-    """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded faults."""
+    """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded
+    faults.
+    """
     which = chosen(names)
     if docs and (names or only or rtl != ROOT / "rtl"):
         raise InputError("command line", "--docs", "a part of the proofs", "all proofs and faults of rtl/")

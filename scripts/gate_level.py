@@ -265,7 +265,9 @@ def top_rows(
 
 
 def gate_level(technology: Technology, size: Size) -> list[Row]:
-    """Run every test of the top on a small netlist; compare pins, codes and registers at full size."""
+    """Run every test of the top on a small netlist; compare pins, codes and registers at full
+    size.
+    """
     rows: list[Row] = []
 
     def small() -> list[Row]:

@@ -140,7 +140,9 @@ def _yosys(
 
 
 def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Row]:
-    """Return the row of Yosys, and rows that count latches, flops without reset and bits of memory."""
+    """Return the row of Yosys, and rows that count latches, flops without reset and bits of
+    memory.
+    """
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
     # One deliberate latch per column in the flip-flop + latch form; two banks of the longest frame

@@ -455,7 +455,9 @@ def python_module(found: list[Entry]) -> str:
 
 
 def c_header(found: list[Entry]) -> str:
-    """Return rtl/dermis_registers.h: addresses as the SPI counts them, masks, shifts, reset values."""
+    """Return rtl/dermis_registers.h: addresses as the SPI counts them, masks, shifts, reset
+    values.
+    """
     constants = [(f"DERMIS_{name}", _number(value, digits)) for name, value, digits in _constants(found)]
     constants += [
         (f"DERMIS_{entry.name}_RESET", _number(entry.reset, 4)) for entry in found if entry.write_mask

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mixed-signal readout of piezoresistive artificial skin: simulator and models of the read-out chip.
+"""Simulator of a readout chip for resistive artificial skin, and models of the chip.
 
 `simulate` runs a scene or an array of forces through the chip, `newtons` turns codes back into
 forces, `Skin` does both in compiled loops for a robot simulator, and `scene_names` lists the scenes

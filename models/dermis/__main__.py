@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The way into the command line, `dermis` as well as `python -m dermis`: answers Ctrl-C from its first line on."""
+"""Entry of the command line, `dermis` and `python -m dermis`; handles Ctrl-C from its first line
+on.
+"""
 
 import signal
 
@@ -12,7 +14,7 @@ def _leave(number: int, _: object) -> None:
 
 
 def main() -> None:
-    """Load the command line, which takes some tenths of a second and has nothing to tidy up, and run it."""
+    """Load the command line, which takes some tenths of a second, and run it."""
     # Before any import but that of signal, each of which would be a traceback.
     numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
     for number in numbers:

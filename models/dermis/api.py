@@ -87,7 +87,9 @@ class Result(engines.Result):
 
     @property
     def applied_force_n(self) -> Floats | None:
-        """Forces of the stimulus in newtons; None for a stimulus of shorts and resistances without a force."""
+        """Forces of the stimulus in newtons; None for a stimulus of shorts and resistances without
+        a force.
+        """
         return self.plan.force_n
 
     @property
@@ -299,7 +301,9 @@ def _design(design: DesignLike | None) -> Design:
 
 
 def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are replaced whole."""
+    """Return tables with the keys of `changes`; a stimulus of another kind, and an effect, are
+    replaced whole.
+    """
     made = dict(data)
     for name, value in changes.items():
         before = made.get(name)
@@ -312,7 +316,9 @@ def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and text."""
+    """Convert to TOML types: numpy numbers, arrays, tuples and paths become numbers, lists and
+    text.
+    """
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""[effects] auto: every effect with defaults is on, and engine event walks only cells that its bounds leave open."""
+"""[effects] auto: every effect with defaults is on, and engine event walks only cells that its
+bounds leave open.
+"""
 
 from __future__ import annotations
 
@@ -15,5 +17,7 @@ def with_auto(world: Scene) -> Scene:
 
 
 def candidates(world: Scene) -> dict[str, Strict]:
-    """Return what auto switches on: what a scene names, and every further effect with physical defaults."""
+    """Return what auto switches on: what a scene names, and every further effect with physical
+    defaults.
+    """
     return with_auto(world).effects

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error bounds of the filter: how far each effect moves a decision that `closed` made without it.
 
-Everything is counted in packets and made from solved currents, cell by cell in one compiled loop. docs/auto.md derives
-every line. An effect that engine `closed` honours has no error here. One without a bound keeps every cell open.
+Everything is counted in packets and made from solved currents, cell by cell in one compiled loop.
+docs/auto.md derives every line. An effect that engine `closed` honours has no error here. One
+without a bound keeps every cell open.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ _compiled = numba.njit(cache=True, error_model="numpy", forceinline=True)
 
 @dataclass(frozen=True)
 class Bounding:
-    """Bound of an effect: the number of its function in `verdicts`, and a factor on all of it, for tests."""
+    """Bound of an effect: the number of its function in `verdicts`, and a factor on all of it, for
+    tests.
+    """
 
     number: int
     factor: float = 1.0
@@ -58,10 +61,11 @@ COUNT = 17
 class Bound(namedtuple("Bound", "shift rest whole random drawn drawn_whole")):
     """Error of an effect in one cell, in packets.
 
-    In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In any cell no level is
-    off by more than `whole`. `random` comes on top of both: SIGMAS standard deviations of a normal number that is
-    independent of those of other effects, so that they add as squares. `drawn` takes its place in a quiet cell once the
-    random numbers of the cell are drawn, `drawn_whole` in any cell.
+    In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In
+    any cell no level is off by more than `whole`. `random` comes on top of both: SIGMAS standard
+    deviations of a normal number that is independent of those of other effects, so that they add as
+    squares. `drawn` takes its place in a quiet cell once the random numbers of the cell are drawn,
+    `drawn_whole` in any cell.
     """
 
     __slots__ = ()
@@ -138,11 +142,12 @@ def _lowest(s, levels):  # type: ignore
 
 @_compiled
 def quiet(s, loose, base):  # type: ignore
-    """Whether the count is that of the highest level, each crossing served at once (docs/auto.md, "The last decision").
+    """Return True if the count is that of the highest level, with a packet at each crossing
+    (docs/auto.md, "The last decision").
 
-    No clock takes charge away, two clocks bring less than a packet, and the start is below the level. `loose` is half
-    of what levels of two decisions may be off against each other, without what is late of packets; `base` what start
-    and level are off.
+    No clock takes charge away, two clocks bring less than a packet, and the start is below the
+    level. `loose` is half of what levels of two decisions may be off against each other, without
+    what is late of packets; `base` what start and level are off.
     """
     high = s.high + s.unsettled + s.leak * (s.packet + loose)
     served = 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
@@ -151,7 +156,9 @@ def quiet(s, loose, base):  # type: ignore
 
 @_compiled
 def late(s, levels):  # type: ignore
-    """What may be left of a packet, or of the window, where the level is in reach again at the next decision."""
+    """Return the part of a packet, or of the window, that may be outstanding at the next decision
+    near the level.
+    """
     left = s.window + s.packet * (s.delay + s.lag)
     return left if 3.0 * s.high + 2.0 * levels + left >= s.packet else 0.0
 
@@ -161,7 +168,9 @@ def late(s, levels):  # type: ignore
 
 @_compiled
 def _supply_ripple(s):  # type: ignore
-    """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order rest."""
+    """The sum of a sine over the gate, in closed form; a compressed one is bent by a second-order
+    rest.
+    """
     whole = abs(s.swing) * s.swing_reach + s.swing_bent
     return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0)
 
@@ -174,13 +183,17 @@ def _motion(s):  # type: ignore
 
 @_compiled
 def _mirror_lag(s):  # type: ignore
-    """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the beginning)."""
+    """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the
+    beginning).
+    """
     return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0)
 
 
 @_compiled
 def _line_capacitance(s):  # type: ignore
-    """Charge of lines that have not settled; a slow mirror would keep what it saw before the gate."""
+    """Charge of lines that have not settled; a slow mirror would keep what it saw before the
+    gate.
+    """
     return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0)
 
 
@@ -196,14 +209,16 @@ def settling_s(network: Network) -> float:
 
 
 def brisk(network: Network, c: Converter) -> bool:
-    """Whether lines settle so fast that a slow mirror feels nothing of it."""
+    """Return True if lines settle too fast to affect a slow mirror."""
     return settling_s(network) * c.f_clk_hz <= BRISK_CLOCKS
 
 
 def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats, v_v: float) -> Floats:
-    """Packets [frames, cols] that lines which have not settled bring into a gate, at most; inf where unknown.
+    """Packets [frames, cols] that lines which have not settled bring into a gate, at most; inf
+    where unknown.
 
-    `v_v` is the largest voltage of any source, `g_column_s` [frames, cols] the conductance on each column.
+    `v_v` is the largest voltage of any source, `g_column_s` [frames, cols] the conductance on each
+    column.
     """
     net, (rows, cols) = network, network.g_taxel_s.shape
     tau = settling_s(net)
@@ -232,14 +247,18 @@ def _comparator_hysteresis(s):  # type: ignore
 
 @_compiled
 def _comparator_delay(s):  # type: ignore
-    """A sample d clocks early misses d times the charge of a clock; after a packet also d of that packet."""
+    """A sample d clocks early misses d times the charge of a clock; after a packet also d of that
+    packet.
+    """
     whole = s.delay * (abs(s.high) + 2.0 * s.packet)
     return Bound(-0.5 * s.delay * (s.low + s.high), 0.5 * s.delay * (s.high - s.low), whole, 0.0, 0.0, 0.0)
 
 
 @_compiled
 def _integrator_bandwidth(s, levels, error):  # type: ignore
-    """The output is late by the lag times its slope, and drops charge through what lies across the input."""
+    """The output is late by the lag times its slope, and drops charge through what lies across the
+    input.
+    """
     lag = s.lag
     if lag > SLOW_CLOCKS:
         return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0)
@@ -264,10 +283,11 @@ def _integrator_gain(s, levels, error):  # type: ignore
 
 @_compiled
 def _integrator_range(s, levels, error, factor):  # type: ignore
-    """Nothing where the charge stays inside, or where one at the upper limit has a packet every second clock.
+    """No error if the charge stays inside, or if a charge at the upper limit has a packet every
+    second clock.
 
-    Nor where no charge that a gate brings lifts one at the lower limit to a decision. `factor` is that of this effect:
-    its bound is the reach of the charge.
+    Nor where no charge that a gate brings lifts one at the lower limit to a decision. `factor` is
+    that of this effect: its bound is the reach of the charge.
     """
     below = s.limit_low <= factor * _lowest(s, levels)
     below = below or s.limit_low + factor * (s.clocks * max(s.high, 0.0) + error + levels) < 0.0
@@ -283,10 +303,11 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
 
 @_compiled
 def _path(s, variance, sample):  # type: ignore
-    """A Brownian path of some variance a clock: known at the end of its grid once it is drawn; a level `sample` beside.
+    """A Brownian path of some variance a clock: known at the end of its grid once it is drawn; a
+    level `sample` beside.
 
-    A level that the path reaches before the last decision is lower by the charge that came since: 16 variance / x
-    above the end of the path at most.
+    A level that the path reaches before the last decision is lower by the charge that came since:
+    16 variance / x above the end of the path at most.
     """
     sigma = SIGMAS * math.sqrt(variance)
     whole, bridge = sigma * s.root, sigma * s.root_bridge
@@ -316,14 +337,14 @@ def _clock_jitter(s):  # type: ignore
 
 @_compiled
 def _comparator_noise(s):  # type: ignore
-    """Every decision has a level of its own."""
+    """Every decision has its own level."""
     most = SIGMAS * s.noise
     return Bound(0.0, 0.0, 0.0, most, most, most)
 
 
 @_compiled
 def _metastability(s):  # type: ignore
-    """Half the aperture times the slope: a coin decides there."""
+    """Half the aperture times the slope: the decision there is random."""
     half = s.aperture * max(abs(s.low), abs(s.high))
     return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0)
 
@@ -336,7 +357,9 @@ def _ktc_noise(s):  # type: ignore
 
 @_compiled
 def _flicker_noise(s, levels):  # type: ignore
-    """One number for all packets of a slot: those of the charge that came and of the way to the level."""
+    """One number for all packets of a slot: those of the charge that came and of the way to the
+    level.
+    """
     came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
     return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0)
@@ -346,7 +369,9 @@ def _flicker_noise(s, levels):  # type: ignore
 
 
 class _Sum(namedtuple("_Sum", "shift rest whole error levels squares drawn drawn_whole noise loose")):
-    """Sums over the effects so far: those of Bound, all errors and those that move levels, squares, and `quiet`'s."""
+    """Sums over the effects so far: those of Bound, all errors and those that move levels, squares,
+    and `quiet`'s.
+    """
 
     __slots__ = ()
 
@@ -355,10 +380,11 @@ class _Sum(namedtuple("_Sum", "shift rest whole error levels squares drawn drawn
 def _add(sums, tally, number, factor, level, noise, b):  # type: ignore
     """Add the bound of an effect; `noise` if it is random.
 
-    `level` is 0 where it moves the charge that comes, 1 where it is late, 2 where it moves levels in another way.
+    `level` is 0 where it moves the charge that comes, 1 where it is late, 2 where it moves levels
+    in another way.
 
-    `tally` keeps its largest shift, whole error and error of a quiet cell. Without branches, or it takes most of the
-    time.
+    `tally` keeps its largest shift, whole error and error of a quiet cell. Without branches, or it
+    takes most of the time.
     """
     rest, whole, random = factor * b.rest, factor * b.whole, factor * b.random
     most = whole + random

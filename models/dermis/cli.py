@@ -43,11 +43,11 @@ LATER = {
     ),
     "ablate": (
         "dermis.report.ablate",
-        "Cost of each effect of a scene, in codes and in time: one off at a time.",
+        "Measure the cost of each effect of a scene, in codes and time.",
     ),
     "plan": (
         "dermis.report.plan_table",
-        "Effects that a scene's plan keeps and leaves out, with bounds and costs; nothing is run.",
+        "Show the effects that a plan keeps and leaves out, with bounds and cost.",
     ),
 }
 PROGRAMS = ROOT / "scripts" / "commands.toml"
@@ -118,7 +118,7 @@ class Commands(click.Group):
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="dermis")
 def cli() -> None:
-    """Mixed-signal readout of piezoresistive artificial skin."""
+    """Simulator and tools of a readout chip for resistive artificial skin."""
 
 
 @cli.command()

@@ -21,7 +21,9 @@ _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP)
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[IO[bytes]]:
-    """Give a file to write that becomes `path` at the end of the block, in one step; after an error it is gone."""
+    """Give a file to write that becomes `path` at the end of the block, in one step; after an error
+    it is gone.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     # The system takes the user's mask off: to ask for that mask is to set it, for every thread of the process.
@@ -38,17 +40,20 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write a temporary file next to the target and rename it; text gets LF line ends on every system."""
+    """Write a temporary file next to the target and rename it; text gets LF line ends on every
+    system.
+    """
     with atomic(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
 def locked(path: Path, *, wait: bool = True) -> Iterator[int | None]:
-    """Hold a file, or a directory, for this process alone; give its handle, or None if another one has it.
+    """Hold a file, or a directory, for this process alone; give its handle, or None if another one
+    has it.
 
-    The lock ends with the process, however that ends. A file that is not there is made. On a file system without locks
-    everybody has it at once.
+    The lock ends with the process, however that ends. A file that is not there is made. On a file
+    system without locks everybody has it at once.
     """
     flags = os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT
     handle = os.open(path, flags | os.O_CLOEXEC, 0o666)
@@ -83,7 +88,8 @@ def text_of(path: Path, allowed: str) -> str:
 
 
 def write_between(path: Path, begin: str, end: str, content: str) -> None:
-    """Put text between two marks of a file, each on a line of its own; a file of build/ gets its marks here.
+    """Put text between two marks of a file, each on a line of its own; a file of build/ gets its
+    marks here.
 
     Raises
     ------

@@ -45,8 +45,9 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
 def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None = None) -> Plan:
     """Plan a resolved scene.
 
-    Where neither `engine` nor the scene names an engine it is the cheapest that can do all of it. With `auto` every
-    effect with defaults is on, and engine event walks only the cells that its bounds leave open.
+    Where neither `engine` nor the scene names an engine it is the cheapest that can do all of it.
+    With `auto` every effect with defaults is on, and engine event walks only the cells that its
+    bounds leave open.
     """
     auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a simulation: frames, the records Network, Converter and Drive, and the effects with reasons."""
+"""The plan of a simulation: frames, the records Network, Converter and Drive, and the effects with
+reasons.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +53,9 @@ def _turns(f_ripple_hz: float, t_frame_s: float, f_clk_hz: float) -> tuple[int, 
 class Drive:
     """Changes in time: frames of resistances follow each other, each read in t_frame_s seconds.
 
-    The bias is v_bias (1 + ripple sin(2 pi f_ripple t + phase_ripple)), t from the first clock of frame 0. With
-    `motion` a conductance runs straight from one frame to the next; without, it holds for a frame.
+    The bias is v_bias (1 + ripple sin(2 pi f_ripple t + phase_ripple)), t from the first clock of
+    frame 0. With `motion` a conductance runs straight from one frame to the next; without, it holds
+    for a frame.
     """
 
     t_frame_s: float
@@ -62,9 +65,11 @@ class Drive:
     motion: bool = False
 
     def turns(self, frame: int, clocks: int, f_clk_hz: float) -> float:
-        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its own phase.
+        """Return the phase of the ripple, 0..1 of a turn, `clocks` clocks into a frame, without its
+        own phase.
 
-        In integers, of the decimals that were written: however long a run is, its last frame is as exact as its first.
+        In integers, of the decimals that were written: however long a run is, its last frame is as
+        exact as its first.
         """
         per_frame, per_clock, whole = _turns(self.f_ripple_hz, self.t_frame_s, f_clk_hz)
         return (frame * per_frame + clocks * per_clock) % whole / whole
@@ -174,7 +179,9 @@ class Plan:
             return np.divide(1.0, self.resistance_ohm[frames])
 
     def next_conductance_s(self, frames: slice = slice(None)) -> Floats:
-        """Return the conductance in siemens of the frame after each of some frames; the last frame of a run holds."""
+        """Return the conductance in siemens of the frame after each of some frames; the last frame
+        of a run holds.
+        """
         last = self.resistance_ohm[-1] if self.next_resistance_ohm is None else self.next_resistance_ohm
         first, stop, _ = frames.indices(self.frames)
         behind = self.resistance_ohm[first + 1 : stop + 1]
@@ -184,7 +191,7 @@ class Plan:
             return np.divide(1.0, behind)
 
     def part(self, first: int, stop: int) -> Plan:
-        """Frames first..stop-1 as a plan of their own, which gives the codes they have in the whole one."""
+        """Return frames first..stop-1 as a plan, which gives the same codes as the whole one."""
         if not 0 <= first < stop <= self.frames:
             raise ValueError(f"frames {first}..{stop} of {self.frames}")
         return replace(
@@ -202,7 +209,9 @@ class Plan:
         )
 
     def of_frames(self, value: Floats | float, frames: slice) -> Floats | float:
-        """The part of a value a cell that belongs to some frames; a value for all frames is itself."""
+        """The part of a value a cell that belongs to some frames; a value for all frames is
+        itself.
+        """
         return value[frames] if np.ndim(value) == 3 else value
 
     def fullest_frame(self) -> int:

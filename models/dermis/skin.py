@@ -112,7 +112,9 @@ def _lateral(u, c, g_lateral):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _row_voltages(g, u, driven, v_bias, r_driven, g_ground, total, volt):
-    """Voltages `volt` [rows] of the row lines for column voltages `u`; no row is driven if `driven` is -1."""
+    """Voltages `volt` [rows] of the row lines for column voltages `u`; no row is driven if `driven`
+    is -1.
+    """
     for i in range(volt.size):
         drawn = 0.0
         for c in range(u.size):
@@ -125,7 +127,9 @@ def _row_voltages(g, u, driven, v_bias, r_driven, g_ground, total, volt):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_leak, g_lateral, total, volt):
-    """Column currents where every column is at its offset: only the driven row changes from slot to slot."""
+    """Column currents where every column is at its offset: only the driven row changes from slot to
+    slot.
+    """
     rows, cols = g.shape
     _row_voltages(g, v_offset, -1, v_bias, r_driven, g_ground, total, volt)
     for c in range(cols):
@@ -198,8 +202,8 @@ class Skin:
     >>> codes = skin.read(np.full((16, 16), 2.0))
     >>> forces = skin.decode(codes)
 
-    Without hysteresis and creep both directions have no state and may be called from several threads. With them a
-    skin is one sheet: frames in order of time, and `reset` for a new one.
+    Without hysteresis and creep both directions have no state and may be called from several
+    threads. With them a skin is one sheet: frames in order of time, and `reset` for a new one.
 
     Parameters
     ----------
@@ -301,7 +305,9 @@ class Skin:
     def decode(
         self, codes: ArrayLike, t_frame_s: float | ArrayLike | None = None, out: Forces | None = None
     ) -> Forces:
-        """Decode codes [frames, rows, cols] or [rows, cols] into newtons with intervals; see `Decoder.decode`."""
+        """Decode codes [frames, rows, cols] or [rows, cols] into newtons with intervals; see
+        `Decoder.decode`.
+        """
         codes = np.asarray(codes)
         if codes.ndim == 2 or self.decoder.calibration.memory.active or self.threads == 1:
             return self.decoder.decode(codes, t_frame_s, out)

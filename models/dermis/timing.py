@@ -10,8 +10,8 @@ from dataclasses import dataclass
 class Timing:
     """Clocks of one row slot: preset for settle_clocks, then count for gate_clocks.
 
-    Through the first break_clocks of the settle clocks no row is driven. A frame begins settled where row 0 is
-    driven, break_clocks into its first slot.
+    Through the first break_clocks of the settle clocks no row is driven. A frame begins settled
+    where row 0 is driven, break_clocks into its first slot.
     """
 
     f_clk_hz: float

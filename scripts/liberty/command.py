@@ -178,7 +178,9 @@ def written_key(text: str) -> str | None:
 
 
 def check(corner: str) -> list[verdict.Row]:
-    """Judge a committed library: its key, samples measured again, paths in ngspice against OpenSTA."""
+    """Judge a committed library: its key, samples measured again, paths in ngspice against
+    OpenSTA.
+    """
     at = CORNERS[corner]
     path = DIRECTORY / file_name(at)
     if not path.is_file():

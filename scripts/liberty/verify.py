@@ -25,7 +25,9 @@ STA_LIMIT_S = 60.0
 
 
 def timing(library: Group, name: str, pin: str, related: str, kind: str = "", sense: str = "") -> Group:
-    """Return the timing group of a cell's pin from another; the first of a type and sense if given."""
+    """Return the timing group of a cell's pin from another; the first of a type and sense if
+    given.
+    """
     for group in library.one("cell", PREFIX + name).one("pin", pin).of("timing"):
         words = {key: value.strip('"') for key, value in group.attributes.items()}
         if (
@@ -189,7 +191,9 @@ def _inverts(steps: Sequence[Step]) -> bool:
 def chain_delays(
     library: Path, corner: Corner, label: str, directory: Path
 ) -> dict[str, tuple[float, float]]:
-    """Return the delays in ns of a chain for a rising and a falling input: ngspice's and OpenSTA's."""
+    """Return the delays in ns of a chain for a rising and a falling input: ngspice's and
+    OpenSTA's.
+    """
     steps = PATHS[label]
     netlist = ["module path (a, y);", "  input a;", "  output y;"]
     netlist += [f"  wire n{k + 1};" for k in range(len(steps) - 1)]

@@ -57,7 +57,9 @@ def attributes(text: str) -> dict[str, str]:
 
 @cache
 def records(path: Path) -> tuple[Record, ...]:
-    """Return the records of a sheet or symbol; InputError if the file does not follow the format."""
+    """Return the records of a sheet or symbol; InputError if the file does not follow the
+    format.
+    """
     text, found, end = text_of(path, "a sheet or symbol of xschem"), [], 0
     while text[end:].strip():
         if (match := _RECORD.match(text, end)) is None:

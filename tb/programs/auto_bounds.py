@@ -149,7 +149,9 @@ _counts = np.vectorize(verdicts.count, otypes=[int])
 
 
 def wrong(name: str, trial: int) -> int:
-    """Violations of the bounds in scene `trial` of an effect; 0 if engine event refuses the scene."""
+    """Violations of the bounds in scene `trial` of an effect; 0 if engine event refuses the
+    scene.
+    """
     rng = np.random.default_rng([trial, *name.encode()])
     steps = _steps(name, rng)
     strength = rng.integers(1 << 32)
@@ -179,6 +181,8 @@ def caught(name: str, tries: int = TRIES) -> int | None:
 
 
 def mutants(tries: int = TRIES) -> tuple[dict[str, int], list[str]]:
-    """Return the scene by effect whose halved bound was caught, and the effects of which none was."""
+    """Return the scene by effect whose halved bound was caught, and the effects of which none
+    was.
+    """
     found = {name: caught(name, tries) for name in names()}
     return {n: t for n, t in found.items() if t is not None}, [n for n, t in found.items() if t is None]

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws processor time against exactness of the stored scenes: engine closed, auto and everything on."""
+"""Draws processor time against exactness of the stored scenes: engine closed, auto and everything
+on.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ _REPEATS = 3
 
 @dataclass(frozen=True)
 class Point:
-    """A scene simulated one way: processor time a frame in s, with planning, and the share of codes that differ."""
+    """A scene simulated one way: processor time a frame in s, with planning, and the share of codes
+    that differ.
+    """
 
     scene: str
     way: str

@@ -147,7 +147,9 @@ class AnalogColumns:
         self.w = list(self.preset)
 
     def half_clock(self, row_select: int, preset: int, charge: int, test_current: int = 0) -> None:
-        """Advance half a clock with the switches as given (bit vectors); several rows driven add their currents."""
+        """Advance half a clock with the switches as given (bit vectors); several rows driven add
+        their currents.
+        """
         if preset:
             self.w = list(self.preset)
             return

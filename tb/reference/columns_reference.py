@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the direct interface by their common equation: the slow reference of engine event's mean charges."""
+"""Columns of the direct interface by their common equation: the slow reference of engine event's
+mean charges.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def codes(plan: Plan, frame: int = 0) -> np.ndarray:
 
 
 def _row(plan: Plan, frame: int, row: int) -> np.ndarray:
-    """Step by matrix exponentials, one a clock, two with a late comparator; inputs are constant in a clock."""
+    """Step by matrix exponentials, one a clock, two with a late comparator; inputs are constant in
+    a clock.
+    """
     converter, timing, drive, cols = plan.converter, plan.timing, plan.drive, plan.cols
     g = plan.conductance_s()
     behind = plan.next_conductance_s() if drive.motion else g

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charge balance of one converter in fifty digits: the slow reference of engine event and of its compiled loops."""
+"""The charge balance of one converter in fifty digits: the slow reference of engine event and of
+its compiled loops.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ import mpmath
 
 
 class Draws(NamedTuple):
-    """The noise of one cell in full, for the reference: nothing is left out because it cannot matter."""
+    """The noise of one cell in full, for the reference: nothing is left out because it cannot
+    matter.
+    """
 
     slow: list[float]  # sigma W(n), n = 1 ..
     sample: list[float]  # shift of the level of sample n alone
@@ -19,7 +23,9 @@ class Draws(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """Result of the reference: bits, the charge at every clock, and the least distance of the output from a level."""
+    """Result of the reference: bits, the charge at every clock, and the least distance of the
+    output from a level.
+    """
 
     bits: list[bool]
     charge: list[mpmath.mpf]

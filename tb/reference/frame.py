@@ -34,7 +34,9 @@ HONOURS = frozenset(
 
 
 def _column_currents(plan: Plan, frame: int, row: int) -> list[mpf]:
-    """Return currents into the virtual grounds while a row is driven: Kirchhoff at every line, by LU factors."""
+    """Return currents into the virtual grounds while a row is driven: Kirchhoff at every line, by
+    LU factors.
+    """
     network = plan.network(frame)
     rows, cols = network.rows, network.cols
     g = [[mpf(float(x)) for x in line] for line in network.g_taxel_s]
@@ -82,7 +84,9 @@ def count(x: mpf, clocks: int, packet: mpf, start: mpf, level: mpf, lag: mpf) ->
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame, all [rows, cols]: codes, charge at the end of each gate and input a clock in packets."""
+    """A frame, all [rows, cols]: codes, charge at the end of each gate and input a clock in
+    packets.
+    """
 
     codes: NDArray[np.int64]
     w_end: NDArray[np.float64]

@@ -54,7 +54,9 @@ def charge_reference(network: Network, timing: Timing) -> NDArray[np.float64]:
 def settles(
     network: Network, driven: int | None, c: mpmath.matrix
 ) -> tuple[mpmath.matrix, mpmath.matrix, list[mpmath.mpf]]:
-    """Return settled voltages, the matrix of their rate of change and the resistance of each node."""
+    """Return settled voltages, the matrix of their rate of change and the resistance of each
+    node.
+    """
     rows, cols, exact = network.rows, network.cols, mpmath.mpf
     n = rows + cols
     g, push, behind = mpmath.zeros(n, n), mpmath.zeros(n, 1), []

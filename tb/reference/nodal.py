@@ -55,7 +55,9 @@ def column_currents(
 
 
 def elements(network: Network, driven: int, exact: Callable[[Any], Any]) -> tuple[list[Element], dict, dict]:
-    """Return every element as (node, node, conductance), the voltages of nodes that are held, the injected currents."""
+    """Return every element as (node, node, conductance), the voltages of nodes that are held, the
+    injected currents.
+    """
     rows, cols, zero = network.rows, network.cols, exact(0)
 
     # Nodes by name. After its driver a row line is ("row", r), before its input a column ("column",
@@ -161,7 +163,9 @@ def slot_currents(network: Network, driven: int, exact: Callable[[Any], Any] = m
 
 
 def gauss(matrix: list[list[Any]], right: list[Any]) -> list[Any]:
-    """Solve matrix x = right by elimination without pivoting, which a positive definite matrix does not need."""
+    """Solve matrix x = right by elimination without pivoting, which a positive definite matrix does
+    not need.
+    """
     n = len(right)
     matrix, right = [list(row) for row in matrix], list(right)
     for k in range(n):

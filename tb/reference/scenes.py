@@ -71,7 +71,9 @@ class World:
         )
 
     def read(self, directory: Path) -> scenes.Scene:
-        """Write the files into `directory` and load the scene; raises InputError as for any scene."""
+        """Write the files into `directory` and load the scene; raises InputError as for any
+        scene.
+        """
         for name, lines in self.files.items():
             text = "\n".join(",".join(map(repr, line)) for line in lines) + "\n"
             (directory / name).write_text(text, encoding="ascii")
@@ -166,7 +168,9 @@ PROFILES = {
         gentle=True,
     ),
 }
-"""Name -> limits: engines of `dermis campaign`, and "auto" for comparisons of `auto` with everything on."""
+"""Name -> limits: engines of `dermis campaign`, and "auto" for comparisons of `auto` with
+everything on.
+"""
 
 KINDS = ("indenter", "slip", "tapping", "ramp", "several", "uniform", "frames", "resistance")
 
@@ -191,7 +195,9 @@ def number(rng: Rng, low: float, high: float) -> float:
 
 
 def random_scene(rng: Rng, profile: Profile) -> World:
-    """Return a random world within the limits of a profile, a function of the state of `rng` alone."""
+    """Return a random world within the limits of a profile, a function of the state of `rng`
+    alone.
+    """
     few = rng.random() > 1.0 - profile.few
     (rows, cols), base = _size(rng, profile, few), load_design()
     design = (
@@ -311,7 +317,9 @@ def _taxel(rng: Rng, unit: float, gate: int, profile: Profile, few: bool) -> Cal
 
 @functools.cache
 def _parameters(topology: str) -> dict[str, dict[str, float | None]]:
-    """Return effect -> parameter -> default of the effects of a topology; None: the scene must give it."""
+    """Return effect -> parameter -> default of the effects of a topology; None: the scene must give
+    it.
+    """
     design = load_design()
     return {
         effect.name: effect.table().model_dump() | effect.defaults(design, topology)
@@ -367,7 +375,9 @@ def _listed(name: str, key: str) -> bool:
 
 
 def _value(rng: Rng, name: str, key: str, default: float | None = None, decades: float = 0.0) -> float:
-    """Draw a parameter within its range, or decades beyond; with a default no stronger than twice that."""
+    """Draw a parameter within its range, or decades beyond; with a default no stronger than twice
+    that.
+    """
     effect = effects.EFFECTS[name]
     low, high = effect.range()[key]
     if default:

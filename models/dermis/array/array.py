@@ -37,21 +37,22 @@ _CURRENT_FLOOR_A = 1e-100
 class Network:
     """The resistive network of one frame, everything in ohm, siemens and volt.
 
-    Row r hangs on v_bias_v through r_row_driven_ohm while it is read and on ground through r_row_grounded_ohm
-    otherwise (inf: floating); column c is held at v_column_offset_v[c] through r_column_ohm[c]. Lateral
-    conductances lie between the inner electrodes of neighbouring taxels: `g_lateral_row_s` between columns c
-    and c+1 in each row, `g_lateral_column_s` between rows r and r+1 in each column. Without trace resistance
-    both ends of the latter are the same column line, so they carry no current and no solve here sees them; a
-    deck still writes them.
+    Row r hangs on v_bias_v through r_row_driven_ohm while it is read and on ground through
+    r_row_grounded_ohm otherwise (inf: floating); column c is held at v_column_offset_v[c] through
+    r_column_ohm[c]. Lateral conductances lie between the inner electrodes of neighbouring taxels:
+    `g_lateral_row_s` between columns c and c+1 in each row, `g_lateral_column_s` between rows r and
+    r+1 in each column. Without trace resistance both ends of the latter are the same column line,
+    so they carry no current and no solve here sees them; a deck still writes them.
 
-    `i_leak_a[c]` flows into column c in front of r_column_ohm and adds to its current. Traces have a resistance
-    per taxel pitch: a row line runs driver, segment, taxel 0, segment, taxel 1 ...; a column line taxel 0,
-    segment, taxel 1 ... last taxel, segment, column node. Capacitances lie from every row line (behind its
-    driver) and every column node to ground and across every taxel; they carry no direct current.
+    `i_leak_a[c]` flows into column c in front of r_column_ohm and adds to its current. Traces have
+    a resistance per taxel pitch: a row line runs driver, segment, taxel 0, segment, taxel 1 ...; a
+    column line taxel 0, segment, taxel 1 ... last taxel, segment, column node. Capacitances lie
+    from every row line (behind its driver) and every column node to ground and across every taxel;
+    they carry no direct current.
 
-    Grounded rows share `r_return_ohm` to ground, the driven row does not. The pads' part of the resistances of rows
-    and columns is in r_pad_row_ohm and r_pad_column_ohm as well, for a deck, where drivers and inputs may be
-    transistors; no solve reads these two.
+    Grounded rows share `r_return_ohm` to ground, the driven row does not. The pads' part of the
+    resistances of rows and columns is in r_pad_row_ohm and r_pad_column_ohm as well, for a deck,
+    where drivers and inputs may be transistors; no solve reads these two.
     """
 
     g_taxel_s: Floats
@@ -108,7 +109,9 @@ class Network:
         return self.g_taxel_s.shape[1]
 
     def active_fields(self) -> frozenset[str]:
-        """Return the names of the fields that are away from the ideal; the pads' part of a resistance is theirs."""
+        """Return the names of the non-ideal fields; the pads' part of a resistance has its own
+        field.
+        """
         return self._active
 
     @functools.cached_property
@@ -164,7 +167,9 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
 
 
 class NoSolution(ValueError):
-    """Taxels of 0 ohm join ideal sources of unlike voltages; `place` is the frame, row and column of one of them."""
+    """Taxels of 0 ohm join ideal sources of different voltages; `place` is the frame, row and
+    column of one of them.
+    """
 
     def __init__(self, frame: int, row: int, column: int) -> None:
         self.place = (frame, row, column)
@@ -179,10 +184,11 @@ class NoSolution(ValueError):
 
 @dataclass
 class Currents:
-    """Column currents in ampere, [rows, cols] or [frames, rows, cols], and a bound of the error of each.
+    """Column currents in ampere, [rows, cols] or [frames, rows, cols], and a bound of the error of
+    each.
 
-    `driven` follows v_bias_v, `rest` is what offsets and leaks make, None where there are neither; `driven_error`
-    and `rest_error` belong to them.
+    `driven` follows v_bias_v, `rest` is what offsets and leaks make, None where there are neither;
+    `driven_error` and `rest_error` belong to them.
     """
 
     driven: Floats
@@ -194,7 +200,8 @@ class Currents:
 def column_currents_by_source(
     network: Network, g_frames_s: ArrayLike | None = None
 ) -> tuple[Floats, Floats | None]:
-    """Split the currents of `column_currents`: those that follow v_bias_v, and those of offsets and leaks.
+    """Split the currents of `column_currents`: those that follow v_bias_v, and those of offsets and
+    leaks.
 
     The second part is None where there are neither.
     """
@@ -205,8 +212,8 @@ def column_currents_by_source(
 def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
     """Return the currents of `column_currents_by_source` with their error bounds.
 
-    A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where it is below
-    `solve_error.Account.tolerance_a` nothing is done to make it smaller.
+    A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where
+    it is below `solve_error.Account.tolerance_a` nothing is done to make it smaller.
     """
     return _by_source(network, g_frames_s, bounded=True)
 
@@ -251,10 +258,11 @@ _PRODUCT = solve_error.Figures(bound=2 * solve_error.U)
 
 
 def refuse_loops(network: Network, g: Floats) -> None:
-    """Raise NoSolution where shorts join ideal sources: column inputs, and grounded rows on ideal drivers.
+    """Raise NoSolution where shorts join ideal sources: column inputs, and grounded rows on ideal
+    drivers.
 
-    The bias of an ideal driven row across a short into an ideal column is no such thing: it has the limit of any
-    small resistance, more than full scale.
+    The bias of an ideal driven row across a short into an ideal column is no such thing: it has the
+    limit of any small resistance, more than full scale.
     """
     if network.r_trace_row_ohm or network.r_trace_column_ohm or not network.v_column_offset_v.any():
         return
@@ -342,9 +350,9 @@ _PRODUCT_MIN = 1e-150
 class _RowLines:
     """Row lines without their drivers, seen from the column lines: [frames, rows, cols].
 
-    Everything of row line r between its driver's node and the column lines is `to_driver[:, r, c]`, a
-    conductance from the driver's node to column line c, and `between` gives those from column line to column
-    line.
+    Everything of row line r between its driver's node and the column lines is `to_driver[:, r, c]`,
+    a conductance from the driver's node to column line c, and `between` gives those from column
+    line to column line.
     """
 
     def __init__(self, network: Network, g: Floats) -> None:
@@ -362,10 +370,12 @@ class _RowLines:
         star_mesh.ladder(np.ascontiguousarray(g), float(_conductance(network.r_trace_row_ohm)), *found)
 
     def between(self) -> Floats:
-        """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal 0.
+        """Conductances between column lines through all row lines, [frames, cols, cols]; diagonal
+        0.
 
-        From node i to node j > i it is g_i seen_i times all pass_on between them times g_j. As a product of
-        one factor of i and one of j it is fast, as long as the products from the driver on stay in range.
+        From node i to node j > i it is g_i seen_i times all pass_on between them times g_j. As a
+        product of one factor of i and one of j it is fast, as long as the products from the driver
+        on stay in range.
         """
         if (self.through > _PRODUCT_MIN).all():
             left = self.g * self.seen / self.through
@@ -391,7 +401,9 @@ Part = float | Floats
 
 
 def _of(part: Part, size: Floats) -> Floats:
-    """Return part * size for sizes of 0 or above; 0 for a size of 0, also if the part is infinite."""
+    """Return part * size for sizes of 0 or above; 0 for a size of 0, also if the part is
+    infinite.
+    """
     if isinstance(part, float) and part < np.inf:
         return part * size
     with np.errstate(over="ignore"):
@@ -402,10 +414,12 @@ def _of(part: Part, size: Floats) -> Floats:
 
 @dataclass
 class _Mesh:
-    """Conductances between the ideal sources of the columns after elimination of all nodes, each 0 or above.
+    """Conductances between the ideal sources of the columns after elimination of all nodes, each 0
+    or above.
 
-    `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own` [frames, cols] is
-    the part of a current into a column's node that leaves through its own input. The others bound their errors.
+    `between` [frames, cols, cols], diagonal 0, and `ground` [frames, cols] are conductances; `own`
+    [frames, cols] is the part of a current into a column's node that leaves through its own input.
+    The others bound their errors.
     """
 
     between: Floats
@@ -420,12 +434,14 @@ class _Mesh:
 class _Response:
     """Response of the array with all rows grounded to a current into row r.
 
-    The current into the driver's node of row r is the one that would hold it at 1 V were all column lines
-    grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at 1 + `lift`
-    [frames, rows], and `away` [frames, rows] goes to any ground but its own row's. `mesh` is there for offsets and
-    leaks. `delivered_part` bounds the relative error of `delivered`, `away_a` and `lift_v` [frames, rows] those of
-    the others where they are not the same number. `voltage` counts the roundings in any voltage behind these
-    (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in solve_error.Account.
+    The current into the driver's node of row r is the one that would hold it at 1 V were all column
+    lines grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at
+    1 + `lift` [frames, rows], and `away` [frames, rows] goes to any ground but its own row's.
+    `mesh` is there for offsets and leaks. `delivered_part` bounds the relative error of
+    `delivered`, `away_a` and `lift_v` [frames, rows] those of the others where they are not the
+    same number. `voltage` counts the roundings in any voltage behind these
+    (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in
+    solve_error.Account.
     """
 
     delivered: Floats
@@ -442,8 +458,8 @@ class _Response:
 
 @dataclass
 class _Solution:
-    """Currents [frames, rows, cols], the bound of their error as solve_error.Account.check takes it, and its parts: of
-    `driven` relative, of `rest` in ampere.
+    """Currents [frames, rows, cols], the bound of their error as solve_error.Account.check takes
+    it, and its parts: of `driven` relative, of `rest` in ampere.
     """
 
     driven: Floats
@@ -494,12 +510,14 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
 def _lift(
     network: Network, lines: _RowLines, response: _Response, scale: Floats, grounded: _Solution
 ) -> tuple[Floats, Floats | None, Floats, Floats | None]:
-    """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a solution without `error`.
+    """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a
+    solution without `error`.
 
-    In the slot of row r the other rows' drivers end at one node, at v ohm r_return to ground. By superposition it adds
-    v times `seen`, the column currents a volt of that node: those of all other rows driven at 1 V. By reciprocity it
-    is also the current that a column source of 1 V sends into the node. Every quantity is a sum of positive terms
-    where driven and grounded rows have the same resistance.
+    In the slot of row r the other rows' drivers end at one node, at v ohm r_return to ground. By
+    superposition it adds v times `seen`, the column currents a volt of that node: those of all
+    other rows driven at 1 V. By reciprocity it is also the current that a column source of 1 V
+    sends into the node. Every quantity is a sum of positive terms where driven and grounded rows
+    have the same resistance.
     """
     ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
     change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
@@ -555,12 +573,12 @@ def _rest(
     scale: Floats,
     account: solve_error.Account,
 ) -> tuple[Floats, Floats, int]:
-    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows, cols], and how many
-    slots were solved by themselves.
+    """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows,
+    cols], and how many slots were solved by themselves.
 
-    With all rows grounded each is a sum over pairs of sources of a conductance times a difference of voltages, which
-    loses nothing but what cancels by nature. The driven row is a change at one node, and that may cancel on top:
-    such slots are solved by themselves.
+    With all rows grounded each is a sum over pairs of sources of a conductance times a difference
+    of voltages, which loses nothing but what cancels by nature. The driven row is a change at one
+    node, and that may cancel on top: such slots are solved by themselves.
     """
     delivered = response.delivered
     pushed = network.r_column_ohm * network.i_leak_a
@@ -604,8 +622,8 @@ def _rest(
 
 
 def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats]:
-    """Column currents that offsets and leaks drive with every row on ground, and a bound of their error in ampere,
-    [frames, cols] each."""
+    """Column currents that offsets and leaks drive with every row on ground, and a bound of their
+    error in ampere, [frames, cols] each."""
     assert mesh is not None
     offset, leak = network.v_column_offset_v, network.i_leak_a
     apart = offset[np.newaxis, :] - offset[:, np.newaxis]
@@ -687,8 +705,8 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
 
 
 def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
-    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves the rest of 1 V; and
-    what it sends to another is what that one would send to it."""
+    """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves
+    the rest of 1 V; and what it sends to another is what that one would send to it."""
     sent = mesh.between.sum(axis=1) + mesh.ground
     behind = np.where(resistance > 0, mesh.own, 1.0)
     missed = _check_balance(
@@ -713,8 +731,8 @@ _COUNTED_ENOUGH = 1e-9
 
 
 def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Response:
-    """Every column line is a chain of one node a row: all drives walk up and down through the inverses of blocks
-    of one row, which are eliminated from the inputs up.
+    """Every column line is a chain of one node a row: all drives walk up and down through the
+    inverses of blocks of one row, which are eliminated from the inputs up.
     """
     from dermis.array import star_mesh
 
@@ -794,9 +812,9 @@ def _eliminate(
 ) -> tuple[Floats, float, float]:
     """Solve (leak + sum of links) v - link v = drive for v, [frames, n, m], by star-mesh steps.
 
-    Steps go in panels, so that the bulk is a product of matrices, still of sums only. The last `own` drives, n or
-    none, go into one node each. Returns v, how far Kirchhoff's law is missed (refused above `most`) and a bound of
-    Skeel's condition number.
+    Steps go in panels, so that the bulk is a product of matrices, still of sums only. The last
+    `own` drives, n or none, go into one node each. Returns v, how far Kirchhoff's law is missed
+    (refused above `most`) and a bound of Skeel's condition number.
     """
     # Loading the compiled steps takes a moment that a scene without a solve does not need to wait.
     from dermis.array import star_mesh
@@ -823,10 +841,11 @@ def _eliminate(
 def _check_kirchhoff(
     link: Floats, leak: Floats, drive: Floats, v: Floats, most: float
 ) -> tuple[float, float]:
-    """Check Kirchhoff's law at every node for all drives together, and for every drive over all nodes.
+    """Check Kirchhoff's law at every node for all drives together, and for every drive over all
+    nodes.
 
-    Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse turns leaks into
-    1 V everywhere, so no row of |inverse| |matrix| sums to more.
+    Drives and voltages are 0 or above. Returns the largest miss, and 2 max(out / leak): the inverse
+    turns leaks into 1 V everywhere, so no row of |inverse| |matrix| sums to more.
     """
     magnitude = drive.sum(axis=1)
     weight = (1.0 / np.maximum(magnitude, _CURRENT_FLOOR_A))[:, :, np.newaxis]

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unsettled RC transients of a row slot after the gate opens: extra column charge in every clock."""
+"""Unsettled RC transients of a row slot after the gate opens: extra column charge in every
+clock.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +81,9 @@ def _frames(network: Network, g_frames_s: ArrayLike | None) -> Floats:
 
 
 def _paths(network: Network, g: Floats, row_users: int, column_users: int) -> tuple[Floats, Floats]:
-    """Resistance from the far end of every row and column line to a source, if as many share each line."""
+    """Resistance from the far end of every row and column line to a source, if as many share each
+    line.
+    """
     to_column = column_users * (network.r_column_ohm + network.rows * network.r_trace_column_ohm)
     to_row = np.full(network.rows, row_users * max(network.r_row_driven_ohm, network.r_row_grounded_ohm))
     if not np.isfinite(network.r_row_grounded_ohm):
@@ -98,7 +102,8 @@ def _tau_by_sum(network: Network, to_row: Floats, to_column: Floats) -> float:
 
 
 def _tau_by_share(network: Network, g: Floats) -> float:
-    """Bound the largest ratio of y C y to y G y: the paths of all nodes split the conductances they share.
+    """Bound the largest ratio of y C y to y G y: the paths of all nodes split the conductances they
+    share.
 
     Across a taxel (u - v)^2 <= 2 u^2 + 2 v^2, so its capacitance counts twice at either end.
     """
@@ -124,7 +129,8 @@ def slowest_s(network: Network, g_frames_s: ArrayLike | None = None) -> float:
 
 
 def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> Floats:
-    """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf if there is no bound.
+    """Bound the magnitude of the extra charge of a whole gate, [cols], in coulomb; inf if there is
+    no bound.
 
     Notes
     -----
@@ -139,12 +145,13 @@ def bound_c(network: Network, g_frames_s: ArrayLike | None, timing: Timing) -> F
 
         |y| <= 2 A sqrt(sum C) / (1 - exp(-T / tau)) = sqrt(E)   when a slot begins
 
-    With a break of length B the state is moved twice a slot, where a row is let go and where the next is driven, and
-    where that is driven |y| <= 2 A sqrt(sum C) (1 + exp(-B / tau)) / (1 - exp(-T / tau)). From there on t counts,
-    and the power in all resistors, y G y, is at most E / tau exp(-2 t / tau) as long as tau <= 2 t. The
-    current in a conductance g is at most sqrt(g power). Into a column that has no input resistance all its
-    conductances bring current, and its taxel capacitances what their rows still move. A floating row without
-    a taxel that conducts keeps its charge and follows the columns through capacitances: it lies within 3 A.
+    With a break of length B the state is moved twice a slot, where a row is let go and where the
+    next is driven, and where that is driven |y| <= 2 A sqrt(sum C) (1 + exp(-B / tau)) / (1 -
+    exp(-T / tau)). From there on t counts, and the power in all resistors, y G y, is at most E /
+    tau exp(-2 t / tau) as long as tau <= 2 t. The current in a conductance g is at most sqrt(g
+    power). Into a column that has no input resistance all its conductances bring current, and its
+    taxel capacitances what their rows still move. A floating row without a taxel that conducts
+    keeps its charge and follows the columns through capacitances: it lies within 3 A.
     """
     if not (network.c_row_f or network.c_column_f or network.c_taxel_f):
         return np.zeros(network.cols)
@@ -288,7 +295,9 @@ class _Slots:
         return _Phase(to_source, free, link, modes, rest, lasting, self.capacitance)
 
     def _system(self, driven: int | None) -> tuple[Floats, Floats, Floats]:
-        """Conductance to a source [nodes] (inf: the source itself) and its voltage, and those from node to node."""
+        """Conductance to a source [nodes] (inf: the source itself) and its voltage, and those from
+        node to node.
+        """
         network, rows, cols = self.network, self.network.rows, self.network.cols
         series = np.full(rows + cols, network.r_row_grounded_ohm, dtype=float)
         if driven is not None:
@@ -337,10 +346,12 @@ class _Slots:
     def _rounding(
         self, phase: _Phase, voltage: Floats, strength: Floats, inflow: Floats, t_start: float
     ) -> float:
-        """Return the rounding error of the charge of a whole gate in a row that begins at `voltage`.
+        """Return the rounding error of the charge of a whole gate in a row that begins at
+        `voltage`.
 
-        The strength of a mode rounds with all charges behind it; a shape with all other shapes at the same node, since
-        eigenvectors are known to a rounding of whole ones. Each row adds its own to what the next one begins with.
+        The strength of a mode rounds with all charges behind it; a shape with all other shapes at
+        the same node, since eigenvectors are known to a rounding of whole ones. Each row adds its
+        own to what the next one begins with.
         """
         t_gate = self.timing.gate_clocks / self.timing.f_clk_hz
         # A rate is known to a rounding of shift, the norm it is found from to one of the largest norm, 1 / shift.
@@ -411,14 +422,18 @@ class _Sums:
         self.size = 0
 
     def put(self, row: int, inflow: Floats, first: Floats, decay: Floats) -> None:
-        """Take a row's modes: current for one volt of each, its integral over a clock, and what is left then."""
+        """Store a row's modes: current for one volt of each, its integral over a clock, and its
+        decay in a clock.
+        """
         count = decay.shape[1]
         self.charge[:, row, :, :count] = inflow * first[:, np.newaxis]
         self.decay[:, row, :count] = decay
         self.size = max(self.size, count)
 
     def above(self, clocks: int, charge_c: float) -> NDArray[np.bool_]:
-        """Return the modes that bring more charge in these clocks than their share of `charge_c`, in any column."""
+        """Return the modes that bring more charge in these clocks than their share of `charge_c`,
+        in any column.
+        """
         whole = (1 - self.decay**clocks) / np.maximum(1 - self.decay, _EPS)
         return (np.abs(self.charge) * whole[:, :, np.newaxis] > charge_c / max(self.size, 1)).any(
             axis=(0, 1, 2)
@@ -429,8 +444,9 @@ class _Sums:
 class _Phase:
     """The network between two switchings: its links to sources, its modes and its steady state.
 
-    `to_source` [nodes] and `link` [frames, nodes, nodes] are conductances, `free` the nodes behind a resistance,
-    `rest` [frames, nodes] their settled voltages, `lasting` the modes that outlast a clock's beginning.
+    `to_source` [nodes] and `link` [frames, nodes, nodes] are conductances, `free` the nodes behind
+    a resistance, `rest` [frames, nodes] their settled voltages, `lasting` the modes that outlast a
+    clock's beginning.
     """
 
     to_source: Floats
@@ -442,14 +458,17 @@ class _Phase:
     capacitance: _Capacitance
 
     def strength(self, voltage: Floats) -> Floats:
-        """Return the amplitude of each mode for a phase that begins at `voltage` [frames, nodes], in volt."""
+        """Return the amplitude of each mode for a phase that begins at `voltage` [frames, nodes],
+        in volt.
+        """
         # The charge of a node on resistances does not jump, even if sources do.
         charge = self.capacitance.times(self.modes.full, (voltage - self.rest)[..., np.newaxis])[..., 0]
         return np.divide(charge, self.modes.norm, out=np.zeros_like(charge), where=self.modes.norm > 0)
 
     def rounding(self, voltage: Floats) -> Floats:
-        """What rounding may make of each mode's strength: some roundings a node of all charges behind it, and of the
-        largest of all modes, since eigenvectors are known to a rounding of whole ones."""
+        """Return the largest effect of rounding on each mode's amplitude: some roundings a node of
+        all charges in it, and of the largest of all modes, since eigenvectors are known to a
+        rounding of whole ones."""
         size = (np.abs(voltage) + np.abs(self.rest))[..., np.newaxis]
         charge = self.capacitance.times(np.abs(self.modes.full), size, 1.0)[..., 0]
         part = (
@@ -463,7 +482,9 @@ class _Phase:
         return np.divide(part, self.modes.norm, out=np.zeros_like(part), where=self.modes.norm > 0)
 
     def clocks(self, t: float, t_clk: float, strength: Floats) -> tuple[Floats, Floats]:
-        """Return the integral of each mode over the clock after a time t, and its decay over a clock."""
+        """Return the integral of each mode over the clock after a time t, and its decay over a
+        clock.
+        """
         rate = np.where(self.lasting, self.modes.rate_hz, 0.0)
         with np.errstate(under="ignore"):
             decay = np.where(self.lasting, np.exp(-t_clk * rate), 0.0)
@@ -495,8 +516,9 @@ _ROUNDINGS = 16
 
 
 def _solve(link: Floats, leak: Floats, drive: Floats) -> tuple[Floats, Floats]:
-    """Solve (leak + sum of links) v - link v = drive [frames, n, m] by star-mesh steps; v, and sqrt(1 / pivots)
-    times the inverse of the triangle that they leave, whose square is the inverse of the matrix."""
+    """Solve (leak + sum of links) v - link v = drive [frames, n, m] by star-mesh steps; v, and
+    sqrt(1 / pivots) times the inverse of the triangle that they leave, whose square is the inverse
+    of the matrix."""
     from dermis.array import star_mesh
 
     frames, n = leak.shape
@@ -513,15 +535,17 @@ def _solve(link: Floats, leak: Floats, drive: Floats) -> tuple[Floats, Floats]:
 
 
 class _Capacitance:
-    """Capacitors from every line to ground and across every taxel, taken one by one: what both ends of a large one do
-    alike never enters, where a matrix of them would subtract it again."""
+    """Capacitors from every line to ground and across every taxel, taken one by one: what both ends
+    of a large one do alike never enters, where a matrix of them would subtract it again."""
 
     def __init__(self, rows: int, cols: int, network: Network) -> None:
         self.rows, self.across_f = rows, network.c_taxel_f
         self.to_ground_f = np.repeat([network.c_row_f, network.c_column_f], [rows, cols])
 
     def times(self, left: Floats, right: Floats, other_end: float = -1.0) -> Floats:
-        """left' C right of voltages [frames, nodes, k] and [frames, nodes, m]; with `other_end` 1 of magnitudes."""
+        """Return left' C right of voltages [frames, nodes, k] and [frames, nodes, m]; with
+        `other_end` 1, of magnitudes.
+        """
         out = np.matmul(left.transpose(0, 2, 1), self.to_ground_f[:, np.newaxis] * right)
         if self.across_f:
             out += self.across_f * np.matmul(
@@ -536,7 +560,9 @@ class _Capacitance:
         )
 
     def links(self, free: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Capacitances between free nodes [n, n], and from each of them to ground and to nodes that are held [n]."""
+        """Capacitances between free nodes [n, n], and from each of them to ground and to nodes that
+        are held [n].
+        """
         on_row = np.arange(self.to_ground_f.size) < self.rows
         across = self.across_f * (on_row[:, np.newaxis] != on_row)
         held = np.setdiff1d(np.arange(on_row.size), free)
@@ -544,12 +570,14 @@ class _Capacitance:
 
 
 class _Modes:
-    """Rates and shapes of C y' = -G y: G shape = rate C shape, shape' (G + shift C) shape = 1, shape' C shape = norm.
+    """Rates and shapes of C y' = -G y: G shape = rate C shape, shape' (G + shift C) shape = 1,
+    shape' C shape = norm.
 
-    Rates are found from the norm, 1 / (rate + shift). Whatever is slow is then as far apart from the rest as what lasts
-    1 / shift and no further: time constants from picoseconds to ages in one network cost what there is in a slot no
-    digit. G + shift C has no sign but that of its diagonal and is eliminated without a subtraction (star_mesh), so a
-    short beside a gigaohm costs none either.
+    Rates are found from the norm, 1 / (rate + shift). Whatever is slow is then as far apart from
+    the rest as what lasts 1 / shift and no further: time constants from picoseconds to ages in one
+    network cost what there is in a slot no digit. G + shift C has no sign but that of its diagonal
+    and is eliminated without a subtraction (star_mesh), so a short beside a gigaohm costs none
+    either.
     """
 
     def __init__(
@@ -581,7 +609,9 @@ class _Modes:
     def _check(
         self, links: Floats, leaks: Floats, between: Floats, to_ground: Floats, shift_hz: float
     ) -> None:
-        """Check that shift C shape = shift norm (G + shift C) shape; links and leaks are those of the right side."""
+        """Check that shift C shape = shift norm (G + shift C) shape; links and leaks are those of
+        the right side.
+        """
         size = np.abs(self.shape)
         left = (between.sum(axis=1) + to_ground)[:, np.newaxis] * self.shape - np.matmul(between, self.shape)
         most = (between.sum(axis=1) + to_ground)[:, np.newaxis] * size + np.matmul(between, size)

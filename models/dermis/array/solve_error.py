@@ -24,7 +24,9 @@ U = 2.0**-53
 """Largest relative error of one rounded operation."""
 
 LIMIT_LSB = 1e-3
-"""Largest error of a solve: certified codes allow ten times as much for rounding (filter.ROUNDING_LSB)."""
+"""Largest error of a solve: certified codes allow ten times as much for rounding
+(filter.ROUNDING_LSB).
+"""
 
 # Terms of second order are a part n u of those of first order, below 1e-6 for any array that fits a memory.
 _SECOND_ORDER = 1.001
@@ -37,8 +39,9 @@ _HOPELESS = 0.01
 def elements(rows: int, cols: int, bent: bool) -> float:
     """Roundings in any link, leak or drive between column lines once the row lines are eliminated.
 
-    A driver's node is a sum of cols + 1 terms, each of its links a quotient of two products, summed over the rows;
-    along a row line with resistance up to cols factors of up to 4 cols roundings each are multiplied on either side.
+    A driver's node is a sum of cols + 1 terms, each of its links a quotient of two products, summed
+    over the rows; along a row line with resistance up to cols factors of up to 4 cols roundings
+    each are multiplied on either side.
     """
     return rows + 2 * cols + 10 + (6 * cols * cols + 8 * cols if bent else 0)
 
@@ -47,9 +50,10 @@ def elements(rows: int, cols: int, bent: bool) -> float:
 def one_matrix(cols: int, per_element: float) -> float:
     """Roundings in any node voltage of cols nodes that are eliminated by star-mesh steps.
 
-    The step with m nodes left rounds each link that stays at most m + 4 times, and a voltage is a quotient of
-    polynomials with positive terms of degree m + 1 at most in the links that are left (matrix-tree theorem), so it
-    moves by 2 (m + 1) times as much. Going back adds m + 2 in each step.
+    The step with m nodes left rounds each link that stays at most m + 4 times, and a voltage is a
+    quotient of polynomials with positive terms of degree m + 1 at most in the links that are left
+    (matrix-tree theorem), so it moves by 2 (m + 1) times as much. Going back adds m + 2 in each
+    step.
     """
     m = np.arange(1, cols + 1)
     return float(2 * (cols + 1) * per_element + (2 * (m + 1) * (m + 4) + m + 2).sum())
@@ -57,10 +61,12 @@ def one_matrix(cols: int, per_element: float) -> float:
 
 @functools.lru_cache(maxsize=256)
 def chain(rows: int, cols: int, per_element: float) -> float:
-    """Roundings in any node voltage of a chain of `rows` blocks that are inverted and folded one into the next.
+    """Roundings in any node voltage of a chain of `rows` blocks that are inverted and folded one
+    into the next.
 
-    As `one_matrix` with cols nodes in each of the blocks still to come, to which a block under elimination has as
-    many links again; going back inside a block and folding it rounds what the next one gets once more.
+    As `one_matrix` with cols nodes in each of the blocks still to come, to which a block under
+    elimination has as many links again; going back inside a block and folding it rounds what the
+    next one gets once more.
     """
     m = np.arange(1, cols + 1)
     left = cols * np.arange(rows)
@@ -211,7 +217,9 @@ def account(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Itera
 
 
 def merged(reports: list[dict[str, Any]]) -> dict[str, Any]:
-    """The report of several parts of one run: solves and refinement steps add up, of the rest the largest counts."""
+    """Return the report of a run from its parts: the sum of solves and refinement steps, else the
+    largest value.
+    """
     found = [r for r in reports if r]
     if not found:
         return {}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Star-mesh steps of the array solve, compiled: plain arrays in, changed in place.
 
-A row of `work` [frames, n, n + 1 + m] is one node: its links to n nodes, its conductance to ground, its currents.
-Links are symmetric and only those to the right of the diagonal are read or kept up.
+A row of `work` [frames, n, n + 1 + m] is one node: its links to n nodes, its conductance to ground,
+its currents. Links are symmetric and only those to the right of the diagonal are read or kept up.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ _compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 @_compiled
 def down(work, pivot, first, last, own):  # type: ignore
-    """Eliminate nodes first .. last - 1, as far as these rows themselves go; pivots are sums to the right.
+    """Eliminate nodes first .. last - 1, as far as these rows themselves go; pivots are sums to the
+    right.
 
-    The last `own` currents, n or none, go into one node each: a node has none of those that go into later ones.
+    The last `own` currents, n or none, go into one node each: a node has none of those that go into
+    later ones.
     """
     frames, n, width = work.shape
     for f in range(frames):
@@ -37,7 +39,9 @@ def down(work, pivot, first, last, own):  # type: ignore
 
 @_compiled
 def up(work, pivot, first, last):  # type: ignore
-    """Turn the currents of nodes first .. last - 1 into voltages; what later nodes add is there already."""
+    """Turn the currents of nodes first .. last - 1 into voltages; what later nodes add is there
+    already.
+    """
     frames, n, width = work.shape
     for f in range(frames):
         rows = work[f]
@@ -52,7 +56,9 @@ def up(work, pivot, first, last):  # type: ignore
 
 @_compiled
 def ladder(g, segment, pass_on, seen, through, to_driver):  # type: ignore
-    """Row lines of segments of one conductance, [frames, rows, cols]: results as array._RowLines has them."""
+    """Row lines of segments of one conductance, [frames, rows, cols]: results as array._RowLines
+    has them.
+    """
     frames, rows, cols = g.shape
     for f in range(frames):
         for r in range(rows):
@@ -72,7 +78,9 @@ def ladder(g, segment, pass_on, seen, through, to_driver):  # type: ignore
 
 @_compiled
 def sum_of_others(values, others):  # type: ignore
-    """For every element of [frames, rows, cols] the sum of the other rows' in its column, without a subtraction."""
+    """For every element of [frames, rows, cols] the sum of the other rows' in its column, without a
+    subtraction.
+    """
     frames, rows, cols = values.shape
     for f in range(frames):
         for c in range(cols):
@@ -87,8 +95,8 @@ def sum_of_others(values, others):  # type: ignore
 
 @_compiled
 def _add_product(out, factor, a, b, first):  # type: ignore
-    """out += factor * a b, in columns first onwards; four rows of b for two of out at once, so that both are touched
-    less.
+    """out += factor * a b, in columns first onwards; four rows of b for two of out at once, so that
+    both are touched less.
     """
     n, inner, last = a.shape[0], a.shape[1], b.shape[1]
     whole = inner - inner % 4
@@ -116,7 +124,9 @@ def _add_product(out, factor, a, b, first):  # type: ignore
 
 @_compiled
 def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ignore
-    """Compute the links of one row line and its laterals between columns, to the right of the diagonal."""
+    """Compute the links of one row line and its laterals between columns, to the right of the
+    diagonal.
+    """
     n = g.shape[0]
     for i in range(n):
         left = g[i] * seen[i] if bent else 0.0
@@ -131,9 +141,11 @@ def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ig
 
 @_compiled
 def _invert(work, pivot, weights, out):  # type: ignore
-    """Inverse of one block: `work` [n, n + 1 + n] holds links, ground, and one unit of current a node.
+    """Inverse of one block: `work` [n, n + 1 + n] holds links, ground, and one unit of current a
+    node.
 
-    Row i takes in all nodes before it at once, four at a time, and of their units only those there are.
+    Row i takes in all nodes before it at once, four at a time, and of their units only those there
+    are.
     """
     n = out.shape[0]
     for i in range(n):
@@ -175,10 +187,12 @@ def _invert(work, pivot, weights, out):  # type: ignore
 def _miss_of_row(  # type: ignore
     worst, most, v, r, out, to_driver, share, g, pass_on, seen, bent, lateral, step, end, came, beside, drives
 ):
-    """Raise worst[q], for every drive q, to the miss of Kirchhoff's law in row r, in volt, and most[q] to its voltages.
+    """Raise worst[q], for every drive q, to the miss of Kirchhoff's law in row r, in volt, and
+    most[q] to its voltages.
 
-    What a node gets through its own share of the row line is counted on both sides, so that a row line is one sum for
-    all of its nodes. `came` [n, drives] and `beside` [drives] are room to work in; the last drive injects `out`.
+    What a node gets through its own share of the row line is counted on both sides, so that a row
+    line is one sum for all of its nodes. `came` [n, drives] and `beside` [drives] are room to work
+    in; the last drive injects `out`.
     """
     rows, n, last = v.shape[0], v.shape[1], drives - 1
     for q in range(drives):
@@ -235,10 +249,12 @@ def _miss_of_row(  # type: ignore
 def chain(  # type: ignore
     g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, moved, away, last, largest, volt
 ):
-    """All slots of arrays whose column lines have resistance; returns the largest miss of Kirchhoff's law at a node.
+    """Solve all slots of arrays with resistive column lines; return the largest violation of
+    Kirchhoff's law at a node.
 
-    Drives come in this order: one a row; maybe one a column, its source at 1 V; and one that injects into every node
-    what it would pass on at 1 V, all that leaves it. The voltages under the last one turn residuals into errors.
+    Drives come in this order: one a row; maybe one a column, its source at 1 V; and one that
+    injects into every node what it would pass on at 1 V, all that leaves it. The voltages under the
+    last one turn residuals into errors.
 
     Parameters
     ----------

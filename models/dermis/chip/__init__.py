@@ -1,2 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real circuit for the engines rtl and cosim: netlist, ngspice, Verilog builds and the lock-step bridge."""
+"""The real circuit for the engines rtl and cosim: netlist, ngspice, Verilog builds and the
+lock-step bridge.
+"""

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of an analog half of a co-simulation, and the exact one that needs no circuit simulator."""
+"""Interface of an analog half of a co-simulation, and the exact one that needs no circuit
+simulator.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,14 @@ Edge = tuple[float, int, float]
 class AnalogHalf(Protocol):
     """The analog side of a lock-step run.
 
-    The caller knows every edge of an interval before the interval is solved, because digital nets change at
-    clock edges only; so an analog half never has to go back.
+    The caller knows every edge of an interval before the interval is solved, because digital nets
+    change at clock edges only; so an analog half never has to go back.
     """
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to `to` seconds with these edges on the way; return one sample a comparator, high when > 0."""
+        """Solve up to `to` seconds with these edges on the way; return one sample a comparator,
+        high when > 0.
+        """
 
     def close(self) -> None:
         """Release its resources."""
@@ -30,8 +34,9 @@ class AnalogHalf(Protocol):
 class ExactHalf:
     """Ideal converters, integrated exactly, driven by the sources of a channel deck.
 
-    Sources are ordered as in dermis.chip.netlist: rows, preset, charge. Charge is counted in packets, and an edge is
-    the same linear ramp that ngspice sees, so that the two halves agree to the accuracy of ngspice.
+    Sources are ordered as in dermis.chip.netlist: rows, preset, charge. Charge is counted in
+    packets, and an edge is the same linear ramp that ngspice sees, so that the two halves agree to
+    the accuracy of ngspice.
 
     Parameters
     ----------
@@ -64,7 +69,9 @@ class ExactHalf:
         self._charge = np.array(levels[self._rows + 1 :])
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to `to` seconds; return w [cols] in packets, high when the comparator is (w >= 0 is made > 0)."""
+        """Solve up to `to` seconds; return w [cols] in packets, high when the comparator is (w >= 0
+        is made > 0).
+        """
         span = to - self._now
         ramp = 0.5 * self._t_edge
         x = self._row @ self._x if self._row.any() else np.zeros(self._cols)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lock-step loop: carries every edge of dermis_top to an analog half and every comparator back, clock by clock.
+"""The lock-step loop: carries every edge of dermis_top to an analog half and every comparator back,
+clock by clock.
 
-Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a frame stands at
-n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a frame is the one at which the first row
-is driven. Codes come as any user of the chip gets them: a host reads each frame through the SPI pins while the next one
-is scanned, on a clock of its own.
+Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a
+frame stands at n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a
+frame is the one at which the first row is driven. Codes come as any user of the chip gets them: a
+host reads each frame through the SPI pins while the next one is scanned, on a clock of its own.
 """
 
 from __future__ import annotations
@@ -23,21 +24,28 @@ from dermis.errors import SimulatorError
 from dermis.records import Timing
 
 START_CLOCKS = 64
-"""More than from enable to a frame's first edge, and from there to its first row but for the break."""
+"""More than from enable to a frame's first edge, and from there to its first row but for the
+break.
+"""
 
 SPI_CLOCKS = 1.37
-"""Clocks of the chip in one of the host: no ratio of small numbers, so their edges meet in every way."""
+"""Clocks of the chip in one of the host: no ratio of small numbers, so their edges meet in every
+way.
+"""
 
 WAIT_BYTES = 64
 """Longest answer without a token; the chip needs two or three clocks, and no clock is so slow."""
 
 SPI_SHARE = 0.5
-"""Share of a frame's time in which the host has read the frame before; with wide arrays that takes a faster clock."""
+"""Share of a frame's time in which the host has read the frame before; with wide arrays that takes
+a faster clock.
+"""
 
 
 @dataclass
 class Trace:
-    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for `row_select`).
+    """Signals across the bridge, one entry a clock: integers whose bit c is column c (row r for
+    `row_select`).
 
     `begins` has the number of entries before the first instant of each frame's analog half.
     """
@@ -50,11 +58,14 @@ class Trace:
 
 
 HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
-"""(frame, source levels at the frame's first instant) -> analog half; sources are rows, preset, charge."""
+"""(frame, source levels at the frame's first instant) -> analog half; sources are rows, preset,
+charge.
+"""
 
 
 def analog_s(timing: Timing, rows: int | None = None) -> float:
-    """Seconds of a scan on the analog side: from its first driven row to the next frame's first edge.
+    """Seconds of a scan on the analog side: from its first driven row to the next frame's first
+    edge.
 
     `rows` is the number of rows that are scanned; all by default.
     """
@@ -186,7 +197,9 @@ class Bridge:
             clock.stop()
 
     async def _watch(self, handle: Any) -> None:
-        """Note that a net moved. Polling is slower: these two nets are constant for hundreds of clocks."""
+        """Record that a net changed. Polling is slower: these two nets are constant for hundreds of
+        clocks.
+        """
         while True:
             await handle.value_change
             self._moved = True
@@ -228,7 +241,9 @@ class Bridge:
         return levels + [float(charge >> c & 1) for c in range(self._cols)]
 
     async def _frame(self, frame: int, half: AnalogHalf, levels: list[float]) -> None:
-        """Run one frame, from the edge that drives its first row (already passed) to the next frame's first edge."""
+        """Run one frame, from the edge that drives its first row (already passed) to the next
+        frame's first edge.
+        """
         from cocotb.handle import Immediate
 
         dut, timing, trace = self._dut, self._timing, self.trace
@@ -370,7 +385,9 @@ class _Host:
             dut.spi_cs_ni.value = 1
 
     async def _exchange(self, send: bytes) -> bytes:
-        """Send bytes and return those received meanwhile; COPI is constant if all bytes sent are 0."""
+        """Send bytes and return those received meanwhile; COPI is constant if all bytes sent are
+        0.
+        """
         from cocotb.triggers import FallingEdge, RisingEdge
 
         dut, cipo = self._dut, self._dut.spi_cipo_o

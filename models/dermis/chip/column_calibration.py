@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of every column over SPI: self-test frames in, gain, offset and a verdict per column out.
+"""Calibration of every column over SPI: self-test frames in, gain, offset and a verdict per column
+out.
 
-A self-test frame has a dark slot (no row driven, the pedestal alone) and two slots with the test current in the even
-and the odd columns. One code resolves half an LSB. A gate 16 times as long resolves the dark duty 16 times better; a
-full-scale count would not fit there, so its duty is the intersection of what 16 gates next to each other allow.
-docs/howto_calibrate.md has the same steps for firmware.
+A self-test frame has a dark slot (no row driven, the pedestal alone) and two slots with the test
+current in the even and the odd columns. One code resolves half an LSB. A gate 16 times as long
+resolves the dark duty 16 times better; a full-scale count would not fit there, so its duty is the
+intersection of what 16 gates next to each other allow. docs/howto_calibrate.md has the same steps
+for firmware.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ Floats = NDArray[np.float64]
 DARK_GATES = 16
 """The dark slot is counted over this many normal gates: 1/32 LSB."""
 FULL_GATES = 16
-"""Number of gates up to the normal one for the test current: at most 0.12 LSB at duties of 0.41 to 0.48."""
+"""Number of gates up to the normal one for the test current: at most 0.12 LSB at duties of 0.41 to
+0.48.
+"""
 # 4.8 sigma of a packet mismatch of 2.5 %.
 GAIN_LIMIT = 0.12
 """Largest gain error of a good column, relative."""
@@ -67,20 +71,25 @@ class Columns:
 
     @property
     def step_a(self) -> Floats:
-        """Column current of one code in ampere, [cols]; inf where the test current counts nothing."""
+        """Column current of one code in ampere, [cols]; inf where the test current counts
+        nothing.
+        """
         with np.errstate(divide="ignore"):
             return self.i_test_a / (self.gate_clocks * np.maximum(self.full - self.dark, 0.0))
 
     @property
     def start_code(self) -> Floats:
-        """Code without current, [cols]; fields of dermis.decode.calibration.Calibration of the same names."""
+        """Code without current, [cols]; fields of dermis.decode.calibration.Calibration of the same
+        names.
+        """
         return self.gate_clocks * self.dark
 
 
 def measure(design: Design, cols: int) -> Generator[Step, Any, Columns]:
     """Measure all columns; yields transactions, takes their results, returns the calibration.
 
-    The chip is left scanning with the normal gate. Raises SimulatorError if a self-test frame does not come.
+    The chip is left scanning with the normal gate. Raises SimulatorError if a self-test frame does
+    not come.
     """
     gate, made = design.timing.gate_clocks, design.calibration
     full_a = design.interface.k * design.converter.i0_a
@@ -114,7 +123,9 @@ def full_gates(gate: int) -> range:
 
 
 def duty(counts: Floats, gates: Sequence[int]) -> Floats:
-    """Return the middle of the duties that all counts allow, [gate, col] -> [col], between 0 and 1."""
+    """Return the middle of the duties that all counts allow, [gate, col] -> [col], between 0 and
+    1.
+    """
     clocks = np.array(gates)[:, None]
     # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
     low, high = np.max((counts - 0.5) / clocks, axis=0), np.min((counts + 0.5) / clocks, axis=0)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Builds of the Verilog for Icarus and Verilator, cached by content and safe to ask for from several processes."""
+"""Builds of the Verilog for Icarus and Verilator, cached by content and safe to ask for from
+several processes.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +84,8 @@ def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
 
 
 def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]:
-    """Sources with some modules, each in a file of its name, replaced by other files that define them.
+    """Sources with some modules, each in a file of its name, replaced by other files that define
+    them.
 
     Raises
     ------
@@ -101,7 +104,9 @@ def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]
 
 @contextlib.contextmanager
 def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
-    """An empty directory for a run's files: `work`, or one in build/<name> that stays only after a failure."""
+    """An empty directory for a run's files: `work`, or one in build/<name> that stays only after a
+    failure.
+    """
     if work is not None:
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
@@ -115,7 +120,8 @@ def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
 
 
 def prepare(simulator: str) -> str:
-    """Put the simulator on the path of this process and its children; return a text that identifies its version.
+    """Put the simulator on the path of this process and its children; return a text that identifies
+    its version.
 
     Raises
     ------
@@ -266,7 +272,9 @@ def run_cocotb(
 
 
 PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-store-merging")
-"""For g++ 12, which else packs the bytes of flip-flops into words and back; see docs/rtl_engine.md."""
+"""For g++ 12, which else packs the bytes of flip-flops into words and back; see
+docs/rtl_engine.md.
+"""
 
 VERILATOR_ARGUMENTS = (
     "--x-assign fast --x-initial fast --no-assert --no-timing --threads 1 --converge-limit 10000000 -Wno-fatal -O3"
@@ -284,7 +292,8 @@ def program(
     *,
     where: str = "models",
 ) -> list[str]:
-    """Return the command of a simulation that runs by itself, without cocotb; built only if it is not there yet.
+    """Return the command of a simulation that runs by itself, without cocotb; built only if it is
+    not there yet.
 
     Parameters
     ----------
@@ -359,7 +368,9 @@ def program(
 
 
 def _whole(program: Path) -> bool:
-    """Return True if a build has made its program: on a full disk Icarus ends with 0 and a part of it."""
+    """Return True if a build has made its program: on a full disk Icarus ends with 0 and a part of
+    it.
+    """
     if not program.is_file():
         return False
     if program.suffix != ".vvp":
@@ -377,7 +388,9 @@ def _headers(includes: Sequence[Path]) -> list[Path]:
 def _cached(
     stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None], name: str
 ) -> Path:
-    """Directory named by the content of files and a key; `make(directory, log)` puts `name` there, once."""
+    """Directory named by the content of files and a key; `make(directory, log)` puts `name` there,
+    once.
+    """
     digest = hashlib.sha256()
     for path in content:
         digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
@@ -403,9 +416,11 @@ def _cached(
 
 
 def _reuse_runtime(runtime: Path, target: Path) -> None:
-    """Put Verilator's own objects into a build: they are the same in all and take 7 of its 9 seconds.
+    """Put Verilator's own objects into a build: they are the same in all and take 7 of its 9
+    seconds.
 
-    Its makefile compiles them again whenever they are older than the generated one, so they are dated ahead of it.
+    Its makefile compiles them again whenever they are older than the generated one, so they are
+    dated ahead of it.
     """
     ahead = time.time() + 3600
     for part in runtime.glob("verilated*"):

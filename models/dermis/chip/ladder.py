@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice after the last.
+"""Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice
+after the last.
 
-There are two reasons to climb. Where no operating point is found, the next way to *start* is taken; where a transient
-stops half way, the next way to *step*. Nothing is switched on by ngspice itself: its own gmin stepping, source stepping
-and hidden transient are rungs here, so that a result says how it came about. docs/ladder.md has the table and shows a
-circuit for every rung.
+There are two reasons to climb. Where no operating point is found, the next way to *start* is taken;
+where a transient stops half way, the next way to *step*. Nothing is switched on by ngspice itself:
+its own gmin stepping, source stepping and hidden transient are rungs here, so that a result says
+how it came about. docs/ladder.md has the table and shows a circuit for every rung.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ T = TypeVar("T")
 Phase = Literal["start", "steps"]
 
 C_NODE_F = 1e-16
-"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C, 2e-5 of the packet of
-5 pC, and gives it back when it returns; the smallest packet for which that is 1e-3 of a count is 0.1 pC."""
+"""Rung `capacitance`: 0.1 fF from every node to ground. A node that swings a volt moves 1e-16 C,
+2e-5 of the packet of 5 pC, and gives it back when it returns; the smallest packet for which that is
+1e-3 of a count is 0.1 pC."""
 
 T_RAMP_S = 1e-5
-"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a hundredth of it. Its
-length decides how good a guess is, not how good a result is: Newton's method confirms it."""
+"""Rung `ramp`: the supplies rise in this time and rest for nine times as long, in steps of a
+hundredth of it. Its length decides how good a guess is, not how good a result is: Newton's method
+confirms it."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,9 @@ STEPS = (
         f"{_NODES} method=gear maxord=2",
     ),
 )
-"""Ways to step, in the order in which they are tried. None loosens a tolerance (docs/ladder.md says why)."""
+"""Ways to step, in the order in which they are tried. None loosens a tolerance (docs/ladder.md says
+why).
+"""
 
 
 @dataclass(frozen=True)

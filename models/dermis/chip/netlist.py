@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The SPICE deck of a plan: row drivers, array and one channel a column, written from the records and nothing else.
+"""Write the SPICE deck of a plan: row drivers, array and one channel per column, from the records
+only.
 
-A record field at its default writes nothing beyond the ideal setting of its block, so an effect that is off leaves no
-element behind. Every number is formatted from a float and every name is made here: no text of a scene reaches a deck.
+A record field at its default writes nothing beyond the ideal setting of its block, so an effect
+that is off leaves no element behind. Every number is formatted from a float and every name is made
+here: no text of a scene reaches a deck.
 """
 
 from __future__ import annotations
@@ -110,7 +112,9 @@ OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 
 
 
 def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> tuple[str, ...]:
-    """Names of the sources that the digital side drives: rows, preset, charge switches of all or some columns."""
+    """Names of the sources that the digital side drives: rows, preset, charge switches of all or
+    some columns.
+    """
     return (
         *(f"v_d_row{r}" for r in range(rows)),
         "v_d_preset",
@@ -159,9 +163,10 @@ def refuses(plan: Plan) -> InputError | None:
 def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
     """Columns by the circuit that has them: circuits that may be solved apart.
 
-    Transistors cost by the device and by the step, and every column has its own instants to step on. Columns behind
-    conveyors stand at their virtual grounds, so a column sees of the others no more than what they draw from the rows;
-    lateral resistors and the direct interface tie them together. Models by themselves are solved fastest together.
+    Transistors cost by the device and by the step, and every column has its own instants to step
+    on. Columns behind conveyors stand at their virtual grounds, so a column sees of the others no
+    more than what they draw from the rows; lateral resistors and the direct interface tie them
+    together. Models by themselves are solved fastest together.
     """
     columns = range(plan.cols)
     heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
@@ -176,7 +181,9 @@ def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
 
 
 def _channel_in_transistors(views: Views, topology: str) -> bool:
-    """Return True if the channel is in transistors: with its conveyor, or as one block if direct."""
+    """Return True if the channel is in transistors: with its conveyor, or as one block if
+    direct.
+    """
     blocks = views.in_transistors(topology)
     return ("conveyor" if topology != "direct" else "integrator") in blocks
 
@@ -250,7 +257,9 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
 
 
 def _late_s(plan: Plan) -> NDArray[np.float64]:
-    """Return the time before the clock at which each comparator is sampled, in s; 0 if its block has the delay."""
+    """Return the time before the clock at which each comparator is sampled, in s; 0 if its block
+    has the delay.
+    """
     delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
     return np.where(delay > _early_s(plan), delay, 0.0)
 
@@ -410,10 +419,12 @@ def _without_pad(total_ohm: float, pad_ohm: float) -> float:
 
 
 def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
-    """Write a column whose channel is in another circuit: its virtual ground and the elements before it.
+    """Write a column whose channel is in another circuit: its virtual ground and the elements
+    before it.
 
-    Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm off by that change
-    what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V: 0.003 LSB.
+    Transistors hold it within 0.2 mV (sky130.conveyor_v_offset_v). All columns of a row of 500 ohm
+    off by that change what the row draws by 6 uA of 16 mA, and a driver of 1 ohm by 6 uV of 0.5 V:
+    0.003 LSB.
     """
     r, v = float(network.r_pad_column_ohm), 0.0
     if not plan.views.has_transistors(column, plan.topology):
@@ -425,7 +436,9 @@ def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
 
 
 def _bias(plan: Plan, frame: int, begin: int) -> str:
-    """The bias: a number, or a sine that runs on from frame to frame; `begin` is time zero in clocks of the frame."""
+    """The bias: a number, or a sine that runs on from frame to frame; `begin` is time zero in
+    clocks of the frame.
+    """
     drive, level = plan.drive, plan.v_bias_v
     if not drive.ripple:
         return spice_number(level)
@@ -438,7 +451,9 @@ def _bias(plan: Plan, frame: int, begin: int) -> str:
 
 
 def _array(plan: Plan, frame: int, network: Network, begin: int) -> list[str]:
-    """The array of one frame from clock `begin` on; its taxels move to those of the next frame if the plan says so."""
+    """The array of one frame from clock `begin` on; its taxels move to those of the next frame if
+    the plan says so.
+    """
     slope = None
     g_taxel_s = network.g_taxel_s
     floor = plan.scene.design.array.r_floor_ohm
@@ -473,10 +488,11 @@ def transistor_options() -> str:
 
 
 def options(pole: bool, clamp_i0_a: float | None = None) -> str:
-    """The `.options` line of a deck with a time constant besides its integrators, without, or with a biting clamp.
+    """The `.options` line of a deck with a time constant besides its integrators, without, or with
+    a biting clamp.
 
-    `clamp_i0_a` is the largest reference current, in A, of a deck with a clamp that bites (abstol goes with it), else
-    None.
+    `clamp_i0_a` is the largest reference current, in A, of a deck with a clamp that bites (abstol
+    goes with it), else None.
     """
     if clamp_i0_a is not None:
         # The reason of abstol is that of _ABSTOL_CLAMP.
@@ -490,7 +506,9 @@ def integrator_node(column: int) -> str:
 
 
 def integrator_nodes(column: int) -> tuple[str, str]:
-    """Its name in every channel but one, and in that of the direct interface in transistors, which is one piece."""
+    """Return the names of a column's integrator node: in most channels, and in the direct one in
+    transistors.
+    """
     return f"xch{column}.xvfc.v_int", f"xch{column}.v_int"
 
 
@@ -499,11 +517,12 @@ _LEAK_CLOCKS = 50.0
 
 
 def has_pole(plan: Plan) -> bool:
-    """Return True if the deck has a time constant, besides the integrators, that the steps must resolve.
+    """Return True if the deck has a time constant, besides the integrators, that the steps must
+    resolve.
 
-    Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror, capacitance, and an integrator
-    that leaks within some clocks. What only moves (ripple, taxels) is followed well enough by steps of a clock, or of
-    `longest_step_s`.
+    Comparator (not one that is looked at earlier), range clamp, bandwidth, slow mirror,
+    capacitance, and an integrator that leaks within some clocks. What only moves (ripple, taxels)
+    is followed well enough by steps of a clock, or of `longest_step_s`.
     """
     converter = plan.converter
     clamped = np.isfinite(converter.v_int_max_v) | np.isfinite(converter.v_int_min_v)
@@ -522,5 +541,7 @@ def has_pole(plan: Plan) -> bool:
 
 
 def longest_step_s(drive: Drive) -> float:
-    """A fortieth of a period of the ripple, whose area trapezoids then have to 0.2 %; inf without."""
+    """Return a fortieth of the ripple's period, for which the trapezoidal error is 0.2 %; inf
+    without ripple.
+    """
     return 1.0 / (40.0 * drive.f_ripple_hz) if drive.ripple and drive.f_ripple_hz else math.inf

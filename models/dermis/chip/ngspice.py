@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock edge.
+"""ngspice as the analog half of a co-simulation: one transient, advanced from clock edge to clock
+edge.
 
-The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the project's errors.
-ngspice keeps its circuit in global variables, so there is one circuit per process; parallel circuits are parallel
-processes.
+The work is done by lockstep.c, compiled on first use; this file gives it a Python face and the
+project's errors. ngspice keeps its circuit in global variables, so there is one circuit per
+process; parallel circuits are parallel processes.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver, compiling it when its source is newer than any copy in build/."""
+    """Return the compiled lock-step driver, compiling it when its source is newer than any copy in
+    build/.
+    """
     source = SOURCE.read_bytes()
     target = BUILD / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
     if target.exists():
@@ -244,7 +247,9 @@ class NgspiceHalf:
         raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
 
     def _guess(self) -> list[str]:
-        """Return nodesets from an unconfirmed operating point, none if there is no operating point."""
+        """Return nodesets from an unconfirmed operating point, none if there is no operating
+        point.
+        """
         text = ctypes.create_string_buffer(_GUESS_BYTES)
         if _lib.lockstep_operating_point(text, _GUESS_BYTES):
             self._raise()
@@ -252,10 +257,11 @@ class NgspiceHalf:
         return [f".nodeset v({name})={value}" for name, value in found if math.isfinite(float(value))]
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next call overwrites).
+        """Solve up to time `to` in seconds; return the probes there, in volt (a view that the next
+        call overwrites).
 
-        Those of `Deck.late_s` are what they were that much earlier, on a time point of the solution; for a time before
-        0, what they were at 0.
+        Those of `Deck.late_s` are what they were that much earlier, on a time point of the
+        solution; for a time before 0, what they were at 0.
 
         Raises
         ------
@@ -286,7 +292,8 @@ class NgspiceHalf:
         self._now = to
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was set.
+        """Return the recorded times in seconds and, by probe, voltages; empty unless `record` was
+        set.
 
         Probes of `Deck.late_s` are shown that much later, and the times are those of both.
         """
@@ -308,9 +315,13 @@ class NgspiceHalf:
 
     @property
     def statistics(self) -> dict[str, int]:
-        """Accepted and rejected time points and source evaluations (about one per Newton iteration) so far."""
+        """Accepted and rejected time points and source evaluations (about one per Newton iteration)
+        so far.
+        """
         return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
-        """Release the circuit, so that this process can take another; only after the end of the transient."""
+        """Release the circuit, so that this process can take another; only after the end of the
+        transient.
+        """
         _lib.lockstep_close()

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as a host receives them from the chip: checked against the request, and turned into codes."""
+"""Frames as a host receives them from the chip: checked against the request, and turned into
+codes.
+"""
 
 from __future__ import annotations
 

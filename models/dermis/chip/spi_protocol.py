@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host's side of the SPI protocol: commands, answers, frames; the reference for firmware (docs/spi.md).
+"""The host's side of the SPI protocol: commands, answers, frames; the reference for firmware
+(docs/spi.md).
 
-A transaction is a generator: it yields the bytes to send while CS stays low, is sent the bytes that came back, and
-returns its result. So one text serves a cocotb test, the engines' bridge and a driver alike::
+A transaction is a generator: it yields the bytes to send while CS stays low, is sent the bytes that
+came back, and returns its result. So one text serves a cocotb test, the engines' bridge and a
+driver alike::
 
     value = run(read_register(0x00), exchange)      # exchange(bytes) -> bytes of the same length
 """
@@ -28,7 +30,9 @@ SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 SPECIAL_SLOTS = (SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD)
 
 WAIT_LIMIT = 4096
-"""Wait bytes after which a chip counts as one without a clock: SCK may be 8000 times faster than f_clk."""
+"""Wait bytes after which a chip counts as one without a clock: SCK may be 8000 times faster than
+f_clk.
+"""
 
 Result = TypeVar("Result")
 Transaction = Generator[bytes, bytes, Result]
@@ -55,7 +59,7 @@ class BadCommandCrc(SpiError):
 
 
 class Busy(SpiError):
-    """E2: an earlier request, of a transaction that was cut, is still crossing; nothing was done."""
+    """E2: an earlier request, of an interrupted transaction, is still crossing; no action."""
 
 
 class NoSuchRegister(SpiError):
@@ -99,7 +103,9 @@ REFUSALS: dict[int, tuple[type[SpiError], str]] = {
 
 
 def crc8(data: Iterable[int], crc: int = 0) -> int:
-    """CRC-8/SMBUS: polynomial 0x07, start 0, most significant bit first; ``crc8(b"123456789") == 0xF4``."""
+    """CRC-8/SMBUS: polynomial 0x07, start 0, most significant bit first; ``crc8(b"123456789") ==
+    0xF4``.
+    """
     for byte in data:
         crc ^= byte
         for _ in range(8):
@@ -145,7 +151,7 @@ def write_command(address: int, value: int) -> bytes:
 
 
 def read_command(address: int) -> bytes:
-    """The two bytes that ask for a register; InputError where the address is not one of 8 bits."""
+    """Return the two bytes that read a register; InputError if the address has more than 8 bits."""
     return bytes((OP_READ, _checked("address", address, 8)))
 
 
@@ -177,7 +183,9 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
 
 
 def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
-    """Read the newest whole frame as the chip packed it, empty if there is none yet; `parse_frame` takes it apart."""
+    """Read the newest whole frame as the chip packed it, empty if there is none yet; `parse_frame`
+    takes it apart.
+    """
     yield from _exchanged(frame_command())
     yield from _token(TOKEN_DATA, wait_limit)
     high, low = yield from _exchanged(bytes(2))
@@ -214,7 +222,9 @@ def _token(wanted: int, wait_limit: int) -> Transaction[int]:
 
 
 def run(transaction: Transaction[Result], exchange: Callable[[bytes], bytes]) -> Result:
-    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it after this call."""
+    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it after
+    this call.
+    """
     try:
         send = next(transaction)
         while True:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every `.meas`.
+"""Batch runs of ngspice: a time limit, the retry ladder, and a finite number or an error for every
+`.meas`.
 
-The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops half way
-and its measurements look plausible.
+The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops
+half way and its measurements look plausible.
 """
 
 from __future__ import annotations
@@ -183,7 +184,9 @@ def _guess(tool: str, deck: Path, text: str, extra: list[str], limit_s: float) -
 
 
 def _trouble(text: str, complaint: str) -> str:
-    """Return the complaint of ngspice with the time and node that it names, maybe on other lines."""
+    """Return the complaint of ngspice with the time and node that it names, maybe on other
+    lines.
+    """
     parts = [complaint.strip()]
     for pattern in (r"time\s*=\s*[\d.e+-]+", r"trouble with [^\n;]+", r"singular matrix:[^\n]+"):
         found = re.search(pattern, text, re.IGNORECASE)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How SPICE text is written: numbers, folded lines, and the array with every element that a scene may give it."""
+"""How SPICE text is written: numbers, folded lines, and the array with every element that a scene
+may give it.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +40,15 @@ def array_subckt(
 ) -> str:
     """Write the taxel array as a subckt with the pins r0 r1 ... c0 c1 ...
 
-    A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the column
-    line. A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and (3, 5).
+    A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the
+    column line. A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and
+    (3, 5).
 
-    With trace resistance the taxel (3, 4) joins the nodes ``u_r3c4`` of its row line and ``v_r3c4`` of its column
-    line, its inner electrode. Row line 3 runs pin, ``rtrace_row_r3c0``, u_r3c0, ``rtrace_row_r3c1``, u_r3c1 ...;
-    column line 4 runs v_r0c4, ``rtrace_col_r0c4``, v_r1c4 ... last row, its rtrace_col, pin. Only then has a lateral
-    resistor along a column (``rlat_col_r3c4``, to row 4) two ends, and is written.
+    With trace resistance the taxel (3, 4) joins the nodes ``u_r3c4`` of its row line and ``v_r3c4``
+    of its column line, its inner electrode. Row line 3 runs pin, ``rtrace_row_r3c0``, u_r3c0,
+    ``rtrace_row_r3c1``, u_r3c1 ...; column line 4 runs v_r0c4, ``rtrace_col_r0c4``, v_r1c4 ... last
+    row, its rtrace_col, pin. Only then has a lateral resistor along a column (``rlat_col_r3c4``, to
+    row 4) two ends, and is written.
 
     Parameters
     ----------

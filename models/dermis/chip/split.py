@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several ngspice circuits as one analog half: a process each, all advanced from clock edge to clock edge.
+"""Several ngspice circuits as one analog half: a process each, all advanced from clock edge to
+clock edge.
 
-ngspice keeps its circuit in global variables, and a circuit steps wherever any of its columns has to; columns apart
-step by themselves, on as many cores as there are. They meet at every clock edge, as the whole circuit would.
-A worker is `python -m dermis.chip.split`: it takes pickled calls on its standard input and ends with its caller.
+ngspice keeps its circuit in global variables, and a circuit steps wherever any of its columns has
+to; columns apart step by themselves, on as many cores as there are. They meet at every clock edge,
+as the whole circuit would. A worker is `python -m dermis.chip.split`: it takes pickled calls on its
+standard input and ends with its caller.
 """
 
 from __future__ import annotations

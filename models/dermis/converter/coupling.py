@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coupling of the columns of the direct interface through virtual grounds of finite gain.
 
-Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground gives way to flows
-through the array into the others. Engine event has each column feel the mean of the others' charge over a gate; what
-that leaves open is bounded in counts, and refused by name beyond one (docs/event.md).
+Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground
+gives way to flows through the array into the others. Engine event has each column feel the mean of
+the others' charge over a gate; what that leaves open is bounded in counts, and refused by name
+beyond one (docs/event.md).
 """
 
 from __future__ import annotations
@@ -49,11 +50,12 @@ COUPLING = frozenset(
 
 
 def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
-    """Conductance matrix between the virtual grounds of the columns, [frames, rows or 1, cols, cols].
+    """Conductance matrix between the virtual grounds of the columns, [frames, rows or 1, cols,
+    cols].
 
-    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are driven one
-    after the other (one matrix for all where driven and grounded rows hang on the same resistance). Trace
-    resistance is counted as if each taxel were alone on its two lines.
+    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are
+    driven one after the other (one matrix for all where driven and grounded rows hang on the same
+    resistance). Trace resistance is counted as if each taxel were alone on its two lines.
     """
     network = in_range(network)
     rows, cols = network.rows, network.cols
@@ -91,9 +93,11 @@ _G_HARD_S = 1e30
 
 
 def _behind_inputs(link: Floats, ground: Floats, r_column_ohm: Floats) -> tuple[Floats, Floats]:
-    """Conductances between the far ends of the column inputs, [..., cols, cols], and from them to ground.
+    """Conductances between the far ends of the column inputs, [..., cols, cols], and from them to
+    ground.
 
-    Every column line is taken out of the net by a star-mesh step: sums only, so shorts beside opens cost no digit.
+    Every column line is taken out of the net by a star-mesh step: sums only, so shorts beside opens
+    cost no digit.
     """
     cols = link.shape[-1]
     inputs = 1.0 / np.maximum(r_column_ohm, 1.0 / _G_HARD_S)
@@ -119,7 +123,9 @@ def _behind_lines(network: Network, g: Floats) -> Floats:
 
 
 class Way(NamedTuple):
-    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's conductances, or None."""
+    """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's
+    conductances, or None.
+    """
 
     low: Floats
     high: Floats
@@ -130,10 +136,11 @@ class Way(NamedTuple):
 class Coupling:
     """Coupling between the columns of some frames.
 
-    `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames, rows, cols]:
-    packets a clock from the others, each taken at the mean of its charge over the gate. `known` [frames, rows, 1]:
-    counts in a gate by which the last repetition moved them, or may have, where columns hang so closely together, as
-    by a short, that rounding may move `x` by as much, and so may their order; else 0.
+    `across_s` [frames, rows or 1, cols]: conductance that a column's own input sees. `x` [frames,
+    rows, cols]: packets a clock from the others, each taken at the mean of its charge over the
+    gate. `known` [frames, rows, 1]: counts in a gate by which the last repetition moved them, or
+    may have, where columns hang so closely together, as by a short, that rounding may move `x` by
+    as much, and so may their order; else 0.
     """
 
     across_s: Floats
@@ -148,12 +155,14 @@ def couples(plan: Plan) -> bool:
 
 
 def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupling | None:
-    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if there is none.
+    """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if
+    there is none.
 
-    A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is what matters.
-    It is that of the count formula's machine at the duty that the coupling leaves, found by repetition; a plan
-    where that has not settled to a count, or where the way to that mean could move a code by more, is refused.
-    `way` is for duties that change within a gate; x is their mean then.
+    A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
+    what matters. It is that of the count formula's machine at the duty that the coupling leaves,
+    found by repetition; a plan where that has not settled to a count, or where the way to that mean
+    could move a code by more, is refused. `way` is for duties that change within a gate; x is their
+    mean then.
 
     Raises
     ------
@@ -187,8 +196,8 @@ def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupli
 class _Settled(NamedTuple):
     """Fixed point of the coupling, [frames, rows, cols] each.
 
-    Packets a clock from the `others`, and one repetition `before`; the duty that it `left`, and the `mean` charge over
-    the gate at that duty.
+    Packets a clock from the `others`, and one repetition `before`; the duty that it `left`, and the
+    `mean` charge over the gate at that duty.
     """
 
     others: Floats
@@ -247,7 +256,8 @@ class _Columns:
     def settle(self, x: Floats) -> _Settled:
         """Repeat until duties x no longer move each other.
 
-        A frame that no longer moves is left as it is, so that its result does not depend on other frames.
+        A frame that no longer moves is left as it is, so that its result does not depend on other
+        frames.
         """
         # What is left to move grows where a range bites, see `doubts`.
         bites = self._converter.range_bites()
@@ -271,7 +281,9 @@ class _Columns:
         return np.where(self._closely, np.maximum(last, _UNMOVED), 0.0)
 
     def doubts(self, settled: _Settled, x: Floats, low: Floats, high: Floats) -> Floats:
-        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between `low` and `high`."""
+        """Return the error bound of a column in LSB, [frames, rows, cols], for duties x between
+        `low` and `high`.
+        """
         clocks, left = self.clocks, settled.left
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
         doubts = doubts + self._in_traces() + self._on_the_way(np.minimum(low, left))
@@ -292,8 +304,8 @@ class _Columns:
     def _in_traces(self) -> Floats | float:
         """Return an estimate in LSB of what `seen_from_grounds` leaves out of the traces.
 
-        It takes one taxel at a time, at most its whole contribution. In 250 random arrays that were taken, codes with
-        the matrix of the array itself were at most 1 apart.
+        It takes one taxel at a time, at most its whole contribution. In 250 random arrays that were
+        taken, codes with the matrix of the array itself were at most 1 apart.
         """
         if not self._plan.active_fields() & {"r_trace_row_ohm", "r_trace_column_ohm"}:
             return 0.0
@@ -305,8 +317,9 @@ class _Columns:
     def _on_the_way(self, slower: Floats) -> Floats:
         """Return the variation in LSB of the current through links about its mean over a gate.
 
-        The charge of a column swings by a packet in a period, of the duty `slower` at least, and the sum of what it
-        gives is off by half a swing times a period: its own before it sends its next packet, or that of who takes it.
+        The charge of a column swings by a packet in a period, of the duty `slower` at least, and
+        the sum of what it gives is off by half a swing times a period: its own before it sends its
+        next packet, or that of who takes it.
         """
         converter, clocks = self._converter, self.clocks
         duty = np.clip(slower, 0.0, 0.5)
@@ -322,8 +335,8 @@ class _Columns:
     def _unsure(self, low: Floats, high: Floats) -> Floats:
         """Return the error in packets of the mean charge of the walk over a gate.
 
-        For packets of another size, noise at levels and starts, samples and outputs that are late, a window wider than
-        a packet, and duties that move between `low` and `high`.
+        For packets of another size, noise at levels and starts, samples and outputs that are late,
+        a window wider than a packet, and duties that move between `low` and `high`.
         """
         converter = self._converter
         noise = 3.0 * (converter.v_comp_noise_v + converter.v_preset_noise_v) / converter.packet_v()
@@ -336,11 +349,13 @@ class _Columns:
         )
 
     def _wound_up(self, least: Floats, most: Floats, mean: Floats) -> Floats:
-        """Packets a clock at most that come through 1 S from columns whose packets do not take all that comes, beyond
-        what comes with the means of the walk, where duties are between `least` and `most`.
+        """Packets a clock at most that come through 1 S from columns whose packets do not take all
+        that comes, beyond what comes with the means of the walk, where duties are between `least`
+        and `most`.
 
-        What comes beyond a packet every second clock, or below nothing, stays in the integrator up to its range, and
-        `_walk_over_gate` keeps none of it. No virtual ground moves further than the bias.
+        What comes beyond a packet every second clock, or below nothing, stays in the integrator up
+        to its range, and `_walk_over_gate` keeps none of it. No virtual ground moves further than
+        the bias.
         """
         plan, converter, clocks = self._plan, self._converter, self.clocks
         taken = 0.5 * np.minimum(1.0 + converter.packet_error, 1.0)
@@ -355,7 +370,9 @@ class _Columns:
         return np.minimum(given, bias_v / (converter.k * converter.i0_a))
 
     def _meets_range(self, x: Floats, doubts: Floats) -> NDArray[np.bool_]:
-        """Return True where the charge may reach its limits, given the uncertainty in LSB over a gate."""
+        """Return True where the charge may reach its limits, given the uncertainty in LSB over a
+        gate.
+        """
         converter = self._converter
         levels_v = np.abs(converter.v_comp_offset_v) + converter.v_hysteresis_v / 2
         slack = (
@@ -374,7 +391,9 @@ class _Columns:
         return above | below | (x < 0.0) | self._moves
 
     def _over_gate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return mean and end of the charge over a gate, for converters with a range and no other effect."""
+        """Return mean and end of the charge over a gate, for converters with a range and no other
+        effect.
+        """
         mean, end = np.empty_like(x), np.empty_like(x)
         ends = (self._held, self.level, self._low, self._high)
         start, level, low, high = (np.broadcast_to(v, x.shape[-1:]) + 0.0 for v in ends)
@@ -386,7 +405,9 @@ class _Columns:
 
 
 def _biting(converter: Converter) -> Floats:
-    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit is reached."""
+    """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit
+    is reached.
+    """
     if not converter.range_bites():
         return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
@@ -394,7 +415,9 @@ def _biting(converter: Converter) -> Floats:
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
-    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and high."""
+    """Return mean and end of the charge over a gate, for a converter whose charge stops at low and
+    high.
+    """
     w, total, now, before = start, 0.0, False, False
     for _ in range(clocks):
         # The packet of the decision two edges ago is flowing in this clock.
@@ -412,7 +435,8 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _walk_over_gate(x, start, level, low, high, clocks, mean, end):  # type: ignore
-    """Return mean and end of the charge over a gate, for converters with a range low .. high and no other effect.
+    """Return mean and end of the charge over a gate, for converters with a range low .. high and no
+    other effect.
 
     Where the range may be met, it is walked clock by clock. Elsewhere one m is decided at clock
     t = ceil((level - start + m) / x), where that is two clocks or more behind the one before, and its packet is gone

@@ -13,10 +13,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows, cols] each.
+    """Column currents of some frames at the beginning and at the end of every gate, [frames, rows,
+    cols] each.
 
-    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the gate beyond
-    the mean of its ends, None where everything goes straight.
+    `follows` goes with the bias, `rest` does not. The bends are what both are in the middle of the
+    gate beyond the mean of its ends, None where everything goes straight.
     """
 
     follows_begin: Floats

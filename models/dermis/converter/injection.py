@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charge injected into converters by capacitances, beyond settling: an upper bound, not a simulation."""
+"""Charge injected into converters by capacitances, beyond settling: an upper bound, not a
+simulation.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,10 @@ def counts(plan: Any) -> dict[str, Floats]:
     u = v / A + t v' is the amplifier: of a charge w, C / c_int / (1 + A) stands there, and t grows by C / c_int. The
     output moves by no more than a packet a clock.
 
-    `q_mirror_c`: where both lines of a taxel are held, or settle too fast or too intricately to be followed, a row
-    that is driven pushes C V into a slow mirror at once. None of y' = y (x - y) / q brings more than came, nor more
-    than waking it up, q ln(y / y_min) with y = q / (e settle), and q ln(1 + gate / settle) from however far above.
+    `q_mirror_c`: where both lines of a taxel are held, or settle too fast or too intricately to be
+    followed, a row that is driven pushes C V into a slow mirror at once. None of y' = y (x - y) / q
+    brings more than came, nor more than waking it up, q ln(y / y_min) with y = q / (e settle), and
+    q ln(1 + gate / settle) from however far above.
 
     Where a range bites, each further packet may lose as much again as the first was off. Lines are
     taken without resistance, where all but the last is largest.
@@ -62,7 +65,9 @@ def counts(plan: Any) -> dict[str, Floats]:
 
 
 def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
-    """Return True, by column, where a slow mirror follows the charge of a taxel when its row is driven."""
+    """Return True, by column, where a slow mirror follows the charge of a taxel when its row is
+    driven.
+    """
     network = plan.network(0)
     if network.r_trace_row_ohm or network.r_trace_column_ohm:
         return np.zeros(plan.cols, dtype=bool)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled loops of the event engine: charge balance of many cells at once, clock by clock.
 
-An effect that is off is passed as None. numba compiles a loop for each combination of types it meets and
-removes what stands behind `is not None` before it looks at the rest, so no compiled loop tests for an effect
-that is off, reads its parameters or draws its numbers.
+An effect that is off is passed as None. numba compiles a loop for each combination of types it
+meets and removes what stands behind `is not None` before it looks at the rest, so no compiled loop
+tests for an effect that is off, reads its parameters or draws its numbers.
 
-Cells run side by side (the inner loop is over cells and becomes vector instructions), because a cell by itself
-waits for the result of its own last clock. Cells in a special state (a decision within noise of its level, a
-comparator inside its window, a charge at a limit) are marked there and computed afterwards, one at a time.
+Cells run side by side (the inner loop is over cells and becomes vector instructions), because a
+cell by itself waits for the result of its own last clock. Cells in a special state (a decision
+within noise of its level, a comparator inside its window, a charge at a limit) are marked there and
+computed afterwards, one at a time.
 """
 
 from __future__ import annotations
@@ -48,10 +49,11 @@ def _rounded_off(a, b):  # type: ignore
 
 @numba.njit(cache=True)
 def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
-    """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula to the last
-    bit.
+    """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula
+    to the last bit.
 
-    Whenever a decision is open, every packet before it is complete, so the delay of the charge does not enter.
+    Whenever a decision is open, every packet before it is complete, so the delay of the charge does
+    not enter.
     """
     for i in range(x.size):
         start = rise[i] - w0[i]
@@ -74,8 +76,8 @@ def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ig
 def plain_long(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
     """The ideal converter through gates in which n * x would round to a visible part of a packet.
 
-    The charge is summed up clock by clock, and what each sum rounds off beside it. A packet goes at its decision: as in
-    `plain`, it is complete whenever the next one is open.
+    The charge is summed up clock by clock, and what each sum rounds off beside it. A packet goes at
+    its decision: as in `plain`, it is complete whenever the next one is open.
     """
     for i in range(x.size):
         charge, rest = w0[i], 0.0
@@ -104,7 +106,8 @@ def _grow(rate, length):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def _piece(slow, fast, a, b, lag, current, length, low, high):  # type: ignore
-    """Return (a, b) after a piece of constant current, and the turning point of the output inside it, or nan.
+    """Return (a, b) after a piece of constant current, and the turning point of the output inside
+    it, or nan.
 
     The charge stops at low and high. a + b is the output, (w - output) / lag its slope.
     """
@@ -177,7 +180,9 @@ def _closely(
     slow, fast, a, b, lag, x, packet, before, last, late, sample, rise, fall, shift, low, high, state
 ):
     # type: ignore
-    """One clock of one cell, piece by piece: (seen, sampled output, state, a, b); `shift` moves the sample alone."""
+    """One clock of one cell, piece by piece: (seen, sampled output, state, a, b); `shift` moves the
+    sample alone.
+    """
     seen = state
     sampled = a + b
     now = 0.0
@@ -229,7 +234,8 @@ def walk(  # type: ignore
     counts,
     end,
 ):
-    """Count the ones of `clocks` decisions for every cell; the charge after the last one into `end`.
+    """Count the ones of `clocks` decisions for every cell; the charge after the last one into
+    `end`.
 
     Parameters
     ----------

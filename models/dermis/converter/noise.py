@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random numbers that depend on their purpose and place alone.
 
-A number is a hash of (seed, stream, frame, row, column, counter): there is no state, so neither batches, nor processes,
-nor other cells or effects move it, and one that is never needed costs nothing. The hash is the output function of
-SplitMix64 (Steele, Lea & Flood 2014) over a Weyl sequence that begins at a mixed key; normals come from it by the
-inverse of the distribution function (Wichura, AS241), so one draw is one number.
+A number is a hash of (seed, stream, frame, row, column, counter): there is no state, so neither
+batches, nor processes, nor other cells or effects move it, and one that is never needed costs
+nothing. The hash is the output function of SplitMix64 (Steele, Lea & Flood 2014) over a Weyl
+sequence that begins at a mixed key; normals come from it by the inverse of the distribution
+function (Wichura, AS241), so one draw is one number.
 
-Slow noise is a Brownian path a cell, W(0) = 0, of variance 1 a clock. It is drawn by halves: W at the end of the gate,
-then in the middle, each with the variance that is left. The path at one clock so needs log2 of the clocks in numbers,
-and no other clock.
+Slow noise is a Brownian path a cell, W(0) = 0, of variance 1 a clock. It is drawn by halves: W at
+the end of the gate, then in the middle, each with the variance that is left. The path at one clock
+so needs log2 of the clocks in numbers, and no other clock.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def _uniform(key, stream, counter):  # type: ignore
 
 @numba.njit(cache=True)
 def inverse_normal(p):  # type: ignore
-    """Return the quantile p of the standard normal distribution: AS241, relative error about 1e-16."""
+    """Return the quantile p of the standard normal distribution: AS241, relative error about
+    1e-16.
+    """
     q = p - 0.5
     # Where AS241 changes from one polynomial to the next.
     if abs(q) <= 0.425:
@@ -106,7 +109,9 @@ def _keys(seed, first_frame, out):  # type: ignore
 
 
 def cell_keys(seed: int, first_frame: int, shape: tuple[int, int, int]) -> NDArray[np.uint64]:
-    """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole scene."""
+    """One key a cell, [frames, rows, cols]; `first_frame` is the number of frame 0 in the whole
+    scene.
+    """
     out = np.empty(shape, dtype=np.uint64)
     _keys(np.uint64(seed), first_frame, out)
     return out
@@ -167,8 +172,8 @@ def walk_grid(key, span, step, out):  # type: ignore
 def walk_between(key, n, left, right, at_left, at_right, scale, low, high):  # type: ignore
     """W at clock n between two neighbours of the grid, or as much of it as decides.
 
-    Goes on halving until n is met, or until scale W(n) is more than 8 standard deviations of what is still
-    unknown below `low` or above `high`; then the mean of what is known is returned.
+    Goes on halving until n is met, or until scale W(n) is more than 8 standard deviations of what
+    is still unknown below `low` or above `high`; then the mean of what is known is returned.
     """
     while True:
         if n == left:
@@ -198,7 +203,9 @@ def _path(key, clocks, out):  # type: ignore
 
 
 def path(key: int, clocks: int) -> NDArray[np.float64]:
-    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only parts."""
+    """Return the whole Brownian path of one cell, W(0) .. W(clocks), of which the loops draw only
+    parts.
+    """
     out = np.empty(clocks + 1)
     _path(np.uint64(key), clocks, out)
     return out

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effect of a ripple within a clock, beyond its mean: a bound, since engine event uses means (converter.currents)."""
+"""Effect of a ripple within a clock, beyond its mean: a bound, since engine event uses means
+(converter.currents).
+"""
 
 from __future__ import annotations
 
@@ -24,11 +26,11 @@ _FULL = 1.0
 
 
 def _within(plan: Plan) -> tuple[float, float]:
-    """Of a sine of amplitude 1 and the ripple's frequency: the most that variances within clocks sum up to over a gate,
-    and the largest mean over a clock.
+    """Of a sine of amplitude 1 and the ripple's frequency: the most that variances within clocks
+    sum up to over a gate, and the largest mean over a clock.
 
-    In a clock of angle w around phase p the variance is (1 - sinc w) / 2 + (sinc w - sinc^2 (w / 2)) sin^2 p, and the
-    sum of cos 2 p over N clocks is at most sin (N w) / sin w.
+    In a clock of angle w around phase p the variance is (1 - sinc w) / 2 + (sinc w - sinc^2 (w /
+    2)) sin^2 p, and the sum of cos 2 p over N clocks is at most sin (N w) / sin w.
     """
     clocks, angle = plan.timing.gate_clocks, 2.0 * math.pi * plan.drive.f_ripple_hz / plan.timing.f_clk_hz
     whole, half = math.sin(angle) / angle, math.sin(angle / 2.0) / (angle / 2.0)
@@ -39,7 +41,9 @@ def _within(plan: Plan) -> tuple[float, float]:
 
 
 def may_bend(plan: Plan) -> bool:
-    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be evaluated."""
+    """Return True if a fast and large ripple meets a non-linear effect, so that `bent` must be
+    evaluated.
+    """
     if not plan.drive.ripple or not bends_courses(plan):
         return False
     clocks = plan.timing.gate_clocks
@@ -53,22 +57,24 @@ def bends_courses(plan: Plan) -> bool:
 
 
 def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
-    """Counts [frames, rows, cols] at most by which a ripple's course within clocks moves codes, beyond its mean, by the
-    field that does it.
+    """Return the largest shift of codes [frames, rows, cols] by a ripple's course within clocks,
+    beyond its mean, by the field that does it.
 
-    `inv_i_range_a`: s(x) = x / (1 + h |x|) of a mean is not the mean of s. With p = 1 + h x, E[1 / p] - 1 / E[p] is
-    E[(p - E p)^2 / p] / (E p)^2: what is missing in a clock is at most h var / ((1 + h x) (1 + h mean)^2), both x and
-    mean at their lowest in the gate; where x changes its sign, h var, since |s''| is 2 h at most.
+    `inv_i_range_a`: s(x) = x / (1 + h |x|) of a mean is not the mean of s. With p = 1 + h x, E[1 /
+    p] - 1 / E[p] is E[(p - E p)^2 / p] / (E p)^2: what is missing in a clock is at most h var / ((1
+    + h x) (1 + h mean)^2), both x and mean at their lowest in the gate; where x changes its sign, h
+    var, since |s''| is 2 h at most.
 
-    `q_mirror_c`: the mirror knows no negative input, and of max(x, 0) the mean is off by half a standard deviation at
-    most. That is all: charge that a slow mirror gives is q ln(1 + y / q times the integral of exp(charge / q)), so what
-    comes early or late within a clock moves it by no more than itself, less than a count wherever one is open. What
-    rows before were off by it may carry on.
+    `q_mirror_c`: the mirror knows no negative input, and of max(x, 0) the mean is off by half a
+    standard deviation at most. That is all: charge that a slow mirror gives is q ln(1 + y / q times
+    the integral of exp(charge / q)), so what comes early or late within a clock moves it by no more
+    than itself, less than a count wherever one is open. What rows before were off by it may carry
+    on.
 
-    `v_int_max_v`: at a limit charge is lost by the highest point of its course. That is an end of the clock, as on the
-    straight line, unless the current passes 0 or a packet a clock there, or a packet begins within a clock: then it is
-    off by a quarter of what the current changes by within a clock at most. Each packet may lose as much again as all
-    else is off.
+    `v_int_max_v`: at a limit charge is lost by the highest point of its course. That is an end of
+    the clock, as on the straight line, unless the current passes 0 or a packet a clock there, or a
+    packet begins within a clock: then it is off by a quarter of what the current changes by within
+    a clock at most. Each packet may lose as much again as all else is off.
     """
     converter, ripple, clocks = plan.converter, abs(plan.drive.ripple), plan.timing.gate_clocks
     variance, kept = _within(plan)
@@ -126,7 +132,8 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
 
 
 def check(plan: Plan, ways: Course) -> None:
-    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1 LSB.
+    """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1
+    LSB.
 
     Raises
     ------

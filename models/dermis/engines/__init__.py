@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 
 _ASKED_CELLS = 32 * 32
-"""Largest array for which a refusal asks each engine for its limits: settling lines are solved for that, row by
-row, which took more than 100 s of processor time on a sheet of 255 x 40."""
+"""Largest array for which a refusal asks each engine for its limits: settling lines are solved for
+that, row by row, which took more than 100 s of processor time on a sheet of 255 x 40."""
 
 
 @dataclass
 class Result:
     """Codes [frames, rows, cols] of `code_type`, and further results of an engine.
 
-    `low` and `high` have the same shape: the codes between which those of the chip lie, with every effect the
-    plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
+    `low` and `high` have the same shape: the codes between which those of the chip lie, with every
+    effect the plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
     """
 
     codes: NDArray[np.unsignedinteger]
@@ -167,7 +167,9 @@ def _check_sources(plan: Plan) -> None:
 
 
 def _lsb(plan: Plan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Column current [cols] that moves a code by one, and the magnitude beyond which no current does."""
+    """Column current [cols] that moves a code by one, and the magnitude beyond which no current
+    does.
+    """
     c, timing = plan.converter, plan.timing
     gain = np.maximum(np.abs(c.gain), 1e-9)  # a gain of 0 reads nothing; any finite LSB will do for it
     lsb = c.k * c.i0_a / gain / timing.gate_clocks

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One plan over several processes of this machine, or over the workers of a Dask cluster: the same codes, sooner.
+"""One plan over several processes of this machine, or over the workers of a Dask cluster: the same
+codes, sooner.
 
-A plan is cut into parts of whole frames (Plan.part). A part keeps its place in time and its random numbers, so
-its codes are those that it has in a run of the whole plan, however many parts there are and whoever runs them.
+A plan is cut into parts of whole frames (Plan.part). A part keeps its place in time and its random
+numbers, so its codes are those that it has in a run of the whole plan, however many parts there are
+and whoever runs them.
 """
 
 from __future__ import annotations
@@ -131,7 +133,8 @@ def spread(
     workers: int,
     look: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Future[Any]]]:
-    """Give calls to an executor, and yield (number of the call, its future) as they end, in any order.
+    """Give calls to an executor, and yield (number of the call, its future) as they end, in any
+    order.
 
     Parameters
     ----------
@@ -253,7 +256,9 @@ def _quiet() -> Iterator[None]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
-    """Connect to a Dask scheduler: yield its executor, the number of workers, and a check that some are alive."""
+    """Connect to a Dask scheduler: yield its executor, the number of workers, and a check that some
+    are alive.
+    """
     allowed = f"the address of a Dask scheduler that answers within {CONNECT_S} s, such as tcp://host:8786"
     if not re.fullmatch(_ADDRESS, address):  # Dask takes 20 s and a traceback over it
         raise InputError("command line", "--scheduler", address, allowed)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Certified codes: a run again with its levels moved either way by as much as a decision may be off (docs/auto.md)."""
+"""Certified codes: a run again with its levels moved either way by as much as a decision may be off
+(docs/auto.md).
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from dermis.records import Plan
 
 
 def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]:
-    """Codes between which the chip's lie: the plan without noise, its levels moved by the margin either way."""
+    """Return the bounds of the chip's codes: the plan without noise, with its levels moved by the
+    margin both ways.
+    """
     margin = filter.random_margin(plan) if plan.margin_lsb is None else plan.margin_lsb
     margin = np.broadcast_to(margin, plan.resistance_ohm.shape)
     result.info["margin_lsb"] = float(np.max(margin))
@@ -54,12 +58,15 @@ def certified(plan: Plan, result: Result) -> tuple[NDArray[np.unsignedinteger], 
 
 
 def _steady(plan: Plan) -> bool:
-    """Return True if the duty is constant over the gate and independent of the converters, so that it can be reused."""
+    """Return True if the duty is constant over the gate and independent of the converters, so that
+    it can be reused.
+    """
     return not plan.active_fields() & currents.FIELDS and plan.topology != "direct"
 
 
 def certify(plan: Plan, result: Result) -> Result:
-    """Fill in the lower and upper codes of a run: two more runs where something is random or left out.
+    """Fill in the lower and upper codes of a run: two more runs where something is random or left
+    out.
 
     info["certify_cpu_s"] is the processor time that they took.
     """

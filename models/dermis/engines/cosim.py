@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of its own.
+"""Engine `cosim`: the real Verilog in lock-step with ngspice, each chunk of frames in a process of
+its own.
 
 In a scene with auto the chip scans only the rows that engine event leaves open (masking.py).
 """
@@ -34,10 +35,14 @@ HONOURS = netlist.HONOURS
 """Of a plan in behavioural views; see `honours`."""
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
-"""Fields of the exact analog half: its converters are ideal, and laterals between ideal lines carry no current."""
+"""Fields of the exact analog half: its converters are ideal, and laterals between ideal lines carry
+no current.
+"""
 
 FRAMES_A_PROCESS = 4
-"""A process costs about a second to start and a frame about four: short enough to share out, long enough to pay."""
+"""A process costs about a second to start and a frame about four: short enough to share out, long
+enough to pay.
+"""
 
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
@@ -46,14 +51,18 @@ START_LIMIT_S = 120.0
 SLOT_LIMIT_S = 120.0
 """Longest wait for each further slot; ideal ones take under a second."""
 EFFECTS_PATIENCE = 5.0
-"""Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
+"""Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy
+machine.
+"""
 VIEWS_PATIENCE = 10.0
-"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and four runs
-may share it."""
+"""With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
+four runs may share it."""
 
 
 def honours(plan: Plan) -> frozenset[str]:
-    """Return the record fields that the decks of a plan can express; blocks of transistors take no parameters."""
+    """Return the record fields that the decks of a plan can express; blocks of transistors take no
+    parameters.
+    """
     return netlist.honours(plan)
 
 

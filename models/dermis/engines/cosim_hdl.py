@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The child process of the cosim engine: an HDL simulator with cocotb and, in the same process, ngspice.
+"""The child process of the cosim engine: an HDL simulator with cocotb and, in the same process,
+ngspice.
 
-Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module again as the cocotb
-test.
-A job is a directory: job.pickle in; progress, result.npz or error.json, and logs out.
+Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module
+again as the cocotb test. A job is a directory: job.pickle in; progress, result.npz or error.json,
+and logs out.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The event engine: the charge balance of every taxel clock by clock, exact between clocks, no time step.
+"""The event engine: the charge balance of every taxel clock by clock, exact between clocks, no time
+step.
 
-Between two clocks the current into the integrator is constant on at most three pieces (the packet begins or
-ends, the comparator is sampled a delay before the clock). On a piece the charge is a straight line or, with a
-leak, an exponential; with finite bandwidth the output follows by a second one. So a clock changes a
-cell by a few numbers, which are computed once a gate. Where an effect makes the input change inside a gate,
-its mean over each clock takes the place of the constant (converter.currents); noise is drawn only where it can
-change a decision (dermis.converter.noise).
+Between two clocks the current into the integrator is constant on at most three pieces (the packet
+begins or ends, the comparator is sampled a delay before the clock). On a piece the charge is a
+straight line or, with a leak, an exponential; with finite bandwidth the output follows by a second
+one. So a clock changes a cell by a few numbers, which are computed once a gate. Where an effect
+makes the input change inside a gate, its mean over each clock takes the place of the constant
+(converter.currents); noise is drawn only where it can change a decision (dermis.converter.noise).
 """
 
 from __future__ import annotations
@@ -99,11 +100,11 @@ _VALUES_AT_ONCE = 1 << 14
 class Cells:
     """Converters in packets and clocks, every field [n]: the input of the loops.
 
-    `x` packets a clock; `leak` fraction of w lost a clock; `w0` start; `packet`; `rise` and `fall` the levels
-    at which the comparator goes high and low; `low` and `high` the range of w; `delay` of the comparator in
-    clocks, 0..1; `lag` time constant in clocks by which the output follows w (0: at once); `across` fraction of
-    what the output has not followed yet that flows through the input a clock (the leak is the part of it that
-    remains).
+    `x` packets a clock; `leak` fraction of w lost a clock; `w0` start; `packet`; `rise` and `fall`
+    the levels at which the comparator goes high and low; `low` and `high` the range of w; `delay`
+    of the comparator in clocks, 0..1; `lag` time constant in clocks by which the output follows w
+    (0: at once); `across` fraction of what the output has not followed yet that flows through the
+    input a clock (the leak is the part of it that remains).
     """
 
     x: Floats
@@ -132,7 +133,9 @@ def refuses(plan: Plan) -> InputError | None:
 
 
 def _refuses_return(plan: Plan) -> InputError | None:
-    """Refuse a shared return where more than settled currents depend on it: settling and coupled columns."""
+    """Refuse a shared return where more than settled currents depend on it: settling and coupled
+    columns.
+    """
     if not plan.network(0).r_return_ohm:
         return None
     active = plan.active_fields()
@@ -250,7 +253,9 @@ def cells_of(
 
 
 def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Floats | float) -> Cells:
-    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no charge is lost."""
+    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no
+    charge is lost.
+    """
     packet_v = converter.packet_v()
     amplitude = 1.0 / (
         1.0 + converter.inv_gain_dc
@@ -296,7 +301,9 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
 
 
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
-    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1, cols]."""
+    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1,
+    cols].
+    """
     return path_variance(plan.converter, np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True))
 
 
@@ -310,7 +317,9 @@ def path_variance(converter: Converter, column_s: Floats) -> Floats:
 def noise_rows(
     converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
 ) -> Floats:
-    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of packets."""
+    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of
+    packets.
+    """
     x = np.minimum(np.abs(x), _X_NOISE_MAX)
     rate = np.minimum(x, 0.5)
     shot = (converter.q_shot_c * converter.f_clk_hz / converter.i0_a)[column]
@@ -340,10 +349,10 @@ class Rows(NamedTuple):
 def rows_of(cells: Cells, charge_delay: float) -> Rows:
     """Compute the change of every cell over a clock, cells flattened.
 
-    The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v) - leak v
-    and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one near -leak carries
-    the charge, the one beyond -1 / lag the part that the output still lags behind. The states here are the two parts
-    of v, v = a + b, and w = weight_a a + weight_b b.
+    The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v)
+    - leak v and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one
+    near -leak carries the charge, the one beyond -1 / lag the part that the output still lags
+    behind. The states here are the two parts of v, v = a + b, and w = weight_a a + weight_b b.
     """
     if not 0 < charge_delay <= 1:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
@@ -426,7 +435,8 @@ def _grow(rate: Floats, length: float | Floats) -> Floats:
 def count_cells(
     cells: Cells, clocks: int, charge_delay: float, draws: Noise | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as `cells.x`.
+    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as
+    `cells.x`.
 
     A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
     0..1. A loop is compiled for each kind of cell: none of them tests for an effect that is off.
@@ -476,16 +486,19 @@ def walk_cells(
 
 
 def _check_charge(end: Floats) -> None:
-    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an unpressed taxel."""
+    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an
+    unpressed taxel.
+    """
     if not np.isfinite(end).all():
         raise SimulatorError("engine event: the charge of a converter is not a finite number")
 
 
 def _grid_step(sigma: Floats, clocks: int) -> int:
-    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend on it.
+    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend
+    on it.
 
-    A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is within 8 sigma of
-    what the grid leaves open, sqrt(step) / 2.
+    A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is
+    within 8 sigma of what the grid leaves open, sqrt(step) / 2.
     """
     span = noise.span_of(clocks)
     typical = float(sigma.mean())
@@ -500,7 +513,9 @@ def _grid_step(sigma: Floats, clocks: int) -> int:
 def _count_slots(
     plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of cells."""
+    """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of
+    cells.
+    """
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
     cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling, part)
     variance = None
@@ -542,9 +557,9 @@ def _count_slots(
 class Chosen:
     """Cells of some frames that are counted alone, with what is known of them.
 
-    `frame`, `row`, `col` [n] within the frames of `part`; `column_s` [n] conductance on their columns; `x` [n] duty
-    where it is constant; `keys` [n] or None; `ways`, `dark`, `phase`, `output`, `depth` as `currents.charges_of` takes
-    them.
+    `frame`, `row`, `col` [n] within the frames of `part`; `column_s` [n] conductance on their
+    columns; `x` [n] duty where it is constant; `keys` [n] or None; `ways`, `dark`, `phase`,
+    `output`, `depth` as `currents.charges_of` takes them.
     """
 
     part: slice
@@ -571,7 +586,9 @@ def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
 
 
 def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
-    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has theirs."""
+    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has
+    theirs.
+    """
     g_in = None
     if plan.converter.inv_gain_dc.any() or plan.converter.t_gbw_s.any():
         g_in = converter.g_in_s
@@ -585,7 +602,9 @@ def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
 
 
 def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
-    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell alone."""
+    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell
+    alone.
+    """
     timing, active = plan.timing, plan.active_fields()
     converter = columns_of(plan.converter, chosen.col)
     cells = _cells_chosen(plan, chosen, converter)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the others.
+"""Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the
+others.
 
-Engine event, with everything on, is run with its levels moved up and down by what ngspice may differ. A cell
-that has the same code in both runs is decided; a row of decided cells needs no circuit simulator (docs/auto.md).
+Engine event, with everything on, is run with its levels moved up and down by what ngspice may
+differ. A cell that has the same code in both runs is decided; a row of decided cells needs no
+circuit simulator (docs/auto.md).
 """
 
 from __future__ import annotations
@@ -28,11 +30,13 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 APART_LSB = 0.01
-"""Packets by which levels of ngspice and engine event may differ: three times the largest difference that was
-measured (docs/cosimulation.md)."""
+"""Packets by which levels of ngspice and engine event may differ: three times the largest
+difference that was measured (docs/cosimulation.md)."""
 
 FORGOTTEN_LSB = 1e-3
-"""Packets of an earlier row that may be left in an open cell: as much as other steps of ngspice move a level by."""
+"""Packets of an earlier row that may be left in an open cell: as much as other steps of ngspice
+move a level by.
+"""
 
 _SWITCHED_LSB = 4.0
 """Packets by which an integrator's output may be away from its preset when the preset begins."""
@@ -57,10 +61,11 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Codes [frames, rows, cols] of engine event, the cells that stay open, and the blocks of rows to be solved.
+    """Codes [frames, rows, cols] of engine event, the cells that stay open, and the blocks of rows
+    to be solved.
 
-    `early` counts rows that are solved only because a later open row remembers them. `reason` says why all rows
-    are solved; it is empty otherwise.
+    `early` counts rows that are solved only because a later open row remembers them. `reason` says
+    why all rows are solved; it is empty otherwise.
     """
 
     codes: NDArray[np.unsignedinteger]
@@ -141,7 +146,9 @@ def decide(plan: Plan) -> Verdict:
 
 
 def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], int]:
-    """Blocks that hold every open row and the rows that it remembers; and how many rows only the latter asks for."""
+    """Blocks that hold every open row and the rows that it remembers; and how many rows only the
+    latter asks for.
+    """
     wanted = open_.any(axis=2)
     solved = wanted.copy()
     for frame, row in zip(*np.nonzero(wanted), strict=True):
@@ -153,10 +160,11 @@ def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], 
 
 
 def _memory(plan: Plan, open_: Bools) -> NDArray[np.intp]:
-    """Rows before each row [frames, rows] that its open cells still remember when their gates begin.
+    """Rows before each row [frames, rows] that its open cells still remember when their gates
+    begin.
 
-    A block begins at the operating point of its first row, where lines and slow mirrors are settled. Row 0 of a whole
-    scan begins so as well.
+    A block begins at the operating point of its first row, where lines and slow mirrors are
+    settled. Row 0 of a whole scan begins so as well.
     """
     depth = np.zeros(open_.shape[:2], dtype=np.intp)
     for frame in np.flatnonzero(open_.any(axis=(1, 2))):
@@ -180,7 +188,9 @@ def _lines(plan: Plan, network: Network, g: Floats) -> Floats:
 
 
 def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
-    """Packets [rows + 1, rows, cols] by which slow mirrors differ, after no, one, ... rows before."""
+    """Packets [rows + 1, rows, cols] by which slow mirrors differ, after no, one, ... rows
+    before.
+    """
     c, timing = plan.converter, plan.timing
     left = np.zeros((plan.rows + 1, plan.rows, plan.cols))
     if not c.q_mirror_c.any():

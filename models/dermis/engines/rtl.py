@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of models/verilog.
+"""Engine `rtl`: the real Verilog in Verilator or Icarus with the real-number models of
+models/verilog.
 
-The array is solved here and its column currents are handed over in a file; everything after the columns is
-Verilog. One build serves all scenes of the same size with the same effects, since what differs from column to column
-comes in at run time.
+The array is solved here and its column currents are handed over in a file; everything after the
+columns is Verilog. One build serves all scenes of the same size with the same effects, since what
+differs from column to column comes in at run time.
 """
 
 from __future__ import annotations
@@ -67,7 +68,9 @@ HONOURS = frozenset(
         "motion",
     }
 )
-"""Record fields that the models have, none of them random; a field that is not named here is refused."""
+"""Record fields that the models have, none of them random; a field that is not named here is
+refused.
+"""
 MODELS = ROOT / "models" / "verilog"
 
 _VALUES_AT_ONCE = 1 << 19
@@ -186,7 +189,8 @@ def build(
 ) -> list[str]:
     """Command that runs the reader of a plan, built only if it is not there yet.
 
-    Files of `instead` take the place of the modules of rtl/ that they define: the traps of the converter.
+    Files of `instead` take the place of the modules of rtl/ that they define: the traps of the
+    converter.
     """
     parameters = {
         **hdl.reader_parameters(plan, sync_latch),
@@ -308,7 +312,9 @@ def run_time_values(
     sync_latch: bool,
     places: dict[str, int],
 ) -> Floats:
-    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first row alone."""
+    """Run-time values of values.vh, [frames, rows, cols, VALUES]; without `each` those of the first
+    row alone.
+    """
     g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
     column = event.cells_of(plan, np.zeros(g.shape), g, coupled)

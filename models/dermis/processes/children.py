@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that a command starts: each in its own session, with a time limit, ended with all its children.
+"""Programs that a command starts: each in its own session, with a time limit, ended with all its
+children.
 
 A watchdog process ends them after a SIGKILL of the command (see dermis.processes.watchdog).
 """
@@ -38,7 +39,9 @@ _watchdog: subprocess.Popen[bytes] | None = None
 
 
 def guard() -> str:
-    """Return the mark of all processes that this one starts; a watchdog ends them once this process is gone."""
+    """Return the mark of all processes that this one starts; a watchdog ends them once this process
+    is gone.
+    """
     global _watchdog
     with _lock:
         if _watchdog is None:
@@ -67,7 +70,9 @@ def _leave() -> None:
 
 
 def _forked() -> None:
-    """Forget the parent's watchdog in a forked copy, which would keep the pipe open and its children nameless."""
+    """Forget the parent's watchdog in a forked copy, which would keep the pipe open and its
+    children nameless.
+    """
     global _watchdog, _lock
     _lock = threading.Lock()
     _running.clear()
@@ -106,7 +111,9 @@ class Child(subprocess.Popen[bytes]):
         return found | {process for pid in pids if (process := watchdog.identity(pid))}
 
     def end(self) -> None:
-        """End it, if it still runs, and all that it started: sby's solvers have process groups of their own."""
+        """End it, if it still runs, and all that it started: sby's solvers have process groups of
+        their own.
+        """
         watchdog.end(self.processes)
         self.wait()
 
@@ -131,7 +138,9 @@ _held = threading.local()
 
 @contextlib.contextmanager
 def holding(handle: int | None) -> Iterator[None]:
-    """Let children started in the block inherit an open file: a lock on it lasts until the last of them ends."""
+    """Let children started in the block inherit an open file: a lock on it lasts until the last of
+    them ends.
+    """
     before = getattr(_held, "handles", ())
     _held.handles = before if handle is None else (*before, handle)
     try:
@@ -147,7 +156,8 @@ def run_child(
     limit_s: float,
     environment: Mapping[str, str] | None = None,
 ) -> int | None:
-    """Run a command in its own session and return its exit code, None if it was ended at its time limit.
+    """Run a command in its own session and return its exit code, None if it was ended at its time
+    limit.
 
     Parameters
     ----------
@@ -290,7 +300,8 @@ def end_tree(child: subprocess.Popen[Any]) -> None:
 class Patience:
     """Timeout without progress, measured in time during which this process itself was running.
 
-    Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most `LOOK_S`.
+    Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most
+    `LOOK_S`.
     """
 
     LOOK_S = 5.0
@@ -302,7 +313,9 @@ class Patience:
         self._looked = time.monotonic()
 
     def over(self, seen: Any, limit_s: float | None = None) -> bool:
-        """Return True if `seen`, which changes while there is progress, has not changed for longer than the limit."""
+        """Return True if `seen`, which changes while there is progress, has not changed for longer
+        than the limit.
+        """
         now = time.monotonic()
         self._idle_s = 0.0 if seen != self._seen else self._idle_s + min(now - self._looked, self.LOOK_S)
         self._seen, self._looked = seen, now
@@ -313,10 +326,14 @@ SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 """Signals that end a command, and its exit code: 128 plus the number, as in a shell."""
 
 GRACE_S = 20.0
-"""How long a command may take to end once asked: to end its children, and to leave earlier results as they were."""
+"""How long a command may take to end once asked: to end its children, and to leave earlier results
+as they were.
+"""
 
 TWICE_S = 1.0
-"""A further signal within this time is the same one, sent to the process and to its group; later, it is meant."""
+"""A further signal within this time is the same one, sent to the process and to its group; later,
+it is meant.
+"""
 
 _asked_at: float | None = None
 
@@ -343,11 +360,12 @@ def _leave_when_asked(number: int, _: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def ending() -> Iterator[None]:
-    """Turn signals that end a command into an exception in the block, so that its children are ended.
+    """Turn signals that end a command into an exception in the block, so that its children are
+    ended.
 
-    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be
-    lost, in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with that code all
-    the same, and the watchdog ends its children.
+    SIGINT raises KeyboardInterrupt; SIGTERM and SIGHUP raise Terminated. An exception may be lost,
+    in a callback of C code or a destructor: asked again, or after `GRACE_S`, the process ends with
+    that code all the same, and the watchdog ends its children.
     """
     global _asked_at
     inner = signal.getsignal(signal.SIGTERM) is _leave_when_asked
@@ -368,7 +386,9 @@ def ending() -> Iterator[None]:
 
 @contextlib.contextmanager
 def held() -> Iterator[None]:
-    """Defer signals that end a command until the end of a short block that must not be interrupted."""
+    """Defer signals that end a command until the end of a short block that must not be
+    interrupted.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # the exception is raised in the main thread
         return

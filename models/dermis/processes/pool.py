@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with its caller.
+"""Worker processes of this machine as an executor: a worker takes calls from a pipe and ends with
+its caller.
 
-A worker is a child as any other (dermis.processes.children): marked, watched, and ended with all its descendants.
-The pools of multiprocessing cannot end a worker that is busy in compiled code, wait for ever for one that was
-stopped, and import the caller's main module in every worker.
+A worker is a child as any other (dermis.processes.children): marked, watched, and ended with all
+its descendants. The pools of multiprocessing cannot end a worker that is busy in compiled code,
+wait for ever for one that was stopped, and import the caller's main module in every worker.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ class Workers(Executor):
     def limited(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], limit_s: float, fresh: bool = False
     ) -> Future[tuple[Any, list[str]]]:
-        """Submit a call with a time limit; its result is the value and the commands that it left running.
+        """Submit a call with a time limit; its result is the value and the commands that it left
+        running.
 
         Whatever the call leaves running is ended. With `fresh` its worker takes no other call.
         """
@@ -103,7 +105,9 @@ class Workers(Executor):
             self._drop(worker)
 
     def _worker(self) -> Child:
-        """Return the worker of this thread, started by its first call and again after it was dropped."""
+        """Return the worker of this thread, started by its first call and again after it was
+        dropped.
+        """
         worker: Child | None = getattr(self._own, "worker", None)
         if worker is None:
             with self._lock:
@@ -185,7 +189,9 @@ class Workers(Executor):
         return pickle.loads(read(_LENGTH.unpack(read(_LENGTH.size))[0]))
 
     def _wait(self, worker: Child, pipe: int, event: int, until: float) -> None:
-        """Wait until a pipe is ready; raise _Late at the limit, or if the worker makes no progress."""
+        """Wait until a pipe is ready; raise _Late at the limit, or if the worker makes no
+        progress.
+        """
         ready, patience = select.poll(), Patience(STALL_S)
         ready.register(pipe, event)
         while not ready.poll(1000 * max(0.0, min(LOOK_S, until - time.monotonic()))):

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ends the children of a killed command: a separate process that sees the end of the command by a pipe.
+"""Ends the children of a killed command: a separate process that sees the end of the command by a
+pipe.
 
-Every child of a command carries a mark in its environment, which its own children inherit. The mark finds processes
-whose parent is dead, and sessions of their own, which neither a process group nor PR_SET_PDEATHSIG reaches.
-Standard library alone, so that it runs within milliseconds: `python -I -S watchdog.py MARK`.
+Every child of a command carries a mark in its environment, which its own children inherit. The mark
+finds processes whose parent is dead, and sessions of their own, which neither a process group nor
+PR_SET_PDEATHSIG reaches. Standard library alone, so that it runs within milliseconds: `python -I -S
+watchdog.py MARK`.
 """
 
 from __future__ import annotations
@@ -16,10 +18,14 @@ import time
 from collections.abc import Callable
 
 VARIABLE = "DERMIS_MARK"
-"""Marks are paths: a command /a starts /a/1, which starts /a/1/b/2; so all that began with its first child has /a/1."""
+"""Marks are paths: a command /a starts /a/1, which starts /a/1/b/2; so all that began with its
+first child has /a/1.
+"""
 
 END_LIMIT_S = 10.0
-"""A killed process is gone at once unless the kernel holds it, in a system call that cannot be interrupted."""
+"""A killed process is gone at once unless the kernel holds it, in a system call that cannot be
+interrupted.
+"""
 
 Process = tuple[int, int]
 """Process id and the time it was started at, in ticks since boot: ids are used again."""
@@ -78,7 +84,9 @@ def _send(process: Process, number: signal.Signals) -> None:
 
 
 def main(mark: str) -> None:
-    """Wait until the other end of standard input is closed; then end all processes with the mark."""
+    """Wait until the other end of standard input is closed; then end all processes with the
+    mark.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     while os.read(0, 1):

@@ -73,7 +73,9 @@ class Cost:
 
 
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
-    """Return the plan of a scene with exactly these effects, also where `auto` would choose others."""
+    """Return the plan of a scene with exactly these effects, also where `auto` would choose
+    others.
+    """
     effects = world.table.effects.model_copy(update={"auto": None})
     table = world.table.model_copy(update={"effects": effects})
     return plan.make(replace(world, table=table, effects=dict(on)), engine)

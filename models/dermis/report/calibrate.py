@@ -63,7 +63,9 @@ class _Reference(Strict):
 
 
 class SessionTable(Strict):
-    """A calibration session: what was measured, and where the files are (relative to the session)."""
+    """A calibration session: what was measured, and where the files are (relative to the
+    session).
+    """
 
     array: _Array = entry(..., "Size of the array", "a table")
     start: _Start = entry(_Start(), "What is known before", "a table")

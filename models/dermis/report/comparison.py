@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of the codes of a run with a neighbouring engine and with a straight line over force."""
+"""Comparison of the codes of a run with a neighbouring engine and with a straight line over
+force.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ _EXACT = 1e-9
 
 
 def on_code(made: Plan) -> NDArray[np.bool_]:
-    """Return where rounding cannot change the code, [frames, rows, cols]: x = c / gate_clocks, or full scale."""
+    """Return where rounding cannot change the code, [frames, rows, cols]: x = c / gate_clocks, or
+    full scale.
+    """
     steps = made.timing.gate_clocks * made.duty_ideal()
     with np.errstate(invalid="ignore"):
         whole = np.abs(steps - np.round(steps)) <= _EXACT * np.maximum(steps, 1.0)
@@ -31,9 +35,11 @@ def on_code(made: Plan) -> NDArray[np.bool_]:
 
 
 def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray[np.float64]] | None:
-    """Fit a straight line to code against force below saturation: slope per newton, offset, residuals; or None.
+    """Fit a straight line to code against force below saturation: slope per newton, offset,
+    residuals; or None.
 
-    None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet that has aged.
+    None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet
+    that has aged.
     """
     if made.force_n is None or not isinstance(made.sensor, InverseSensor):
         return None
@@ -49,13 +55,17 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
 
 
 def _reference(made: Plan) -> str | None:
-    """Return the engine to compare with: closed, or event if closed cannot do the plan; None for no other."""
+    """Return the engine to compare with: closed, or event if closed cannot do the plan; None for no
+    other.
+    """
     # Not engines.cheapest: an engine that refuses a value becomes a SKIP row with its reason.
     return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
 
 
 def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
-    """Return rows for codes read in transistors: against ideal blocks, as read and with each column calibrated."""
+    """Return rows for codes read in transistors: against ideal blocks, as read and with each column
+    calibrated.
+    """
     ideal = replace(made, views=BEHAVIOURAL)
     reference = _reference(ideal)
     if reference is None:

@@ -23,7 +23,9 @@ COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "black", "#56B4E9", "#8B6F00", G
 DPI = 130
 
 POINTS_MAX = 5000
-"""Most points drawn one by one. Above it they are counted in bins, which takes 0.1 s for a million."""
+"""Most points drawn one by one. Above it they are counted in bins, which takes 0.1 s for a
+million.
+"""
 _BINS = 200
 
 
@@ -56,7 +58,9 @@ def end_labels(axes: Any, curves: Sequence[tuple[float, float, str, str]], gap: 
 
 
 def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:
-    """Draw points, or their number in each cell of a grid where there are more than `POINTS_MAX`."""
+    """Draw points, or their number in each cell of a grid where there are more than
+    `POINTS_MAX`.
+    """
     if x.size <= POINTS_MAX:
         axes.plot(x, y, ".", color=BLUE, ms=4, label=label)
         return
@@ -82,7 +86,9 @@ def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]
 
 
 def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
-    """Return codes on the colour scale, and the force or resistance that an ideal chip reads as each."""
+    """Return codes on the colour scale, and the force or resistance that an ideal chip reads as
+    each.
+    """
     codes = [round(code_max * part / 4) for part in range(5)]
     duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
     if made.force_n is not None:
@@ -99,7 +105,8 @@ def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
 def frame_figure(
     made: Plan, codes: NDArray[Any], fit: tuple[float, float, NDArray[np.float64]] | None, path: Path
 ) -> Figure:
-    """Draw one run: stimulus and codes of the strongest frame on one scale, code against force, residual.
+    """Draw one run: stimulus and codes of the strongest frame on one scale, code against force,
+    residual.
 
     Parameters
     ----------
@@ -183,7 +190,8 @@ def _curves(
 
 
 def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -> None:
-    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row after the preset.
+    """Draw the paper's Fig. 11: integrators and charge switches of several taxels of a row after
+    the preset.
 
     Parameters
     ----------
@@ -226,7 +234,8 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
 
 
 def indenter_figure(runs: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], path: Path) -> None:
-    """Draw the paper's Fig. 10: codes of a line of taxels (a) above the force profiles (b) of indenters.
+    """Draw the paper's Fig. 10: codes of a line of taxels (a) above the force profiles (b) of
+    indenters.
 
     Parameters
     ----------

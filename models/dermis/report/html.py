@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages: the verdict tables and runs of a command as one HTML file, with plots that can be zoomed.
+"""Report pages: the verdict tables and runs of a command as one HTML file, with plots that can be
+zoomed.
 
-Bokeh draws. Its wheel carries the JavaScript, 1.27 MB for plots alone, which goes into the page, so a page needs no
-network. Plotly's has 4.5 MB, and that of Vega-Altair is not in its wheel.
+Bokeh draws. Its wheel carries the JavaScript, 1.27 MB for plots alone, which goes into the page, so
+a page needs no network. Plotly's has 4.5 MB, and that of Vega-Altair is not in its wheel.
 """
 
 from __future__ import annotations
@@ -357,7 +358,9 @@ def _effects(states: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _waves(body: _Body, path: Path, codes: NDArray[Any]) -> None:
-    """Draw the slot of the strongest row: its columns' integrators, comparators and charge pulses."""
+    """Draw the slot of the strongest row: its columns' integrators, comparators and charge
+    pulses.
+    """
     file = vcd_file.read(path)
     rows = file.get("chip.row_select")
     if rows is None:
@@ -504,7 +507,8 @@ def _floats(cells: Sequence[str]) -> NDArray[np.float64] | None:
 
 
 def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
-    """Call a command and write the page of the tables and runs that it leaves; return what it returns.
+    """Call a command and write the page of the tables and runs that it leaves; return what it
+    returns.
 
     Raises
     ------
@@ -530,7 +534,9 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Directory; default build/report."
 )
 def report_command(out: Path | None) -> int:
-    """Collect the tables and runs of build/ into pages, with an index of what passed and what did not."""
+    """Collect the tables and runs of build/ into pages, with an index of what passed and what did
+    not.
+    """
     available()
     out = BUILD / "report" if out is None else out
     out.mkdir(parents=True, exist_ok=True)

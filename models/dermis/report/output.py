@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the files of a run in OUT, all or none: codes, their bounds, summary, resolved scene and figure."""
+"""Writes the files of a run in OUT, all or none: codes, their bounds, summary, resolved scene and
+figure.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ WRITTEN: list[Path] = []
 """Directories that this process has filled with results of runs."""
 
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
-"""Prefixes of directories: with files being written, and with a complete set that is about to be moved."""
+"""Prefixes of directories: with files being written, and with a complete set that is about to be
+moved.
+"""
 
 
 def prepare(out: str | Path) -> Path:
@@ -73,7 +77,9 @@ def _writing(out: Path) -> Iterator[None]:
 
 
 def _refuse_directories(out: Path) -> None:
-    """Refuse names that are directories, before the first file is moved: no file can replace a directory."""
+    """Refuse names that are directories, before the first file is moved: no file can replace a
+    directory.
+    """
     for name in (*ALWAYS, *SOMETIMES):
         if (out / name).is_dir() and not (out / name).is_symlink():
             allowed = f"a directory in which {name} is a file, or is not there"
@@ -104,7 +110,9 @@ def place(out: str | Path) -> Iterator[Path]:
 
 
 def _tidy(out: Path) -> None:
-    """Clean up after a killed run: move a complete set of files into place, remove an incomplete one."""
+    """Clean up after a killed run: move a complete set of files into place, remove an incomplete
+    one.
+    """
     for base, prefix in ((out, _PARTIAL), (out.parent, f".{out.name}{_PARTIAL}")):
         for left in _beginning(base, prefix):
             with suppress(OSError), locked(left, wait=False) as free:  # removed meanwhile, or not ours
@@ -122,8 +130,8 @@ def _beginning(directory: Path, prefix: str) -> list[Path]:
 def _put(complete: Path, out: Path) -> None:
     """Move a run's files into place and remove those of an earlier run that it does not have.
 
-    A call after a kill completes the work: files are removed while all new ones are still here, and the
-    first one moved is one that every run has.
+    A call after a kill completes the work: files are removed while all new ones are still here, and
+    the first one moved is one that every run has.
     """
     names = sorted(path.name for path in complete.iterdir())
     if set(ALWAYS) <= set(names):
@@ -136,7 +144,9 @@ def _put(complete: Path, out: Path) -> None:
 
 @contextmanager
 def _scratch(out: Path) -> Iterator[Path]:
-    """Give a directory for writing on the disk of `out`; its lock keeps other runs from removing it."""
+    """Give a directory for writing on the disk of `out`; its lock keeps other runs from removing
+    it.
+    """
     base, prefix = (out, _PARTIAL) if out.exists() else (out.parent, f".{out.name}{_PARTIAL}")
     base.mkdir(parents=True, exist_ok=True)
     while True:
@@ -230,7 +240,9 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
-    """Return the width of the certified codes and their margins (docs/auto.md); None without certified codes."""
+    """Return the width of the certified codes and their margins (docs/auto.md); None without
+    certified codes.
+    """
     if result.low is None or result.high is None:
         return None
     width = np.subtract(result.high, result.low, dtype=int)
@@ -262,7 +274,8 @@ def write(
     rows: Sequence[Row],
     draw: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write the files of a run into `out`; those of an earlier run are replaced only after all are written.
+    """Write the files of a run into `out`; those of an earlier run are replaced only after all are
+    written.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def print_rows(found: dict[str, Any]) -> None:
 )
 @click.option("--auto", "chosen", is_flag=True, help="Let the plan choose effects: [effects] auto = {}.")
 def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
-    """Effects of a scene, and the verdicts of the filter for a sample; writes no run."""
+    """Show the effects of a scene and the verdicts of the filter for a sample, without a run."""
     if scene is None:
         raise InputError("command line", "SCENE", "nothing", "a scene")
     world = scenes.load(scenes.find(scene))

@@ -37,7 +37,9 @@ SATURATED_MAX = 0.01
 LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
 COVERAGE_MIN = 0.99
-"""Share of forces in their interval; less is a calibration of another chip or sheet. Intervals hold 99.9 %."""
+"""Share of forces in their interval; less is a calibration of another chip or sheet. Intervals hold
+99.9 %.
+"""
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdict rows: a measured value against its limit in models/spec.toml, with four outcomes.
 
-PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a reason.
+PASS and FAIL are measurements; ERROR is a value not measured (None, NaN, infinite); SKIP has a
+reason.
 """
 
 from __future__ import annotations
@@ -72,7 +73,8 @@ def _row(
 def judge(name: str, value: Any, note: str = "") -> Row:
     """Judge a value against its limit and return the verdict row.
 
-    A limit with ``gate = false`` is an aim: a miss gives SKIP, with "aim missed", value and aim in the note.
+    A limit with ``gate = false`` is an aim: a miss gives SKIP, with "aim missed", value and aim in
+    the note.
     """
     rule = limit(name)
     row = within(name, value, rule.unit, rule.min, rule.max, note)
@@ -90,7 +92,9 @@ def aims_missed(rows: Sequence[Row]) -> list[Row]:
 
 
 def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
-    """Judge a value against limits that are not in models/spec.toml: PASS, FAIL, or ERROR if not measured."""
+    """Judge a value against limits that are not in models/spec.toml: PASS, FAIL, or ERROR if not
+    measured.
+    """
     number = _number(value)
     if number is None:
         said = "not measured" if value is None else f"not a number: {value}"
@@ -117,7 +121,9 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
 
 
 def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
-    """Return the row of the median of several measurements, with the spread in the note and all values in "runs"."""
+    """Return the row of the median of several measurements, with the spread in the note and all
+    values in "runs".
+    """
     spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
     row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
     return row | {"runs": [float(value) for value in values]}
@@ -174,5 +180,7 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
 
 
 def exit_code(rows: Sequence[Row]) -> int:
-    """Return 0 if every row is PASS or SKIP, else 1; also 1 without rows, since nothing was measured."""
+    """Return 0 if every row is PASS or SKIP, else 1; also 1 without rows, since nothing was
+    measured.
+    """
     return 0 if rows and all(row["status"] in ("PASS", "SKIP") for row in rows) else 1

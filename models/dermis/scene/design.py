@@ -63,7 +63,9 @@ class Array(_Strict):
 
 
 class Sensor(_Strict):
-    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a sheet."""
+    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a
+    sheet.
+    """
 
     force_max_n: Positive
     r_min_ohm: Positive
@@ -129,7 +131,9 @@ class Converter(_Strict):
 
 
 class Timing(_Strict):
-    """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the rest."""
+    """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the
+    rest.
+    """
 
     frame_s: Positive
     gate_clocks: int = Field(ge=1, le=2**24)
@@ -379,7 +383,9 @@ class Design(_Strict):
 
     @property
     def swing_v(self) -> float:
-        """Largest packet in volt: the stored charge stays within one packet either side of the threshold."""
+        """Largest packet in volt: the stored charge stays within one packet either side of the
+        threshold.
+        """
         return min(self.integrator.v_out_max_v, -self.integrator.v_out_min_v)
 
     @property
@@ -389,7 +395,9 @@ class Design(_Strict):
 
     @property
     def i0_direct_a(self) -> float:
-        """Reference current of the direct interface in ampere: k times larger, since no mirror divides."""
+        """Reference current of the direct interface in ampere: k times larger, since no mirror
+        divides.
+        """
         return float(self.interface.k * exact(self.converter.i0_a))
 
     @property
@@ -412,7 +420,8 @@ class Design(_Strict):
         return load(path)
 
     def replace(self, **sections: dict[str, Any]) -> Design:
-        """Return a checked copy with some values changed, e.g. ``replace(timing={"frame_s": 4e-3})``.
+        """Return a checked copy with some values changed, e.g. ``replace(timing={"frame_s":
+        4e-3})``.
 
         ``model_copy(update=...)`` would neither check nor derive anew.
         """
@@ -445,7 +454,9 @@ class Design(_Strict):
 
     @property
     def v_preset_v(self) -> float:
-        """Preset of the integrator in volt: half a packet, w = -1/2 (negative for the inverted topology)."""
+        """Preset of the integrator in volt: half a packet, w = -1/2 (negative for the inverted
+        topology).
+        """
         return float(exact(self.converter.packet_v) / 2)
 
 
@@ -573,7 +584,9 @@ class Reason(NamedTuple):
 
 
 def reasons(path: str | Path | None = None) -> dict[str, Reason]:
-    """Return the comment above each key of a design file, split into its mark (P, C or S) and its text."""
+    """Return the comment above each key of a design file, split into its mark (P, C or S) and its
+    text.
+    """
     found: dict[str, Reason] = {}
     section, comment = "", []
     for line in Path(path or DESIGN_FILE).read_text(encoding="utf-8").splitlines():

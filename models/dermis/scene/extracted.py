@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that they become.
+"""Parameters extracted from the chip in transistors: their files, and the effects of a scene that
+they become.
 
-models/extracted has one file for each condition, with a table for each channel and a line for each of
-its effects. These lines replace `[effects] extracted` while a scene is read, so engines treat them like
-effects written by hand.
+models/extracted has one file for each condition, with a table for each channel and a line for each
+of its effects. These lines replace `[effects] extracted` while a scene is read, so engines treat
+them like effects written by hand.
 """
 
 from __future__ import annotations
@@ -95,7 +96,9 @@ def stale(path: Path, circuit: Path = CIRCUIT) -> str:
 
 
 def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
-    """Return the text of a file: its sources, then the effects of each channel with their measurements."""
+    """Return the text of a file: its sources, then the effects of each channel with their
+    measurements.
+    """
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -146,8 +149,8 @@ def channels_of(path: Path) -> dict[str, Any]:
 def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     """Return an [effects] table in which `extracted` is replaced by its effects.
 
-    An effect that the scene names as well is refused: it is unclear whether its value should add to the
-    measured one, multiply it or replace it. The scene must write the number it means.
+    An effect that the scene names as well is refused: it is unclear whether its value should add to
+    the measured one, multiply it or replace it. The scene must write the number it means.
 
     Parameters
     ----------

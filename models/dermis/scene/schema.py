@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a schema: strict models, keys with their documentation, strict reading and writing of TOML."""
+"""Parts of a schema: strict models, keys with their documentation, strict reading and writing of
+TOML.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ _SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
 
 
 class Strict(BaseModel):
-    """A table of a scene; unknown keys, text for numbers, NaN, infinity and absurd sizes are refused."""
+    """A table of a scene; unknown keys, text for numbers, NaN, infinity and absurd sizes are
+    refused.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -49,7 +53,9 @@ def _unsigned(value: Any) -> Any:
 
 
 def _sized(value: Any) -> bool:
-    """Return True for 0, a number of sensible size or no number; keys check infinity and NaN themselves."""
+    """Return True for 0, a number of sensible size or no number; keys check infinity and NaN
+    themselves.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
         return True
     return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
@@ -89,7 +95,8 @@ def entry(
 def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
     """Read a regular file of at most `limit` bytes, or raise InputError.
 
-    `told_by` is the (file, key, value) of the entry that named it, for errors; without it they name the file.
+    `told_by` is the (file, key, value) of the entry that named it, for errors; without it they name
+    the file.
     """
     file, key, value = told_by or (path, "file", path.name)
     value = quoted(value)
@@ -187,7 +194,9 @@ def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
 
 
 def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the part of an error's location that exists in the data, without names of alternatives."""
+    """Return the part of an error's location that exists in the data, without names of
+    alternatives.
+    """
     place, here = [], data
     for part in location:
         in_table = isinstance(here, dict) and part in here
@@ -273,7 +282,8 @@ def _tags(annotation: Any, key: str) -> list[str]:
 
 
 def write_toml(tables: dict[str, Any]) -> str:
-    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same data.
+    """Write plain data (numbers, booleans, text, lists, tables) as TOML that loads to the same
+    data.
 
     Keys are bare names of the schema; None is left out. Tables within tables are written inline.
     """

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The taxel: resistance from force, force from resistance, and the spread of a sheet about that law."""
+"""The taxel: resistance from force, force from resistance, and the spread of a sheet about that
+law.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +86,9 @@ class Sensor(Protocol):
         """Resistance in ohm of a force in newtons, any shape; F = inf gives 0."""
 
     def force_n(self, resistance_ohm: ArrayLike) -> Floats:
-        """Force in newtons that a resistance in ohm means, any shape; R = 0 gives inf, R = inf gives 0."""
+        """Force in newtons that a resistance in ohm means, any shape; R = 0 gives inf, R = inf
+        gives 0.
+        """
 
 
 @dataclass(frozen=True)
@@ -116,8 +120,9 @@ class InverseSensor:
 class PowerSensor:
     """R = R_i (F/F_i)^-n between each two measured points, the slopes at both ends continued; open below turn-on.
 
-    The two methods undo each other for every force that turns the taxel on. No force makes a resistance between
-    the curve at turn-on and r_open_ohm; such a one means the force of turn-on, so that decoding stays monotone.
+    The two methods undo each other for every force that turns the taxel on. No force makes a
+    resistance between the curve at turn-on and r_open_ohm; such a one means the force of turn-on,
+    so that decoding stays monotone.
 
     Parameters
     ----------
@@ -150,7 +155,9 @@ class PowerSensor:
         return np.where(force < self.force_on_n, self.r_open_ohm, np.minimum(ohm, self.r_open_ohm))
 
     def force_n(self, resistance_ohm: ArrayLike) -> Floats:
-        """F in newtons that a resistance means, any shape; 0 from r_open_ohm on, above 1e300 inf, as for R = 0."""
+        """F in newtons that a resistance means, any shape; 0 from r_open_ohm on, above 1e300 inf,
+        as for R = 0.
+        """
         ohm = np.asarray(resistance_ohm, dtype=float)
         points = np.array(self.r_points_ohm)
         at = np.maximum(np.searchsorted(-points, -ohm, side="right") - 1, 0)
@@ -163,7 +170,9 @@ class PowerSensor:
 
 
 def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> SensorTable:
-    """Fill in the keys of the law from the design; keys of another law and points without a curve are refused."""
+    """Fill in the keys of the law from the design; keys of another law and points without a curve
+    are refused.
+    """
     for law, keys in _KEYS.items():
         for key in keys:
             if law != table.law and (value := getattr(table, key)) is not None:
@@ -261,12 +270,13 @@ def age(
 
 
 def play(resistance_ohm: Floats, width: float) -> Floats:
-    """Hysteresis of resistances along axis 0: the play operator between the law R and (1 - width) R.
+    """Hysteresis of resistances along axis 0: the play operator between the law R and (1 - width)
+    R.
 
-    A rising force (falling R) follows the law, a falling one the law times 1 - width; in between the resistance
-    stays where it was. That is the play (backlash) operator of Preisach's theory on log R, so loops close, do not
-    depend on speed, and forget a small loop inside a larger one. The data sheet's +10 % is (R+ - R-)/R+ of a force
-    on the way up and back. It starts on the way up.
+    A rising force (falling R) follows the law, a falling one the law times 1 - width; in between
+    the resistance stays where it was. That is the play (backlash) operator of Preisach's theory on
+    log R, so loops close, do not depend on speed, and forget a small loop inside a larger one. The
+    data sheet's +10 % is (R+ - R-)/R+ of a force on the way up and back. It starts on the way up.
     """
     out = np.array(resistance_ohm, dtype=float)
     for n in range(1, out.shape[0]):
@@ -281,11 +291,12 @@ _RATE_STEP = 0.4
 def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -> Floats:
     """Decades of time that load has lasted, with memory along axis 0, [frames, ...].
 
-    A step of load at t = 0 gives log10(1 + t/start_s). What it gave is forgotten in the same way: released at t1,
-    log10(1 + t/start_s) - log10(1 + (t - t1)/start_s). That is Boltzmann's superposition with the kernel
-    1/(start_s + t), whatever the order of loads. The kernel is the integral of exp(-s (start_s + t)) over the
-    rates s, so one state a rate and taxel carries it from frame to frame: it costs the same for each frame, where
-    the sum over all loads before (the test's reference) costs more and more.
+    A step of load at t = 0 gives log10(1 + t/start_s). What it gave is forgotten in the same way:
+    released at t1, log10(1 + t/start_s) - log10(1 + (t - t1)/start_s). That is Boltzmann's
+    superposition with the kernel 1/(start_s + t), whatever the order of loads. The kernel is the
+    integral of exp(-s (start_s + t)) over the rates s, so one state a rate and taxel carries it
+    from frame to frame: it costs the same for each frame, where the sum over all loads before (the
+    test's reference) costs more and more.
 
     Parameters
     ----------
@@ -309,7 +320,9 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
 
 
 def creep_rates(start_s: float, longest_s: float) -> tuple[Floats, Floats]:
-    """Return the rates in 1/s and the weights in decades of the kernel of `creep_decades`, up to longest_s."""
+    """Return the rates in 1/s and the weights in decades of the kernel of `creep_decades`, up to
+    longest_s.
+    """
     lowest, highest = 1e-10 / (start_s + longest_s), 45.0 / start_s
     rate = np.exp(np.arange(np.log(lowest), np.log(highest), _RATE_STEP))
     with np.errstate(under="ignore"):
@@ -317,6 +330,8 @@ def creep_rates(start_s: float, longest_s: float) -> tuple[Floats, Floats]:
 
 
 def spread_factor(draw: Floats, relative: float) -> Floats:
-    """Log-normal factors with mean 1 and standard deviation `relative`, from standard normal draws."""
+    """Log-normal factors with mean 1 and standard deviation `relative`, from standard normal
+    draws.
+    """
     sigma = np.sqrt(np.log1p(relative * relative))
     return np.exp(sigma * draw - sigma * sigma / 2)

@@ -253,7 +253,9 @@ class RampTable(_Body, _Lasting):
 
 
 class UniformTable(_Timed):
-    """The same on every taxel; exactly one of force_n, code, r_ohm. A list gives one frame for each value."""
+    """The same on every taxel; exactly one of force_n, code, r_ohm. A list gives one frame for each
+    value.
+    """
 
     kind: Literal["uniform"] = entry(
         ..., "The same on every taxel; give exactly one of force_n, code, r_ohm", '"uniform"'
@@ -382,7 +384,8 @@ def resolve(table: Any, rows: int, cols: int, t_frame_s: float) -> Any:
 
 
 def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -> Floats:
-    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at each place.
+    """Pressure relative to its peak on every taxel, [places, rows, cols], 0..1, with the centre at
+    each place.
 
     With u across and v along the body, counted in pitches from its centre, t = u / (width/2) and
     s = v / (length/2): flat 1, triangular 1 - |t| (a straight ridge) and cylindrical sqrt(1 - t^2) (the half
@@ -525,7 +528,9 @@ def _body(table: _Body, about: Surroundings) -> Frames:
 
 
 def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
-    """Return the number of frames of a moving stimulus: from its keys, or the length of its list of forces."""
+    """Return the number of frames of a moving stimulus: from its keys, or the length of its list of
+    forces.
+    """
     both_ends = isinstance(table, RampTable)
     if listed is None or (table.frames is not None and table.duration_s is not None):
         _one_of(table, ("frames", "duration_s"), about)
@@ -565,7 +570,9 @@ def _held(values: Floats, count: int) -> Floats:
 
 
 def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
-    """Return the frames that the chip reads of a stimulus with a rate of its own; see `_Timed.resample`."""
+    """Return the frames that the chip reads of a stimulus with a rate of its own; see
+    `_Timed.resample`.
+    """
     if table.t_frame_s is None:
         raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
@@ -603,7 +610,9 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
 
 
 def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Floats:
-    """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or above."""
+    """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or
+    above.
+    """
     shown = table.file
     if table._given is not None:
         values = _shaped(np.asarray(table._given.values), shown, about)

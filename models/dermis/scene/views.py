@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by column.
+"""Views of the SPICE blocks in a co-simulation: behavioural or sky130 transistors, by block and by
+column.
 
 A block has the same name and pins in both, so a view is the folder from which its file is included.
 """
@@ -18,7 +19,9 @@ View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
 
 BLOCKS = ("row_driver", "conveyor", "integrator", "comparator", "charge_source")
-"""Blocks with a choice of view. The mirror follows its conveyor: both share a pedestal and a level."""
+"""Blocks with a choice of view. The mirror follows its conveyor: both share a pedestal and a
+level.
+"""
 
 CONVERTER = ("integrator", "comparator", "charge_source")
 

@@ -235,7 +235,9 @@ def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
 
 
 def drifted(delta_k: float) -> Resolution:
-    """Return the resolution of a reference that was calibrated `delta_k` kelvin away, by formula."""
+    """Return the resolution of a reference that was calibrated `delta_k` kelvin away, by
+    formula.
+    """
     share = np.linspace(*RANGE, 200)
     return Resolution(design_module.load().charge.tc_per_k * delta_k * float(np.sqrt(np.mean(share**2))))
 
@@ -278,7 +280,9 @@ def by_period(made: Plan) -> Floats:
 
 
 def without_preset(made: Plan) -> Floats:
-    """Read with an integrator that continues from slot to slot: it starts anywhere in its packet."""
+    """Read with an integrator that continues from slot to slot: it starts anywhere in its
+    packet.
+    """
     x = made.duty_ideal()
     start = np.random.default_rng([made.seed, 9]).uniform(x - 1.0, x)
     return count(x, made.timing.gate_clocks, w0=start) / made.timing.gate_clocks
@@ -503,7 +507,9 @@ def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
 
 
 def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
-    """Return the longest gate with all effects whose last doubling still gained a quarter of a bit."""
+    """Return the longest gate with all effects whose last doubling still gained a quarter of a
+    bit.
+    """
     curve = sorted(
         (p for p in points if p.curve == FULL and p.f_clk_hz == f_clk_hz), key=lambda p: p.gate_clocks
     )

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis accuracy`: measure and draw error against simulation time; rows in build/accuracy.json."""
+"""`dermis accuracy`: measure and draw error against simulation time; rows in
+build/accuracy.json.
+"""
 
 from __future__ import annotations
 

@@ -264,7 +264,9 @@ SECTIONS = (
 
 
 def run_section(section: Section, m: Measurements) -> list[Row]:
-    """Return the rows of a section; rows that a failure prevented are ERROR rows with its reason."""
+    """Return the rows of a section; rows that a failure prevented are ERROR rows with its
+    reason.
+    """
     rows: list[Row] = []
     reason = "not measured"
     try:

@@ -225,7 +225,9 @@ def exponent_rows(work: Path, repeat: int, quick: bool) -> Iterator[Row]:
 
 
 def _solve_s(work: Path, size: int, repeat: int, on: dict[str, Any]) -> float:
-    """Return the processor time per frame of the array solve, with the batch size of engine closed."""
+    """Return the processor time per frame of the array solve, with the batch size of engine
+    closed.
+    """
     frames = max(1, (1 << 15) // size**2)
     made = random_plan(work, frames, "closed", size, **on)
     base, g = made.network(0), made.conductance_s()

@@ -40,7 +40,9 @@ KINDS = {
 
 
 class Meaning(NamedTuple):
-    """Kind of a row, its good direction, and the factor from which a change to the worse is named."""
+    """Kind of a row, its good direction, and the factor from which a change to the worse is
+    named.
+    """
 
     kind: str
     higher_is_better: bool
@@ -158,7 +160,9 @@ def record(rows: Sequence[Row], machine: str, tree: str, options: Mapping[str, A
 
 
 def keep(run: Mapping[str, Any], directory: Path | None = None) -> Path:
-    """Write a run into the history and return its path; two in the same second get different names."""
+    """Write a run into the history and return its path; two in the same second get different
+    names.
+    """
     directory = HISTORY if directory is None else directory
     stem = run["made"].replace(":", "").replace("+0000", "Z")
     names = (directory / f"{stem}{f'_{n}' if n else ''}.json" for n in range(1000))

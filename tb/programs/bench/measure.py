@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time measurement of the benchmarks, and their point type: a method with a setting, its error and its time."""
+"""Time measurement of the benchmarks, and their point type: a method with a setting, its error
+and its time.
+"""
 
 from __future__ import annotations
 

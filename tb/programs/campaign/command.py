@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis campaign`: random scenes in worker processes against the laws; a killed campaign continues."""
+"""`dermis campaign`: random scenes in worker processes against the laws; a killed campaign
+continues.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +131,9 @@ def run(engines: str, seed: int, scenes: int, store: Checkpoint, processes: int)
 
 
 def shrunk(engines: str, seed: int, number: int, law: str, line: str) -> str:
-    """Return the smallest scene that breaks a law in the same way, as text of a case, in a worker."""
+    """Return the smallest scene that breaks a law in the same way, as text of a case, in a
+    worker.
+    """
     world = replace(scene_of(engines, seed, number), why=f"{law}: {line}")
 
     def kind(one: World) -> str | None:
@@ -240,7 +244,9 @@ def campaign_command(
     short: bool,
     found: str,
 ) -> int:
-    """Run random scenes through the engines and check laws of the physics; rows in build/campaign.json."""
+    """Run random scenes through the engines and check laws of the physics; rows in
+    build/campaign.json.
+    """
     if short and scenes is not None:
         raise InputError("command line", "--short and --scenes", scenes, "one of the two")
     if short and docs:

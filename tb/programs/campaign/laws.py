@@ -155,7 +155,9 @@ def certified(s: Subject) -> Iterator[str]:
 
 
 def closed_equals_event(s: Subject) -> Iterator[str]:
-    """Engine closed gives the codes of engine event, to the last bit, wherever it can do the scene."""
+    """Engine closed gives the codes of engine event, to the last bit, wherever it can do the
+    scene.
+    """
     plan = dataclasses.replace(s.plan, engine="closed")
     if engines.refused(plan, "closed"):
         return
@@ -165,7 +167,9 @@ def closed_equals_event(s: Subject) -> Iterator[str]:
 
 
 def exact_arithmetic(s: Subject) -> Iterator[str]:
-    """A converter of the count formula counts what exact rationals count, less than one from N x."""
+    """A converter of the count formula counts what exact rationals count, less than one from N
+    x.
+    """
     if not s.formula:
         return
     rng = s.rng("exact_arithmetic")
@@ -194,7 +198,9 @@ def exact_arithmetic(s: Subject) -> Iterator[str]:
 
 
 def words(s: Subject) -> Iterator[str]:
-    """Ideal converters: equal windows differ by at most one, gaps take two values; all: never two ones in a row."""
+    """Ideal converters: equal windows differ by at most one, gaps take two values; all: never two
+    ones in a row.
+    """
     if s.noisy or not s.memoryless:
         return
     yield COMPARED
@@ -353,7 +359,9 @@ def symmetric(s: Subject) -> Iterator[str]:
 
 
 def _coupled(s: Subject) -> Floats:
-    """Return the error of engine event for the coupling of columns, packets a clock [frames, rows, 1]."""
+    """Return the error of engine event for the coupling of columns, packets a clock [frames, rows,
+    1].
+    """
     plan, g = s.plan, s.plan.conductance_s()
     known = np.zeros((plan.frames, plan.rows, 1))
     for alike, slots in currents.groups(plan, slice(0, plan.frames)):
@@ -378,7 +386,9 @@ def _held(s: Subject) -> Floats:
 
 
 def superposed(s: Subject) -> Iterator[str]:
-    """The network is linear and passive: sources add, currents follow the bias, no more comes out than goes in."""
+    """The network is linear and passive: sources add, currents follow the bias, no more comes out
+    than goes in.
+    """
     network, g = s.plan.network(0), s.plan.conductance_s()
     if not g.max() < 1e12:  # shorts: infinite currents, whose shares are limits
         return
@@ -433,7 +443,9 @@ _LEAST_OHM, _LEAST, _MOST = 1e-6, 1e-15, 1e12
 
 
 def scaled(s: Subject) -> Iterator[str]:
-    """Resistances times a power of two and currents through it give the same codes, to the last bit."""
+    """Resistances times a power of two and currents through it give the same codes, to the last
+    bit.
+    """
     ohm = s.plan.resistance_ohm
     finite = ohm[(ohm > 0) & np.isfinite(ohm)]
     absolute = [float(np.max(v)) for v in s.plan.surrounding.values()]
@@ -464,7 +476,9 @@ def scaled(s: Subject) -> Iterator[str]:
 
 
 def budget(s: Subject) -> Iterator[str]:
-    """Effects that auto leaves out stay within its budget, and its certified codes hold those with all effects."""
+    """Effects that auto leaves out stay within its budget, and its certified codes hold those with
+    all effects.
+    """
     if not s.auto or engines.refuses(s.chosen, s.chosen.engine):
         return
     yield COMPARED

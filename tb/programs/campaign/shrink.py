@@ -70,7 +70,9 @@ def _candidates(world: World) -> Iterator[World]:
 
 
 def _simpler(value: Any) -> Iterator[Any]:
-    """Yield simpler values: a table with an entry less or simpler, one number of a list, fewer digits."""
+    """Yield simpler values: a table with an entry less or simpler, one number of a list, fewer
+    digits.
+    """
     if isinstance(value, Mapping):
         for name in value:
             yield {k: v for k, v in value.items() if k != name}

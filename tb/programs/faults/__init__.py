@@ -1,2 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults in the run itself: what a command does when its processes, disk, files and tools fail under it."""
+"""Faults in the run itself: what a command does when its processes, disk, files and tools fail
+under it.
+"""

@@ -30,7 +30,9 @@ END_LIMIT_S = 240.0
 """A command that has not ended by then hangs; the longest takes 15 s on an idle core."""
 
 GONE_LIMIT_S = 30.0
-"""Processes of a command may outlive it by this time on a loaded machine; the watchdog needs milliseconds."""
+"""Processes of a command may outlive it by this time on a loaded machine; the watchdog needs
+milliseconds.
+"""
 
 PARTS = ("models", "rtl", "spice", "scripts", "tb/programs", "tb/reference")
 """Parts of the tree that commands need; results and builds go to build/ of the copy."""
@@ -110,7 +112,9 @@ def role(pid: int) -> str:
 
 @dataclass
 class Bench:
-    """A copy of the project's sources with a build/ of its own; `seed` is that of everything that trials draw."""
+    """A copy of the project's sources with a build/ of its own; `seed` is that of everything that
+    trials draw.
+    """
 
     tree: Path
     seed: int = 0
@@ -176,7 +180,9 @@ def contents(directory: Path) -> dict[str, str]:
 
 
 def judge_words(ended: Ended | None, codes: Iterable[int]) -> list[str]:
-    """Judge exit code and output: one line on standard error, none for codes 0 and 1, no traceback."""
+    """Judge exit code and output: one line on standard error, none for codes 0 and 1, no
+    traceback.
+    """
     if ended is None:
         return ["hangs"]
     faults = []

@@ -132,7 +132,9 @@ def faults_command(
     docs: bool,
     listed: bool,
 ) -> int:
-    """Kill, interrupt, fill, close and cut real commands and judge the result; rows in build/faults.json."""
+    """Kill, interrupt, fill, close and cut real commands and judge the result; rows in
+    build/faults.json.
+    """
     words = (*only, *((subject,) if subject else ()))
     if docs and (words or runs):
         raise InputError("command line", "--docs", "with --only, --subject or --runs", "a whole run")

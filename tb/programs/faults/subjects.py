@@ -34,7 +34,9 @@ class Subject:
 def _run(
     shape: tuple[int, int, int], engine: str, *options: str, effects: str = ""
 ) -> Callable[..., list[str]]:
-    """Return a function that writes a scene of resistances [frames, rows, cols] and returns its command."""
+    """Return a function that writes a scene of resistances [frames, rows, cols] and returns its
+    command.
+    """
 
     def make(work: Path, number: int) -> list[str]:
         # Size 0: one that no other trial has, so that nothing is built yet.

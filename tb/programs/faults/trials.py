@@ -51,7 +51,9 @@ def number_of(name: str) -> int:
 
 
 def baseline(bench: Bench, subject: Subject) -> np.ndarray | None:
-    """Run a subject once undisturbed and return its codes; None where every trial has another scene."""
+    """Run a subject once undisturbed and return its codes; None where every trial has another
+    scene.
+    """
     if subject.name not in SUBJECTS or subject.name == "build":
         return None
     with bench.lock:
@@ -126,7 +128,9 @@ def attempt(
 
 
 _OURS = re.compile(r"interrupted|terminated|models/dermis/(?!__(main|init)__\.py\", line \d\b)\w")
-"""A word, or a line of the package after the first of the modules that Python loads for `-m dermis`."""
+"""A word, or a line of the package after the first of the modules that Python loads for `-m
+dermis`.
+"""
 
 
 def _note(ended: Ended | None) -> str:
@@ -162,7 +166,9 @@ def kill(subject: Subject, wanted: str, number: signal.Signals, bench: Bench, na
 
 
 def interrupt(subject: Subject, how: str, bench: Bench, name: str) -> Found:
-    """Ask a command to end at a random moment: Ctrl-C of one process or of the group, SIGTERM, SIGHUP."""
+    """Ask a command to end at a random moment: Ctrl-C of one process or of the group, SIGTERM,
+    SIGHUP.
+    """
     draw = bench.random(name)
     number = {"term": signal.SIGTERM, "hangup": signal.SIGHUP}.get(how, signal.SIGINT)
 
@@ -278,7 +284,9 @@ def limited(subject: Subject, kind: int, size: int, bench: Bench, name: str) -> 
 
 
 def closed_place(subject: Subject, what: str, bench: Bench, name: str) -> Found:
-    """Run where nothing can be written: a read-only disk, a file as OUT, a directory as a result."""
+    """Run where nothing can be written: a read-only disk, a file as OUT, a directory as a
+    result.
+    """
     work = bench.work(name)
     options: dict[str, Any] = {}
     with contextlib.ExitStack() as places:
@@ -561,7 +569,9 @@ def two(subject: Subject, same: bool, first_killed: bool, bench: Bench, name: st
 
 
 def two_sims(bench: Bench, name: str) -> Found:
-    """Run the regression twice at once on two files of frames; each checks that it reads its own codes."""
+    """Run the regression twice at once on two files of frames; each checks that it reads its own
+    codes.
+    """
     runs, faults = [], []
     for which in range(2):
         work = bench.work(f"{name}.{which}")
@@ -607,7 +617,9 @@ def dask_cluster(bench: Bench, work: Path) -> Iterator[tuple[str, Run, list[Run]
 
 
 def cluster(whom: str, number: signal.Signals, bench: Bench, name: str) -> Found:
-    """Send a signal to the scheduler, a worker or both workers at a random moment of a run on a cluster."""
+    """Send a signal to the scheduler, a worker or both workers at a random moment of a run on a
+    cluster.
+    """
     subject, draw, work, over = SUBJECTS["batch"], bench.random(name), bench.work(name), False
     with dask_cluster(bench, work) as (address, scheduler, workers):
 

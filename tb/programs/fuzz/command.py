@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis fuzz`: hostile input to every reader in worker processes; findings are shrunk and stored."""
+"""`dermis fuzz`: hostile input to every reader in worker processes; findings are shrunk and
+stored.
+"""
 
 from __future__ import annotations
 

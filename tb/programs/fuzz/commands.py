@@ -30,7 +30,9 @@ FOLLOWED = ("run", "plan", "calc", "sim")
 """Commands that run; of others the command line is parsed."""
 
 CPU_S = 10.0
-"""Processor time of one input; a run of the largest scene here, its judge and its tables take 2 s."""
+"""Processor time of one input; a run of the largest scene here, its judge and its tables take 2
+s.
+"""
 
 SPLIT, PLACE = b"\0", "{place}"
 """Separator of words, and a placeholder for the directory of the input."""
@@ -115,7 +117,9 @@ def _remember() -> str:
 
 
 def prepare(place: Path) -> None:
-    """Write files, redirect the output of the project into the directory, and replace what starts simulators."""
+    """Write files, redirect the output of the project into the directory, and replace what starts
+    simulators.
+    """
     scene.prepare(place)
     small = '[array]\nrows = 3\ncols = 2\n[stimulus]\nkind = "frames"\nfile = "frames.csv"\nunit = "codes"\n'
     for name in ("scene.toml", "..toml", "a\nb.toml", "$(touch x).toml"):
@@ -153,7 +157,9 @@ def prepare(place: Path) -> None:
 
 
 def _policy(words: list[str], place: Path) -> oracle.Policy:
-    """Allow OUT, its working copy .OUT.partial_N, the page of --html, and the output of the project."""
+    """Allow OUT, its working copy .OUT.partial_N, the page of --html, and the output of the
+    project.
+    """
     build = place / "root" / "build"
     named = [b for a, b in itertools.pairwise(words) if a in ("--out", "--html")]
     named += [word.partition("=")[2] for word in words if word.startswith(("--out=", "--html="))]

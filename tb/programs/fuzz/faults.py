@@ -19,7 +19,9 @@ from tb.reference import chip
 
 @dataclass(frozen=True)
 class Fault:
-    """A seeded fault: the target that must meet it, the kinds of finding it may be, its meaning, and the change."""
+    """A seeded fault: the target that must meet it, the kinds of finding it may be, its meaning,
+    and the change.
+    """
 
     target: str
     kinds: tuple[str, ...]

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Target `frames`: the file of a scene's frames as csv, npy, npz, or as a link, a pipe, a device."""
+"""Target `frames`: the file of a scene's frames as csv, npy, npz, or as a link, a pipe, a
+device.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from tb.programs.fuzz import inputs, oracle, scene
 from tb.programs.fuzz.target import Target
 
 HEAD = 6
-"""Bytes before the content: what is there, ending, table, key, bytes of the repeated end, size after repeats."""
+"""Bytes before the content: what is there, ending, table, key, bytes of the repeated end, size
+after repeats.
+"""
 
 GROWN_MAX = 1 << 22
 """Bytes of a file whose end repeats: enough for memory that grows faster than the file."""

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypothesis strategies of hostile input: TOML tables, text, bytes, and values at the edges of types."""
+"""Hypothesis strategies of hostile input: TOML tables, text, bytes, and values at the edges of
+types.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +133,9 @@ _WHOLE = (
 
 @st.composite
 def toml(draw: st.DrawFn, bases: Sequence[bytes], known: Words) -> bytes:
-    """Draw a TOML file: a known one with entries set, renamed, wrapped or removed, or with its text edited."""
+    """Draw a TOML file: a known one with entries set, renamed, wrapped or removed, or with its text
+    edited.
+    """
     data = draw(st.sampled_from(bases))
     tree = _parsed(data)
     if tree is not None:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Targets `scene` and `design`: bytes of a scene, of design.toml or of spec.toml, up to plan and deck."""
+"""Targets `scene` and `design`: bytes of a scene, of design.toml or of spec.toml, up to plan and
+deck.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def files(place: Path) -> None:
 
 
 def _words() -> inputs.Words:
-    """Return every key of a scene; the schema names those of a stimulus "stimulus kind KIND.KEY"."""
+    """Return every key of a scene; the schema names those of a stimulus "stimulus kind
+    KIND.KEY".
+    """
     rows = [(key, allowed) for key, _, allowed, _ in scenes.schema_rows()]
     kinds = sorted({key.split(".")[0].split()[-1] for key, _ in rows if key.startswith("stimulus kind")})
     named = ", ".join(f'"{kind}"' for kind in kinds)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions in worker processes: Hypothesis draws inputs of a target, and shrinks the first input of each finding."""
+"""Sessions in worker processes: Hypothesis draws inputs of a target, and shrinks the first input of
+each finding.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +121,9 @@ class Session:
 
 
 def fuzz(name: str, inputs: int, seed: int, last: str) -> dict[str, Any]:
-    """Run a round of inputs and return its piece: counts and findings, the input of each as latin-1 text."""
+    """Run a round of inputs and return its piece: counts and findings, the input of each as latin-1
+    text.
+    """
     start = time.monotonic()
     with prepared(name) as (loaded, place):
         session = Session(loaded, place, Path(last))
@@ -132,7 +136,9 @@ def fuzz(name: str, inputs: int, seed: int, last: str) -> dict[str, Any]:
 
 
 def seeded(fault: str, inputs: int, seed: int) -> dict[str, Any]:
-    """Seed a fault and run inputs until its oracle sees it; return the kind seen and the inputs taken."""
+    """Seed a fault and run inputs until its oracle sees it; return the kind seen and the inputs
+    taken.
+    """
     case, other = FAULTS[fault], ""
     with prepared(case.target) as (loaded, place):
         session = Session(loaded, place)
@@ -154,7 +160,9 @@ def seeded(fault: str, inputs: int, seed: int) -> dict[str, Any]:
 
 
 def replay(files: list[str]) -> list[str]:
-    """Run stored inputs, named after their targets, and return a line for each that is still a finding."""
+    """Run stored inputs, named after their targets, and return a line for each that is still a
+    finding.
+    """
     lines = []
     by_target = itertools.groupby(
         sorted(files, key=lambda f: target.NAMES.index(Path(f).name.split("_")[0])),

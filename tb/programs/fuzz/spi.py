@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Targets `spi` and `registers`: any answer to the host's driver, and any bit stream into the Verilog of SPI."""
+"""Targets `spi` and `registers`: any answer to the host's driver, and any bit stream into the
+Verilog of SPI.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def _frame(draw: st.DrawFn) -> bytes:
 
 @st.composite
 def answers(draw: st.DrawFn) -> bytes:
-    """Draw a transaction and an answer to it: frames, tokens with and without a right CRC, bytes."""
+    """Draw a transaction and an answer to it: frames, tokens with and without a right CRC,
+    bytes.
+    """
     kind = draw(st.integers(0, 5))
     how, address, value = (draw(st.sampled_from((0, 0, 1, 2, 3, 4, 5, 9, 11, 16, 255))) for _ in range(3))
     token, body = draw(st.sampled_from(_TOKENS)), draw(st.binary(min_size=2, max_size=4))

@@ -387,7 +387,9 @@ def gate_only(engine: str) -> Measured:
 
 
 def divided_charge() -> Measured:
-    """Check that a node between two capacitors with a given start follows an edge by their ratio."""
+    """Check that a node between two capacitors with a given start follows an edge by their
+    ratio.
+    """
     lines = ("c1 d0 b 1p", "c2 b 0 3p", ".ic v(b)=0.25", TIGHT)
     times = [1e-6, 2e-6, 1e-5]
     samples, way = lockstep(lines, ["b"], times, {1e-6: [(0, 2.0)]}, levels=[0.0], use_ic=True)
@@ -395,7 +397,9 @@ def divided_charge() -> Measured:
 
 
 def closing_switch(abrupt: bool) -> Measured:
-    """Charge a capacitor through a closing switch, then drain it by 1 uA: ringing would continue."""
+    """Charge a capacitor through a closing switch, then drain it by 1 uA: ringing would
+    continue.
+    """
     lines = (
         "bclose a b i = v(d0) > 0.95 ? (v(d0) - 0.95)*20*v(a,b)*1e3 : 0",
         "v1 a 0 1",

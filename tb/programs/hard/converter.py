@@ -52,7 +52,9 @@ def _case(
     limit_s: float = 10.0,
     **other: Any,
 ) -> Case:
-    """Return a case with the same duties for every engine; `analog` has fewer of them for ngspice."""
+    """Return a case with the same duties for every engine; `analog` has fewer of them for
+    ngspice.
+    """
     runs: dict[str, Callable[[], Measured]] = {
         engine: functools.partial(
             converter_runs.codes, engine, analog if engine == "cosim" and analog is not None else world

@@ -242,7 +242,9 @@ def loop(cells: Mapping[str, Sequence[float]], clocks: int, late: float = 1.0) -
 
 
 def many_clocks(engine: str, clocks: int, duties: Sequence[float]) -> Measured:
-    """Return the largest error of the count, and of the remaining charge, after very many clocks."""
+    """Return the largest error of the count, and of the remaining charge, after very many
+    clocks.
+    """
     begin = time.perf_counter()
     if engine == "closed":
         found, rest = vfc.count(np.array(duties), clocks), None

@@ -23,7 +23,9 @@ from tb.programs.hard import Case, Measured
 DOCS = "build/hard_cases.md"
 
 PREPARE_LIMIT_S = 900.0
-"""Time limit for loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle core."""
+"""Time limit for loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle
+core.
+"""
 
 NGSPICE = ("circuit", "stiff")
 """Groups with a new process for each run, as ngspice keeps failed circuits.

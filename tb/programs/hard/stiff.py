@@ -100,7 +100,9 @@ def solve(circuit: StiffCircuit, setting: Setting, log: Path) -> Solved:
 
 
 def reference(circuit: StiffCircuit) -> Floats:
-    """Return the reference states [times, probes], kept in build/ until stiff_circuits.py changes."""
+    """Return the reference states [times, probes], kept in build/ until stiff_circuits.py
+    changes.
+    """
     source = Path(stiff_circuits.__file__).read_bytes()
     path = ROOT / "build" / "stiff" / f"{circuit.name}_{hashlib.sha256(source).hexdigest()[:12]}.npy"
     if not path.exists():
@@ -161,7 +163,9 @@ _WHY = {
 
 
 def cases() -> list[Case]:
-    """Return the four circuits at two steps each, and the references against the published values."""
+    """Return the four circuits at two steps each, and the references against the published
+    values.
+    """
 
     def at(
         name: str,

@@ -70,7 +70,9 @@ class StiffCircuit:
 
 
 def charge_lines(name: str, ends: tuple[str, str], charge: str, unit_c: float, start_c: float) -> list[str]:
-    """Return lines of a charge (expression in coulomb) between two nodes; it is start_c at time 0."""
+    """Return lines of a charge (expression in coulomb) between two nodes; it is start_c at time
+    0.
+    """
     return [
         f"bq_{name} q_{name} 0 v = ({charge})/{unit_c!r}",
         f"cq_{name} q_{name} m_{name} {unit_c!r}",
@@ -422,7 +424,9 @@ def _pump_charges() -> tuple[str, str]:
 
 @mp.workdps(50)
 def _pump_gate_at_rest() -> Any:
-    """Gate charge with everything at 0 V, and its derivative by the gate: closed forms, 50 digits."""
+    """Gate charge with everything at 0 V, and its derivative by the gate: closed forms, 50
+    digits.
+    """
     vt0, gamma, phi, cox = mpf("0.2"), mpf("0.035"), mpf("1.01"), mpf("4e-12")
     root = mp.sqrt(gamma**2 / 4 - (vt0 - gamma * mp.sqrt(phi) - phi))
     return cox * gamma * (root - gamma / 2), cox * gamma / (2 * root)
