@@ -131,7 +131,7 @@ def verilog(name: str) -> str:
     built = [
         n for n, place in sorted(places.items(), key=lambda item: item[1]) if _builds(n) and bits >> place & 1
     ]
-    return ", ".join(f"`{n}`" for n in built) or "in the currents handed over"
+    return ", ".join(f"`{n}`" for n in built) or "in the input currents"
 
 
 def _builds(name: str) -> bool:

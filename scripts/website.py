@@ -100,7 +100,7 @@ class Measured:
 
 
 def _build_rows() -> Iterator[tuple[str, Measured]]:
-    """Rows of build/*.json."""
+    """Return the rows of build/*.json."""
     for path in sorted(BUILD.glob("*.json")):
         data = json.loads(path.read_text(encoding="utf-8"))
         for row in data if isinstance(data, list) else []:
@@ -110,7 +110,7 @@ def _build_rows() -> Iterator[tuple[str, Measured]]:
 
 
 def _page_rows() -> Iterator[tuple[str, Measured]]:
-    """Rows of the tables that commands wrote into pages of docs/."""
+    """Return the rows of the tables that commands wrote into pages of docs/."""
     for path in sorted((ROOT / "docs").glob("*.md")):
         head: list[str] = []
         for line in path.read_text(encoding="utf-8").splitlines():

@@ -342,7 +342,7 @@ def event_codes(made: Plan, points: int) -> Ints | None:
 
 
 def judge(curve: Curve) -> list[Row]:
-    """Verdict rows of one interface."""
+    """Return the verdict rows of one interface."""
     name, ohm, ideal = curve.topology, curve.resistance_ohm, curve.ideal
     rows = []
     error = np.abs(ideal.pulses - curve.pulses_charge_balance)
@@ -580,7 +580,7 @@ def _mark(axes: Any, curve: Curve, across: Floats, up: Floats, **extra: Any) -> 
 
 
 def _log_scales(axes: Any, low: float, high: float) -> None:
-    """Both axes logarithmic: ohm across, kHz up."""
+    """Set both axes to logarithmic: ohm across, kHz up."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     _ticks(axes, low, high)

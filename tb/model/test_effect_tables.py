@@ -33,8 +33,8 @@ def test_an_effect_leaves_a_mark_in_every_engine_that_takes_it(name: str) -> Non
             assert (mark(name) == effect_tables.NONE) == bool(refused)
             assert mark(name) != ""
     network = any(record == "network" for record, _ in effect_tables.fields(name))
-    handed_over = effect_tables.verilog(name) == "in the currents handed over"
-    assert not handed_over or network or sheet or "in time" in effect_tables.enters(name) or _duty(name)
+    outside = effect_tables.verilog(name) == "in the input currents"
+    assert not outside or network or sheet or "in time" in effect_tables.enters(name) or _duty(name)
 
 
 def _duty(name: str) -> bool:

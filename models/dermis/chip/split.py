@@ -135,7 +135,7 @@ class SplitHalf:
 
     @property
     def statistics(self) -> dict[str, int]:
-        """As NgspiceHalf's, over all circuits."""
+        """Sum of those of NgspiceHalf over all circuits."""
         found = self._ask([("statistics",)] * len(self._workers))
         return {name: sum(some[name] for some in found) for name in found[0]}
 

@@ -513,7 +513,7 @@ def _grid_step(sigma: Floats, clocks: int) -> int:
 def _count_slots(
     plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
 ) -> tuple[NDArray[np.int64], Floats]:
-    """As `count_cells`, where the charge changes from clock to clock: row after row, in blocks of
+    """Count as `count_cells` if the charge changes from clock to clock: row after row, in blocks of
     cells.
     """
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape

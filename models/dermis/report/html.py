@@ -161,7 +161,7 @@ def _verdicts(body: _Body, target: str, rows: Sequence[Row], alone: bool) -> Non
     counts = {status: sum(row["status"] == status for row in rows) for status in verdict.COLOURS}
     said = ", ".join(f"<span class='{s}'>{n} {s}</span>" for s, n in counts.items() if n)
     body.text(f"<h2>{'Verdicts' if alone else _say(target)}</h2><p>{said or 'no rows'}</p>")
-    # What missed comes first.
+    # Missed limits come first.
     order = {"ERROR": 0, "FAIL": 1, "SKIP": 2, "PASS": 3}
     lines = [
         (

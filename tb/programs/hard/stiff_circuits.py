@@ -107,8 +107,8 @@ def _amp_lines() -> tuple[str, ...]:
 
 
 def _amp_nodes(t: float, u: Floats) -> tuple[float, ...]:
-    """The eight node voltages for the voltages u of the five capacitors: two scalar equations, by
-    Newton's method.
+    """Return the eight node voltages for the voltages u of the five capacitors: two scalar
+    equations, by Newton's method.
     """
     p = _AMP
     ue = 0.1 * math.sin(200.0 * math.pi * t)
@@ -116,8 +116,8 @@ def _amp_nodes(t: float, u: Floats) -> tuple[float, ...]:
     r, share = p["r"], 1.0 - p["alpha"]
 
     def solve(conductance: float, current: float, emitter: float) -> tuple[float, float]:
-        """y with conductance y + share g(y - emitter) = current; starts above the root of a convex
-        function.
+        """Return y with conductance y + share g(y - emitter) = current; starts above the root of a
+        convex function.
         """
         y = emitter + 0.5
         for _ in range(200):
@@ -154,8 +154,8 @@ def _amp_rates(t: float, u: Floats) -> Floats:
 
 
 def _amp_reference(fine: int) -> Floats:
-    """Explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate left is some
-    1e4 / s.
+    """Solve by explicit Runge-Kutta of order 8: with the algebraic part solved the fastest rate is
+    some 1e4 / s.
     """
     start = [_AMP_START[0] - _AMP_START[1], 3.0, 3.0, 3.0, 6.0]
     rtol = (1e-11, 1e-13)[fine]
@@ -213,8 +213,8 @@ _NAND_FETS = (
 
 
 def _nand_junction_c(v: float) -> float:
-    """Charge of a bulk junction in units of its capacitance, V: of 1/sqrt(1 - v/b) below 0, of 1 +
-    v/(2b) above.
+    """Return the charge of a bulk junction in units of its capacitance, V: of 1/sqrt(1 - v/b) below
+    0, of 1 + v/(2b) above.
     """
     b = _NAND_BARRIER
     return 2.0 * b * (1.0 - math.sqrt(1.0 - v / b)) if v <= 0.0 else v + v * v / (4.0 * b)
@@ -280,7 +280,7 @@ def _nand_input(t: float, delay: float, high: float, period: float) -> tuple[flo
 def _nand_current(
     law: tuple[float, ...], vds: float, vgs: float, vgd: float, vbs: float, vbd: float
 ) -> float:
-    """Drain to source in mA, after Shichman and Hodges."""
+    """Return the drain current in mA, after Shichman and Hodges."""
     v_t0, gamma, phi, forward, back = law
     beta, vg, vb = (forward, vgs, vbs) if vds > 0.0 else (-back, vgd, vbd)
     over = vg - v_t0 - gamma * (math.sqrt(max(phi - vb, 0.0)) - math.sqrt(phi))
@@ -341,8 +341,8 @@ def _nand_rates(t: float, y: Floats, piece: float) -> Floats:
 
 
 def _nand_reference(fine: int) -> Floats:
-    """Between the corners of the inputs, every 5 ns, LSODA's backward differences at a tolerance
-    near rounding.
+    """Solve between the corners of the inputs, every 5 ns, by LSODA's backward differences at a
+    tolerance near rounding.
     """
     rtol = (1e-10, 1e-12)[fine]
     state, found = np.array(_NAND_START), []
@@ -402,8 +402,8 @@ _PUMP_TIMES = tuple(10 * _N * n for n in range(1, 121))
 
 
 def _pump_charges() -> tuple[str, str]:
-    """Gate charge and charge of source or drain (half of the channel each, Ward's symmetrical
-    split) over `unit`.
+    """Return the gate charge and the charge of source or drain (half of the channel each, Ward's
+    symmetrical split) over `unit`.
     """
     p = _PUMP
     flat = repr(p["vt0"] - p["gamma"] * math.sqrt(p["phi"]) - p["phi"])
@@ -424,7 +424,7 @@ def _pump_charges() -> tuple[str, str]:
 
 @mp.workdps(50)
 def _pump_gate_at_rest() -> Any:
-    """Gate charge with everything at 0 V, and its derivative by the gate: closed forms, 50
+    """Return the gate charge at 0 V, and its derivative by the gate voltage: closed forms, 50
     digits.
     """
     vt0, gamma, phi, cox = mpf("0.2"), mpf("0.035"), mpf("1.01"), mpf("4e-12")
@@ -450,7 +450,7 @@ def _pump_input(t_ns: float) -> float:
 
 @mp.workdps(50)
 def _pump_point(v_gate: float) -> tuple[Any, Any]:
-    """Charge of the source's capacitor and of the gate at a gate voltage.
+    """Return the charge of the source's capacitor and of the gate at a gate voltage.
 
     Charge that leaves the channel at either end stays on that end's capacitor, so both have the
     same charge q. There is no history: q = cox / 3 H(v_gate, q), solved by bisection, as the right
@@ -482,8 +482,8 @@ def _pump_point(v_gate: float) -> tuple[Any, Any]:
 
 @mp.workdps(50)
 def _pump_reference(fine: int) -> Floats:
-    """Gate charge over `unit`, source and drain, in volt, and the current over 1 mA; exact but for
-    the last rounding.
+    """Return gate charge over `unit`, source and drain, in volt, and the current over 1 mA; exact
+    except for the last rounding.
 
     The current is known in closed form where the transistor is off: along the last edge, at its
     end.
@@ -601,8 +601,8 @@ def _ring_rates() -> Callable[[Floats, float], Floats]:
 
 
 def _ring_reference(until: tuple[float, ...], fine: int) -> Floats:
-    """LSODA's backward differences: the fastest rate is 3e11 / s where a diode takes over, 3e8 over
-    the span.
+    """Solve by LSODA's backward differences: the fastest rate is 3e11 / s where a diode takes over,
+    3e8 over the span.
     """
     tolerance = (1e-12, 2e-13)[fine]
     times = (0.0, *until)
