@@ -18,6 +18,7 @@ import numpy as np
 from dermis import engines, plan
 from dermis.report import verdict
 from dermis.report.verdict import Row
+from dermis.scene.design import load as load_design
 
 LIMIT_S = 60
 """Longest wait for a page or a script."""
@@ -152,12 +153,14 @@ def _descendants(root: int) -> Sequence[int]:
     return found
 
 
-def speed(driver: Any, frames: int = 1500) -> tuple[float, float]:
+def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
     """Return frames per second of processor time (of wall time where that is not known) and of wall
     time.
     """
+    design = load_design()
+    frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
     script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
-    driver.execute_async_script(script, 300)  # the browser has compiled everything by then
+    driver.execute_async_script(script, frames // 5)  # the browser has compiled everything by then
     before = _worker_seconds(driver)
     wall = float(driver.execute_async_script(script, frames))
     after = _worker_seconds(driver)
@@ -217,14 +220,18 @@ def measure(page: Path) -> list[Row]:
 
 
 def ramp_wrong(driver: Any) -> int:
-    """Return the number of the 256 codes that differ from those of their resistances."""
+    """Return the number of taxels whose code differs from that of their resistance.
+
+    The codes rise by one from taxel to taxel.
+    """
     script = """
       const done = arguments[0], d = DESIGN, unit = d.v_bias_v / (d.k * d.i0_a);
-      const ohm = Float64Array.from({length: 256}, (_, code) => unit * d.gate_clocks / code);
+      const meant = (i) => i % (d.code_max + 1);
+      const ohm = Float64Array.from({length: d.rows * d.cols}, (_, i) => unit * d.gate_clocks / meant(i));
       (async () => {
         await demo.ask("recording", {frames: {ohm, count: 1}, playing: false});
         const {codes} = await demo.codes();
         await demo.ask("recording", {frames: null, playing: false});
-        done(codes.filter((code, i) => code !== i).length);
+        done(codes.filter((code, i) => code !== meant(i)).length);
       })();"""
     return int(driver.execute_async_script(script))

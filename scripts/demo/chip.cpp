@@ -22,12 +22,12 @@ WDataOutP VL_ZERO_RESET_W(int bits, WDataOutP out) VL_MT_SAFE {
 
 namespace {
 
-static_assert(COLS % 2 == 0 && COLS <= 16, "columns go by pairs, and their bits into 16");
+static_assert(COLS % 2 == 0 && COLS <= 32 && ROWS <= 32, "columns go by pairs; lines are bits of a word");
 
 constexpr int CELLS = ROWS * COLS;
 constexpr int FRAMES_KEPT = 4;   // a frame is read while the next one is scanned
-constexpr int ANSWER_MAX = 512;  // 3 bytes of token and length, 314 of a frame
-constexpr int TRACE = 2048;      // clocks; a slot has 625
+constexpr int ANSWER_MAX = 512 + ROWS * (1 + COLS * 2 + (COLS + 7) / 8);  // token, length and frame (docs/spi.md)
+constexpr int TRACE = 3 * SLOT_CLOCKS;
 
 // Settings, in the order in which the page writes them.
 enum Setting { V_BIAS, UNIT_A, R_ROW, R_COLUMN, G_LATERAL, COMP_NOISE, FLICKER, SEED, SETTINGS };
@@ -195,7 +195,7 @@ int bits, state, left;
 enum { COMMAND, WAIT, LENGTH_HIGH, LENGTH_LOW, DATA, END };
 
 float trace_v[TRACE][COLS];
-uint16_t trace_comp[TRACE], trace_charge[TRACE];
+uint32_t trace_comp[TRACE], trace_charge[TRACE];
 uint8_t trace_row[TRACE], trace_preset[TRACE];
 unsigned clocks;
 
@@ -279,12 +279,12 @@ void clock() {
     if (TRACED) {
         unsigned at = clocks % TRACE;
         for (int c = 0; c < COLS; ++c) trace_v[at][c] = float(decision * x[c] - level[c]);
-        trace_comp[at] = uint16_t(comp);
-        trace_charge[at] = uint16_t(charge);
+        trace_comp[at] = comp;
+        trace_charge[at] = charge;
         trace_row[at] = uint8_t(row);
         trace_preset[at] = uint8_t(preset);
     }
-    top->comp_async_i = uint16_t(comp);
+    top->comp_async_i = comp;
     top->row_sense_i = top->row_select_o;
     unsigned selected = top->row_select_o;
     host();
@@ -311,8 +311,8 @@ EXPORT(resistance_ohm) double* at_resistance() { return resistance_ohm; }
 EXPORT(answer) uint8_t* at_answer() { return answer; }
 EXPORT(answer_bytes) int get_answer_bytes() { return answer_bytes; }
 EXPORT(trace_v) float* at_trace_v() { return &trace_v[0][0]; }
-EXPORT(trace_comp) uint16_t* at_trace_comp() { return trace_comp; }
-EXPORT(trace_charge) uint16_t* at_trace_charge() { return trace_charge; }
+EXPORT(trace_comp) uint32_t* at_trace_comp() { return trace_comp; }
+EXPORT(trace_charge) uint32_t* at_trace_charge() { return trace_charge; }
 EXPORT(trace_row) uint8_t* at_trace_row() { return trace_row; }
 EXPORT(trace_preset) uint8_t* at_trace_preset() { return trace_preset; }
 EXPORT(trace_length) int get_trace_length() { return TRACE; }

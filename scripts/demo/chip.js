@@ -73,12 +73,12 @@ class Chip {
     const {wasm, design} = this, length = wasm.trace_length(), end = wasm.clocks();
     const all = wasm.memory.buffer, n = Math.min(clocks, length, end);
     const v = new Float32Array(all, wasm.trace_v(), length * design.cols);
-    const comp = new Uint16Array(all, wasm.trace_comp(), length);
-    const charge = new Uint16Array(all, wasm.trace_charge(), length);
+    const comp = new Uint32Array(all, wasm.trace_comp(), length);
+    const charge = new Uint32Array(all, wasm.trace_charge(), length);
     const row = new Uint8Array(all, wasm.trace_row(), length);
     const preset = new Uint8Array(all, wasm.trace_preset(), length);
     const out = {
-      end, v: new Float32Array(n * design.cols), comp: new Uint16Array(n), charge: new Uint16Array(n),
+      end, v: new Float32Array(n * design.cols), comp: new Uint32Array(n), charge: new Uint32Array(n),
       row: new Uint8Array(n), preset: new Uint8Array(n),
     };
     for (let i = 0; i < n; i++) {
@@ -103,15 +103,26 @@ function crc16(bytes, from, to) {
   return crc;
 }
 
+// Bytes of a code, and of a slot of the frame: its number, the codes, the overflow bits (docs/spi.md).
+function codeBytes(design) {
+  return design.code_max > 255 ? 2 : 1;
+}
+function slotBytes(design) {
+  return 1 + design.cols * codeBytes(design) + Math.ceil(design.cols / 8);
+}
+
 // What an answer of the SPI says: token, length, header, slots, CRC (docs/spi.md).
 function parse(bytes, design) {
-  const head = 3, {rows, cols} = design, slot = 1 + cols + Math.ceil(cols / 8);
+  const head = 3, {rows, cols} = design, each = codeBytes(design), slot = slotBytes(design);
   const end = head + 8 + rows * slot;
-  const codes = new Uint8Array(rows * cols);
+  const codes = new Uint16Array(rows * cols);
   if (bytes[0] !== 0xa5 || bytes.length !== end + 2) return {good: false, number: 0, codes, crc: 0, found: 0};
   for (let r = 0; r < rows; r++) {
     const at = head + 8 + r * slot;
-    codes.set(bytes.subarray(at + 1, at + 1 + cols), bytes[at] * cols);
+    for (let c = 0; c < cols; c++) {
+      const from = at + 1 + c * each;
+      codes[bytes[at] * cols + c] = each === 2 ? bytes[from] << 8 | bytes[from + 1] : bytes[from];
+    }
   }
   const crc = crc16(bytes, head, end), found = bytes[end] << 8 | bytes[end + 1];
   return {good: crc === found, number: bytes[head + 2] << 8 | bytes[head + 3], codes, crc, found};

@@ -99,7 +99,11 @@ def wasm(design: Design) -> bytes:
         children.run_logged(
             [*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", {"VERILATOR_ROOT": str(root)}
         )
-        size = (f"-DROWS={design.array.rows}", f"-DCOLS={design.array.cols}")
+        size = (
+            f"-DROWS={design.array.rows}",
+            f"-DCOLS={design.array.cols}",
+            f"-DSLOT_CLOCKS={design.timing.slot_clocks}",
+        )
         includes = (f"-I{root / 'include'}", f"-I{scratch}", "-include", HERE / "single_thread.h")
         compiler = [sys.executable, "-m", "ziglang", "c++", *COMPILER_FLAGS, *size, *includes]
         out = scratch / "chip.wasm"

@@ -440,11 +440,11 @@ function drawBytes() {
   bytesDrawn = now;
   const {bytes, good, number, crc, found} = state.latest;
   const hex = (from, to) => [...bytes.subarray(from, to)].map((byte) => byte.toString(16).padStart(2, "0").toUpperCase()).join(" ");
-  const slot = 1 + COLS + Math.ceil(COLS / 8), lines = [];
+  const overflow = 1 + COLS * (DESIGN.code_max > 255 ? 2 : 1), slot = overflow + Math.ceil(COLS / 8), lines = [];
   lines.push(`<b>token, length  </b>${hex(0, 3)}   <b>header: format, flags, number, columns, bits, gate  </b>${hex(3, 11)}`);
   for (let r = 0; r < ROWS; r++) {
     const at = 11 + r * slot;
-    lines.push(`<b>row</b> ${hex(at, at + 1)}  <i>${hex(at + 1, at + 1 + COLS)}</i>  <b>overflow</b> ${hex(at + 1 + COLS, at + slot)}`);
+    lines.push(`<b>row</b> ${hex(at, at + 1)}  <i>${hex(at + 1, at + overflow)}</i>  <b>overflow</b> ${hex(at + overflow, at + slot)}`);
   }
   const end = 11 + ROWS * slot, four = (n) => n.toString(16).padStart(4, "0").toUpperCase();
   lines.push(`<b>CRC-16  </b>${hex(end, end + 2)}   <b>computed here  </b>${four(crc)}`);
@@ -651,6 +651,11 @@ $("close").addEventListener("click", close);
 
 // ---- begin -------------------------------------------------------------------------------------------------------
 
+$("sheet-title").textContent = `The skin, ${ROWS} \u00d7 ${COLS} taxels`;
+sheet.setAttribute("aria-label", `The skin, ${ROWS} by ${COLS} taxels`);
+$("force").max = DESIGN.force_max_n;
+for (const id of ["width", "length"]) $(id).max = Math.max(ROWS, COLS);
+[...$("view").options].slice(-2).forEach((option, i) => { option.textContent = (i + 1) * DESIGN.slot_clocks; });
 for (let c = 0; c < COLS; c++) {
   const label = document.createElement("label"), box = document.createElement("input"), text = document.createElement("span");
   Object.assign(box, {type: "checkbox", value: c, checked: [6, 8, 10].includes(c)});

@@ -41,6 +41,7 @@ def ohm(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("clocks", [1, 100])
+@pytest.mark.paper
 def test_what_is_carried_across_a_break_reads_as_in_ngspice(
     resistance_plan: MakePlan, reader: DeckReader, kind: str, clocks: int
 ) -> None:

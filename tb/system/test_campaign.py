@@ -62,6 +62,7 @@ def broken(one: World, engines: str = "closed,event", seeds: int = 3) -> set[str
     [pytest.param(p, marks=[pytest.mark.long] * (scenes.load(p).engines == "cosim")) for p in FOUND],
     ids=lambda path: path.stem,
 )
+@pytest.mark.paper
 def test_found_case_stays_cured(path: Path) -> None:
     case = scenes.load(path)
     assert len(FOUND) >= 10
@@ -201,6 +202,7 @@ def test_a_clock_too_few_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     assert "closed_equals_event" in broken(made())
 
 
+@pytest.mark.paper
 def test_a_wrong_sign_in_event_alone_is_found_by_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     """The reference of fifty digits covers scenes that engine closed refuses."""
     original = event.rows_of

@@ -22,6 +22,7 @@ from dermis import cli, plan
 from dermis.chip.netlist import HONOURS, frame_deck
 from dermis.cli import main
 from dermis.scene.design import ROOT
+from dermis.scene.design import load as load_design
 
 DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
 EFFECTS_ON = "[effects]\nlateral = { r_ohm = 1e3 }\nrow_driver = { r_ohm = 1.0 }\n"
@@ -50,7 +51,7 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
     done = dermis("run", "single_touch", "--out", str(out))
     assert done.returncode == 0, done.stderr
     codes = np.load(out / "codes.npy")
-    assert codes.dtype == np.uint8
+    assert codes.dtype == np.min_scalar_type(load_design().timing.code_max)
     assert codes.shape == (1, 16, 16)
     with (out / "codes.csv").open() as file:
         table = list(csv.reader(file))
@@ -70,6 +71,7 @@ def test_a_run_writes_every_file_and_its_resolved_scene_gives_the_same_codes(tmp
     assert np.array_equal(np.load(again / "codes.npy"), codes)
 
 
+@pytest.mark.paper
 def test_a_run_certifies_and_checks_only_when_asked_and_says_what_that_costs(tmp_path: Path) -> None:
     text = '[stimulus]\nkind = "uniform"\ncode = [50, 100, 150]\n[effects]\nauto = { budget_lsb = 1 }\n'
     scene, out = scene_with(tmp_path, text), tmp_path / "out"
@@ -346,7 +348,7 @@ def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
 
 def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> None:
     bare = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
-    levels = [0.0] * 33
+    levels = [0.0] * (1 + bare.rows + bare.cols)
     deck = "\n".join(frame_deck(bare, 0, levels).lines)
     assert "rlat" not in deck
     for name in (" conv_", " mir_", " comp_v", " comp_t", " int_", "packet_error", "ioffset", "rcolumn"):
@@ -360,14 +362,15 @@ def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> No
 )  # motion: one frame holds
 def test_every_field_a_deck_honours_changes_the_deck(tmp_path: Path, name: str) -> None:
     made = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
-    bare = frame_deck(made, 0, [0.0] * 33).lines
+    levels = [0.0] * (1 + made.rows + made.cols)
+    bare = frame_deck(made, 0, levels).lines
     if hasattr(made.converter, name):
         changed = replace(made, converter=replace(made.converter, **{name: 1e-3}))
     elif hasattr(made.drive, name):
         changed = replace(made, drive=replace(made.drive, **{name: 1e-3}))
     else:
         changed = replace(made, surrounding={name: 1e-3})
-    assert frame_deck(changed, 0, [0.0] * 33).lines != bare
+    assert frame_deck(changed, 0, levels).lines != bare
 
 
 def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:

@@ -159,12 +159,14 @@ def test_a_gate_too_short_to_pack_a_row_is_refused(resistance_plan: MakePlan) ->
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.paper
 def test_all_256_codes_read_back_exactly_through_ngspice(resistance_plan: MakePlan, topology: str) -> None:
     codes = np.random.default_rng(3).permutation(256).reshape(16, 16)
     made = resistance_plan(of_codes(codes), topology)
     assert np.array_equal(cosim.run(made).codes[0], codes)
 
 
+@pytest.mark.paper
 def test_frames_of_one_process_follow_each_other(
     resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,6 +177,7 @@ def test_frames_of_one_process_follow_each_other(
     assert np.array_equal(cosim.run(made).codes, codes)
 
 
+@pytest.mark.paper
 def test_shorts_opens_and_overload_leave_no_ghost_in_the_next_row(resistance_plan: MakePlan) -> None:
     """A row at 312 ohm or at 0 runs the integrators away; the preset must make the next row forget it."""
     ohm = np.full((6, 8), of_codes([2])[0])
@@ -262,6 +265,7 @@ def test_codes_do_not_depend_on_step_or_edge_time(resistance_plan: MakePlan) -> 
     assert np.array_equal(codes[0], codes[2])
 
 
+@pytest.mark.paper
 def test_the_judge_catches_one_wrong_code(resistance_plan: MakePlan) -> None:
     codes = np.arange(256).reshape(16, 16)
     made = resistance_plan(of_codes(codes))
@@ -294,6 +298,7 @@ if "DERMIS_COSIM_JOB" in os.environ:
 """
 
 
+@pytest.mark.paper
 def test_a_frame_given_up_in_mid_run_is_read_again_on_the_next_rung(
     resistance_plan: MakePlan,
     tmp_path: Path,

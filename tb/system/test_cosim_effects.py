@@ -106,6 +106,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.paper
 def test_a_wrong_element_is_caught_by_the_codes(
     resistance_plan: MakePlan, reader: DeckReader, fault: str
 ) -> None:
@@ -139,6 +140,7 @@ def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, re
     assert np.array_equal(cosim.run(made).codes, reader.codes(made))
 
 
+@pytest.mark.paper
 def test_the_exact_half_refuses_what_it_would_ignore(resistance_plan: MakePlan) -> None:
     for name in NAMES:
         made = resistance_plan(OHM, effects=scene_of({name: alone(name)[1]}))

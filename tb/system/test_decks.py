@@ -366,6 +366,7 @@ def test_abstol_beside_a_clamp_is_of_the_largest_reference_current_in_the_deck(
     assert abstol(unlike, (0, 3)) == pytest.approx(1.2e-17, rel=1e-12)
 
 
+@pytest.mark.paper
 def test_a_comparator_late_by_a_good_part_of_a_clock_is_looked_at_earlier(resistance_plan: MakePlan) -> None:
     """Beyond a twentieth of a clock the block leaves its delay out, which alone sets no step limit."""
     bare = frame_deck(resistance_plan(OHM), 0, LEVELS, record=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from dermis.scene.design import ROOT
+from scripts.demo import browser, demo
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1500)]
 
@@ -95,3 +97,12 @@ def test_a_scene_is_read_with_the_new_array_and_bits(tree: Path, engine: str) ->
     assert codes.dtype == np.uint16
     assert (codes == 1023).all()
     assert tomllib.loads((tree / "out" / "resolved.toml").read_text())["array"] == {"rows": 32, "cols": 32}
+
+
+def test_the_page_with_the_chip_reads_the_new_array_and_bits(tree: Path) -> None:
+    if reason := browser.missing() or demo.have_compiler():
+        pytest.skip(reason)
+    run(tree, "demo", "--check")
+    rows = json.loads((tree / "build" / "demo.json").read_text())
+    wrong = next(row for row in rows if row["name"] == "demo.wrong_codes")
+    assert (wrong["status"], wrong["value"]) == ("PASS", 0), wrong

@@ -246,6 +246,7 @@ def test_a_command_of_numbers_that_do_not_fit_is_refused(call: object, name: str
     assert caught.value.key == name
 
 
+@pytest.mark.paper
 def test_the_reference_model_follows_the_document() -> None:
     """The examples of docs/spi.md: SETTLE = 115 is written, GATE reads 510, an unknown command is E0 and counts."""
     write = bytes((chip.LOW,)) + b"".join(bytes((0, b)) for b in (*spi.write_command(4, 115), 0, 0))

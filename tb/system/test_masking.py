@@ -46,6 +46,7 @@ OHM[0, 3, 0] = near_steps(200)
 OHM[2, 0, 1] = near_steps(3)
 
 
+@pytest.mark.paper
 def test_open_rows_alone_are_scanned(resistance_plan: MakePlan) -> None:
     """The bridge, the Verilog and its ROW_MASK, without a circuit simulator."""
     plan = filtered(resistance_plan(OHM))
@@ -63,6 +64,7 @@ def test_open_rows_alone_are_scanned(resistance_plan: MakePlan) -> None:
     assert seen[-1] == 12
 
 
+@pytest.mark.paper
 def test_no_open_cell_starts_no_simulator(resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cosim, "_run_job", None)
     plan = filtered(resistance_plan(OHM[1:2]))
@@ -83,6 +85,7 @@ def test_parts_have_the_rows_of_the_whole(resistance_plan: MakePlan) -> None:
     assert joined.info["masked"] == whole
 
 
+@pytest.mark.paper
 def test_a_chip_that_ignores_its_mask_is_found(
     resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +128,7 @@ def test_a_wrong_mask_is_found(
         cosim.run(filtered(resistance_plan(OHM[:1])), analog="exact", work=tmp_path / "work")
 
 
+@pytest.mark.paper
 def test_a_wrong_verdict_is_found_and_every_row_solved(
     resistance_plan: MakePlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def together(topology: str) -> str:
 @pytest.mark.parametrize(
     ("topology", "sync_latch"), [*((topology, False) for topology in TOPOLOGIES), ("conveyor_mirror", True)]
 )
+@pytest.mark.paper
 def test_all_256_codes_read_back_exactly(
     resistance_plan: MakePlan, simulator: str, topology: str, sync_latch: bool
 ) -> None:
@@ -146,6 +147,7 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
         ("direct", "icarus"),
     ],
 )
+@pytest.mark.paper
 def test_all_effects_together_equal_the_event_engine(
     resistance_plan: MakePlan, simulator: str, topology: str
 ) -> None:
@@ -227,6 +229,7 @@ def test_a_build_holds_the_effects_it_was_asked_for_and_no_other(tmp_path: Path)
     assert {"gen_drive", "gen_basis", "gen_bent", "gen_mode"} <= elaborated(tmp_path, TERMS=2, MODES=1)
 
 
+@pytest.mark.paper
 def test_nothing_in_the_ideal_program_belongs_to_an_effect(resistance_plan: MakePlan) -> None:
     """Three kinds of real numbers are left in the C++: time, and what was drawn at this clock and the next."""
 
@@ -374,6 +377,7 @@ def test_a_bad_result_is_a_simulator_error(
         rtl.simulate(made, [sys.executable, "-c", program], tmp_path, 1, lambda rows: None)
 
 
+@pytest.mark.paper
 def test_a_good_result_is_read_column_0_first(resistance_plan: MakePlan, tmp_path: Path) -> None:
     made = resistance_plan(random_ohm(12, 2, 2))
     codes = rtl.simulate(made, [sys.executable, "-c", writes(GOOD)], tmp_path, 1, lambda rows: None)
@@ -408,6 +412,7 @@ def test_currents_that_end_early_are_a_simulator_error(resistance_plan: MakePlan
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.paper
 def test_an_interrupted_run_leaves_no_process(tmp_path: Path, how: signal.Signals) -> None:
     np.save(tmp_path / "taxels.npy", random_ohm(14, 50, 16, 16))
     scene = tmp_path / "scene.toml"

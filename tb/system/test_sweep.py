@@ -77,6 +77,7 @@ def test_every_interface_is_swept_over_the_same_resistances(swept: Swept) -> Non
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.paper
 def test_pulses_are_those_of_charge_balance(swept: Swept, topology: str) -> None:
     curve = next(c for c in swept.curves if c.topology == topology)
     expected = np.array([formula(ohm) for ohm in curve.resistance_ohm])
@@ -125,6 +126,7 @@ def test_a_scene_of_the_sweep_reads_the_same_with_another_engine(swept: Swept) -
     assert np.abs(codes - curve.ideal.code).max() <= 1
 
 
+@pytest.mark.paper
 def test_physical_blocks_bend_the_curve_as_the_event_model_says(tmp_path: Path) -> None:
     curves, rows, failed = sweep.run(["conveyor_mirror"], POINTS, tmp_path)
     assert not failed
@@ -206,6 +208,7 @@ def two_rows(tmp_path: Path) -> records.Plan:
 @pytest.mark.parametrize(
     "x", [Fraction(1, 2), Fraction(1, 3), Fraction(2, 7), Fraction(1, 250), Fraction(1, 2000)]
 )
+@pytest.mark.paper
 def test_pulses_of_a_known_trace_are_found(two_rows: records.Plan, x: Fraction) -> None:
     count, period, line = sweep.find_pulses(trace_of(two_rows, x), two_rows)
     expected = vfc.count_exact(x, 510)
@@ -221,12 +224,14 @@ def test_pulses_of_a_known_trace_are_found(two_rows: records.Plan, x: Fraction) 
 
 
 @pytest.mark.parametrize(("clock", "counts"), [(115, 0), (116, 1), (625, 1), (626, 0)])
+@pytest.mark.paper
 def test_only_decisions_of_the_gate_count(two_rows: records.Plan, clock: int, counts: int) -> None:
     charge = np.zeros((1, 3 * 625 - 1, 1), dtype=bool)
     charge[0, clock - 1, 0] = True
     assert sweep.find_pulses(charge, two_rows)[0][0, 0, 0] == counts
 
 
+@pytest.mark.paper
 def test_a_trace_that_ends_early_is_a_simulator_error(two_rows: records.Plan) -> None:
     charge = trace_of(two_rows, Fraction(1, 3))
     with pytest.raises(SimulatorError, match="row 1"):
@@ -244,6 +249,7 @@ def test_a_sweep_has_as_many_resistances_as_asked_for_and_both_ends(points: int)
     assert (ohm[0], ohm[-1]) == (500.0, 64250.0)
 
 
+@pytest.mark.paper
 def test_the_default_sweep_holds_every_kind_of_resistance() -> None:
     ohm = sweep.resistances(256, design.load())
     steps = 127_500 / ohm
@@ -279,6 +285,7 @@ def test_physical_effects_are_all_those_with_a_default(tmp_path: Path, topology:
 # ---- what is left behind
 
 
+@pytest.mark.paper
 def test_the_csv_is_complete(swept: Swept) -> None:
     reading = swept.curves[1].ideal
     some = replace(
@@ -353,6 +360,7 @@ def test_a_missed_limit_ends_with_1_and_a_failed_simulator_with_3(
     assert invoke(monkeypatch, tmp_path, ([], rows, True), "--no-plot").return_value == 3
 
 
+@pytest.mark.paper
 def test_a_simulator_that_fails_costs_its_interface_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -412,6 +420,7 @@ def test_the_document_names_every_column_and_row(swept: Swept) -> None:
     assert [name for name in sorted(names) if f"`{name}`" not in text] == []
 
 
+@pytest.mark.paper
 def test_frames_of_one_process_are_read_each_by_itself(tmp_path: Path) -> None:
     """Eight frames of one taxel in fewer processes: between two frames of a process are clocks of neither."""
     ohm = sweep.resistances(POINTS, design.load())

@@ -16,6 +16,7 @@ PAGES = ("docs/tutorial.md", "docs/howto_design.md", "README.md")
 
 
 @pytest.mark.parametrize("page", PAGES)
+@pytest.mark.paper
 def test_every_block_of_a_page_runs_in_order(page: str, tmp_path: Path) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.M | re.S)
     assert blocks

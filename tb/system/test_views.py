@@ -131,6 +131,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("views", "effects", "interface", "key"), REFUSED.values(), ids=list(REFUSED))
+@pytest.mark.paper
 def test_what_transistors_cannot_do_is_refused_by_name(
     views: dict[str, object],
     effects: dict[str, object],
@@ -170,6 +171,7 @@ def test_only_decks_have_views(tmp_path: Path) -> None:
 # ---- codes ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.paper
 def test_verilog_reads_a_column_in_transistors_beside_a_model(tmp_path: Path) -> None:
     """Lock-step with the Verilog in two processes of ngspice. The offset of the channel may be some LSB
     (sky130.chain_offset_lsb), its gain 2 %: code 8 is 7 to 10."""
