@@ -14,7 +14,7 @@ from dermis.scene.design import Design
 from dermis.scene.extracted import CIRCUIT
 from scripts.characterise.benches import Condition
 from tb.programs import calibrated
-from tb.programs.calibrated import DARK, FULL, KNOWN, LOW, NEAR_FULL, SETTLING, SHIFTED, Line, Load
+from tb.programs.calibrated import DARK, KNOWN, LOW, NEAR_FULL, SETTLING, Line, Load
 from tb.programs.equivalence import cases
 from tb.programs.equivalence.loop import Slot
 
@@ -114,8 +114,9 @@ def test_a_column_without_its_pedestal_is_found(tmp_path: Path, design: Design) 
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)
 def test_a_short_gate_foretells_the_count_of_the_chip(tmp_path: Path, design: Design) -> None:
-    loads = (DARK,) * SETTLING + (SHIFTED, FULL, LOW)
+    loads = (DARK,) * SETTLING + (KNOWN, LOW)
     short = calibrated.column_of(loads, Condition(sample=1), design)
     full = cases.Column(short.deck, design.timing.gate_clocks)
     first, second = cases.records([short, full], 1, work=tmp_path)
