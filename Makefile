@@ -20,7 +20,7 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
+.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
@@ -73,6 +73,9 @@ sweep: setup ## ngspice: resistance against frequency for the four interfaces, c
 
 characterise: setup ## the SKY130 blocks over corners and mismatch against their limits, resumable [ARGS="--only sky130.packet_error"]
 	@$(dermis) characterise $(ARGS)
+
+calibrated: setup ## columns of transistors with mismatch after calibration, resumable [ARGS="--still --draws 10"]
+	@$(dermis) calibrated $(ARGS)
 
 extract: setup ## parameters of the channels in transistors, into models/extracted [ARGS=--check]
 	@$(dermis) extract $(ARGS)

@@ -377,6 +377,7 @@ xn v_unit ibias_own vss vss nmos w=5 l=2 k=5
 xnc packet vcn_own v_unit vss nmos w=5 l=0.5 k=5
 vpacket packet 0 0
 .save i(vpacket)
+.options reltol=1e-4
 .tran 100n 201u
 .meas tran off find i(vpacket) at=0.9u
 .meas tran end find i(vpacket) at=200u
@@ -593,6 +594,8 @@ DIRECT = _VFC.replace(
     "xdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d {vfc}",
     "ccolumn sum 0 400p\nxdut sum d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d channel_direct",
 ).format(i_in=80 * _SLOPE_V_S * 5e-12)
+# With 1e-3, edges of 400 sources cost a packet 0.3 codes at ss, -40 C, 0.9.
+DIRECT += ".options reltol=1e-4\n"
 
 
 def direct(found: Found) -> dict[str, float]:
@@ -898,7 +901,7 @@ _ALL = (
         for polarity, side in ((1, "sink"), (-1, "source"))
     ),
     Bench("conveyor_multi", MULTI, multi, _multi_units(), samples=True),
-    Bench("direct", DIRECT, direct, _with(_VFC_UNITS, "direct"), samples=True),
+    Bench("direct", DIRECT, direct, _with(_VFC_UNITS, "direct"), samples=True, trtol=_EDGES_TRTOL),
     Bench("column", COLUMN, column, _COLUMN_UNITS, samples=True),
     Bench(
         "phase_margin",
