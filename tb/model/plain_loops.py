@@ -103,7 +103,7 @@ def main(path: str) -> None:
     for name in ("_mix", "_uniform", "_keys"):
         setattr(noise, name, _wraps(getattr(noise, name)))
     if "--seeded" in sys.argv:  # a fault: what the mirror divides by is 0 and its quotient is not used
-        currents._below = lambda x, y, t: np.float64(0.0)
+        currents.approach = lambda x, y, t: np.float64(0.0)
     load()
     with np.errstate(divide="raise", over="raise", invalid="raise"), tempfile.TemporaryDirectory() as scratch:
         found = {name: codes(name, Path(scratch)) for name in WORLDS}

@@ -16,7 +16,7 @@ import pytest
 
 from dermis import bounds, engines, records
 from dermis import plan as planning
-from dermis.converter import currents, mirror
+from dermis.converter import currents
 from dermis.converter.vfc import count
 from dermis.effects import EFFECTS
 from dermis.engines import event, filter, verdicts
@@ -270,12 +270,16 @@ def test_slow_mirrors_in_closed_form_give_the_charge_of_clocks() -> None:
     found = filter._Part(plan, slice(0, plan.frames), filter.Table(filter.bounding(plan)))
     # A polynomial of an exponential of 1e-13 in each of 625 clocks.
     assert found.s.x == pytest.approx(np.clip(event.run(plan).info["x"], -0.75, 0.75), abs=1e-11)
+
+    def after(u: float, x: float, clocks: float) -> float:
+        return currents.approach(u, 1.0 / x, x * clocks / 5.0)
+
     # In two steps as in one, and settled after many.
-    whole = mirror.after(2.0, 0.3, 20.0, 5.0)
+    whole = after(2.0, 0.3, 20.0)
     # Roundings of exponentials.
-    assert mirror.after(mirror.after(2.0, 0.3, 8.0, 5.0), 0.3, 12.0, 5.0) == pytest.approx(whole, rel=1e-12)
-    assert mirror.after(2.0, 0.3, 1e4, 5.0) == 1.0 / 0.3
-    assert mirror.after(2.0, 0.3, 1e-6, 5.0) == pytest.approx(2.0 + 2e-7 * (1.0 - 0.6), rel=1e-12)
+    assert after(after(2.0, 0.3, 8.0), 0.3, 12.0) == pytest.approx(whole, rel=1e-12)
+    assert after(2.0, 0.3, 1e4) == 1.0 / 0.3
+    assert after(2.0, 0.3, 1e-6) == pytest.approx(2.0 + 2e-7 * (1.0 - 0.6), rel=1e-12)
 
 
 def test_counts_of_one_cell_are_those_of_the_closed_formula() -> None:

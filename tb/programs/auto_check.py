@@ -17,6 +17,7 @@ import numpy as np
 
 from dermis import auto, effects, engines, records
 from dermis import plan as planning
+from dermis.converter import currents
 from dermis.engines import event, masking
 from dermis.errors import InputError
 from dermis.places import ROOT
@@ -149,6 +150,25 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
     for path in sorted(SCENES.glob("*.toml")) if stored else ():
         take(auto.with_auto(scene.load(path)), path.stem)
     return outcomes, refused
+
+
+def fixed_cost(repeats: int = 101) -> verdict.Row:
+    """Row of the processor time that auto takes for any scene: of one decided taxel, without its array solve."""
+    stimulus = {"kind": "uniform", "code": 100}
+    data = {"array": {"rows": 1, "cols": 1}, "stimulus": stimulus, "effects": {"auto": {}}}
+    world = scene.from_data(data, Path("fixed_cost.toml"))
+    found = []
+    for _ in range(repeats):
+        start = time.process_time()
+        made = planning.make(world, "event")
+        result = engines.run(made)
+        middle = time.process_time()
+        currents.course(made, slice(0, 1))
+        found.append(1e3 * (2.0 * middle - start - time.process_time()))
+    walked = result.info["filter"]["everything"]
+    return verdict.judge(
+        "auto.fixed_ms", float(np.median(found)), f"of {repeats} runs, {walked} cells walked"
+    )
 
 
 _OPEN_ROWS = (5, 10)
@@ -287,6 +307,7 @@ def auto_check_command(
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
     found = rows(few, many, refused + more, auto_bounds.mutants(halved) if halved else None)
+    found.append(fixed_cost())
     if cols:
         found.append(cosim_speedup(cols, seed))
     verdict.write_rows("auto", found)

@@ -593,7 +593,7 @@ def _exp_of_minus(t):  # type: ignore
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _below(x, y, t):  # type: ignore
+def approach(x, y, t):  # type: ignore
     """y + (x - y) exp(-t) for x, y and t >= 0, every digit of it where y is far below x and where x is far below y."""
     u = t if t < _NEAR else _NEAR
     lost = u * (
@@ -722,7 +722,7 @@ def charges(  # type: ignore
                     x = Y_MIN if x < Y_MIN else x
                     x = limit[c] if x > limit[c] else x
                     y = output[c]
-                    output[c] = x * y / _below(x, y, x * swift[c])
+                    output[c] = x * y / approach(x, y, x * swift[c])
     for n in range(start, clocks):
         factor, of = basis[n, 0], factors[0]
         for c in range(cells):
@@ -749,7 +749,7 @@ def charges(  # type: ignore
                     x = Y_MIN if row[c] < Y_MIN else row[c]
                     x = limit[c] if x > limit[c] else x
                     y = output[c]
-                    output[c] = x * y / _below(x, y, x * swift[c])
+                    output[c] = x * y / approach(x, y, x * swift[c])
             else:
                 # dy/dn = y (x - y) / lag: 1/y is an exponential, and the charge is the integral of x less lag times
                 # the growth of ln y, which is ln(x / below).
@@ -758,7 +758,7 @@ def charges(  # type: ignore
                     x = Y_MIN if row[c] < Y_MIN else row[c]
                     x = limit[c] if x > limit[c] else x
                     y = output[c]
-                    below = _below(x, y, x * swift[c])
+                    below = approach(x, y, x * swift[c])
                     both = 1.0 / (below * (x + below))
                     output[c] = x * y * (x + below) * both
                     apart = (below - x) * below * both

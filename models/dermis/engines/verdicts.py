@@ -11,7 +11,7 @@ import numpy as np
 
 from dermis import bounds as of
 from dermis.converter import noise
-from dermis.converter.mirror import after
+from dermis.converter.currents import approach
 from dermis.converter.vfc import Y_MIN
 
 # Duty beyond which a larger current changes no code: 1/2 is full scale.
@@ -100,6 +100,26 @@ def _decide(x, level, error, packet, gate):  # type: ignore
 
 
 @_compiled
+def _mirrors(gate, first, way, settled, away, dark, kappa, inverse, begin, end):  # type: ignore
+    """Outputs of the slow mirrors of one row where its gate begins and where it ends, [cols] each.
+
+    `way` is 0 as solved, -1 for the lowest currents and 1 for the highest. The output y follows its settled value x by
+    y' = y (x - y) / kappa. Its inverse is linear in time, kappa u' = 1 - x u, so a constant x takes no steps. `inverse`
+    is carried from row to row; the first row of a frame begins settled.
+    """
+    for c in range(settled.size):
+        here = max(settled[c] + way * away[c], Y_MIN)
+        night = max(dark[c], Y_MIN) if way > 0.0 else Y_MIN
+        u = 1.0 / here
+        if not first:
+            u = approach(inverse[c], 1.0 / night, night * gate.pause / kappa[c])
+        u = approach(u, 1.0 / here, here * (gate.settle - gate.pause) / kappa[c])
+        begin[c] = 1.0 / u
+        u = approach(u, 1.0 / here, here * gate.clocks / kappa[c])
+        inverse[c], end[c] = u, 1.0 / u
+
+
+@_compiled
 def _drawn(gate, table, g_column, x, c, key):  # type: ignore
     """Numbers of a slot: the end of the Brownian path, the start, and the size of the packet."""
     most = min(abs(x), _X_NOISE_MAX)
@@ -152,22 +172,20 @@ def verdicts(  # type: ignore
         Column currents, with the bias and without it; `_end` and `_bend` of them with motion.
     """
     frames, rows, cols = follows.shape
-    u_of = np.empty((3, cols))
+    # Each of its own, or loops over them become no vector instructions.
+    settled, away, swings, moves = np.empty(cols), np.empty(cols), np.empty(cols), np.empty(cols)
+    bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
+    kappas = np.maximum(table[of.KAPPA], 1e-15)
     sampled = drawn = number = 0
     span = noise.span_of(gate.clocks)
     root, root_bridge = math.sqrt(gate.clocks), math.sqrt(gate.clocks * (span - gate.clocks) / span)
     for f in range(frames):
         for r in range(rows):
             for c in range(cols):
-                top, per_a, squeeze, offset = (
-                    table[of.TOP, c],
-                    table[of.PER_A, c],
-                    table[of.SQUEEZE, c],
-                    table[of.OFFSET, c],
-                )
+                top, per_a, squeeze = table[of.TOP, c], table[of.PER_A, c], table[of.SQUEEZE, c]
                 driven = min(max(follows[f, r, c], -top), top)
                 other = min(max(rest[f, r, c], -top), top)
-                apart = moved = bent = swing = 0.0
+                apart = bent = 0.0
                 if gate.motion:
                     later = min(max(follows_end[f, r, c], -top), top)
                     other_later = min(max(rest_end[f, r, c], -top), top)
@@ -178,7 +196,6 @@ def verdicts(  # type: ignore
                     apart *= abs(per_a)
                     driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
                     other = 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend
-                    moved = 0.25 * gate.clocks * apart
                     bent = abs(gate.ripple) * gate.clocks * apart
                 u = (driven + other) * per_a
                 swing = gate.ripple * driven * per_a
@@ -187,52 +204,33 @@ def verdicts(  # type: ignore
                     slope = 1.0 / (1.0 + squeeze * abs(u))
                     u *= slope
                     swing *= slope * slope
-                away = abs(swing) + apart
+                settled[c], away[c], swings[c] = u, abs(swing) + apart, swing
+                moves[c], bends[c] = 0.25 * gate.clocks * apart, bent
+                out.settled[f, r, c] = u
+            if gate.slow_mirror:
+                for way in range(3):
+                    _mirrors(
+                        gate, r == 0, (0.0, -1.0, 1.0)[way], settled, away, dark[f], kappas, inverse[way],
+                        begins[way], out.end[way, f, r],
+                    )  # fmt: skip
+            for c in range(cols):
+                u, offset = settled[c], table[of.OFFSET, c]
                 late = known = 0.0
                 x = u + offset
-                low, high = x - away, x + away
-                out.settled[f, r, c] = u
+                low, high = x - away[c], x + away[c]
                 if gate.slow_mirror:
-                    kappa = max(table[of.KAPPA, c], 1e-15)
-                    settle = gate.settle - gate.pause
-                    begin0 = begin1 = begin2 = end0 = end1 = end2 = 0.0
-                    before = u_of[0, c]
-                    for way in range(3):
-                        alike = away == 0.0 and (r == 0 or (u_of[way, c] == before and dark[f, c] <= Y_MIN))
-                        if way > 0 and alike:
-                            begin, end = begin0, end0
-                        else:
-                            here = max(u + (0.0, -away, away)[way], Y_MIN)
-                            at = 1.0 / here
-                            if r > 0:
-                                at = after(
-                                    u_of[way, c],
-                                    max(dark[f, c] if way == 2 else 0.0, Y_MIN),
-                                    gate.pause,
-                                    kappa,
-                                )
-                            at = after(at, here, settle, kappa)
-                            begin = 1.0 / at
-                            end = 1.0 / after(at, here, gate.clocks, kappa)
-                        u_of[way, c] = 1.0 / end
-                        out.end[way, f, r, c] = end
-                        if way == 0:
-                            begin0, end0 = begin, end
-                        elif way == 1:
-                            begin1, end1 = begin, end
-                        else:
-                            begin2, end2 = begin, end
-                    late = kappa * math.log(end0 / begin0)
-                    if end1 != end0 or begin1 != begin0 or end2 != end0 or begin2 != begin0:
-                        known = kappa * math.log(
-                            max(end2 * begin0 / (end0 * begin1), end0 * begin2 / (end1 * begin0))
-                        )
-                    if u - away < Y_MIN:
+                    begin, end = begins[0, c], out.end[0, f, r, c]
+                    late = kappas[c] * math.log(end / begin)
+                    above = out.end[2, f, r, c] * begin / (end * begins[1, c])
+                    known = kappas[c] * math.log(
+                        max(above, end * begins[2, c] / (out.end[1, f, r, c] * begin))
+                    )
+                    if u - away[c] < Y_MIN:
                         # A mirror gives no negative current.
-                        known += gate.clocks * min(away, abs(u) + away)
+                        known += gate.clocks * min(away[c], abs(u) + away[c])
                     x = max(u, Y_MIN) - late / gate.clocks + offset
-                    low = min(max(u - away, Y_MIN), begin1) + offset
-                    high = max(max(u + away, Y_MIN), begin2) + offset
+                    low = min(max(u - away[c], Y_MIN), begins[1, c]) + offset
+                    high = max(max(u + away[c], Y_MIN), begins[2, c]) + offset
                 packet = table[of.PACKET, c]
                 clip = X_CLIP * max(packet, 1.0)
                 x = min(max(x, -clip), clip)
@@ -243,9 +241,10 @@ def verdicts(  # type: ignore
                     across += g_column[f, c]
                 across = min(across * table[of.CROSS, c], 1e12)
                 s = of.Cell(
-                    1.0 * gate.clocks, root, root_bridge, x, low, high, swing, swing_sum[f, r], gate.swing_reach,
-                    bent, moved, late, known, unsettled[f, c], across * table[of.LEAK, c], across,
-                    table[of.THERMAL, c] * g_column[f, c], packet, table[of.WINDOW, c], table[of.DELAY, c],
+                    1.0 * gate.clocks, root, root_bridge, x, low, high, swings[c], swing_sum[f, r],
+                    gate.swing_reach, bends[c], moves[c], late, known, unsettled[f, c],
+                    across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column[f, c], packet,
+                    table[of.WINDOW, c], table[of.DELAY, c],
                     table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c], table[of.PRESET, c], table[of.NOISE, c],
                     table[of.APERTURE, c], table[of.JITTER, c], table[of.SHOT, c], table[of.PRESET_NOISE, c],
                     table[of.FLICKER, c],
