@@ -147,7 +147,9 @@ def test_some_scenes_have_few_effects_drawn_far(tmp_path: Path) -> None:
     assert any(one.plan(tmp_path, None).on for one, _ in few[:20])
 
 
-@pytest.mark.parametrize(("engines", "wanted"), [("rtl", 6), ("cosim", 3)])
+@pytest.mark.parametrize(
+    ("engines", "wanted"), [("rtl", 6), pytest.param("cosim", 3, marks=pytest.mark.long)]
+)
 def test_scenes_of_a_campaign_break_no_law(engines: str, wanted: int) -> None:
     """The first scenes that engine event and the other one both take."""
     compared = 0

@@ -36,7 +36,7 @@ def of_codes(codes: np.ndarray) -> np.ndarray:
     [
         pytest.param("icarus", False, id="icarus-two_flops"),
         pytest.param("icarus", True, id="icarus-flop_and_latch"),
-        pytest.param("verilator", True, id="verilator-flop_and_latch"),
+        pytest.param("verilator", True, id="verilator-flop_and_latch", marks=pytest.mark.long),
         pytest.param("verilator", False, id="verilator-two_flops", marks=pytest.mark.long),
     ],
 )
@@ -158,8 +158,11 @@ def test_a_gate_too_short_to_pack_a_row_is_refused(resistance_plan: MakePlan) ->
     engines.check(replace(made, timing=replace(made.timing, gate_clocks=34, slot_clocks=149)))
 
 
-@pytest.mark.parametrize("topology", TOPOLOGIES)
 @pytest.mark.paper
+# test_sweep.py reads a row of every topology through ngspice.
+@pytest.mark.parametrize(
+    "topology", [pytest.param(t, marks=[pytest.mark.long] * (t != "conveyor_mirror")) for t in TOPOLOGIES]
+)
 def test_all_256_codes_read_back_exactly_through_ngspice(resistance_plan: MakePlan, topology: str) -> None:
     codes = np.random.default_rng(3).permutation(256).reshape(16, 16)
     made = resistance_plan(of_codes(codes), topology)
@@ -190,7 +193,13 @@ def test_shorts_opens_and_overload_leave_no_ghost_in_the_next_row(resistance_pla
     assert np.array_equal(cosim.run(resistance_plan(ohm)).codes[0], expected)
 
 
-@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize(
+    "topology",
+    [
+        pytest.param(t, marks=[pytest.mark.long] * (t not in ("conveyor_mirror", "direct")))
+        for t in TOPOLOGIES
+    ],
+)
 def test_array_effects_agree_with_the_network_solve(resistance_plan: MakePlan, topology: str) -> None:
     rng = np.random.default_rng(11)
     effects = (
@@ -205,7 +214,9 @@ def test_array_effects_agree_with_the_network_solve(resistance_plan: MakePlan, t
     assert np.abs(got - ideal).max() > 5, "the effects must be large enough to be seen"
 
 
-@pytest.mark.parametrize("topology", ["conveyor_mirror", "conveyor_mirror_inverted"])
+@pytest.mark.parametrize(
+    "topology", [pytest.param("conveyor_mirror", marks=pytest.mark.long), "conveyor_mirror_inverted"]
+)
 def test_converter_effects_together_agree_with_the_event_engine(
     resistance_plan: MakePlan, topology: str
 ) -> None:

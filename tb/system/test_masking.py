@@ -103,7 +103,11 @@ def test_a_chip_that_ignores_its_mask_is_found(
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ("range(self._rows[0], self._rows[-1] + 2)", "does not end 688 clocks after its first row"),
+        pytest.param(
+            "range(self._rows[0], self._rows[-1] + 2)",
+            "does not end 688 clocks after its first row",
+            marks=pytest.mark.long,
+        ),
         ("range(self._rows[0] - 1, self._rows[-1] + 1)", "does not begin with row 1 driven"),
     ],
 )
@@ -178,6 +182,7 @@ def test_codes_with_every_effect_are_those_of_all_rows(resistance_plan: MakePlan
     assert table["rows"] == {"frame 0": "2"}
 
 
+@pytest.mark.long
 def test_time_runs_on_over_masked_rows(resistance_plan: MakePlan) -> None:
     """Ripple and moving taxels in row 3 of 4: wrong by several codes if the scan of row 3 began at time zero."""
     effects = "auto = {}\nmotion = {}\nsupply_ripple = { relative = 0.05, frequency_hz = 700.0 }\n" + NO_NOISE
