@@ -6,7 +6,7 @@
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
-# `setup.sh demo` adds the compiler of the demo page, `setup.sh browser` a browser that tests can drive as well.
+# `setup.sh demo` adds the compiler of the demo page, `setup.sh browser` what long tests need as well: a browser, MuJoCo.
 # DERMIS_PYTHON=path chooses the Python that .venv is made from (remove .venv to change it).
 set -euo pipefail
 
@@ -69,8 +69,12 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
 
 has_extra() {
     local package
-    [[ $extra != browser ]] || command -v chromium chromedriver >/dev/null || return 1
-    for package in ziglang selenium axe_playwright_python; do
+    local packages=(ziglang selenium axe_playwright_python)
+    if [[ $extra == browser ]]; then
+        command -v chromium chromedriver >/dev/null || return 1
+        packages+=(mujoco)
+    fi
+    for package in "${packages[@]}"; do
         [[ -z $extra || -n $(compgen -G "$venv/lib/python3*/site-packages/$package") ]] || return 1
     done
 }
@@ -319,6 +323,10 @@ step "installing $(grep -c == requirements_bare.txt) more without what they ask 
 if [[ -n $extra ]]; then
     step "installing $(grep -c == requirements_demo.txt) Python packages of the demo" \
         "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_demo.txt
+fi
+if [[ $extra == browser ]]; then
+    step "installing $(grep -c == requirements_long.txt) Python package of the long tests" \
+        "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_long.txt
 fi
 step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .

@@ -54,6 +54,22 @@ _NETWORK = (
 
 
 @dataclass(frozen=True, eq=False)
+class Mode:
+    """A joint error of one standard uncertainty: resistances, and the factors that fit the loads with them.
+
+    Attributes
+    ----------
+    network : dict
+        Fields of array.Network that differ, with their values.
+    factor_part : ndarray
+        [rows, cols] relative change of the factors.
+    """
+
+    network: dict[str, Any]
+    factor_part: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """Everything that a decoder knows of one sheet and its chip.
 
@@ -90,6 +106,11 @@ class Calibration:
         Standard uncertainty of the force by the curve, relative.
     uncorrected_part : float
         Bound of a relative error of conductance that is not corrected.
+    modes : tuple of Mode
+        Uncertainty of the network: independent errors.
+    offset_v2 : ndarray
+        [3, cols] covariance of the columns' offset voltages in V^2, given the resistances: of each with itself, with
+        the next column and with the one after.
     """
 
     rows: int
@@ -112,6 +133,8 @@ class Calibration:
     factor_part: Floats = 0.0  # type: ignore[assignment]
     law_part: float = 0.0
     uncorrected_part: float = 0.0
+    modes: tuple[Mode, ...] = ()
+    offset_v2: Floats = 0.0  # type: ignore[assignment]
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -119,6 +142,7 @@ class Calibration:
             shape = (self.cols,) if name in _PER_COLUMN else (self.rows, self.cols)
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "offset_v2", np.broadcast_to(self.offset_v2, (3, self.cols)).astype(float))
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Calibration:
@@ -149,9 +173,10 @@ class Calibration:
             g_max_s=OVERLOAD * plan.timing.code_max * float(step_a.max()) / plan.v_bias_v,
         )
 
-    def array(self) -> Network:
-        """Return the network around the taxels."""
-        return Network(np.zeros((self.rows, self.cols)), self.v_bias_v, **self.network)
+    def array(self, mode: Mode | None = None) -> Network:
+        """Return the network around the taxels, or the one that is off by a mode."""
+        values = self.network if mode is None else self.network | mode.network
+        return Network(np.zeros((self.rows, self.cols)), self.v_bias_v, **values)
 
     def law_of(self, row: int, col: int) -> Curve:
         """Return the law of a taxel."""
@@ -186,7 +211,7 @@ class Calibration:
         data["array"] = {"rows": self.rows, "cols": self.cols, "g_max_s": float(self.g_max_s)}
         chip = {"code_max": self.code_max, "v_bias_v": float(self.v_bias_v), "noise_code": self.noise_code}
         data["chip"] = chip | {name: getattr(self, name).tolist() for name in _PER_COLUMN}
-        data["network"] = {n: np.asarray(v, dtype=float).tolist() for n, v in self.network.items()}
+        data["network"] = _plain(self.network)
         sheet = {"kind": self.curve.kind, "logarithmic": bool(self.curve.logarithmic)}
         sheet |= {"g_open_s": float(self.curve.g_open_s), "force_on_n": float(self.curve.force_on_n)}
         sheet |= {"law_part": float(self.law_part), "uncorrected_part": float(self.uncorrected_part)}
@@ -200,12 +225,20 @@ class Calibration:
         data["memory"] = {
             f.name: np.asarray(getattr(self.memory, f.name), dtype=float).tolist() for f in fields(MemoryLaw)
         }
+        data["uncertainty"] = {"offset_v2": self.offset_v2.tolist()}
+        data["mode"] = [
+            {"network": _plain(mode.network), "factor_part": mode.factor_part.tolist()} for mode in self.modes
+        ]
         data["reference"] = [{"row": r, "col": c, "conductance_s": g} for r, c, g in self.reference]
         return dumps(data)
 
     def save(self, path: Path) -> None:
         """Write the calibration whole or not at all."""
         write_atomic(path, self.to_toml())
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: np.asarray(value, dtype=float).tolist() for name, value in values.items()}
 
 
 def _sensor_fields(plan: Plan) -> dict[str, float]:
@@ -231,16 +264,15 @@ def load(path: Path | str) -> Calibration:
         raise InputError(path, "format", data.get("format"), f"{FORMAT}, a calibration of this version")
     table = _Reader(path, data)
     rows, cols = table.whole("array", "rows"), table.whole("array", "cols")
-    for name in data.get("network", {}):
-        if name not in _NETWORK:
-            raise InputError(path, f"network.{name}", "a key", "one of " + ", ".join(_NETWORK))
     numbers = {name: table.numbers("chip", name, (cols,)) for name in _PER_COLUMN}
     if not (numbers["step_a"] > 0).all():
         raise InputError(path, "chip.step_a", numbers["step_a"].min(), "numbers > 0")
-    network = {
-        name: table.numbers("network", name, ((), (cols,)), finite=name != "r_row_grounded_ohm")[()]
-        for name in data.get("network", {})
-    }
+    network = table.network("network", cols)
+    modes = []
+    for n, entry in enumerate(data.get("mode", [])):
+        one = _Reader(path, {f"mode.{n}": entry, f"mode.{n}.network": entry.get("network", {})})
+        part = one.numbers(f"mode.{n}", "factor_part", (rows, cols))
+        modes.append(Mode(one.network(f"mode.{n}.network", cols), part))
     knots = table.numbers("sheet", "knots", None)
     curve = Curve(
         table.value("sheet", "kind", str),
@@ -290,11 +322,14 @@ def load(path: Path | str) -> Calibration:
         factor_part=table.numbers("sheet", "factor_part", (rows, cols)),
         law_part=table.number("sheet", "law_part"),
         uncorrected_part=table.number("sheet", "uncorrected_part"),
+        modes=tuple(modes),
+        offset_v2=table.numbers("uncertainty", "offset_v2", (3, cols)) if "uncertainty" in data else 0.0,
         notes=tuple(data.get("notes", ())),
         **numbers,
     )
     try:
-        made.array()
+        for mode in (None, *modes):
+            made.array(mode)
     except ValueError as error:
         raise InputError(path, "network", "its values", str(error)) from None
     return made
@@ -322,6 +357,16 @@ class _Reader:
         if not (0 <= found[0] < rows and 0 <= found[1] < cols):
             raise InputError(self.path, section, f"taxel {found}", f"a taxel of {rows} x {cols}")
         return found
+
+    def network(self, section: str, cols: int) -> dict[str, Any]:
+        given = self.data.get(section, {})
+        for name in given:
+            if name not in _NETWORK:
+                raise InputError(self.path, f"{section}.{name}", "a key", "one of " + ", ".join(_NETWORK))
+        return {
+            name: self.numbers(section, name, ((), (cols,)), finite=name != "r_row_grounded_ohm")[()]
+            for name in given
+        }
 
     def number(self, section: str, key: str) -> float:
         return float(self.numbers(section, key, ()))

@@ -160,14 +160,22 @@ def solve_frame(current, v_bias, r_driven, g_ground, r_column, v_offset, i_leak,
     u, taken, total = work[0, :, :cols], work[1, :, :cols], work[2, :, cols]
     known_voltages(current, r_column, v_offset, i_leak, g_lateral, u, taken)
     for r in range(rows):
-        row_total = 0.0
         for c in range(cols):
             g[r, c] = max(current[r, c], 0.0) / v_bias
-            row_total += g[r, c]
-        total[r] = row_total
+    return converge(g, total, u, taken, v_bias, r_driven, g_ground, through, TOLERANCE)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def converge(g, total, u, taken, v_bias, r_driven, g_ground, through, tolerance):
+    """Make sweeps from `g` until no conductance changes by more than `tolerance`; return as `solve_frame`."""
+    rows, cols = g.shape
+    for r in range(rows):
+        total[r] = 0.0
+        for c in range(cols):
+            total[r] += g[r, c]
     for n in range(SWEEPS):
         change, _, _ = sweep(g, g, total, u, taken, v_bias, r_driven, g_ground, through)
-        if change <= TOLERANCE:
+        if change <= tolerance:
             return n + 1
     return -SWEEPS
 

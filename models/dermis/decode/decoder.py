@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from dermis.array.array import Network
 from dermis.decode import crosstalk
 from dermis.decode.calibration import COVERAGE_SIGMA, Calibration
 from dermis.decode.law import force_of
@@ -114,6 +115,7 @@ def _decode_frames(
     chip,
     network,
     ends,
+    modes,
     solved,
     laws,
     factor,
@@ -125,18 +127,19 @@ def _decode_frames(
     work,
     results,
 ):
-    code_max, step, start, inv_range, half, step_part, start_sigma, g_max = chip
+    code_max, step, start, inv_range, half, step_part, start_sigma, g_max, offset_v2 = chip
+    mode_network, mode_factor, mode_solved = modes
     v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
     r_row_end, r_column_end = ends
     which, logarithmic, knots, coefficients, g_open, force_on = laws
     law_part, uncorrected = parts
     z, past, moved, band, creep, loaded, frame, fresh, rate, rate_weight = memory
     radius, weight, per_decade = law
-    current, down, up, e_down, e_up, g, near_low, near_high, scratch, through = work
+    current, down, up, e_down, e_up, g, near_low, near_high, spread, other, scratch, through = work
     force, low, high, flags = results
     frames, rows, cols = codes.shape
     u, taken, total = scratch[0, :, :cols], scratch[1, :, :cols], scratch[2, :, cols]
-    r_column_far = r_column + r_column_end
+    r_column_far, offset_a = r_column + r_column_end, np.empty(cols)
     remembers = radius.size > 0 or per_decade != 0.0
     for n in range(frames):
         currents_of(
@@ -164,6 +167,23 @@ def _decode_frames(
                 scratch,
                 through,
             )
+        for c in range(cols):
+            # An offset voltage drives current through all taxels of its column, and to its neighbours.
+            before, after = g_lateral * (c > 0), g_lateral * (c + 1 < cols)
+            carried = before + after
+            for r in range(rows):
+                carried += min(g[r, c], g_max)
+            variance = carried**2 * offset_v2[0, c]
+            if c > 0:
+                variance += before**2 * offset_v2[0, c - 1] - 2.0 * before * carried * offset_v2[1, c - 1]
+            if c + 1 < cols:
+                variance += after**2 * offset_v2[0, c + 1] - 2.0 * after * carried * offset_v2[1, c]
+            if 0 < c < cols - 1:
+                variance += 2.0 * before * after * offset_v2[2, c - 1]
+            offset_a[c] = COVERAGE_SIGMA * np.sqrt(max(variance, 0.0))
+            for r in range(rows):
+                e_down[r, c] += offset_a[c]
+                e_up[r, c] += offset_a[c]
         _spread(
             g,
             down,
@@ -179,6 +199,19 @@ def _decode_frames(
             g_lateral,
             through,
         )
+        spread[:] = 0.0
+        for k in range(mode_factor.shape[0]):
+            if solved.size:
+                other[:] = mode_solved[k, n]
+            else:
+                # A part of 1e-4 of the difference that counts: it is some per cent of the conductance.
+                driven, ground, column, offset, leak, lateral = mode_network
+                other[:] = g
+                crosstalk.known_voltages(current, column[k], offset[k], leak[k], lateral[k], u, taken)
+                crosstalk.converge(other, total, u, taken, v_bias, driven[k], ground[k], through, 1e-6)
+            for r in range(rows):
+                for c in range(cols):
+                    spread[r, c] += (other[r, c] / (1.0 + mode_factor[k, r, c]) - g[r, c]) ** 2
         warm, warm_part = 1.0, 0.0
         for m in range(reference.shape[0]):
             r, c = int(reference[m, 0]), int(reference[m, 1])
@@ -200,12 +233,13 @@ def _decode_frames(
                 flags[n, r, c] = bits
                 by_law = 1.0 / (factor[r, c] * warm)
                 part = COVERAGE_SIGMA * factor_part[r, c] + uncorrected + warm_part / warm
-                low[n, r, c] = max(g[r, c] - down[r, c], 0.0) * by_law * max(1.0 - part, 0.0)
-                high[n, r, c] = (g[r, c] + up[r, c]) * by_law * (1.0 + part)
+                by_network = COVERAGE_SIGMA * np.sqrt(spread[r, c])
+                low[n, r, c] = max(g[r, c] - down[r, c] - by_network, 0.0) * by_law * max(1.0 - part, 0.0)
+                high[n, r, c] = (g[r, c] + up[r, c] + by_network) * by_law * (1.0 + part)
                 force[n, r, c] = g[r, c] * by_law
                 # Gain and offset are the same in every frame; quantisation and noise are not.
                 constant = COVERAGE_SIGMA * (start_sigma[c] + step_part[c] * abs(codes[n, r, c] - start[c]))
-                share = half / (half + constant)
+                share = half / (half + constant + offset_a[c] / step[c])
                 near_low[r, c] = max(g[r, c] - share * down[r, c], 0.0) * by_law
                 near_high[r, c] = min(g[r, c] + share * up[r, c], 1e300) * by_law
                 if bits & ZERO:
@@ -271,7 +305,20 @@ class Decoder:
         self._network = network
         self._traced = bool(network.r_trace_row_ohm or network.r_trace_column_ohm)
         chip = cal.step_a, cal.start_code, cal.inv_i_range_a, cal.half_width_code()
-        self._chip = (cal.code_max, *chip, cal.step_part, cal.start_sigma_code, float(cal.g_max_s))
+        self._chip = (
+            cal.code_max,
+            *chip,
+            cal.step_part,
+            cal.start_sigma_code,
+            float(cal.g_max_s),
+            cal.offset_v2,
+        )
+        self._off = [cal.array(mode) for mode in cal.modes]
+        places = [crosstalk.arguments(one)[1:] for one in self._off] or [crosstalk.arguments(network)[1:]]
+        self._modes = (
+            tuple(np.array(column, dtype=float) for column in zip(*places, strict=True)),
+            np.array([mode.factor_part for mode in cal.modes]).reshape(-1, cal.rows, cal.cols),
+        )
         self._laws = _stacked(cal)
         self._reference = np.array(cal.reference, dtype=float).reshape(-1, 3)
         self._local, self._lock = threading.local(), threading.Lock()
@@ -329,20 +376,23 @@ class Decoder:
 
     def _run(self, frames: NDArray, dt_s: Floats, results: tuple) -> None:
         cal, memory = self.calibration, self.memory
-        solved = np.empty((0, cal.rows, cal.cols))
+        solved, solved_off = np.empty((0, cal.rows, cal.cols)), np.empty((0, 0, cal.rows, cal.cols))
         work = getattr(self._local, "work", None)
         if work is None:
             shape = cal.rows, cal.cols
-            work = tuple(np.empty(shape) for _ in range(8))
+            work = tuple(np.empty(shape) for _ in range(10))
             work = self._local.work = (*work, np.empty((3, cal.rows, cal.cols + 1)), np.empty(cal.cols))
         if self._traced:
-            solved = self.conductances(frames)
+            solved = self.conductances(frames, self._network)
+            if self._off:
+                solved_off = np.array([self.conductances(frames, network) for network in self._off])
         _decode_frames(
             frames,
             dt_s,
             self._chip,
             crosstalk.arguments(self._network),
             (cal.cols * self._network.r_trace_row_ohm, cal.rows * self._network.r_trace_column_ohm),
+            (*self._modes, solved_off),
             solved,
             self._laws,
             cal.factor,
@@ -356,7 +406,7 @@ class Decoder:
         )
         memory.passed(len(frames))
 
-    def conductances(self, codes: NDArray) -> Floats:
+    def conductances(self, codes: NDArray, network: Network) -> Floats:
         """Conductances in siemens of codes [frames, rows, cols] by `crosstalk.solve`; NaN where it did not converge."""
         cal = self.calibration
         current, down, up = (np.empty((cal.rows, cal.cols)) for _ in range(3))
@@ -365,7 +415,7 @@ class Decoder:
             chip = self._chip
             currents_of(frame, *chip[:7], cal.v_bias_v, chip[7], current, down, up)
             currents[n] = current
-        found = crosstalk.solve(self._network, currents)
+        found = crosstalk.solve(network, currents)
         return np.where(found.converged[:, None, None], found.conductance_s, np.nan)
 
     def save(self, path: Path) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from scipy.stats import f as f_distribution
 
 from dermis.array.array import Network
 from dermis.decode import crosstalk, law
-from dermis.decode.calibration import COVERAGE_SIGMA, UNSEEN_DECADES, Calibration
+from dermis.decode.calibration import COVERAGE_SIGMA, UNSEEN_DECADES, Calibration, Mode
 from dermis.decode.memory import MemoryLaw, SheetMemory
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,8 @@ NETWORK_START = {
     "r_trace_column_ohm": 0.05,
 }
 """Parameters of the network that loads can identify, and the start of the search."""
+OFFSET_PRIOR_V = 5e-4
+"""Standard deviation of the offset voltage of a column before loads are read; the design allows 0.2 mV."""
 TRACES = ("r_trace_row_ohm", "r_trace_column_ohm")
 """Parameters that stay at their known value unless the loads show them: decoding with traces is slower."""
 SHOWN = 3.0
@@ -38,7 +41,7 @@ OWN_SHARE = 1e-3
 """Chance that a taxel with the shared law is given its own: the level of the F test."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
-FORCES = 64
+FORCES = 12
 """Up to this number of different forces each has its own effect."""
 LEVELS = 12
 """More forces are compared at this many levels, with straight lines of logarithms between them."""
@@ -194,55 +197,106 @@ def _bad_taxels(calibration: Calibration, loads: list[Load]) -> dict[tuple[int, 
     return said | {(int(r), int(c)): "reads full scale without a load" for r, c in np.argwhere(stuck)}
 
 
+@dataclass(frozen=True)
+class _NetworkFit:
+    """A fitted network, values with standard uncertainties, remarks on values that the loads do not tell.
+
+    `modes` are independent errors of one standard uncertainty; `offset_v2` is that of `Calibration`.
+    """
+
+    network: Network
+    values: dict[str, tuple[float, float]]
+    remarks: dict[str, str]
+    modes: list[dict[str, Any]]
+    offset_v2: Floats
+
+
 def _fit_network(
     calibration: Calibration, currents: Floats, residual_of: Callable[[Floats], Floats], freedom: int
-) -> tuple[Network, dict[str, tuple[float, float]], dict[str, str]]:
-    """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes.
-
-    Returns the network, values with standard uncertainties, and remarks on values that the loads do not tell.
-    """
+) -> _NetworkFit:
+    """Fit the network to currents [loads, rows, cols]; `residual_of` rates conductances, in codes."""
     known = calibration.array()
+    cols = calibration.cols
 
-    def network(names: list[str], x: Floats) -> Network:
-        values = {n: (v - 1) * NETWORK_START[n] for n, v in zip(names, x, strict=True)}
-        values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
-        return dataclasses.replace(known, **values)
+    def fields(names: list[str], x: Floats) -> dict[str, Any]:
+        values = {n: (v - 1) * NETWORK_START[n] for n, v in zip(names, x, strict=False)}
+        if "r_row_driven_ohm" in values:
+            values["r_row_grounded_ohm"] = values["r_row_driven_ohm"]
+        if x.size > len(names):
+            values["v_column_offset_v"] = known.v_column_offset_v + (x[len(names) :] - 1) * OFFSET_PRIOR_V
+        return values
 
-    names, remarks, values = list(NETWORK_START), {}, {}
-    first = {n: 1.1 if n in TRACES else 2.0 for n in names}
-    while True:
+    def search(names: list[str], first: Floats) -> tuple[Floats, Floats, float]:
+        """Return parameters, their Jacobian and the variance of a residual; parameters after `names` are offsets."""
+
+        def residual(x: Floats) -> Floats:
+            network = dataclasses.replace(known, **fields(names, x))
+            return np.r_[residual_of(crosstalk.solve(network, currents).conductance_s), x[len(names) :] - 1]
+
         # x - 1 is relative to the start value, so that a step of differences is never 0.
-        found = least_squares(
-            lambda x, n=tuple(names): residual_of(crosstalk.solve(network(n, x), currents).conductance_s),
-            [first[n] for n in names],
-            bounds=(1, 201),
-            diff_step=1e-4,
-        )
-        first = dict(zip(names, found.x, strict=True))
-        spread = max(float(found.fun @ found.fun) / max(freedom - found.x.size, 1), 1e-12)
-        covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread
+        low = np.where(np.arange(first.size) < len(names), 1.0, -199.0)
+        found = least_squares(residual, first, bounds=(low, 201), diff_step=1e-4)
+        spread = max(float(found.fun @ found.fun) / max(freedom - len(names), 1), 1e-12)
+        return found.x, found.jac, spread
+
+    # Offsets and resistances first: traces, which are slow, are looked for with the offsets held.
+    plain = [n for n in NETWORK_START if n not in TRACES]
+    x, _, _ = search(plain, np.r_[np.full(len(plain), 2.0), np.ones(cols)])
+    offsets = x[len(plain) :]
+    known_before = known
+    known = dataclasses.replace(known, **fields([], offsets))
+    names, remarks, values = list(NETWORK_START), {}, {}
+    first = dict(zip(plain, x, strict=False)) | dict.fromkeys(TRACES, 1.1)
+    while True:
+        x, jac, spread = search(names, np.array([first[n] for n in names]))
+        first = dict(zip(names, x, strict=True))
+        covariance = np.linalg.pinv(jac.T @ jac) * spread
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        alone = np.sqrt(spread) / np.maximum(np.linalg.norm(found.jac, axis=0), 1e-300)
+        alone = np.sqrt(spread) / np.maximum(np.linalg.norm(jac, axis=0), 1e-300)
         for k, name in enumerate(names):
             # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
-            blind = np.linalg.norm(found.jac[:, k]) < 1e-3
+            blind = np.linalg.norm(jac[:, k]) < 1e-3
             start = NETWORK_START[name]
-            values[name] = ((found.x[k] - 1) * start, np.inf if blind else sigma[k] * start)
+            values[name] = ((x[k] - 1) * start, np.inf if blind else sigma[k] * start)
             remarks.pop(name, None)
             if blind:
                 remarks[name] = "no load shows it"
-            elif sigma[k] > INFLATED * alone[k] and abs(found.x[k] - 1) < SHOWN * sigma[k]:
+            elif sigma[k] > INFLATED * alone[k] and abs(x[k] - 1) < SHOWN * sigma[k]:
                 shared = np.abs(covariance[k]) / np.maximum(sigma * sigma[k], 1e-300)
                 shared[k] = 0.0
                 remarks[name] = f"the loads cannot tell it from {names[int(shared.argmax())]}"
         excess = {n: values[n][0] / max(values[n][1], 1e-300) for n in names if n in TRACES}
         weakest = min(excess, key=excess.__getitem__, default="")
         if not weakest or excess[weakest] >= SHOWN:
-            return network(names, found.x), values, remarks
+            break
         names.remove(weakest)
         held = float(getattr(known, weakest))
         remarks[weakest] = f"held at {held:g}: " + remarks.get(weakest, "the loads do not show it")
         values[weakest] = (held, values[weakest][1])
+    known = known_before
+    x, jac, spread = search(names, np.r_[[first[n] for n in names], offsets])
+    size = len(names)
+    seen = np.linalg.norm(jac[:, :size], axis=0) >= 1e-3
+    # Information of the offsets' prior included; a parameter that nothing shows has no mode.
+    jac[:, :size][:, ~seen] = 0.0
+    covariance = np.linalg.pinv(jac.T @ jac) * max(spread, 1.0)
+    for k, name in enumerate(names):
+        start = NETWORK_START[name]
+        values[name] = ((x[k] - 1) * start, float(np.sqrt(covariance[k, k])) * start if seen[k] else np.inf)
+    shared, mixed = covariance[:size, :size], covariance[size:, :size]
+    variance, direction = np.linalg.eigh(shared)
+    given = mixed @ np.linalg.pinv(shared)
+    modes = []
+    for v, d in zip(variance, direction.T, strict=True):
+        if v > 1e-12 * max(variance.max(), 1e-300):
+            # The sign that moves the largest part upwards: resistances are not negative.
+            d = d * np.sign(d[np.abs(d).argmax()]) * np.sqrt(v)
+            moved = np.r_[np.maximum(x[:size] + d, 1.0), x[size:] + given @ d]
+            modes.append(fields(names, moved))
+    left = (covariance[size:, size:] - given @ mixed.T) * OFFSET_PRIOR_V**2
+    band = np.array([np.r_[np.diag(left, k), np.zeros(k)] for k in range(3)])
+    network = dataclasses.replace(known, **fields(names, x))
+    return _NetworkFit(network, values, remarks, modes, band)
 
 
 def _fit_loads(
@@ -279,12 +333,23 @@ def _fit_loads(
         return r - basis @ (basis.T @ r)
 
     freedom = int(used.sum()) - basis.shape[1]
-    network, values, remarks = _fit_network(calibration, currents, residual, freedom)
-    g = crosstalk.solve(network, currents).conductance_s
-    solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
-    effect = solution[: names.size]
-    factor = np.ones(codes[0].size)
-    factor[names] = np.exp(effect - effect.mean())
+    fitted = _fit_network(calibration, currents, residual, freedom)
+
+    def taxels(network: Network) -> tuple[Floats, Floats, Floats]:
+        """Return conductances, effects of taxels and factors [rows x cols] with a network."""
+        g = crosstalk.solve(network, currents).conductance_s
+        solution = np.linalg.lstsq(weight[:, None] * matrix, weight * np.log(g[used]), rcond=None)[0]
+        factor = np.ones(codes[0].size)
+        factor[names] = np.exp(solution[: names.size] - solution[: names.size].mean())
+        return g, solution[: names.size], factor
+
+    g, effect, factor = taxels(fitted.network)
+    modes = []
+    for mode in fitted.modes:
+        g_off, _, factor_off = taxels(dataclasses.replace(fitted.network, **mode))
+        # The forces are the same, so the law keeps its level.
+        level = np.exp(np.mean(np.log(g_off[used] / factor_off[taxel]) - np.log(g[used] / factor[taxel])))
+        modes.append(Mode(mode, (factor_off * level / factor - 1).reshape(codes[0].shape)))
     count = np.bincount(at)
     part = np.full(factor.size, float(np.std(effect)))
     off = residual(g) / weight
@@ -315,14 +380,18 @@ def _fit_loads(
     made = dataclasses.replace(
         calibration,
         network=dict(calibration.network)
-        | {n: getattr(network, n) for n in (*NETWORK_START, "r_row_grounded_ohm")},
+        | {
+            n: getattr(fitted.network, n) for n in (*NETWORK_START, "r_row_grounded_ohm", "v_column_offset_v")
+        },
+        modes=tuple(modes),
+        offset_v2=fitted.offset_v2,
         factor=factor.reshape(codes[0].shape),
         factor_part=part.reshape(codes[0].shape),
         curve=curve,
         own={divmod(t, calibration.cols): c for t, c in own.items()},
         law_part=law_part,
     )
-    return SheetFit(made, values, remarks, ()), by_load
+    return SheetFit(made, fitted.values, fitted.remarks, ()), by_load
 
 
 def _robust_law(kind: str, conductance_s: Floats, force_n: Floats, which: NDArray[np.integer]) -> law.Curve:
@@ -494,9 +563,19 @@ def fit_memory(
         "hysteresis_share": (float(play), float(sigma[1])),
         "creep_per_decade": (float(creep_per_decade), float(sigma[2])),
     }
+    modes = []
+    for mode in calibration.modes:
+        # The cycle sets the level of the factors with every network.
+        ratio = crosstalk.solve(calibration.array(mode), currents).conductance_s.reshape(len(codes), -1)[
+            :, chosen
+        ]
+        ratio = ratio[used] / (g * ((1 + mode.factor_part) * calibration.factor).ravel()[chosen])[used]
+        shift = np.exp(np.average(np.log(np.maximum(ratio, 1e-12)), weights=weight**2))
+        modes.append(dataclasses.replace(mode, factor_part=(1 + mode.factor_part) * shift - 1))
     made = dataclasses.replace(
         _turn_on(calibration, seen, force),
         memory=memory,
+        modes=tuple(modes),
         factor=calibration.factor * level,
         uncorrected_part=UNSEEN_DECADES * creep_per_decade
         + COVERAGE_SIGMA * float(np.hypot(values["hysteresis"][1] / 2, sigma[2])),

@@ -74,7 +74,7 @@ def loop(path: Path, kept: dict[str, Floats]) -> None:
 def intervals(path: Path, plan: Plan, found: Forces) -> None:
     """Draw force and interval of two taxels of worn_fsr_sheet over time."""
     t = 1e3 * plan.drive.t_frame_s * np.arange(plan.frames)
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="constrained")
     for axis, (r, c) in zip(axes, ((7, 8), (4, 8)), strict=True):
         axis.fill_between(t, found.low_n[:, r, c], found.high_n[:, r, c], alpha=0.35, label="interval")
         axis.plot(t, found.force_n[:, r, c], label="decoded")
