@@ -41,8 +41,8 @@ OWN_SHARE = 1e-3
 """Chance that a taxel with the shared law is given its own: the level of the F test."""
 LEAST_CODE = 10
 """Readings below are not used for a fit: half a code is more than 5 % of them."""
-FORCES = 12
-"""Up to this number of different forces each has its own effect."""
+FORCES = 64
+"""Up to this number of different forces each has its own effect while wrong loads are looked for."""
 LEVELS = 12
 """More forces are compared at this many levels, with straight lines of logarithms between them."""
 BAD_LOAD = 5.0
@@ -166,10 +166,10 @@ def fit_sheet(calibration: Calibration, loads: list[Load], kind: str) -> SheetFi
             f"loads contradict each other by {middle:.0%} of a reading; largest: {worst}"
         )
     bad_taxels = _bad_taxels(calibration, [load for load in loads if load.name not in bad])
-    if bad or fit.calibration.own:
-        good = [load for load in loads if load.name not in bad]
-        own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
-        fit, _ = _fit_loads(calibration, good, kind, own)
+    good = [load for load in loads if load.name not in bad]
+    own = fit.calibration.own if len(fit.calibration.own) < fit.calibration.factor.size / 2 else ()
+    # Now that the wrong loads are out, neighbouring forces tell the droop of a load from its force.
+    fit, _ = _fit_loads(calibration, good, kind, own, LEVELS)
     notes = [f"load {name} was left out: it contradicts the others" for name in bad]
     notes += [f"{name}: {remark}" for name, remark in fit.remarks.items()]
     notes += [f"taxel {r} {c} {reason}" for (r, c), reason in bad_taxels.items()]
@@ -276,8 +276,8 @@ def _fit_network(
     known = known_before
     x, jac, spread = search(names, np.r_[[first[n] for n in names], offsets])
     size = len(names)
+    # Blind parameters, as above, have no mode.
     seen = np.linalg.norm(jac[:, :size], axis=0) >= 1e-3
-    # Information of the offsets' prior included; a parameter that nothing shows has no mode.
     jac[:, :size][:, ~seen] = 0.0
     covariance = np.linalg.pinv(jac.T @ jac) * max(spread, 1.0)
     for k, name in enumerate(names):
@@ -300,12 +300,18 @@ def _fit_network(
 
 
 def _fit_loads(
-    calibration: Calibration, loads: list[Load], kind: str, odd: Iterable[tuple[int, int]] = ()
+    calibration: Calibration,
+    loads: list[Load],
+    kind: str,
+    odd: Iterable[tuple[int, int]] | None = None,
+    most: int = FORCES,
 ) -> tuple[SheetFit, dict[str, float]]:
     """Fit all loads; return the fit and the relative residual of every load.
 
-    Taxels in `odd` have an exponent of their own and no part in the shared law: they do not bend the others.
+    Taxels in `odd` have an exponent of their own and no part in the shared law: they do not bend the others, and no
+    other taxel gets a law of its own. Up to `most` forces each have their own effect.
     """
+    odd_taxels = [r * calibration.cols + c for r, c in odd or ()]
     codes = np.array([load.codes.mean(axis=0) for load in loads])
     force = np.array([load.force_n for load in loads])
     used = (codes >= LEAST_CODE) & (codes < calibration.code_max) & (force > 0)
@@ -317,8 +323,8 @@ def _fit_loads(
         )
     names, at = np.unique(taxel, return_inverse=True)
     log_force = np.log(force[used])
-    effects = _hats(log_force, FORCES)
-    mine = [taxel == r * calibration.cols + c for r, c in odd]
+    effects = _hats(log_force, most)
+    mine = [taxel == t for t in odd_taxels]
     slopes = [np.where(m, log_force - log_force[m].mean(), 0.0) for m in mine]
     matrix = np.column_stack([np.eye(names.size)[at], effects, *slopes])
     # Half a code in a small reading counts less; of the two sets of effects one constant is free.
@@ -357,13 +363,13 @@ def _fit_loads(
     part[names] = np.sqrt(np.bincount(at, off**2) / np.maximum(count - 1, 1)) / np.sqrt(count)
     part = np.maximum(part, rms / np.sqrt(count.max()))
     by_law = g[used] / factor[taxel]
-    alike = ~np.isin(taxel, [r * calibration.cols + c for r, c in odd])
+    alike = ~np.isin(taxel, odd_taxels)
     try:
         curve = _robust_law(kind, by_law[alike], force[used][alike], which[alike])
     except law.LawError as error:
         raise ContradictionError(str(error)) from None
     misfit = curve.force_n(by_law) / force[used] - 1
-    own = _own_laws(kind, curve, by_law, force[used], taxel)
+    own = _own_laws(kind, curve, by_law, force[used], taxel, np.unique(taxel) if odd is None else odd_taxels)
     for t, own_curve in own.items():
         mine = taxel == t
         misfit[mine] = own_curve.force_n(by_law[mine]) / force[used][mine] - 1
@@ -451,15 +457,20 @@ def _turn_on(calibration: Calibration, codes: Floats, force_n: Floats) -> Calibr
 
 
 def _own_laws(
-    kind: str, shared: law.Curve, conductance_s: Floats, force_n: Floats, taxel: NDArray[np.integer]
+    kind: str,
+    shared: law.Curve,
+    conductance_s: Floats,
+    force_n: Floats,
+    taxel: NDArray[np.integer],
+    among: Iterable[int],
 ) -> dict[int, law.Curve]:
-    """Return the laws of taxels, by number, whose readings the shared law does not fit.
+    """Return the laws of those taxels in `among`, by number, whose readings the shared law does not fit.
 
     A taxel needs `law.ENOUGH` forces, and its own law must lower the sum of squares significantly (F test).
     """
     found: dict[int, law.Curve] = {}
     parameters = law.PARAMETERS[kind]
-    for t in np.unique(taxel):
+    for t in among:
         g, force = conductance_s[taxel == t], force_n[taxel == t]
         if np.unique(force).size < law.ENOUGH.get(kind, np.inf):
             continue
