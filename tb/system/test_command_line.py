@@ -84,12 +84,12 @@ def test_a_run_certifies_and_checks_only_when_asked_and_says_what_that_costs(tmp
     extra = ("codes_low.npy", "codes_high.npy")
 
     def rows(*options: str) -> dict[str, dict[str, object]]:
-        done = dermis("run", scene, "--out", str(out), "--processes", "2", *options)
+        done = dermis("run", scene, "--out", str(out), *options)
         assert done.returncode == 0, done.stderr
         table = json.loads((out / "summary.json").read_text())["verdicts"]
         return {row["name"].removesuffix(".scene"): row for row in table}
 
-    asked = rows("--certify", "--check", "300")
+    asked = rows("--certify", "--check", "300", "--processes", "2")
     assert asked["frame.code_error_lsb"]["note"].endswith("; 2 of 3 frames")
     assert asked["run.certify_cpu_s"]["value"] > 0
     assert asked["run.check_cpu_s"]["value"] > 0

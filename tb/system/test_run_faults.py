@@ -504,7 +504,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 @pytest.mark.parametrize(
     "wanted",
     [
-        "rtl.hdl_simulator.kill",
+        pytest.param("rtl.hdl_simulator.kill", marks=pytest.mark.long),
         pytest.param("rtl.parent.kill", marks=pytest.mark.long),
         "npz.data",
         pytest.param("batch.scheduler_kill", marks=pytest.mark.long),
