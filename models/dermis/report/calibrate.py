@@ -93,8 +93,8 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         try:
             return recording.load(path.parent / name, layout).values
         except InputError as error:
-            said_of = f"a file to read ({error.key} = {error.value}: {error.allowed})"
-            raise InputError(path, key, name, said_of) from None
+            allowed = f"a file to read ({error.key} = {error.value}: {error.allowed})"
+            raise InputError(path, key, name, allowed) from None
 
     def forces(name: str, key: str) -> NDArray[np.float64]:
         found = frames(name, key)
