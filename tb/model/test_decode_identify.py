@@ -20,6 +20,7 @@ from dermis.errors import InputError
 from dermis.report import calibrate, verdict
 from dermis.scene import scene
 from dermis.skin import Skin
+from tb.programs.decode import session
 
 SIZE = 8
 EFFECTS = {
@@ -279,18 +280,9 @@ def test_noise_is_found_below_and_above_the_step_of_a_code(sigma: float) -> None
 
 
 def write_session(directory: Path) -> Path:
-    current, codes = test_currents()
-    lines = [f"[array]\nrows = {SIZE}\ncols = {SIZE}"]
-    for n, (amps, seen) in enumerate(zip(current, codes, strict=True)):
-        np.save(directory / f"i{n}.npy", np.broadcast_to(seen, (2, SIZE, SIZE)).astype(int))
-        lines.append(f'[[current]]\nfile = "i{n}.npy"\ncurrent_a = {float(amps)!r}')
-    for n, load in enumerate(loads()):
-        np.save(directory / f"codes{n}.npy", load.codes)
-        np.save(directory / f"force{n}.npy", load.force_n)
-        lines.append(f'[[load]]\nname = "{load.name}"\nfile = "codes{n}.npy"\nforce_n = "force{n}.npy"')
-    lines.append("[[reference]]\nrow = 0\ncol = 1\nforce_n = 2.0")
-    path = directory / "session.toml"
-    path.write_text("\n\n".join(lines) + "\n")
+    forces = np.random.default_rng(0).choice([2.0, 5.0, 8.0, 12.0], 24)
+    path = session.write(directory, skin(), forces)
+    path.write_text(path.read_text() + "\n[[reference]]\nrow = 0\ncol = 1\nforce_n = 2.0\n")
     return path
 
 
@@ -328,12 +320,12 @@ def test_the_command_writes_a_calibration_and_sees_a_drift(tmp_path: Path) -> No
     ("old", "new", "said"),
     [
         ("rows = 8", "rows = 7", "shape"),
-        ('file = "codes0.npy"', 'file = "gone.npy"', "gone.npy"),
+        ('file = "codes_0.npy"', 'file = "gone.npy"', "gone.npy"),
         ("[[reference]]\nrow = 0", "[[reference]]\nrow = 8", "reference.0"),
-        ('file = "codes0.npy"', "", "load.0.file"),
+        ('file = "codes_0.npy"', "", "load.0.file"),
         ("current_a = 0.0", "current_a = -1.0", "current.0.current_a"),
-        ('force_n = "force0.npy"', "force_n = -2.0", "load.0.force_n"),
-        ('force_n = "force0.npy"', 'force_n = "minus.npy"', "forces from 0"),
+        ('force_n = "force_0.npy"', "force_n = -2.0", "load.0.force_n"),
+        ('force_n = "force_0.npy"', 'force_n = "minus.npy"', "forces from 0"),
     ],
 )
 def test_a_session_that_is_wrong_is_refused_in_one_line(
