@@ -69,6 +69,24 @@ def test_traces_are_taken_out_too(shape: tuple[int, int]) -> None:
     assert np.abs(solved.conductance_s - g).max() <= 1e-11 * g.max()
 
 
+def test_traces_are_taken_out_of_rounded_readings() -> None:
+    """Rounding asks open taxels for less than nothing; the solve neither stops there nor winds up."""
+    # Weights on column 4 as 8-bit codes, with the offsets that a fit of their sheet tried.
+    read = np.tile([-3.6e-7, -2.7e-7, 1.07e-6, 3.23e-6, 0.0, 3.65e-6, -2.5e-7, -1.4e-19], (8, 1))
+    read[:, 4] = [-8.8e-7, 3.2e-4, 3.8e-4, 5.4e-4, 3.6e-4, 5.0e-4, 5.3e-4, -8.8e-7]
+    read[[0, 7], 3:6] = -7e-7, -8.8e-7, -1.7e-7
+    read[3, [3, 5]] = 7.2e-6, 7.5e-6
+    fields = {
+        "r_row_driven_ohm": 0.0,
+        "r_row_grounded_ohm": 0.0,
+        "r_column_ohm": 1.66,
+        "g_lateral_row_s": 1.26e-3,
+    }
+    offset = np.array([0, 0, 0, -3.2e-4, 2e-5, -3.2e-4, 0, 0])
+    net = network(8, 8, **fields, r_trace_row_ohm=1e-3, r_trace_column_ohm=0.39, v_column_offset_v=offset)
+    assert crosstalk.solve(net, read[None]).converged.all()
+
+
 def test_the_error_stays_within_the_proven_bound() -> None:
     rng = np.random.default_rng(3)
     for r_column in (0.0, 0.5, 5.0, 25.0):

@@ -28,6 +28,8 @@ SLACK = 1e-3
 """Relative room, in the voltages that a proof uses, for the distance to the true solution."""
 REFINEMENTS = 60
 """Most corrections for trace resistance or a shared return."""
+STALE = 3
+"""Corrections in a row without a better solution that end the search."""
 
 
 @dataclass(frozen=True)
@@ -247,24 +249,30 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
     seen = currents.copy()
     found = _lumped(lumped, seen)
     sweeps = found.sweeps.copy()
-    open_frames = np.arange(len(currents))
+    open_frames, stale = np.arange(len(currents)), np.zeros(len(currents), dtype=int)
     conductance, residual = found.conductance_s.copy(), np.full(len(currents), np.inf)
+    tried = conductance.copy()
     for _ in range(REFINEMENTS):
-        g = np.minimum(conductance[open_frames], SHORT_S)
+        g = np.minimum(tried[open_frames], SHORT_S)
         missed = currents[open_frames] - column_currents(network, g)
         # An open taxel cannot carry less: noise and rounding of codes ask for it.
         missed[(g == 0) & (missed < 0)] = 0.0
         worst = np.abs(missed).max(axis=(1, 2)) / size[open_frames]
         better = worst < residual[open_frames]
-        residual[open_frames] = np.fmin(worst, residual[open_frames])
-        # Rounding ends the progress; so does a network that traces dominate.
-        going = better & (worst > TOLERANCE)
+        kept = open_frames[better]
+        conductance[kept], residual[kept] = tried[kept], worst[better]
+        # A taxel that becomes open makes one correction worse; rounding, or traces that dominate, all that follow.
+        stale[open_frames] = np.where(better, 0, stale[open_frames] + 1)
+        going = (stale[open_frames] < STALE) & (worst > TOLERANCE)
         open_frames = open_frames[going]
         if not open_frames.size:
             break
-        seen[open_frames] += missed[going]
+        g, missed = g[going], missed[going]
+        # An open taxel may have been asked for less than it can carry: what is missed counts from there.
+        asked = np.where((g == 0) & (missed > 0), column_currents(lumped, g), seen[open_frames])
+        seen[open_frames] = asked + missed
         found = _lumped(lumped, seen[open_frames])
-        conductance[open_frames] = found.conductance_s
+        tried[open_frames] = found.conductance_s
         sweeps[open_frames] += np.abs(found.sweeps)
     # A millionth of what a count resolves (1 / 510), with 1000 times the rounding of the solve left.
     return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, sweeps)

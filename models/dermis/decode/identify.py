@@ -37,6 +37,8 @@ SHOWN = 3.0
 """A trace resistance is shown if it is this many standard uncertainties above 0."""
 INFLATED = 3.0
 """Two parameters are confused if the one that is held fixed makes the other this many times more certain."""
+RIDGE = 1e-9
+"""Of the scaled normal equations: no parameter counts as more than 3e4 times less certain than it is alone."""
 OWN_SHARE = 1e-3
 """Chance that a taxel with the shared law is given its own: the level of the F test."""
 LEAST_CODE = 10
@@ -250,9 +252,12 @@ def _fit_network(
     while True:
         x, jac, spread = search(names, np.array([first[n] for n in names]))
         first = dict(zip(names, x, strict=True))
-        covariance = np.linalg.pinv(jac.T @ jac) * spread
-        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        alone = np.sqrt(spread) / np.maximum(np.linalg.norm(jac, axis=0), 1e-300)
+        length = np.maximum(np.linalg.norm(jac, axis=0), 1e-30)
+        # Two parameters with one effect make a singular matrix, up to rounding: the ridge gives them a large sigma.
+        inverse = np.linalg.inv((jac / length).T @ (jac / length) + RIDGE * np.eye(length.size))
+        covariance = inverse / np.outer(length, length) * spread
+        sigma = np.sqrt(np.diag(covariance))
+        alone = np.sqrt(spread) / length
         for k, name in enumerate(names):
             # Residuals are in codes: a parameter that moves no reading by 1/1000 code at its start value is not seen.
             blind = np.linalg.norm(jac[:, k]) < 1e-3
