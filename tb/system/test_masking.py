@@ -104,11 +104,11 @@ def test_a_chip_that_ignores_its_mask_is_found(
     ("rows", "said"),
     [
         pytest.param(
-            "range(self._rows[0], self._rows[-1] + 2)",
+            "range(rows[0], rows[-1] + 2)",
             "does not end 688 clocks after its first row",
             marks=pytest.mark.long,
         ),
-        ("range(self._rows[0] - 1, self._rows[-1] + 1)", "does not begin with row 1 driven"),
+        ("range(rows[0] - 1, rows[-1] + 1)", "does not begin with row 1 driven"),
     ],
 )
 def test_a_wrong_mask_is_found(
@@ -120,12 +120,10 @@ def test_a_wrong_mask_is_found(
         "import os\n"
         'if "DERMIS_COSIM_JOB" in os.environ:\n'
         "    from dermis.chip import bridge\n"
-        "    right = bridge._Host.mask_rows\n"
-        "    async def wrong(self):\n"
-        f"        mine, self._rows = self._rows, {rows}\n"
-        "        await right(self)\n"
-        "        self._rows = mine\n"
-        "    bridge._Host.mask_rows = wrong\n"
+        "    right = bridge._settings\n"
+        "    def wrong(timing, cols, rows, ranges):\n"
+        f"        return right(timing, cols, {rows}, ranges)\n"
+        "    bridge._settings = wrong\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "hook"), prepend=":")
     with pytest.raises(SimulatorError, match=said):

@@ -67,7 +67,8 @@ def folders(made: Plan, columns: Sequence[int] | None = None) -> dict[str, str]:
 def test_a_block_comes_from_the_folder_of_its_view(block: str, tmp_path: Path) -> None:
     got = folders(make([[500.0]], {"default": "behavioural", block: "sky130"}, tmp_path))
     assert {name for name in BLOCKS if got[name] == "sky130"} == {block}
-    assert got["mirror"] == got["conveyor"] == got["channel_conveyor_mirror"]
+    channel = "channel_switched" if block == "conveyor" else "channel_conveyor_mirror"
+    assert got["mirror"] == got["conveyor"] == got[channel]
     assert got["vfc"] == "behavioural"
 
 

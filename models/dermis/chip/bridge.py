@@ -11,7 +11,7 @@ host reads each frame through the SPI pins while the next one is scanned, on a c
 from __future__ import annotations
 
 from asyncio import CancelledError
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -95,6 +95,26 @@ def _known(handle: Any, what: str) -> int:
         raise SimulatorError(f"{what} is {handle.value}, not 0 or 1: the Verilog lost its state") from None
 
 
+def _settings(timing: Timing, cols: int, rows: range | None, ranges: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the registers, address and value, that differ from reset for these rows and ranges."""
+    named = register_map.REGISTERS
+
+    def words(name: str, value: int) -> list[tuple[int, int]]:
+        own = named[name].words(timing.rows, cols, timing.code_max.bit_length())
+        return [(named[name].address + n, value >> 16 * n & 0xFFFF) for n in range(len(own))]
+
+    settings = []
+    if rows is not None and len(rows) < timing.rows:
+        settings += words("ROW_MASK", sum(1 << row for row in rows))
+    if len(set(ranges)) > 1:
+        settings += words("RANGE_COLUMN", sum(n << 2 * c for c, n in enumerate(ranges)))
+        control = named["CONTROL"].reset | register_map.CONTROL_RANGE_PER_COLUMN_MASK
+        settings.append((register_map.CONTROL, control))
+    elif ranges and ranges[0] != named["RANGE"].reset:
+        settings.append((register_map.RANGE, ranges[0]))
+    return settings
+
+
 class Bridge:
     """Runs frames of dermis_top against analog halves, inside a cocotb test.
 
@@ -105,6 +125,7 @@ class Bridge:
     cols : number of columns
     sync_latch : the chip was built with the flip-flop + latch synchronizer
     rows : adjacent rows that the chip scans, written to its ROW_MASK before it is enabled; all by default
+    ranges : range of each column, written to RANGE or RANGE_COLUMN before it is enabled; as reset by default
     trace : keep what crossed, clock by clock
     progress : called with the number of slots done
     """
@@ -116,6 +137,7 @@ class Bridge:
         cols: int,
         *,
         rows: range | None = None,
+        ranges: Sequence[int] = (),
         sync_latch: bool = False,
         trace: bool = False,
         progress: Callable[[int], None] = lambda slots: None,
@@ -124,6 +146,7 @@ class Bridge:
         self._timing = timing
         self._cols = cols
         self._rows = range(timing.rows) if rows is None else rows
+        self._settings = _settings(timing, cols, rows, ranges)
         self._sync_latch = sync_latch
         self._progress = progress
         self._slots = 0
@@ -165,8 +188,8 @@ class Bridge:
             await FallingEdge(dut.clk_i)
         dut.rst_ni.value = 1
         await FallingEdge(dut.clk_i)
-        if len(self._rows) < self._timing.rows:
-            await self._host.mask_rows()
+        for address, value in self._settings:
+            await self._host.write(address, value)
             await FallingEdge(dut.clk_i)
         dut.enable_i.value = 1
         host = cocotb.start_soon(self._host.read(frames))
@@ -231,6 +254,11 @@ class Bridge:
         await self._edge
         if self._sync_latch:
             await self._settled  # the latch opens with the falling edge: look once it has settled
+
+    def ranges(self) -> list[int]:
+        """Return the range that the chip's pins select for each column."""
+        word = _known(self._dut.range_o, "range_o")
+        return [word >> 2 * c & 3 for c in range(self._cols)]
 
     def _levels(self) -> list[float]:
         t = self._timing
@@ -344,21 +372,15 @@ class _Host:
         except (SimulatorError, spi_protocol.SpiError) as error:
             self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
 
-    async def mask_rows(self) -> None:
-        """Write ROW_MASK, so that the chip scans only the rows of this host."""
+    async def write(self, address: int, value: int) -> None:
+        """Write a register."""
         from cocotb.triggers import Timer
 
-        mask, bits = sum(1 << row for row in self._rows), self._timing.code_max.bit_length()
-        words = register_map.REGISTERS["ROW_MASK"].words(self._timing.rows, self._cols, bits)
-        for word in range(len(words)):
-            value = mask >> 16 * word & 0xFFFF
-            try:
-                await self._transact(
-                    spi_protocol.write_register(register_map.ROW_MASK + word, value, WAIT_BYTES)
-                )
-            except spi_protocol.SpiError as error:
-                raise SimulatorError(f"ROW_MASK through SPI: {error}") from None
-            await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
+        try:
+            await self._transact(spi_protocol.write_register(address, value, WAIT_BYTES))
+        except spi_protocol.SpiError as error:
+            raise SimulatorError(f"write to register 0x{address:02X} through SPI: {error}") from None
+        await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
 
     async def _transact(self, transaction: spi_protocol.Transaction[Any]) -> Any:
         """Run a transaction with CS around it; return its result."""

@@ -122,6 +122,18 @@ def source_names(rows: int, cols: int, columns: Sequence[int] | None = None) -> 
     )
 
 
+def ranges_of(plan: Plan) -> tuple[int, ...]:
+    """Return the range of each column's k, as the chip's registers have it; none for the direct interface."""
+    options = plan.scene.design.interface.k_options
+    return () if plan.topology == "direct" else tuple(options.index(k) for k in plan.converter.k.tolist())
+
+
+def ratios(plan: Plan, ranges: Sequence[int]) -> list[float]:
+    """Return k of each column in its range."""
+    options = plan.scene.design.interface.k_options
+    return [float(options[r]) for r in ranges] if ranges else plan.converter.k.tolist()
+
+
 def honours(plan: Plan) -> frozenset[str]:
     """Record fields that the decks of a plan can express in the views it takes."""
     blocks = set(plan.views.in_transistors(plan.topology))
@@ -153,6 +165,13 @@ def refuses(plan: Plan) -> InputError | None:
         return InputError(world.path, "interface.k", interface.k, allowed)
     if not channel and "conveyor" not in blocks:
         return None
+    if (
+        plan.topology == "conveyor_mirror"
+        and "conveyor" in blocks
+        and design.interface.k_options != sky130.MIRROR_RATIOS
+    ):
+        made = f"{sky130.MIRROR_RATIOS}, the ratios of the sky130 mirror"
+        return InputError("models/design.toml", "interface.k_options", design.interface.k_options, made)
     for key, made in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
         if (value := getattr(interface, key)) != made:
             allowed = f'{made:g}, the size of the sky130 channel, or run.views = "behavioural"'
@@ -213,11 +232,12 @@ def _includes(views: Views, topology: str) -> Iterator[str]:
         yield from (f'.include "{SPICE / view / name}"' for name in (*files, extra) if name)
     yield f'.include "{SPICE / ("sky130" if fine else "behavioural") / "vfc.sp"}"'
     channel = "sky130" if _channel_in_transistors(views, topology) else "behavioural"
-    yield f'.include "{SPICE / channel / f"channel_{topology}.sp"}"'
+    switched = channel == "sky130" and topology == "conveyor_mirror"
+    yield f'.include "{SPICE / channel / ("channel_switched" if switched else f"channel_{topology}")}.sp"'
 
 
-def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, float]:
-    """Parameters of one channel that are away from the ideal channel, and the packet."""
+def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> dict[str, float]:
+    """Parameters of one channel of ratio k that are away from the ideal channel, and the packet."""
     converter = plan.converter
     direct = plan.topology == "direct"
     packet_v = float(converter.packet_v()[column])
@@ -239,7 +259,7 @@ def _channel_parameters(plan: Plan, network: Network, column: int) -> dict[str, 
     if direct:
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
     else:
-        values["k"] = float(converter.k[column])
+        values["k"] = float(k)
         ideal["conv_r_x_ohm"] = (np.maximum(network.r_column_ohm - network.r_pad_column_ohm, 0.0), 0.0)
         ideal["conv_v_offset_v"] = (network.v_column_offset_v, 0.0)
         ideal["out_inv_i_range_a"] = (converter.inv_i_range_a, 0.0)
@@ -281,6 +301,7 @@ def frame_deck(
     record: bool = False,
     columns: Sequence[int] | None = None,
     first_row: int = 0,
+    ranges: Sequence[int] | None = None,
 ) -> Deck:
     """Write the deck of one frame.
 
@@ -297,6 +318,8 @@ def frame_deck(
         Those that the deck has channels for (see `parts`). The others end at their virtual grounds.
     first_row : int
         Row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all rows.
+    ranges : sequence of int, optional
+        Range that the chip's pins select for each column; by default that of the scene's k.
 
     Returns
     -------
@@ -306,9 +329,12 @@ def frame_deck(
     network = plan.network(frame)
     rows, cols = network.rows, network.cols
     columns = tuple(range(cols)) if columns is None else tuple(columns)
+    ranges = ranges_of(plan) if ranges is None else ranges
+    k = ratios(plan, ranges)
     views = plan.views.at(columns)
     transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
+    switched = plan.topology == "conveyor_mirror" and _channel_in_transistors(views, plan.topology)
     supply = plan.scene.design.supply
     begin = first_row * plan.timing.slot_clocks + plan.timing.break_clocks
     supplies = sky130.supplies(supply.vdd_v, supply.vss_v, views.supply_scale)
@@ -376,20 +402,25 @@ def frame_deck(
             node = f"vg{c}"
         if leak := float(network.i_leak_a[c]):
             lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
-        if _channel_in_transistors(views, plan.topology):
-            interface = plan.scene.table.interface
-            values = _assignments({"k": interface.k_column[c] if interface.k_column else interface.k})
+        subckt, pins = f"channel_{plan.topology}", f"d_charge{c} d_preset"
+        if switched:
+            subckt, pins, values = "channel_switched", f"{pins} d_range{2 * c} d_range{2 * c + 1}", ""
+            level = sky130.logic_v(views.supply_scale)
+            lines += [
+                f"vd_range{2 * c + bit} d_range{2 * c + bit} vss_d {spice_number(level * (ranges[c] >> bit & 1))}"
+                for bit in (0, 1)
+            ]
+        elif _channel_in_transistors(views, plan.topology):
+            values = _assignments({"k": plan.scene.table.interface.k if direct else k[c]})
         else:
-            values = _assignments(_channel_parameters(plan, network, c))
+            values = _assignments(_channel_parameters(plan, network, c, k[c]))
         references = "0 0 ibias"
         if biased:
             references = f"vref agnd ibias{c}"
             lines.append(sky130.bias_current(f"ibias{c}"))
             if not _channel_in_transistors(views, plan.topology):
                 lines.append(f"xline{c} ibias{c} vdd vss bias_line")
-        lines.append(
-            f"xch{c} {node} d_charge{c} d_preset comp{c} {references} {rails} channel_{plan.topology} {values}"
-        )
+        lines.append(f"xch{c} {node} {pins} comp{c} {references} {rails} {subckt} {values}".rstrip())
         if offset := float(plan.converter.i_offset_a[c]):
             summing = node if direct else f"xch{c}.v_sum"
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")

@@ -191,6 +191,10 @@ def supplies(vdd_v: float, vss_v: float, scale: float = 1.0) -> tuple[str, ...]:
     )
 
 
+MIRROR_RATIOS = [20, 40, 80, 160]
+"""Ratios of spice/sky130/mirror.sp, by the code of its pins."""
+
+
 def logic_v(scale: float = 1.0) -> float:
     """Return the level of a high digital net over vss_d."""
     return V_DIGITAL_V * scale

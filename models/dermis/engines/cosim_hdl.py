@@ -67,13 +67,17 @@ async def _frames(dut: Any, job_dir: Path) -> None:
     running: list[int] = []
     scanned, before = [], 0
 
-    parts = netlist.parts(plan)
+    parts, selected = netlist.parts(plan), netlist.ranges_of(plan)
     workers = Workers(job_dir / "ngspice.log")
 
-    def circuit(block: Block, levels: list[float], level: ladder.Level) -> NgspiceHalf | SplitHalf:
+    def circuit(
+        block: Block, levels: list[float], ranges: list[int], level: ladder.Level
+    ) -> NgspiceHalf | SplitHalf:
         index, first, decks = block.frame, block.first, {}
         for part in parts:
-            deck = netlist.frame_deck(plan, index, levels, record=job.record, columns=part, first_row=first)
+            deck = netlist.frame_deck(
+                plan, index, levels, record=job.record, columns=part, first_row=first, ranges=ranges
+            )
             if job.solver.options:
                 deck = replace(deck, lines=(*deck.lines, job.solver.options))
             name = f"frame_{index}" + (f"_row_{first}" if first else "")
@@ -112,13 +116,14 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             self._half.close()
 
     def make_half(block: Block, levels: list[float]) -> Any:
-        index = block.frame
+        index, ranges = block.frame, chip.ranges() if selected else []
         running.append(index)
         if job.analog == "exact":
-            duty = plan.v_bias_v * plan.conductance_s(index) / (plan.converter.k * plan.converter.i0_a)
+            k = np.array(netlist.ratios(plan, ranges))
+            duty = plan.v_bias_v * plan.conductance_s(index) / (k * plan.converter.i0_a)
             return ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
         way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
-        return Counted(ladder.climb(lambda level: circuit(block, levels, level), way))
+        return Counted(ladder.climb(lambda level: circuit(block, levels, ranges, level), way))
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
@@ -132,6 +137,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 plan.timing,
                 plan.cols,
                 rows=scan[0].rows,
+                ranges=selected,
                 sync_latch=job.sync_latch,
                 trace=job.record,
                 progress=on_slot,

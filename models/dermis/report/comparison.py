@@ -38,10 +38,10 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
     """Fit a straight line to code against force below saturation: slope per newton, offset,
     residuals; or None.
 
-    None as well where codes do not follow force in a line: another law than Force = K/R, or a sheet
-    that has aged.
+    None as well where codes do not follow force in one line: another law than Force = K/R, a sheet
+    that has aged, or columns of different k.
     """
-    if made.force_n is None or not isinstance(made.sensor, InverseSensor):
+    if made.force_n is None or not isinstance(made.sensor, InverseSensor) or np.ptp(made.converter.k):
         return None
     if not np.allclose(made.sensor.force_n(made.resistance_ohm), made.force_n, rtol=_EXACT, atol=0):
         return None

@@ -59,6 +59,9 @@ FORMS = {
     "current": rf"(?:ileak|ioffset)[0-9]+ 0 (?:{_NODE}|xch[0-9]+\.v_sum) {_NUMBER}",
     "channel": rf"xch[0-9]+ {_NODE} d_charge[0-9]+ d_preset comp[0-9]+ {_REFERENCES} {_RAILS} {_CHANNEL}"
     f"{_VALUES}",
+    "range": rf"vd_range[0-9]+ d_range[0-9]+ vss_d {_NUMBER}",
+    "switched channel": rf"xch[0-9]+ {_NODE} d_charge[0-9]+ d_preset d_range[0-9]+ d_range[0-9]+ comp[0-9]+ "
+    f"{_REFERENCES} {_RAILS} channel_switched",
     "options": rf"\.options(?: {_OPTION}=(?:{_NUMBER}|gear|trap))+",
 }
 """Name -> the form, to be met by the whole line."""
@@ -84,7 +87,7 @@ _FILES = (
     "design.inc",
     "behavioural/blocks.inc",
     "behavioural/mirror_lag.sp",
-    *(f"sky130/{name}" for name in (*netlist.SHARED, "offset_null.sp")),
+    *(f"sky130/{name}" for name in (*netlist.SHARED, "offset_null.sp", "channel_switched.sp")),
     *(f"{view}/{block}.sp" for view in ("behavioural", "sky130") for block in _BLOCKS),
 )
 
