@@ -164,7 +164,7 @@ def test_a_trace_that_loads_cannot_tell_is_named_and_held() -> None:
     """Loads on one column alone meet each row line at one place: driver and trace are one resistance."""
     sheet, made = skin(trace_ohm=0.4), []
     rng = np.random.default_rng(3)
-    for n in range(20):
+    for n in range(8):
         force = np.zeros((SIZE, SIZE))
         force[:, 4] = rng.choice([0.0, 5.0, 8.0, 12.0], SIZE)
         made.append(identify.Load(f"weight {n}", sheet.read(force)[None].astype(int), force))
