@@ -177,6 +177,7 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
     )
 
 
+@pytest.mark.long
 @pytest.mark.paper
 def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) -> None:
     """Event at the end of the gates, cosim at every clock, with ngspice's own options and with worse ones."""
@@ -258,6 +259,7 @@ def test_methods_run_in_turns_and_slow_ones_once() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.long
 def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
     made = plan.make(
         random_plan(tmp_path, 1, "event", 8, row_driver=True, column_input=True, comparator_delay=True).scene,

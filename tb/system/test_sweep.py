@@ -126,6 +126,7 @@ def test_a_scene_of_the_sweep_reads_the_same_with_another_engine(swept: Swept) -
     assert np.abs(codes - curve.ideal.code).max() <= 1
 
 
+@pytest.mark.long
 @pytest.mark.paper
 def test_physical_blocks_bend_the_curve_as_the_event_model_says(tmp_path: Path) -> None:
     curves, rows, failed = sweep.run(["conveyor_mirror"], POINTS, tmp_path)

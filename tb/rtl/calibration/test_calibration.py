@@ -72,6 +72,7 @@ def calibrated(chip: Plan) -> tuple[dict[str, Any], Columns]:
     return seen, Columns(dark, full, tuple(seen["verdict"]), chip.timing.gate_clocks, i_test_a)
 
 
+@pytest.mark.long
 def test_mismatched_columns_are_calibrated_to_a_fraction_of_an_lsb_and_broken_ones_named(
     tmp_path: Path,
 ) -> None:
