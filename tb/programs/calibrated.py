@@ -96,7 +96,9 @@ def deck_of(loads: Sequence[Load], condition: Condition, design: Design, blocks:
     names = (*(f"v_row{r}" for r in range(len(loads))), "v_d_preset", "v_d_charge")
     levels = (design.interface.v_bias_v, *[0.0] * (len(loads) - 1), 1.0, 0.0)
     abrupt = (*[False] * len(loads), True, False)
-    return cases.whole(Deck(tuple(lines), names, levels, abrupt, ("xch.v_comp", "xch.xvfc.v_int")))
+    probes = ("xch.v_comp", "xch.xvfc.v_int")
+    growth = netlist.STEP_GROWTH_TRANSISTORS
+    return cases.whole(Deck(tuple(lines), names, levels, abrupt, probes, step_growth=growth))
 
 
 def column_of(

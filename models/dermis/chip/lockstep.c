@@ -61,6 +61,8 @@ static struct {
     bool poisoned; /* sources are NaN, so that ngspice gives up */
 
     double t_now, t_data, t_target, t_max_step, t_stop;
+    double t_edge, t_corner; /* of an abrupt source; time of the last corner of a source */
+    double growth;           /* largest step in the time since t_corner; a tenth of t_edge is always allowed; 0: no such limit */
 
     int cuts;       /* steps are equal from corner to corner, this many times as many as t_max_step asks for; 0: ngspice's own */
     int steps_left; /* of them, until the next corner */
@@ -287,6 +289,8 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         next = ls.corner[0];
     double left = next - t;
     ls.first_of_kind = landed;
+    if (landed && ls.kind != AFTER_SAMPLE)
+        ls.t_corner = t;
     if (ls.cuts) {
         if (landed)
             ls.steps_left = 0;
@@ -300,6 +304,8 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
            is unstable where a step is more than 1 + sqrt(2) times the last. */
         *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
     }
+    if (ls.growth > 0.0) /* transistors switch behind an edge: truncation control alone let a packet be 0.4 % off */
+        *delta = fmin(*delta, fmax(0.1 * ls.t_edge, ls.growth * (t - ls.t_corner)));
     if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
         *delta = fmin(*delta, 0.2 * left);
     if (*delta > 0.999 * left) /* a step that misses the corner by rounding would be halved for ever */
@@ -387,7 +393,7 @@ static int fail(const char *what)
    of sources last that are not abrupt. */
 int lockstep_open(const char *log_path, const char **deck, int n_lines, const char *start, int n_source, const char **source_names,
                   const double *levels, const int *abrupt, int n_probe, const char **probe_names, double t_edge, double t_edge_current,
-                  double t_max_step, double t_stop, int recording, int use_ic, int multistep, int cuts)
+                  double t_max_step, double t_stop, double growth, int recording, int use_ic, int multistep, int cuts)
 {
     static bool initialised;
     static int ident;
@@ -428,6 +434,9 @@ int lockstep_open(const char *log_path, const char **deck, int n_lines, const ch
     ls.cuts = cuts;
     ls.steps_left = 0;
     ls.t_max_step = t_max_step;
+    ls.t_edge = t_edge;
+    ls.t_corner = 0.0;
+    ls.growth = growth;
     ls.t_stop = t_stop;
     for (int k = 0; k < 3; k++)
         ls.remembered[k] = t_max_step;

@@ -48,6 +48,8 @@ class Deck:
     probes : names of the nodes to sample.
     longest_step_s : no time step may be longer, whatever the caller allows.
     longest_edge_s : nor may an edge of a source that is not abrupt.
+    step_growth : nor than this share of the time since an edge began or ended; a tenth of an edge is always allowed. 0
+        for no such limit.
     late_s : of each probe, how long before the time of a sample it is looked at; empty for not at all.
     """
 
@@ -58,6 +60,7 @@ class Deck:
     probes: tuple[str, ...]
     longest_step_s: float = math.inf
     longest_edge_s: float = math.inf
+    step_growth: float = 0.0
     late_s: tuple[float, ...] = ()
 
 
@@ -103,7 +106,7 @@ def _load() -> ctypes.CDLL:
     texts = ctypes.POINTER(text)
     lib.lockstep_open.argtypes = [text, texts, whole, text, whole, texts, ctypes.POINTER(number)]
     lib.lockstep_open.argtypes += [ctypes.POINTER(whole), whole, texts]
-    lib.lockstep_open.argtypes += [number, number, number, number, whole, whole, whole, whole]
+    lib.lockstep_open.argtypes += [number, number, number, number, number, whole, whole, whole, whole]
     lib.lockstep_advance.argtypes = [number, whole, *[ctypes.c_void_p] * 4]
     lib.lockstep_error.restype = text
     lib.lockstep_operating_point.argtypes = [text, whole]
@@ -214,6 +217,7 @@ class NgspiceHalf:
                 min(t_edge_s, deck.longest_edge_s),
                 step_s,
                 t_stop_s,
+                deck.step_growth,
                 int(record),
                 int(use_ic),
                 int(gear),

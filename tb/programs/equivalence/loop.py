@@ -81,7 +81,8 @@ def deck_of(
     names = (*(f"v_row{r}" for r in range(rows)), "v_d_preset", "v_d_charge")
     levels = (design.interface.v_bias_v, *[0.0] * (rows - 1), 1.0, 0.0)
     abrupt = (*[False] * rows, True, False)
-    return Deck(tuple(lines), names, levels, abrupt, ("comp", integrator))
+    growth = netlist.STEP_GROWTH_TRANSISTORS
+    return Deck(tuple(lines), names, levels, abrupt, ("comp", integrator), step_growth=growth)
 
 
 def column(
