@@ -46,11 +46,19 @@ _OPEN_S, _CLOCK_S = 120.0, 1.0
 
 
 def everything() -> list[Case]:
-    """The columns of the gate: every channel at k = 80 and every range of Fig. 5a at three corners, the skews once."""
+    """Return the columns of the gate.
+
+    Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies there, the skews once.
+    """
     first = [Case(topology, 80, at) for at in CONDITIONS[:3] for topology in TOPOLOGIES]
     first += [Case("conveyor_mirror", 80, at) for at in CONDITIONS[3:]]
     ranges = [Case("conveyor_mirror", k, at) for at in CONDITIONS[:3] for k in RANGES if k != 80]
-    return first + ranges
+    supplies = [
+        Case("conveyor_mirror", 80, dataclasses.replace(at, supply=s))
+        for at in CONDITIONS[:3]
+        for s in (0.9, 1.1)
+    ]
+    return first + ranges + supplies
 
 
 def _pack(slots: Sequence[Slot]) -> list[dict[str, Any]]:

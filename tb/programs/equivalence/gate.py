@@ -49,7 +49,7 @@ class Case:
     Attributes
     ----------
     topology, k : the channel
-    condition : where; also names the file of parameters
+    condition : where; corner and temperature name the file of parameters, which is that of the nominal supply
     codes : ideal codes of its taxels, row by row
     clocks : decisions of each row
     """
@@ -63,7 +63,9 @@ class Case:
     @property
     def name(self) -> str:
         """As a part of a row's name."""
-        return f"{self.topology}.k{self.k}.{self.condition.corner}_{self.condition.celsius:g}C"
+        at = self.condition
+        supply = "" if at.supply == 1.0 else f"_{at.supply:g}"
+        return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}"
 
 
 @dataclass(frozen=True, eq=False)
