@@ -9,7 +9,7 @@ xr_high vdd v_high vss sky130_fd_pr__res_xhigh_po w=1 l=145
 xr_swing v_high v_low vss sky130_fd_pr__res_xhigh_po w=1 l=125
 xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=145
 xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
-xn_source v_source ibias vss vss nmos w=5 l=2 k={units}
+xn_source v_source ibias vss vss nmos_long k={units}
 xn_casc v_tail vcn v_source vss nmos w=5 l=0.5 k={units}
 xn_on out on v_tail vss nmos w=5 l=0.5 k={units}
 xn_off v_dump off v_tail vss nmos w=5 l=0.5 k={units}
@@ -27,11 +27,11 @@ xr_low v_low vss vss sky130_fd_pr__res_xhigh_po w=1 l=95
 xsteer d_charge on off v_high v_low vdd vss vdd_d vss_d steering_driver units={units}
 * A separate gate line from as many units as it feeds, because their mismatch adds: mirrors match at one width and one
 * drain voltage. Without the two cascodes the unit has 1.4 V at ss, the source 0.5 V, and the packet is 5 % too small.
-xn_unit v_nunit ibias vss vss nmos w=5 l=2 k={units}
+xn_unit v_nunit ibias vss vss nmos_long k={units}
 xn_unitc vbu vcn v_nunit vss nmos w=5 l=0.5 k={units}
-xp_unit v_punit vbu vdd vdd pmos w=10 l=2 k={units}
+xp_unit v_punit vbu vdd vdd pmos w=40 l=8 k={units}
 xp_unitc vbu vcp v_punit vdd pmos w=10 l=0.5 k={units}
-xp_source v_source vbu vdd vdd pmos w=10 l=2 k={units}
+xp_source v_source vbu vdd vdd pmos w=40 l=8 k={units}
 xp_casc v_tail vcp v_source vdd pmos w=10 l=0.5 k={units}
 xp_on out off v_tail vdd pmos w=40 l=0.5 k={units}
 xp_off v_dump on v_tail vdd pmos w=40 l=0.5 k={units}

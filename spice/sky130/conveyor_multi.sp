@@ -11,14 +11,14 @@ xp_pedc v_pedgate vcp v_pg vdd pmos w=10 l=0.5
 xpedgroup v_pedgate v_pedgate vcn vss mirror_group units={k/10}
 * source: copied, turned, less the pedestal
 xn_zp v_p v_in vss vss nmos w=30 l=12
-xn_zpc v_turn vcn v_p vss nmos w=5 l=0.5
+xn_zpc v_turn vcn v_p vss nmos w=20 l=1
 xturn v_turn zp vcp vdd mirror_turn
 xn_zpped v_pp v_pedgate vss vss nmos w=30 l=12
-xn_zppedc zp vcn v_pp vss nmos w=5 l=0.5
+xn_zppedc zp vcn v_pp vss nmos w=20 l=1
 * sink: copied, less the pedestal turned
 xn_zn v_n v_in vss vss nmos w=30 l=12
-xn_znc zn vcn v_n vss nmos w=5 l=0.5
+xn_znc zn vcn v_n vss nmos w=20 l=1
 xn_znped v_np v_pedgate vss vss nmos w=30 l=12
-xn_znpedc v_pedturn vcn v_np vss nmos w=5 l=0.5
+xn_znpedc v_pedturn vcn v_np vss nmos w=20 l=1
 xpedturn v_pedturn zn vcp vdd mirror_turn
 .ends conveyor_multi

@@ -65,7 +65,7 @@ xout v_gate_r v_cp_r line vdd_r bias_output
 xline line vdd_r vss_r bias_line
 xbp line vbp vdd_r vss_r bias_p
 xbc vbp vcn vdd_r vss_r bias_cascode_n
-xn v_unit line vss_r vss_r nmos w=5 l=2
+xn v_unit line vss_r vss_r nmos_long
 xnc out vcn v_unit vss_r nmos w=5 l=0.5
 vx out 0 0
 .save i(vx)

@@ -31,7 +31,7 @@ FULL_GATES = 16
 """Number of gates up to the normal one for the test current: at most 0.12 LSB at duties of 0.41 to
 0.48.
 """
-# 4.8 sigma of a packet mismatch of 2.5 %.
+# 2 % of mismatch and 10 % of the test resistor's sheet, 2.5 sigma from chip to chip.
 GAIN_LIMIT = 0.12
 """Largest gain error of a good column, relative."""
 FULL_PART = 0.8
