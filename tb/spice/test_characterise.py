@@ -427,7 +427,7 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     text = docs.DOCS.read_text()
     assert text.startswith("before\n")
     assert (
-        "| mismatch.packet_error.sink | -0.03 | 0.001 | 0.08 | -0.075 .. 0.075 | 1 | FAIL | `--at tt,27,1 --sample 3` |"
+        "| mismatch.packet_error.sink | -0.03 | 0.001 | 0.08 | -0.05 .. 0.05 | 1 | FAIL | `--at tt,27,1 --sample 3` |"
         in text
     )
     assert "| r_x_ohm.f100 |  |  |  |  | ohm | ERROR |  |" in text
