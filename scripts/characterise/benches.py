@@ -30,7 +30,7 @@ class Condition:
 
     Attributes
     ----------
-    corner : one of sky130.CORNERS
+    corner : one of sky130.CORNERS or PASSIVE_CORNERS
     celsius : temperature
     supply : both rails, as a share of their nominal value
     sample : seed of the mismatch, from 1 on; None: every device is as its corner says
@@ -177,13 +177,10 @@ def amplifier_offset(found: Found) -> dict[str, float]:
 SHARES = (0.0, 0.01, 0.02, 0.05, *(n / 10 for n in range(1, 11)))
 """Currents of a line, as shares of that at x = 1/2: evenly, and closer to 64.25 kohm, which is 0.0078."""
 
-# Without steps of gmin, which in two of 100 draws end at v(x) = vdd with nodes above every supply; steps of the sources
-# do not.
 _CHAIN = """\
 xline ibias vdd vss bias_line
 vy y 0 0
 ix 0 x 0
-.options gminsteps=0
 xconveyor y x z ibias vdd vss conveyor
 xmirror z sum {mirror}
 vsum sum 0 0
@@ -575,7 +572,6 @@ MULTI = f"""\
 {_LINE}\
 vy y 0 0
 ix 0 x 0
-.options gminsteps=0
 xconveyor y x zp zn ibias vdd vss conveyor_multi
 vzp zp 0 0
 vzn 0 zn 0

@@ -26,6 +26,7 @@ from scripts.characterise.run_all import (
     Runs,
     conditions,
     is_transient,
+    passives,
     samples,
 )
 
@@ -75,7 +76,7 @@ def _solved_otherwise(quantity: str) -> str:
 def quantity_of(word: str) -> str:
     """The quantity that a row of the table is about."""
     word = word.removeprefix(f"{results.PREFIX}.")
-    for kind in ("mismatch.", "typical.", "drift."):
+    for kind in ("mismatch.", "typical.", "drift.", "passives."):
         word = word.removeprefix(kind)
     return word
 
@@ -99,7 +100,7 @@ def jobs_of(
             places = [drawn for place in places for drawn in samples(sample, sample, place)]
         jobs = [Job(name, place, way) for name in names for place in places for way in ("", *ways)]
         return jobs + [Job(name, drawn) for drawn in samples(1, many or 0, places[0]) for name in drawable]
-    places = list(EXTREMES) if short else conditions()
+    places = list(EXTREMES) if short else [*conditions(), *passives()]
     last = (_SHORT_SAMPLES if short else SAMPLES) if many is None else many
     jobs = [Job(name, place) for place in places for name in names]
     jobs += [Job(name, drawn) for drawn in samples(1, last) for name in drawable]

