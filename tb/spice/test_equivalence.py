@@ -79,7 +79,7 @@ def test_false_leaves_one_out_of_what_was_extracted() -> None:
         ({"extracted": TYPICAL, "charge_packet": {"packet_error": 0.001}}, {}, "effects.charge_packet"),
         ({"extracted": TYPICAL, "charge_packet": True}, {}, "effects.charge_packet"),
         ({"extracted": {"corner": "tt", "temperature_c": 26.0}}, {}, "effects.extracted"),
-        ({"extracted": TYPICAL}, {"interface": {"topology": "direct"}}, "effects.extracted"),
+        ({"extracted": TYPICAL}, {"interface": {"topology": "direct", "k": 40}}, "effects.extracted"),
         ({"extracted": TYPICAL}, {"interface": {"i0_a": 20e-6}}, "interface.i0_a"),
         ({"extracted": TYPICAL}, {"interface": {"c_int_f": 6e-12}}, "interface.c_int_f"),
     ],

@@ -15,13 +15,12 @@ import numpy as np
 from dermis.chip import ngspice
 from dermis.chip.ngspice import Deck
 from dermis.scene import design as design_module
-from dermis.scene.design import ROOT
+from dermis.scene.design import ROOT, TOPOLOGIES
 from scripts import workers
 from scripts.characterise import runs
 from scripts.characterise.benches import Condition
 from scripts.checkpoint import Checkpoint
 from tb.programs.equivalence import gate, loop
-from tb.programs.equivalence.extract import TOPOLOGIES
 from tb.programs.equivalence.gate import Case
 from tb.programs.equivalence.loop import Slot
 
@@ -48,7 +47,8 @@ _OPEN_S, _CLOCK_S = 120.0, 1.0
 def everything() -> list[Case]:
     """Return the columns of the gate.
 
-    Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies there, the skews once.
+    Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies and both ends of resistors and
+    capacitors there, the skews once.
     """
     first = [Case(topology, 80, at) for at in CONDITIONS[:3] for topology in TOPOLOGIES]
     first += [Case("conveyor_mirror", 80, at) for at in CONDITIONS[3:]]
@@ -58,7 +58,12 @@ def everything() -> list[Case]:
         for at in CONDITIONS[:3]
         for s in (0.9, 1.1)
     ]
-    return first + ranges + supplies
+    passives = [
+        Case("conveyor_mirror", 80, dataclasses.replace(at, corner=f"{at.corner}_{end}"))
+        for at in CONDITIONS[:3]
+        for end in ("low", "high")
+    ]
+    return first + ranges + supplies + passives
 
 
 def _pack(slots: Sequence[Slot]) -> list[dict[str, Any]]:

@@ -14,7 +14,16 @@ import numpy as np
 
 from dermis.effects import EFFECTS
 from dermis.scene.extracted import Measured, channel
-from scripts.characterise.benches import AMPLIFIER, RAILS, Condition, amplifier, row_driver, row_driver_body
+from scripts.characterise.benches import (
+    AMPLIFIER,
+    AMPLIFIER_OFFSET,
+    RAILS,
+    Condition,
+    amplifier,
+    amplifier_offset,
+    row_driver,
+    row_driver_body,
+)
 
 Found = Mapping[str, float]
 Measure = Callable[[str, Condition], Found]
@@ -28,9 +37,6 @@ POINTS = 11
 
 LIFT_V = 0.02
 """Step of the summing node that measures its load: far more than in operation."""
-
-TOPOLOGIES = ("conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor")
-"""Channels with a conveyor; the direct interface has its own parameters (docs/equivalence.md)."""
 
 
 def polarity(topology: str) -> int:
@@ -200,8 +206,14 @@ _SLOW = {"at": 7e-6, "i": 2.9e-6, "free": 8, "pace": 8, "packets": 3}
 _BEFORE_S = 10e-9  # a value is read so long before an edge
 
 
-def vfc_body(sign: int) -> str:
-    """Integrator, comparator and charge source of a polarity, their loop open."""
+def vfc_body(sign: int, k: int = 1) -> str:
+    """Integrator, comparator and charge source of a polarity, their loop open.
+
+    Above 1, k is that of the direct interface: the channel itself, whose currents and capacitor are k times as large.
+    """
+    line, dut = "xline ibias vdd vss bias_line", _of("vfc", sign)
+    if k > 1:
+        line, dut = "ccolumn sum 0 400p", "channel_direct"
     pulses, meas = [], ""
     for name, run in (("fast", _FAST), ("slow", _SLOW)):
         first = run["at"] + run["free"] * T_CLK_S
@@ -222,9 +234,9 @@ def vfc_body(sign: int) -> str:
     return (
         f"vpreset logic_preset 0 pwl(0 1 1u 1 1.001u 0 4.8u 0 4.801u 1 7u 1 7.001u 0)\n"
         f"vcharge logic_charge 0 pwl(0 0 {charge})\n"
-        f"iin 0 sum pwl(0 {sign * _FAST['i']} 4.9u {sign * _FAST['i']} 4.91u {sign * _SLOW['i']})\n"
-        "xline ibias vdd vss bias_line\n"
-        f"xdut sum d_charge d_preset comp vref agnd ibias {RAILS} {_of('vfc', sign)}\n"
+        f"iin 0 sum pwl(0 {sign * k * _FAST['i']} 4.9u {sign * k * _FAST['i']} 4.91u {sign * k * _SLOW['i']})\n"
+        f"{line}\n"
+        f"xdut sum d_charge d_preset comp vref agnd ibias {RAILS} {dut}\n"
         f".options reltol=1e-4\n.tran 10n 13.5u\n{meas}.meas tran supply avg i(vdd) from=0.5u to=13.4u\n"
     )
 
@@ -248,7 +260,7 @@ def vfc_runs(found: Found, sign: int) -> dict[str, dict[str, float]]:
 
 
 def vfc(found: Found, sign: int) -> list[Measured]:
-    """Packet and preset in charge: the capacitor has no part in a code."""
+    """Packet and preset in charge: the capacitor has no part in a code, nor has the k of the direct interface."""
     runs = vfc_runs(found, sign)
     fast, slow = runs["fast"], runs["slow"]
     packet_v = I0_A * T_CLK_S / C_F
@@ -300,15 +312,56 @@ def comparator(found: Found) -> list[Measured]:
     ]
 
 
+# ---- direct interface ----------------------------------------------------------------------------------------
+
+_WIDE = "ota pairs=320 branches=320"
+"""Amplifier of integrator_direct, which is this much larger than that of the others."""
+
+_OFF = f"""\
+xline ibias vdd vss bias_line
+vs s 0 0
+vd logic_charge 0 0
+xcharge d_charge out ibias vdd vss vdd_d vss_d charge_source units=400
+vout out s 0
+.dc vs -{LIFT_V} {LIFT_V} {LIFT_V}
+.meas dc low find i(vout) at=-{LIFT_V}
+.meas dc none find i(vout) at=0
+.meas dc high find i(vout) at={LIFT_V}
+"""
+
+
+def _direct_bodies(k: int) -> dict[str, str]:
+    amp, small = "ibias vdd vss ota\n", f"ibias vdd vss {_WIDE}\n"
+    return {
+        "amplifier": AMPLIFIER.replace(amp, small).replace("cload out 0 3p", f"cload out 0 {3 * k}p"),
+        "offset": AMPLIFIER_OFFSET.replace(amp, small),
+        "off": _OFF,
+        "vfc": vfc_body(1, k),
+    }
+
+
+def _direct(name: str, found: Found) -> list[Measured]:
+    if name == "offset":
+        offset = amplifier_offset(found)["amplifier_offset_v"]
+        return [Measured("column_offset", "v_v", offset, "amplifier closed on itself")]
+    # Current into the charge source, in A, with the column at +-LIFT_V and at 0.
+    load = (found["high"] - found["low"]) / (2.0 * LIFT_V)
+    return [
+        Measured("offset_current", "i_a", -found["none"], "charge source, off"),
+        Measured("integrator_gain", "r_in_ohm", _ohm(-load), f"the same, moved by +-{LIFT_V * 1e3:g} mV"),
+    ]
+
+
 # ---- all -----------------------------------------------------------------------------------------------------
 
 
 def bodies(topology: str, k: int) -> dict[str, str]:
     """Every deck of a channel by name, cheap ones first; those of blocks that channels share are the same text."""
     sign = polarity(topology)
-    return {
-        "row_driver.driven": row_driver_body(1),
-        "row_driver.held": row_driver_body(0),
+    drivers = {"row_driver.driven": row_driver_body(1), "row_driver.held": row_driver_body(0)}
+    if topology == "direct":
+        return drivers | {"comparator": comparator_body(sign)} | _direct_bodies(k)
+    return drivers | {
         "amplifier": AMPLIFIER,
         "comparator": comparator_body(sign),
         "chain": chain_body(topology, k),
@@ -322,9 +375,10 @@ def parameters(name: str, found: Found, topology: str, k: int) -> list[Measured]
     if name == "amplifier":
         amp = amplifier(found)
         gain = 10.0 ** (amp["amplifier_gain_db"] / 20.0)
+        load_pf = 3 * (k if topology == "direct" else 1)
         return [
             Measured("integrator_gain", "gain_dc", gain, "amplifier, at 1 Hz"),
-            Measured("integrator_bandwidth", "gbw_hz", amp["amplifier_gbw_hz"], "amplifier on 3 pF"),
+            Measured("integrator_bandwidth", "gbw_hz", amp["amplifier_gbw_hz"], f"amplifier on {load_pf} pF"),
         ]
     if name.startswith("row_driver"):
         side = name.removeprefix("row_driver.")
@@ -332,6 +386,8 @@ def parameters(name: str, found: Found, topology: str, k: int) -> list[Measured]
         return [
             Measured("row_driver", parameter, *row_driver(found, side).values(), f"16 mA out of a {side} row")
         ]
+    if name in ("offset", "off"):
+        return _direct(name, found)
     return {
         "column": lambda: column(found, k),
         "chain": lambda: chain(found, topology, k),

@@ -49,7 +49,8 @@ class Case:
     Attributes
     ----------
     topology, k : the channel
-    condition : where; corner and temperature name the file of parameters, which is that of the nominal supply
+    condition : where; transistors and temperature name the file of parameters, which is that of the nominal supply and
+        of nominal resistors and capacitors
     codes : ideal codes of its taxels, row by row
     clocks : decisions of each row
     """
@@ -143,7 +144,10 @@ def _levels(slots: Sequence[Slot]) -> NDArray[np.float64]:
 def model(case: Case, design: Design, off: Sequence[str] = ("row_driver",)) -> Plan:
     """The plan of a column of extracted converters: a frame of one column; the drivers of the gate are ideal."""
     named: dict[str, Any] = {
-        "extracted": {"corner": case.condition.corner, "temperature_c": float(case.condition.celsius)}
+        "extracted": {
+            "corner": case.condition.corner.partition("_")[0],
+            "temperature_c": float(case.condition.celsius),
+        }
     }
     data = {
         "array": {"rows": len(case.codes), "cols": 1},
