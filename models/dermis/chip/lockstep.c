@@ -305,7 +305,10 @@ static int on_sync(double t, double *delta, double old_delta, int redo, int id, 
         *delta = fmax(*delta, fmin(1.5 * ls.remembered[ls.kind], ls.t_max_step));
     }
     if (ls.growth > 0.0) /* transistors switch behind an edge: truncation control alone let a packet be 0.4 % off */
-        *delta = fmin(*delta, fmax(0.1 * ls.t_edge, ls.growth * (t - ls.t_corner)));
+    {
+        double since = t - ls.t_corner; /* twice the share at twenty edges, when what switches has switched */
+        *delta = fmin(*delta, ls.growth * fmax(0.8 * ls.t_edge, since + since * since / (20.0 * ls.t_edge)));
+    }
     if (ls.accepted < 4) /* ngspice starts with backward Euler; be past it before the first edge */
         *delta = fmin(*delta, 0.2 * left);
     if (*delta > 0.999 * left) /* a step that misses the corner by rounding would be halved for ever */
