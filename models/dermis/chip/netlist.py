@@ -9,6 +9,7 @@ here: no text of a scene reaches a deck.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -108,6 +109,9 @@ _EDGE_CLAMP_CLOCKS = 5e-6
 # megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet.
 OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15}
 
+# Row drivers by themselves: what a row is off by from clock to clock stays below dermis.chip.split.STILL_V.
+_OPTIONS_ROWS = OPTIONS_TRANSISTORS | {"reltol": 1e-6, "vntol": 1e-9}
+
 # Steps behind an edge, in the time since it. Truncation control alone passes the transitions of a level shifter in one
 # step, whatever its tolerance: packets were 0.4 % too small at -40 C and 0.9 of the supply, a code 1.0 LSB too large.
 # With it codes are within 0.02 LSB of steps ten times as short (docs/views.md, test_the_steps_do_not_make_the_code).
@@ -183,12 +187,13 @@ def refuses(plan: Plan) -> InputError | None:
 
 
 def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
-    """Columns by the circuit that has them: circuits that may be solved apart.
+    """Columns by the circuit that has them: circuits that may be solved apart, that of the row drivers without any.
 
     Transistors cost by the device and by the step, and every column has its own instants to step
     on. Columns behind conveyors stand at their virtual grounds, so a column sees of the others no
     more than what they draw from the rows; lateral resistors and the direct interface tie them
-    together. Models by themselves are solved fastest together.
+    together. Models by themselves are solved fastest together. Row drivers, a third of the transistors of a column's
+    circuit, step when a row is switched and not for every packet.
     """
     columns = range(plan.cols)
     heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
@@ -199,7 +204,13 @@ def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
     ):
         return (tuple(columns),)
     light = tuple(c for c in columns if c not in heavy)
-    return (*((c,) for c in heavy), *((light,) if light else ()))
+    drivers = ((),) if _drivers_apart(plan) else ()
+    return (*drivers, *((c,) for c in heavy), *((light,) if light else ()))
+
+
+def _drivers_apart(plan: Plan) -> bool:
+    """Return True if row drivers in transistors are a circuit of their own: rows are still while a gate is open."""
+    return plan.views.row_driver == "sky130" and not plan.drive.active_fields()
 
 
 def _channel_in_transistors(views: Views, topology: str) -> bool:
@@ -318,7 +329,9 @@ def frame_deck(
     record : bool
         Probe the integrators as well, for waveforms.
     columns : sequence of int, optional
-        Those that the deck has channels for (see `parts`). The others end at their virtual grounds.
+        One of `parts`: those that the deck has channels for. The others end at their virtual grounds. If row drivers
+        are a part, the rows of the others are sources of their voltages: `v_row0` and so on in place of `v_d_row0`.
+        All columns and the row drivers by default.
     first_row : int
         Row whose driving is time zero: of ripple and motion the deck has what they are there in a scan of all rows.
     ranges : sequence of int, optional
@@ -327,14 +340,17 @@ def frame_deck(
     Returns
     -------
     Deck
-        Its probes are the comparator outputs, then, if recorded, the integrator outputs.
+        Its probes are the comparator outputs, then, if recorded, the integrator outputs; without columns the rows.
     """
     network = plan.network(frame)
     rows, cols = network.rows, network.cols
+    driven = not columns or () not in parts(plan)
     columns = tuple(range(cols)) if columns is None else tuple(columns)
     ranges = ranges_of(plan) if ranges is None else ranges
     k = ratios(plan, ranges)
     views = plan.views.at(columns)
+    if not driven:
+        views = dataclasses.replace(views, row_driver="behavioural")
     transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
     switched = plan.topology == "conveyor_mirror" and _channel_in_transistors(views, plan.topology)
@@ -352,6 +368,8 @@ def frame_deck(
     if late.any():
         lines.append(f".param comparator_early_s={spice_number(_early_s(plan))}")
     names = source_names(rows, cols, columns)
+    row_sources = () if driven else tuple(f"v_row{r}" for r in range(rows))
+    logic = names[len(row_sources) :]
     # A dc value together with `external` crashes libngspice 39.
     biased = bool(transistors - {"row_driver"})
     if biased:
@@ -359,41 +377,26 @@ def frame_deck(
     else:
         lines.append("vibias ibias 0 0")
     if transistors:
-        lines += [f"{name} logic_{name[4:]} 0 external" for name in names]
-        lines += [sky130.logic(name[4:], views.supply_scale) for name in names]
+        lines += [f"{name} logic_{name[4:]} 0 external" for name in logic]
+        lines += [sky130.logic(name[4:], views.supply_scale) for name in logic]
     else:
-        lines += [f"{name} {name[2:]} 0 external" for name in names]
+        lines += [f"{name} {name[2:]} 0 external" for name in logic]
     rails = "vdd vss vdd_d vss_d" if transistors else "vdd vss 0 0"
-    driver = {}
-    # A floating row has 1e-18 S to ground, lost in the matrix next to a pad: there the driver includes the pad.
-    pad_row_ohm = float(network.r_pad_row_ohm) if math.isfinite(network.r_row_grounded_ohm) else 0.0
-    if "row_driver" not in transistors:
-        driver = {
-            "r_on_ohm": _without_pad(network.r_row_driven_ohm, pad_row_ohm),
-            "r_ground_ohm": min(_without_pad(network.r_row_grounded_ohm, pad_row_ohm), 1e18),  # inf: floating
-            "v_bias_v": float(network.v_bias_v),
-        }
-        if network.r_return_ohm:
-            driver["follow"] = 2
-        elif plan.drive.ripple:
-            driver["follow"] = 1
-    ground, end, values = "0", "row", " ".join(filter(None, ("row_driver", _assignments(driver))))
-    if network.r_return_ohm:
-        ground = "ground_rows"
-        lines.append(f"rreturn {ground} 0 {spice_number(float(network.r_return_ohm))}")
-    if pad_row_ohm:
-        end, pad_ohm = "pad_row", spice_number(pad_row_ohm)
-        lines += [f"rpad_row{r} {end}{r} row{r} {pad_ohm}" for r in range(rows)]
-    lines += [f"xrow{r} d_row{r} {end}{r} vbias {ground} {rails} {values}" for r in range(rows)]
+    if driven:
+        lines += _row_drivers(plan, network, "row_driver" in transistors, rails)
+    else:
+        lines += [f"{name} {name[2:]} 0 external" for name in row_sources]
 
-    lines += _array(plan, frame, network, begin)
+    # Of other columns nothing reaches a row that is a source, but for what they draw through its trace.
+    there = range(cols) if driven or network.r_trace_row_ohm else columns
+    lines += _array(plan, frame, network, begin, there)
     if network.c_row_f:
         lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
     if network.c_column_f:
         lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in columns]
-    pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in range(cols)]
+    pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in there]
     lines.append(f"xarray {' '.join(pins)} array")
-    lines += [line for c in range(cols) if c not in columns for line in _far_column(plan, network, c)]
+    lines += [line for c in there if c not in columns for line in _far_column(plan, network, c)]
 
     for c in columns:
         node = f"col{c}"
@@ -431,21 +434,48 @@ def frame_deck(
     # and what 1 ns of ramp moves is below their own tolerances.
     bites = not transistors and plan.converter.range_bites()
     if transistors:
-        lines.append(transistor_options())
+        lines.append(transistor_options() if columns else f".options {_assignments(_OPTIONS_ROWS)}")
     else:
         i0_a = float(plan.converter.i0_a[list(columns)].max())
         lines.append(options(has_pole(plan), clamp_i0_a=i0_a if bites else None))
-    probes = [f"comp{c}" for c in columns]
-    if record:
+    probes = [f"comp{c}" for c in columns] or [f"row{r}" for r in range(rows)]
+    if record and columns:
         whole = direct and _channel_in_transistors(views, "direct")
         probes += [integrator_nodes(c)[whole] for c in columns]
-    abrupt = (True,) * (rows + 1) + (False,) * len(columns)
+    abrupt = (driven,) * rows + (True,) + (False,) * len(columns)
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
     edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf
     late_s = (*late.tolist(), *(0.0,) * (len(probes) - len(late))) if late.any() else ()
     longest = longest_step_s(plan.drive)
     growth = STEP_GROWTH_TRANSISTORS if transistors else 0.0
-    return Deck(tuple(lines), names, started, abrupt, tuple(probes), longest, edge_s, growth, late_s)
+    return Deck(
+        tuple(lines), (*row_sources, *logic), started, abrupt, tuple(probes), longest, edge_s, growth, late_s
+    )
+
+
+def _row_drivers(plan: Plan, network: Network, transistors: bool, rails: str) -> Iterator[str]:
+    """Write the drivers of all rows, with what lies between them and the array."""
+    driver = {}
+    # A floating row has 1e-18 S to ground, lost in the matrix next to a pad: there the driver includes the pad.
+    pad_ohm = float(network.r_pad_row_ohm) if math.isfinite(network.r_row_grounded_ohm) else 0.0
+    if not transistors:
+        driver = {
+            "r_on_ohm": _without_pad(network.r_row_driven_ohm, pad_ohm),
+            "r_ground_ohm": min(_without_pad(network.r_row_grounded_ohm, pad_ohm), 1e18),  # inf: floating
+            "v_bias_v": float(network.v_bias_v),
+        }
+        if network.r_return_ohm:
+            driver["follow"] = 2
+        elif plan.drive.ripple:
+            driver["follow"] = 1
+    ground, end, values = "0", "row", " ".join(filter(None, ("row_driver", _assignments(driver))))
+    if network.r_return_ohm:
+        ground = "ground_rows"
+        yield f"rreturn {ground} 0 {spice_number(float(network.r_return_ohm))}"
+    if pad_ohm:
+        end = "pad_row"
+        yield from (f"rpad_row{r} {end}{r} row{r} {spice_number(pad_ohm)}" for r in range(network.rows))
+    yield from (f"xrow{r} d_row{r} {end}{r} vbias {ground} {rails} {values}" for r in range(network.rows))
 
 
 def _without_pad(total_ohm: float, pad_ohm: float) -> float:
@@ -485,10 +515,11 @@ def _bias(plan: Plan, frame: int, begin: int) -> str:
     return f"sin({' '.join(spice_number(float(n)) for n in numbers)})"
 
 
-def _array(plan: Plan, frame: int, network: Network, begin: int) -> list[str]:
-    """The array of one frame from clock `begin` on; its taxels move to those of the next frame if
-    the plan says so.
+def _array(plan: Plan, frame: int, network: Network, begin: int, columns: Sequence[int]) -> list[str]:
+    """Some columns of the array of one frame from clock `begin` on; their taxels move to those of the next
+    frame if the plan says so.
     """
+    own = list(columns)
     slope = None
     g_taxel_s = network.g_taxel_s
     floor = plan.scene.design.array.r_floor_ohm
@@ -500,11 +531,11 @@ def _array(plan: Plan, frame: int, network: Network, begin: int) -> list[str]:
         slope = (then - now) / plan.drive.t_frame_s
         g_taxel_s = now + slope * (begin / plan.timing.f_clk_hz)
     with np.errstate(divide="ignore"):
-        resistance = np.divide(1.0, g_taxel_s)
+        resistance = np.divide(1.0, g_taxel_s[:, own])
         row, column = (1.0 / g if g else None for g in (network.g_lateral_row_s, network.g_lateral_column_s))
     text = array_subckt(
         network.rows,
-        network.cols,
+        len(own),
         resistance,
         row,
         design=plan.scene.design,
@@ -512,7 +543,7 @@ def _array(plan: Plan, frame: int, network: Network, begin: int) -> list[str]:
         trace_row_ohm=float(network.r_trace_row_ohm),
         trace_column_ohm=float(network.r_trace_column_ohm),
         taxel_f=float(network.c_taxel_f),
-        slope_s_per_s=slope,
+        slope_s_per_s=None if slope is None else slope[:, own],
     )
     return text.splitlines()
 

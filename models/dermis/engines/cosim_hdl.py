@@ -81,7 +81,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             if job.solver.options:
                 deck = replace(deck, lines=(*deck.lines, job.solver.options))
             name = f"frame_{index}" + (f"_row_{first}" if first else "")
-            name += f"_column_{part[0]}" if len(parts) > 1 else ""
+            name += (f"_column_{part[0]}" if part else "_rows") if len(parts) > 1 else ""
             write_atomic(job_dir / f"{name}.cir", "\n".join(deck.lines) + "\n")
             decks[part] = deck
         options: dict[str, Any] = {

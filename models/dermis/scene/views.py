@@ -94,8 +94,8 @@ class Views:
         return listed and bool(self.in_transistors(topology) - {"row_driver"})
 
     def at(self, columns: tuple[int, ...]) -> Views:
-        """Return the views of a deck with these columns, which all have the same."""
-        if self.columns is None or set(columns) <= set(self.columns):
+        """Return the views of a deck with these columns, which all have the same; without any, of the row drivers."""
+        if columns and (self.columns is None or set(columns) <= set(self.columns)):
             return replace(self, columns=None)
         channel = dict.fromkeys(BLOCKS, "behavioural") | {"row_driver": self.row_driver}
         return replace(self, **channel, columns=None)

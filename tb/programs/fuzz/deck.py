@@ -35,6 +35,7 @@ FORMS = {
     "supply": rf"(?:vdd vdd|vss vss|vibias ibias|vbias vbias) 0 {_NUMBER}",
     "ripple": rf"vbias vbias 0 sin\({_NUMBER}(?: {_NUMBER}){{5}}\)",
     "external": r"v_d_(?:row[0-9]+ d_row[0-9]+|preset d_preset|charge[0-9]+ d_charge[0-9]+) 0 external",
+    "row": "v_row[0-9]+ row[0-9]+ 0 external",
     "reference": "|".join(re.escape(line) for line in (*sky130.REFERENCE, "vss_d vss_d vss 0")),
     "digital supply": rf"vdd_d vdd_d vss_d {_NUMBER}",
     "logic": rf"v_d_{_LOGIC} logic_{_LOGIC} 0 external|e{_LOGIC} d_{_LOGIC} vss_d logic_{_LOGIC} 0 {_NUMBER}",
