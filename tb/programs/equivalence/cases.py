@@ -48,7 +48,7 @@ def everything() -> list[Case]:
     """Return the columns of the gate.
 
     Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies and both ends of resistors and
-    capacitors there, the skews once.
+    capacitors there, the skews once; at typical some draws of the mismatch.
     """
     first = [Case(topology, 80, at) for at in CONDITIONS[:3] for topology in TOPOLOGIES]
     first += [Case("conveyor_mirror", 80, at) for at in CONDITIONS[3:]]
@@ -63,7 +63,10 @@ def everything() -> list[Case]:
         for at in CONDITIONS[:3]
         for end in ("low", "high")
     ]
-    return first + ranges + supplies + passives
+    typical = CONDITIONS[0]
+    draws = [Case("conveyor_mirror", 80, dataclasses.replace(typical, sample=n)) for n in range(1, 6)]
+    draws += [Case("direct", 80, dataclasses.replace(typical, sample=n)) for n in range(1, 3)]
+    return first + ranges + supplies + passives + draws
 
 
 def _pack(slots: Sequence[Slot]) -> list[dict[str, Any]]:
