@@ -72,8 +72,8 @@ class Workers:
         self._running.clear()
 
 
+# Change of a row's voltage that the columns are not told: 2e-6 of the bias, 1e-3 of a code at full scale.
 STILL_V = 1e-6
-"""Change of a row's voltage that the columns are not told: 1e-3 of a code."""
 
 
 class SplitHalf:
