@@ -220,7 +220,8 @@ def test_a_fault_in_what_columns_give_each_other_is_noticed(monkeypatch: pytest.
 
     def broken(*arguments: Any) -> float:
         missed = chain(*arguments)
-        arguments[12][0, 1, 3 + 1] *= 1 + 1e-7  # the voltage of a column under its own source
+        # the voltage of a column under its own source
+        arguments[12][0, star_mesh.ROWS + 3 + 1, 1] *= 1 + 1e-7
         return missed
 
     monkeypatch.setattr(star_mesh, "chain", broken)

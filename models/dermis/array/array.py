@@ -747,8 +747,8 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
     sources = cols if _held(network) else 0
     roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
     part = solve_error.part(roundings, rows, cols)
-    drives = rows + sources + 1
-    moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, cols, drives))
+    first, drives = star_mesh.ROWS + rows, star_mesh.ROWS + rows + sources
+    moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, drives, cols))
     largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
     pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
     missed = star_mesh.chain(
@@ -757,11 +757,11 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
     )  # fmt: skip
     if not missed <= solve_error.balance(roundings):
         raise SimulatorError(_missed(missed, "at a node"))
-    of_rows = last[:, :, :rows].transpose(0, 2, 1)
+    of_rows = slice(star_mesh.ROWS, first)
     response = _Response(
-        g_end * of_rows,
+        g_end * last[:, of_rows],
         _ratio((g * moved).sum(axis=2), node),
-        away[:, :rows],
+        away[:, of_rows],
         None,
         roundings,
         missed,
@@ -769,19 +769,19 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
         float(2.0 * largest.max()),
         part,
     )
-    found, to_ground = None, away[:, -1]
+    found, to_ground = None, away[:, star_mesh.MEASURE]
     if volt.size:
         # Residuals bound voltages: by what a drive misses, times what `largest` stands for.
         with np.errstate(over="ignore", invalid="ignore"):
-            off = volt[:, np.newaxis, :] * last[:, :, -1:]
+            off = volt[:, :, np.newaxis] * last[:, np.newaxis, star_mesh.MEASURE]
             found = np.divide(off, last, out=np.zeros_like(off), where=last > 0)
             found = np.fmin(np.where(np.isnan(found), np.inf, found), part)
-            response.away_a = volt[:, :rows] * to_ground[:, np.newaxis]
-            response.lift_v = volt[:, :rows] * largest[:, np.newaxis]
-        response.delivered_part = found[:, :, :rows].transpose(0, 2, 1)
+            response.away_a = volt[:, of_rows] * to_ground[:, np.newaxis]
+            response.lift_v = volt[:, of_rows] * largest[:, np.newaxis]
+        response.delivered_part = found[:, of_rows]
     if sources:
         own = np.arange(cols)
-        across, ground = last[:, :, rows:-1], away[:, rows:-1]
+        across, ground = last[:, first:].transpose(0, 2, 1), away[:, first:]
         between, tau = g_end[:, np.newaxis] * across, across[:, own, own]
         between[:, own, own] = 0.0
         sent = between.sum(axis=1) + ground
@@ -792,9 +792,9 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
         seen_by = _Mesh(between, ground, tau, part, part, part)
         response.missed = max(missed, _check_mesh(seen_by, behind, solve_error.balance(roundings)))
         if found is not None:
-            mesh.between_part = found[:, :, rows:-1]
+            mesh.between_part = found[:, first:].transpose(0, 2, 1)
             with np.errstate(over="ignore", invalid="ignore"):
-                off = volt[:, rows:-1] * to_ground[:, np.newaxis]
+                off = volt[:, first:] * to_ground[:, np.newaxis]
                 mesh.ground_part = np.fmin(
                     np.divide(off, ground, out=np.zeros_like(off), where=ground > 0), part
                 )

@@ -94,13 +94,11 @@ def sum_of_others(values, others):  # type: ignore
 
 
 @_compiled
-def _add_product(out, factor, a, b, first):  # type: ignore
-    """out += factor * a b, in columns first onwards; four rows of b for two of out at once, so that
-    both are touched less.
-    """
-    n, inner, last = a.shape[0], a.shape[1], b.shape[1]
+def _add_product(out, factor, a, b):  # type: ignore
+    """out += factor * a b; four rows of b for two of out at once, so that both are touched less."""
+    n, inner, width = a.shape[0], a.shape[1], b.shape[1]
     whole = inner - inner % 4
-    spare = np.zeros(last if n % 2 else 0)
+    spare = np.zeros(width if n % 2 else 0)
     for i in range(0, n, 2):
         j = min(i + 1, n - 1)
         upper, lower = out[i], out[j] if j > i else spare
@@ -111,22 +109,20 @@ def _add_product(out, factor, a, b, first):  # type: ignore
             c0, c1, c2, c3 = (
                 factor * a[j, k], factor * a[j, k + 1], factor * a[j, k + 2], factor * a[j, k + 3]
             )  # fmt: skip
-            for q in range(first, last):
+            for q in range(width):
                 b0, b1, b2, b3 = b[k, q], b[k + 1, q], b[k + 2, q], b[k + 3, q]
                 upper[q] += (a0 * b0 + a1 * b1) + (a2 * b2 + a3 * b3)
                 lower[q] += (c0 * b0 + c1 * b1) + (c2 * b2 + c3 * b3)
         for k in range(whole, inner):
             a0, c0 = factor * a[i, k], factor * a[j, k]
-            for q in range(first, last):
+            for q in range(width):
                 upper[q] += a0 * b[k, q]
                 lower[q] += c0 * b[k, q]
 
 
 @_compiled
 def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ignore
-    """Compute the links of one row line and its laterals between columns, to the right of the
-    diagonal.
-    """
+    """Compute the links of one row line and its laterals between columns; the diagonal is 0."""
     n = g.shape[0]
     for i in range(n):
         left = g[i] * seen[i] if bent else 0.0
@@ -137,6 +133,9 @@ def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ig
                 link[i, j] += left * g[j]
         if i + 1 < n:
             link[i, i + 1] += lateral
+        link[i, i] = 0.0
+        for j in range(i):
+            link[i, j] = link[j, i]
 
 
 @_compiled
@@ -183,23 +182,46 @@ def _invert(work, pivot, weights, out):  # type: ignore
             out[i, q] /= pivot[i]
 
 
+# Drives of `chain`: the measure of residuals, all rows at once, then one a row, then perhaps one a column's source.
+MEASURE, TOGETHER, ROWS = 0, 1, 2
+
+
 @_compiled
 def _miss_of_row(  # type: ignore
-    worst, most, v, r, out, to_driver, share, g, pass_on, seen, bent, lateral, step, end, came, beside, drives
+    missed,
+    most,
+    turned,
+    r,
+    rows,
+    out,
+    to_driver,
+    share,
+    g,
+    pass_on,
+    seen,
+    bent,
+    lateral,
+    step,
+    end,
+    came,
+    beside,
 ):
-    """Raise worst[q], for every drive q, to the miss of Kirchhoff's law in row r, in volt, and
+    """Raise missed[q], for every drive q, to the miss of Kirchhoff's law in row r, in volt, and
     most[q] to its voltages.
 
+    `turned` [3, n, drives] holds the voltages of row r at r % 3, beside those of its neighbours.
     What a node gets through its own share of the row line is counted on both sides, so that a row
     line is one sum for all of its nodes. `came` [n, drives] and `beside` [drives] are room to work
-    in; the last drive injects `out`.
+    in.
     """
-    rows, n, last = v.shape[0], v.shape[1], drives - 1
+    n, drives = came.shape
+    sources = ROWS + rows
+    above, v, below = turned[(r - 1) % 3], turned[r % 3], turned[(r + 1) % 3]
     for q in range(drives):
         beside[q] = 0.0
     for i in range(n):
         for q in range(drives):
-            beside[q] += share[i] * v[r, i, q]
+            beside[q] += share[i] * v[i, q]
     for i in range(n):
         for q in range(drives):
             came[i, q] = to_driver[i] * beside[q]
@@ -210,39 +232,141 @@ def _miss_of_row(  # type: ignore
         for i in range(n - 2, -1, -1):
             left = g[i] * seen[i]
             for q in range(drives):
-                beside[q] = pass_on[i + 1] * (g[i + 1] * v[r, i + 1, q] + beside[q])
+                beside[q] = pass_on[i + 1] * (g[i + 1] * v[i + 1, q] + beside[q])
                 came[i, q] += left * beside[q]
         for q in range(drives):
             beside[q] = 0.0
         for i in range(1, n):
             left = g[i - 1] * seen[i - 1]
             for q in range(drives):
-                beside[q] = pass_on[i] * (left * v[r, i - 1, q] + beside[q])
+                beside[q] = pass_on[i] * (left * v[i - 1, q] + beside[q])
                 came[i, q] += g[i] * beside[q]
     for i in range(n):
-        came[i, last] += out[i]
-        came[i, r] += to_driver[i]
-        if r == rows - 1:
-            for q in range(rows, last):
-                if q - rows == i:
-                    came[i, q] += end[i]
+        came[i, MEASURE] += out[i]
+        came[i, TOGETHER] += to_driver[i]
+        came[i, ROWS + r] += to_driver[i]
+        if r == rows - 1 and drives > sources:
+            came[i, sources + i] += end[i]
         if i > 0:
             for q in range(drives):
-                came[i, q] += lateral * v[r, i - 1, q]
+                came[i, q] += lateral * v[i - 1, q]
         if i + 1 < n:
             for q in range(drives):
-                came[i, q] += lateral * v[r, i + 1, q]
+                came[i, q] += lateral * v[i + 1, q]
         if r > 0:
             for q in range(drives):
-                came[i, q] += step * v[r - 1, i, q]
+                came[i, q] += step * above[i, q]
         if r + 1 < rows:
             for q in range(drives):
-                came[i, q] += step * v[r + 1, i, q]
+                came[i, q] += step * below[i, q]
         for q in range(drives):
-            miss = abs(v[r, i, q] - came[i, q] / out[i])
+            miss = abs(v[i, q] - came[i, q] / out[i])
             # a comparison with NaN is false
-            worst[q] = miss if not miss <= worst[q] else worst[q]
-            most[q] = max(most[q], v[r, i, q])
+            missed[q] = miss if not miss <= missed[q] else missed[q]
+            most[q] = max(most[q], v[i, q])
+
+
+@_compiled
+def _misses(missed, most, v, out, to_driver, share, g, pass_on, seen, bent, lateral, step, end):  # type: ignore
+    """Compute, for every drive, the largest miss of Kirchhoff's law at a node, in volt, and the
+    largest voltage; `v` is [rows, drives, n].
+    """
+    rows, drives, n = v.shape
+    turned, came, beside = np.empty((3, n, drives)), np.empty((n, drives)), np.empty(drives)
+    missed[:] = 0.0
+    most[:] = 0.0
+    for r in range(rows + 1):
+        if r < rows:
+            for q in range(drives):
+                for i in range(n):
+                    turned[r % 3, i, q] = v[r, q, i]
+        if r > 0:
+            _miss_of_row(
+                missed, most, turned, r - 1, rows, out[r - 1], to_driver[r - 1], share[r - 1], g[r - 1],
+                pass_on[r - 1], seen[r - 1], bent, lateral, step, end, came, beside,
+            )  # fmt: skip
+
+
+@_compiled
+def _apart(left, right):  # type: ignore
+    """Relative miss between two sums of currents or voltages; inf for what is no number."""
+    # where no electron flows, products of doubles lose their digits to underflow
+    if left + right <= 1e-100:
+        return 0.0
+    miss = abs(left - right) / (left + right)
+    return miss if miss >= 0.0 else np.inf
+
+
+@_compiled
+def _fold(link, work, out, ground, to_driver, share, leak, above, z_above, step_above, step_below):  # type: ignore
+    """Fill `work` for `_invert` with the block of one row, with all above it folded in, `out` with
+    what leaves each node at 1 V and `ground` with what of it leaves to ground through this row and
+    those above.
+    """
+    n = link.shape[0]
+    for i in range(n):
+        out[i] = to_driver[i] * share[i] + leak[i] + step_above + step_below[i]
+        ground[i] = leak[i] + above[i]
+        work[i, n] = ground[i] + step_below[i]
+    for i in range(n):
+        for j in range(n):
+            out[j] += link[i, j]
+            work[i, j] = link[i, j] + step_above * z_above[i, j] * step_above
+        for q in range(n):
+            work[i, n + 1 + q] = 0.0
+        work[i, n + 1 + i] = 1.0
+
+
+@_compiled
+def _leaves(away, v, above, leak, end, every):  # type: ignore
+    """Compute what of every drive leaves to ground, as `chain` has it in `away`."""
+    rows, drives, n = v.shape
+    flow = np.empty(n)
+    for q in range(drives):
+        # Rows above a driven one are solved only if `every`; what leaves there, `above` knows as well.
+        first = 0 if every or q < ROWS else min(q - ROWS, rows - 1)
+        for i in range(n):
+            flow[i] = above[first, i] * v[first, q, i]
+        for r in range(first, rows):
+            if q != ROWS + r:
+                for i in range(n):
+                    flow[i] += leak[r, i] * v[r, q, i]
+        if q < ROWS + rows:
+            for i in range(n):
+                flow[i] += end[i] * v[rows - 1, q, i]
+        away[q] = flow.sum()
+
+
+@_compiled
+def _miss_together(link, v, to_driver, share, leak, g, pass_on, seen, bent, lateral, step, end):  # type: ignore
+    """Return the largest relative miss of Kirchhoff's law at a node under TOGETHER, and of the sum
+    of all rows against it in the last row.
+    """
+    rows, n = to_driver.shape
+    total, came = np.empty(n), np.empty(n)
+    worst = 0.0
+    for r in range(rows):
+        _links(link, g[r], pass_on[r], seen[r], bent, to_driver[r], share[r], lateral)
+        at = v[r, TOGETHER]
+        for i in range(n):
+            total[i] = leak[r, i] + (step if r > 0 else 0.0) + (step if r < rows - 1 else end[i])
+            came[i] = to_driver[r, i]
+            if r > 0:
+                came[i] += step * v[r - 1, TOGETHER, i]
+            if r < rows - 1:
+                came[i] += step * v[r + 1, TOGETHER, i]
+        for i in range(n):
+            for j in range(n):
+                total[j] += link[i, j]
+                came[j] += link[i, j] * at[i]
+        for i in range(n):
+            worst = max(worst, _apart(total[i] * at[i], came[i]))
+    for i in range(n):
+        flow = 0.0
+        for q in range(ROWS, ROWS + rows):
+            flow += v[rows - 1, q, i]
+        worst = max(worst, _apart(flow, v[rows - 1, TOGETHER, i]))
+    return worst
 
 
 @_compiled
@@ -252,9 +376,9 @@ def chain(  # type: ignore
     """Solve all slots of arrays with resistive column lines; return the largest violation of
     Kirchhoff's law at a node.
 
-    Drives come in this order: one a row; maybe one a column, its source at 1 V; and one that
-    injects into every node what it would pass on at 1 V, all that leaves it. The voltages under the
-    last one turn residuals into errors.
+    Drives come in this order: MEASURE injects into every node what it would pass on at 1 V, all
+    that leaves it, and its voltages turn residuals into errors; TOGETHER is the sum of all rows and
+    checks them; from ROWS one a row; maybe one a column, its source at 1 V.
 
     Parameters
     ----------
@@ -265,136 +389,75 @@ def chain(  # type: ignore
         Conductance between neighbouring columns in a row, and along a column from row to row.
     end : [cols]
         Conductance behind the last row.
-    moved, away, last : [frames, rows, cols], [frames, drives], [frames, cols, drives]
+    moved, away, last : [frames, rows, cols], [frames, drives], [frames, drives, cols]
         Results: voltages of row r under its own drive; what of a drive leaves, but through the own driver of a row
         and for a column's source but through inputs; voltages of the last row under every drive.
     largest : [frames]
-        Result: the largest voltage under the last drive.
+        Result: the largest voltage under MEASURE.
     volt : [frames, drives] or [0, 0]
-        Result: voltages under a drive are known to this times those under the last one; not asked for without frames.
+        Result: voltages under a drive are known to this times those under MEASURE; not asked for without frames.
     """
     frames, rows, n = to_driver.shape
-    drives = last.shape[2]
-    shape = drives - 1
-    link = np.empty((n, n))
-    z = np.empty((rows, n, n))
-    v = np.empty((rows, n, drives))
-    carry = np.empty((n, drives))
-    work = np.empty((n, 2 * n + 1))
-    out = np.empty((rows, n))
-    pivot, weights, below, ground, total, came, size = (
-        np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((rows, n))
-    )  # fmt: skip
-    beside, most = np.empty(drives), np.empty(drives)
+    drives = last.shape[1]
+    sources = ROWS + rows
+    every = volt.shape[0] > 0
+    link, work, pivot, weights = np.empty((n, n)), np.empty((n, 2 * n + 1)), np.empty(n), np.empty(n)
+    z, v, out = np.empty((rows, n, n)), np.empty((rows, drives, n)), np.empty((rows, n))
+    # Conductance to ground of all that lies above each row, and of the row with it.
+    above, ground = np.zeros((rows + 1, n)), np.empty(n)
+    # What a row adds: the first two drives', and what its conductance to ground takes.
+    fresh, here = np.empty((ROWS + 1, n)), np.empty((ROWS + 1, n))
+    nothing, along = np.zeros((n, n)), np.full(n, step)
+    missed, most = np.empty(drives), np.empty(drives)
     worst = 0.0
     for f in range(frames):
-        # Upwards: block r with all below it folded in, inverted; currents folded into the row above.
-        for i in range(n):
-            below[i] = end[i]
-        for r in range(rows - 1, -1, -1):
+        # Downwards: block r with all above it folded in, inverted; currents folded into the row below.
+        for r in range(rows):
             _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
-            for i in range(n):
-                out[r, i] = (
-                    to_driver[f, r, i] * share[f, r, i]
-                    + leak[f, r, i]
-                    + (step if r > 0 else 0.0)
-                    + (step if r < rows - 1 else end[i])
-                )
-            for i in range(n):
-                for j in range(i + 1, n):
-                    out[r, i] += link[i, j]
-                    out[r, j] += link[i, j]
-                    work[i, j] = link[i, j]
-                if r < rows - 1:
-                    for j in range(i + 1, n):
-                        work[i, j] += step * z[r + 1, i, j] * step
-                ground[i] = leak[f, r, i] + below[i]
-                work[i, n] = ground[i] + (step if r > 0 else 0.0)
-                for q in range(n):
-                    work[i, n + 1 + q] = 0.0
-                work[i, n + 1 + i] = 1.0
+            _fold(
+                link, work, out[r], ground, to_driver[f, r], share[f, r], leak[f, r], above[r],
+                z[r - 1] if r > 0 else nothing, step if r > 0 else 0.0, along if r < rows - 1 else end,
+            )  # fmt: skip
             _invert(work, pivot, weights, z[r])
+            fresh[MEASURE], fresh[TOGETHER], fresh[ROWS] = out[r], to_driver[f, r], ground
+            here[:] = 0.0
+            _add_product(here, 1.0, fresh, z[r])
+            v[r, : drives if every else ROWS + r] = 0.0
+            if r > 0:
+                _add_product(v[r, : ROWS + r], step, v[r - 1, : ROWS + r], z[r])
             for i in range(n):
-                for q in range(r + 1, rows):
-                    carry[i, q] = step * v[r + 1, i, q]
-                carry[i, r] = to_driver[f, r, i]
-                if r < rows - 1:
-                    for q in range(rows, drives):
-                        carry[i, q] = step * v[r + 1, i, q]
-                else:
-                    for q in range(rows, shape):
-                        carry[i, q] = end[i] if q - rows == i else 0.0
-                    carry[i, shape] = 0.0
-                carry[i, shape] += out[r, i]
+                v[r, MEASURE, i] += here[MEASURE, i]
+                v[r, TOGETHER, i] += here[TOGETHER, i]
+                v[r, ROWS + r, i] = here[TOGETHER, i]
+                above[r + 1, i] = step * here[ROWS, i]
+        for q in range(drives - sources):
             for i in range(n):
-                for q in range(drives):
-                    v[r, i, q] = 0.0
-            _add_product(v[r], 1.0, z[r], carry, r)
-            for i in range(n):
-                flow = 0.0
-                for k in range(n):
-                    flow += z[r, i, k] * ground[k]
-                below[i] = step * flow
-        # Downwards: what the rows above add.
-        for q in range(drives):
-            away[f, q] = 0.0
+                v[rows - 1, sources + q, i] = end[q] * z[rows - 1, q, i]
+        # Upwards: what the rows below add; to rows above a driven one only where residuals are asked for.
+        for r in range(rows - 2, -1, -1):
+            known = drives if every else ROWS + r + 1
+            _add_product(v[r, :known], step, v[r + 1, :known], z[r])
         largest[f] = 0.0
         for r in range(rows):
-            if r > 0:
-                _add_product(v[r], step, z[r], v[r - 1], 0)
             for i in range(n):
-                moved[f, r, i] = v[r, i, r]
-                largest[f] = max(largest[f], v[r, i, shape])
-                for q in range(drives):
-                    if q != r:
-                        away[f, q] += leak[f, r, i] * v[r, i, q]
-        for i in range(n):
-            for q in range(drives):
-                last[f, i, q] = v[rows - 1, i, q]
-            for q in range(rows):
-                away[f, q] += end[i] * v[rows - 1, i, q]
-            away[f, shape] += end[i] * v[rows - 1, i, shape]
-        # Kirchhoff's law at every node, all rows' drives together.
-        for r in range(rows):
+                largest[f] = max(largest[f], v[r, MEASURE, i])
+                moved[f, r, i] = v[r, ROWS + r, i]
+        for q in range(drives):
             for i in range(n):
-                flow = 0.0
-                for q in range(rows):
-                    flow += v[r, i, q]
-                size[r, i] = flow
-        for r in range(rows):
-            _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
-            for i in range(n):
-                total[i] = leak[f, r, i] + (step if r > 0 else 0.0) + (step if r < rows - 1 else end[i])
-                came[i] = to_driver[f, r, i]
-                if r > 0:
-                    came[i] += step * size[r - 1, i]
-                if r < rows - 1:
-                    came[i] += step * size[r + 1, i]
-            for i in range(n):
-                for j in range(i + 1, n):
-                    total[i] += link[i, j]
-                    total[j] += link[i, j]
-                    came[i] += link[i, j] * size[r, j]
-                    came[j] += link[i, j] * size[r, i]
-            for i in range(n):
-                flow = total[i] * size[r, i]
-                # where no electron flows, products of doubles lose their digits to underflow
-                if not flow + came[i] <= 1e-100:
-                    miss = abs(flow - came[i]) / (flow + came[i])
-                    worst = max(worst, miss) if miss >= 0.0 else np.inf
-        if volt.shape[0] > 0:
-            for q in range(drives):
-                volt[f, q] = most[q] = 0.0
-            for r in range(rows):
-                _miss_of_row(
-                    volt[f], most, v, r, out[r], to_driver[f, r], share[f, r], g[f, r], pass_on[f, r], seen[f, r],
-                    bent, lateral, step, end, carry, beside, drives,
-                )  # fmt: skip
+                last[f, q, i] = v[rows - 1, q, i]
+        _leaves(away[f], v, above, leak[f], end, every)
+        miss = _miss_together(
+            link, v, to_driver[f], share[f], leak[f], g[f], pass_on[f], seen[f], bent, lateral, step, end
+        )
+        worst = max(worst, miss)
+        if every:
+            _misses(
+                missed, most, v, out, to_driver[f], share[f], g[f], pass_on[f], seen[f], bent, lateral, step, end
+            )  # fmt: skip
             # Rounding error: sums of n terms, products along a row line of up to n of them, u = 1.1e-16 each.
+            rounding = (8 * n + 64) * 1.2e-16
+            # MEASURE is its own: its true voltages are at most its own over 1 - what it misses.
+            sure = 1.0 - (missed[MEASURE] + rounding * most[MEASURE])
             for q in range(drives):
-                volt[f, q] += (8 * n + 64) * 1.2e-16 * most[q]
-            # The last drive is its own measure: its true voltages are at most its own over 1 - volt.
-            sure = 1.0 - volt[f, shape]
-            for q in range(drives):
-                volt[f, q] = volt[f, q] / sure if sure > 0.5 else np.inf
+                volt[f, q] = (missed[q] + rounding * most[q]) / sure if sure > 0.5 else np.inf
     return worst
