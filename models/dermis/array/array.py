@@ -412,6 +412,11 @@ def _of(part: Part, size: Floats) -> Floats:
         )
 
 
+def _full(part: Part, like: Floats) -> Floats:
+    """Relative bounds in the shape of what they belong to."""
+    return np.broadcast_to(part, like.shape)
+
+
 @dataclass
 class _Mesh:
     """Conductances between the ideal sources of the columns after elimination of all nodes, each 0
@@ -580,10 +585,11 @@ def _rest(
     of voltages, which loses nothing but what cancels by nature. The driven row is a change at one
     node, and that may cancel on top: such slots are solved by themselves.
     """
+    from dermis.array import star_mesh
+
     delivered = response.delivered
     pushed = network.r_column_ohm * network.i_leak_a
     source = network.v_column_offset_v + pushed
-    size_source = np.abs(network.v_column_offset_v) + np.abs(pushed)
     ground, driver = network.r_row_grounded_ohm, network.r_row_driven_ohm
     if ground == np.inf:
         change = 1.0
@@ -593,29 +599,22 @@ def _rest(
         ground = max(ground, 1.0 / _G_SERIES_SHORT_S)
         change = (ground - driver) / ground
     node = lines.to_driver.sum(axis=2) + _conductance(ground)
-    per_volt = _ratio(np.full_like(node, change), node * scale)[:, :, np.newaxis]
-    part = response.delivered_part
-    with np.errstate(over="ignore", invalid="ignore"):
-        held, error_held = _held_currents(network, response.mesh)
-        lift = per_volt * (delivered * source).sum(axis=2, keepdims=True)
-        rest = held[:, np.newaxis, :] - lift * delivered
-        # The driven row's share is a product of two responses over the scale.
-        lifted = np.abs(per_volt) * delivered
-        error = lifted * _of(part, delivered * size_source).sum(axis=2, keepdims=True)
-        part = part + _scale_part(network, response, scale)
-        error += _of(part, lifted * (delivered * size_source).sum(axis=2, keepdims=True))
-        error += error_held[:, np.newaxis, :]
-    # A bound that is NaN counts as infinite.
-    error = np.where(np.isnan(error), np.inf, error)
-    doubtful = (lifted > 0) & (error > account.tolerance_a(network.cols))
-    slots = np.argwhere(doubtful.any(axis=2)) if doubtful.any() else np.empty((0, 2), dtype=int)
+    held, error_held = _held_currents(network, response.mesh)
+    rest, error = np.empty((2, *delivered.shape))
+    doubtful = np.empty(delivered.shape[:2], dtype=bool)
+    star_mesh.driven_slots(
+        held, error_held, np.ascontiguousarray(delivered), _full(response.delivered_part, delivered), source,
+        np.abs(network.v_column_offset_v) + np.abs(pushed), node, scale, change,
+        _full(_scale_part(network, response, scale), delivered), account.tolerance_a(network.cols), rest, error,
+        doubtful,
+    )  # fmt: skip
+    slots = np.argwhere(doubtful)
     for row in set(slots[:, 1].tolist()):
         frames = slots[slots[:, 1] == row, 0]
         grounded = np.full(network.rows, _conductance(ground))
         grounded[row] = _conductance(driver)
         alone = _respond(network, _RowLines(network, g[frames]), grounded)
-        with np.errstate(over="ignore", invalid="ignore"):
-            rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
+        rest[frames, row], error[frames, row] = _held_currents(network, alone.mesh)
     if not np.isfinite(rest).all():
         raise SimulatorError("array solve: current of offsets and leaks overflows; use smaller ones")
     return rest, error, len(slots)
@@ -624,16 +623,22 @@ def _rest(
 def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats]:
     """Column currents that offsets and leaks drive with every row on ground, and a bound of their
     error in ampere, [frames, cols] each."""
+    from dermis.array import star_mesh
+
     assert mesh is not None
-    offset, leak = network.v_column_offset_v, network.i_leak_a
-    apart = offset[np.newaxis, :] - offset[:, np.newaxis]
-    pushed = network.r_column_ohm * leak
-    held = (mesh.between * (apart + pushed)).sum(axis=2) - mesh.ground * offset + mesh.own * leak
+    leak, held, error = network.i_leak_a, np.empty(mesh.ground.shape), np.empty(mesh.ground.shape)
+    parts = (
+        _full(mesh.between_part, mesh.between),
+        _full(mesh.ground_part, mesh.ground),
+        _full(mesh.own_part, mesh.own),
+    )
     # The differences and the sums of these few terms round as well.
     rounding = (2 * network.cols + 8) * solve_error.U
-    error = _of(mesh.between_part + rounding, mesh.between * (np.abs(apart) + np.abs(pushed))).sum(axis=2)
-    error += _of(mesh.ground_part + rounding, mesh.ground * np.abs(offset))
-    return held, error + _of(mesh.own_part + rounding, mesh.own * np.abs(leak))
+    star_mesh.held_currents(
+        mesh.between, mesh.ground, mesh.own, parts, rounding, network.v_column_offset_v, leak,
+        network.r_column_ohm * leak, held, error,
+    )  # fmt: skip
+    return held, error
 
 
 def _held(network: Network) -> bool:
@@ -696,7 +701,7 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
         between, across = delivered[:, :, rows:].copy(), u[:, :, rows:]
         between[:, own, own] = 0.0
         ground = (leak[:, :, np.newaxis] * across).sum(axis=1)
-        mesh = _Mesh(between, ground, across[:, own, own], part, part, part)
+        mesh = _Mesh(between, ground, np.ascontiguousarray(across[:, own, own]), part, part, part)
         missed = max(missed, _check_mesh(mesh, network.r_column_ohm, solve_error.balance(roundings)))
     elif held:
         mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
@@ -707,13 +712,14 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
 def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
     """A source at 1 V: what it sends to others and to ground, through its own resistance, leaves
     the rest of 1 V; and what it sends to another is what that one would send to it."""
-    sent = mesh.between.sum(axis=1) + mesh.ground
-    behind = np.where(resistance > 0, mesh.own, 1.0)
-    missed = _check_balance(
-        resistance * sent + behind, np.ones_like(sent), "from the source of a column", most
+    from dermis.array import star_mesh
+
+    away, apart = star_mesh.mesh_misses(
+        mesh.between, mesh.ground, mesh.own, resistance, _CURRENT_FLOOR_A / most
     )
-    back = mesh.between.transpose(0, 2, 1)
-    return max(missed, _check_balance(mesh.between, back, "from one column to another", most))
+    _accept(away, "from the source of a column", most)
+    _accept(apart, "from one column to another", most)
+    return float(max(away, apart))
 
 
 def _sum_of_others(values: Floats) -> Floats:
@@ -755,8 +761,7 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
         lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
         moved, away, last, largest, volt,
     )  # fmt: skip
-    if not missed <= solve_error.balance(roundings):
-        raise SimulatorError(_missed(missed, "at a node"))
+    _accept(missed, "at a node", solve_error.balance(roundings))
     of_rows = slice(star_mesh.ROWS, first)
     response = _Response(
         g_end * last[:, of_rows],
@@ -781,8 +786,9 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
         response.delivered_part = found[:, of_rows]
     if sources:
         own = np.arange(cols)
-        across, ground = last[:, first:].transpose(0, 2, 1), away[:, first:]
-        between, tau = g_end[:, np.newaxis] * across, across[:, own, own]
+        across = np.ascontiguousarray(last[:, first:].transpose(0, 2, 1))
+        ground = np.ascontiguousarray(away[:, first:])
+        between, tau = g_end[:, np.newaxis] * across, np.ascontiguousarray(across[:, own, own])
         between[:, own, own] = 0.0
         sent = between.sum(axis=1) + ground
         # A leak enters in front of the last segment: what it sees there is that and the array behind it.
@@ -863,10 +869,12 @@ def _check_kirchhoff(
 def _check_balance(left: Floats, right: Floats, where: str, most: float) -> float:
     """Compare sums of currents that are 0 or above; returns the largest miss, of both."""
     worst = float((np.abs(left - right) / (left + right + _CURRENT_FLOOR_A / most)).max())
-    if not worst <= most:
-        raise SimulatorError(_missed(worst, where))
+    _accept(worst, where, most)
     return worst
 
 
-def _missed(worst: float, where: str) -> str:
-    return f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
+def _accept(worst: float, where: str, most: float) -> None:
+    if not worst <= most:
+        raise SimulatorError(
+            f"array solve: Kirchhoff's current law is missed by {worst:.1e} of the current {where}"
+        )

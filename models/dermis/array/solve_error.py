@@ -162,17 +162,11 @@ class Account:
             return
         where, worst = "any taxel", 0.0
         if isinstance(error, np.ndarray):
-            total = driven if rest is None else driven + rest
-            with np.errstate(over="ignore", invalid="ignore"):
-                low, high = (
-                    np.minimum(np.maximum(total + s * error, -self.reach_a), self.reach_a)
-                    for s in (-1.0, 1.0)
-                )
-            off = (high - low) / 2 / self.lsb_a
-            worst = float(off.max())
-            if not worst <= LIMIT_LSB:
-                place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
-                where = f"row {place[1]}, column {place[2]}"
+            from dermis.array import star_mesh
+
+            other = np.zeros(driven.shape) if rest is None else rest
+            worst, row, column = star_mesh.worst_code(driven, other, error, self.reach_a, self.lsb_a)
+            where = f"row {row}, column {column}"
         else:
             worst = error * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:

@@ -94,6 +94,126 @@ def sum_of_others(values, others):  # type: ignore
 
 
 @_compiled
+def _part_of(part, size):  # type: ignore
+    """part * size for sizes of 0 or above; 0 for a size of 0, also if the part is infinite."""
+    return part * size if size > 0.0 else 0.0
+
+
+@_compiled
+def miss(left, right, floor):  # type: ignore
+    """Largest relative miss between sums of currents of 0 or above, flat; NaN counts as infinite."""
+    worst = 0.0
+    for i in range(left.size):
+        here = abs(left[i] - right[i]) / (left[i] + right[i] + floor)
+        worst = here if not here <= worst else worst
+    return worst if worst == worst else np.inf
+
+
+@_compiled
+def mesh_misses(between, ground, own, resistance, floor):  # type: ignore
+    """Misses of a mesh [frames, cols, cols]: of what leaves the source of a column at 1 V, and of what
+    two columns send each other.
+    """
+    frames, n = ground.shape
+    left, right = np.empty(n), np.ones(n)
+    away = apart = 0.0
+    for f in range(frames):
+        for c in range(n):
+            left[c] = ground[f, c]
+        for d in range(n):
+            for c in range(n):
+                left[c] += between[f, d, c]
+            apart = max(apart, miss(between[f, d], between[f, :, d], floor))
+        for c in range(n):
+            left[c] = resistance[c] * left[c] + (own[f, c] if resistance[c] > 0.0 else 1.0)
+        away = max(away, miss(left, right, floor))
+    return away, apart
+
+
+@_compiled
+def held_currents(between, ground, own, parts, rounding, offset, leak, pushed, held, error):  # type: ignore
+    """Fill `held` and `error` [frames, cols] as array._held_currents has them; `parts` are the
+    relative errors of the first three.
+    """
+    frames, n = ground.shape
+    of_between, of_ground, of_own = parts
+    for f in range(frames):
+        for c in range(n):
+            total = doubt = 0.0
+            for d in range(n):
+                apart = offset[d] - offset[c]
+                total += between[f, c, d] * (apart + pushed[d])
+                size = between[f, c, d] * (abs(apart) + abs(pushed[d]))
+                doubt += _part_of(of_between[f, c, d] + rounding, size)
+            held[f, c] = total - ground[f, c] * offset[c] + own[f, c] * leak[c]
+            doubt += _part_of(of_ground[f, c] + rounding, ground[f, c] * abs(offset[c]))
+            error[f, c] = doubt + _part_of(of_own[f, c] + rounding, own[f, c] * abs(leak[c]))
+
+
+@_compiled
+def driven_slots(  # type: ignore
+    held,
+    error_held,
+    delivered,
+    part,
+    source,
+    size,
+    node,
+    scale,
+    change,
+    scale_part,
+    tolerance,
+    rest,
+    error,
+    doubtful,
+):
+    """From all rows grounded to one driven, as array._rest has it; `doubtful` [frames, rows] are the
+    slots that cancel.
+    """
+    frames, rows, n = delivered.shape
+    for f in range(frames):
+        for r in range(rows):
+            below = node[f, r] * scale[f, r]
+            per_volt = change / below if below > 0.0 else 0.0
+            lift = whole = doubt = 0.0
+            for c in range(n):
+                lift += delivered[f, r, c] * source[c]
+                whole += delivered[f, r, c] * size[c]
+                doubt += _part_of(part[f, r, c], delivered[f, r, c] * size[c])
+            lift *= per_volt
+            doubtful[f, r] = False
+            for c in range(n):
+                lifted = abs(per_volt) * delivered[f, r, c]
+                rest[f, r, c] = held[f, c] - lift * delivered[f, r, c]
+                off = lifted * doubt + _part_of(part[f, r, c] + scale_part[f, r, c], lifted * whole)
+                off += error_held[f, c]
+                # A bound that is NaN counts as infinite.
+                error[f, r, c] = off if off == off else np.inf
+                doubtful[f, r] |= lifted > 0.0 and error[f, r, c] > tolerance[c]
+
+
+@_compiled
+def worst_code(driven, rest, error, reach, lsb):  # type: ignore
+    """Largest error of currents [frames, rows, cols] in codes within `reach`, its row and its column;
+    NaN counts as infinite.
+    """
+    frames, rows, n = driven.shape
+    worst, row, column = -1.0, 0, 0
+    for f in range(frames):
+        for r in range(rows):
+            for c in range(n):
+                total = driven[f, r, c] + rest[f, r, c]
+                low = min(max(total - error[f, r, c], -reach[c]), reach[c])
+                high = min(max(total + error[f, r, c], -reach[c]), reach[c])
+                off = (high - low) / 2 / lsb[c]
+                # max and min of a NaN may drop it
+                off = off if total == total and error[f, r, c] == error[f, r, c] else np.inf
+                if off > worst:
+                    worst, row, column = off, r, c
+    return worst, row, column
+
+
+@_compiled
 def _add_product(out, factor, a, b):  # type: ignore
     """out += factor * a b; four rows of b for two of out at once, so that both are touched less."""
     n, inner, width = a.shape[0], a.shape[1], b.shape[1]
@@ -121,20 +241,23 @@ def _add_product(out, factor, a, b):  # type: ignore
 
 
 @_compiled
-def _links(link, g, pass_on, seen, bent, to_driver, share, lateral):  # type: ignore
-    """Compute the links of one row line and its laterals between columns; the diagonal is 0."""
+def _links(link, g, pass_on, seen, bent, to_driver, share, lateral, beside):  # type: ignore
+    """Compute the links of one row line and its laterals between columns; the diagonal is 0.
+    `beside` [n] is room to work in.
+    """
     n = g.shape[0]
-    for i in range(n):
-        left = g[i] * seen[i] if bent else 0.0
-        for j in range(i + 1, n):
-            link[i, j] = to_driver[i] * share[j]
-            if bent:
-                left *= pass_on[j]
-                link[i, j] += left * g[j]
-        if i + 1 < n:
-            link[i, i + 1] += lateral
-        link[i, i] = 0.0
-        for j in range(i):
+    for j in range(n):
+        for i in range(j):
+            link[j, i] = to_driver[i] * share[j]
+        if bent:
+            for i in range(j):
+                beside[i] *= pass_on[j]
+                link[j, i] += beside[i] * g[j]
+            beside[j] = g[j] * seen[j]
+        if j > 0:
+            link[j, j - 1] += lateral
+        link[j, j] = 0.0
+        for i in range(j):
             link[i, j] = link[j, i]
 
 
@@ -166,20 +289,24 @@ def _invert(work, pivot, weights, out):  # type: ignore
         for j in range(i + 1, n + 1):
             total += work[i, j]
         pivot[i] = total
+    # The inverse is symmetric: what is to the right of the diagonal is known from the rows below.
     for i in range(n - 1, -1, -1):
-        for q in range(n):
+        known = i + 1
+        for q in range(known):
             out[i, q] = work[i, n + 1 + q]
         whole = i + 1 + (n - i - 1) // 4 * 4
         for k in range(i + 1, whole, 4):
             w0, w1, w2, w3 = work[i, k], work[i, k + 1], work[i, k + 2], work[i, k + 3]
-            for q in range(n):
+            for q in range(known):
                 out[i, q] += (w0 * out[k, q] + w1 * out[k + 1, q]) + (w2 * out[k + 2, q] + w3 * out[k + 3, q])
         for k in range(whole, n):
             w0 = work[i, k]
-            for q in range(n):
+            for q in range(known):
                 out[i, q] += w0 * out[k, q]
-        for q in range(n):
+        for q in range(known):
             out[i, q] /= pivot[i]
+        for q in range(i):
+            out[q, i] = out[i, q]
 
 
 # Drives of `chain`: the measure of residuals, all rows at once, then one a row, then perhaps one a column's source.
@@ -338,7 +465,7 @@ def _leaves(away, v, above, leak, end, every):  # type: ignore
 
 
 @_compiled
-def _miss_together(link, v, to_driver, share, leak, g, pass_on, seen, bent, lateral, step, end):  # type: ignore
+def _miss_together(links, v, to_driver, leak, step, end):  # type: ignore
     """Return the largest relative miss of Kirchhoff's law at a node under TOGETHER, and of the sum
     of all rows against it in the last row.
     """
@@ -346,8 +473,7 @@ def _miss_together(link, v, to_driver, share, leak, g, pass_on, seen, bent, late
     total, came = np.empty(n), np.empty(n)
     worst = 0.0
     for r in range(rows):
-        _links(link, g[r], pass_on[r], seen[r], bent, to_driver[r], share[r], lateral)
-        at = v[r, TOGETHER]
+        link, at = links[r], v[r, TOGETHER]
         for i in range(n):
             total[i] = leak[r, i] + (step if r > 0 else 0.0) + (step if r < rows - 1 else end[i])
             came[i] = to_driver[r, i]
@@ -401,7 +527,8 @@ def chain(  # type: ignore
     drives = last.shape[1]
     sources = ROWS + rows
     every = volt.shape[0] > 0
-    link, work, pivot, weights = np.empty((n, n)), np.empty((n, 2 * n + 1)), np.empty(n), np.empty(n)
+    links, beside = np.empty((rows, n, n)), np.empty(n)
+    work, pivot, weights = np.empty((n, 2 * n + 1)), np.empty(n), np.empty(n)
     z, v, out = np.empty((rows, n, n)), np.empty((rows, drives, n)), np.empty((rows, n))
     # Conductance to ground of all that lies above each row, and of the row with it.
     above, ground = np.zeros((rows + 1, n)), np.empty(n)
@@ -413,9 +540,11 @@ def chain(  # type: ignore
     for f in range(frames):
         # Downwards: block r with all above it folded in, inverted; currents folded into the row below.
         for r in range(rows):
-            _links(link, g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral)
+            _links(
+                links[r], g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral, beside
+            )  # fmt: skip
             _fold(
-                link, work, out[r], ground, to_driver[f, r], share[f, r], leak[f, r], above[r],
+                links[r], work, out[r], ground, to_driver[f, r], share[f, r], leak[f, r], above[r],
                 z[r - 1] if r > 0 else nothing, step if r > 0 else 0.0, along if r < rows - 1 else end,
             )  # fmt: skip
             _invert(work, pivot, weights, z[r])
@@ -446,10 +575,7 @@ def chain(  # type: ignore
             for i in range(n):
                 last[f, q, i] = v[rows - 1, q, i]
         _leaves(away[f], v, above, leak[f], end, every)
-        miss = _miss_together(
-            link, v, to_driver[f], share[f], leak[f], g[f], pass_on[f], seen[f], bent, lateral, step, end
-        )
-        worst = max(worst, miss)
+        worst = max(worst, _miss_together(links, v, to_driver[f], leak[f], step, end))
         if every:
             _misses(
                 missed, most, v, out, to_driver[f], share[f], g[f], pass_on[f], seen[f], bent, lateral, step, end
