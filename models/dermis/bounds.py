@@ -58,14 +58,17 @@ metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(14, 17))
 COUNT = 17
 
 
-class Bound(namedtuple("Bound", "shift rest whole random drawn drawn_whole")):
+class Bound(namedtuple("Bound", "shift rest whole random climb drawn loose")):
     """Error of an effect in one cell, in packets.
 
     In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In
     any cell no level is off by more than `whole`. `random` comes on top of both: SIGMAS standard
     deviations of a normal number that is independent of those of other effects, so that they add as
-    squares. `drawn` takes its place in a quiet cell once the random numbers of the cell are drawn,
-    `drawn_whole` in any cell.
+    squares. In a quiet cell a decision before the last one may see `climb` more, and two decisions
+    within three clocks see levels that are `loose` twice apart at most.
+
+    Once the random numbers of the cell are drawn, `random` and `climb` are known in a quiet cell;
+    in any other one `drawn` takes the place of `random`.
     """
 
     __slots__ = ()
@@ -102,7 +105,7 @@ def columns(c: Converter) -> Floats:
 
 
 _CELL_FIELDS = (
-    "clocks root root_bridge x low high swing swing_sum swing_reach swing_bent moved late "
+    "clocks root x low high swing swing_sum swing_reach swing_bent moved late "
     "late_known unsettled leak across thermal packet window delay lag limit_low limit_high preset "
     "noise aperture jitter shot preset_noise flicker"
 )
@@ -117,9 +120,8 @@ class Cell(namedtuple("Cell", _CELL_FIELDS)):
     what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
     already, known to `late_known`. `unsettled` is what lines may bring. `leak` of the charge is
     lost a clock, and `across` of what an output has not followed yet (as in event.Cells). `thermal`
-    is the variance of its noise a clock. The others are those of the converter. `root` and
-    `root_bridge` are deviations of a path of variance 1 at the end of the gate, and there if the
-    path is known at the end of its grid.
+    is the variance of its noise a clock. The others are those of the converter. `root` is
+    the deviation of a path of variance 1 at the end of the gate.
     """
 
     __slots__ = ()
@@ -141,26 +143,27 @@ def _lowest(s, levels):  # type: ignore
 
 
 @_compiled
-def quiet(s, loose, base):  # type: ignore
+def quiet(s, loose, levels):  # type: ignore
     """Return True if the count is that of the highest level, with a packet at each crossing
     (docs/auto.md, "The last decision").
 
     No clock takes charge away, two clocks bring less than a packet, and the start is below the
     level. `loose` is half of what levels of two decisions may be off against each other, without
-    what is late of packets; `base` what start and level are off.
+    what is late of packets; `levels` what start and level are off.
     """
-    high = s.high + s.unsettled + s.leak * (s.packet + loose)
+    high = s.high + s.unsettled + s.leak * (s.packet + levels)
     served = 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
-    return s.low >= 0.0 and served and base + loose < -W_PRESET
+    return s.low >= 0.0 and served and levels < -W_PRESET
 
 
 @_compiled
-def late(s, levels):  # type: ignore
+def late(s, loose):  # type: ignore
     """Return the part of a packet, or of the window, that may be outstanding at the next decision
-    near the level.
+    near the level; `loose` as in `quiet`.
     """
     left = s.window + s.packet * (s.delay + s.lag)
-    return left if 3.0 * s.high + 2.0 * levels + left >= s.packet else 0.0
+    high = s.high + s.unsettled
+    return left if 3.0 * high + 2.0 * loose + left >= s.packet * (1.0 - SIGMAS * s.flicker) else 0.0
 
 
 # --- what moves the current within a gate ------------------------------------------------------------------------
@@ -172,13 +175,13 @@ def _supply_ripple(s):  # type: ignore
     rest.
     """
     whole = abs(s.swing) * s.swing_reach + s.swing_bent
-    return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0)
+    return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
 def _motion(s):  # type: ignore
     """The mean over the gate is solved; partial sums leave it."""
-    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0)
+    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -186,7 +189,7 @@ def _mirror_lag(s):  # type: ignore
     """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the
     beginning).
     """
-    return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0)
+    return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -194,7 +197,7 @@ def _line_capacitance(s):  # type: ignore
     """Charge of lines that have not settled; a slow mirror would keep what it saw before the
     gate.
     """
-    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0)
+    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0)
 
 
 def settling_s(network: Network) -> float:
@@ -242,7 +245,7 @@ def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats
 @_compiled
 def _comparator_hysteresis(s):  # type: ignore
     """A quiet converter leaves the window after every packet, so it decides at the upper level."""
-    return Bound(-0.5 * s.window, 0.0, 1.5 * s.window, 0.0, 0.0, 0.0)
+    return Bound(-0.5 * s.window, 0.0, 1.5 * s.window, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -251,7 +254,8 @@ def _comparator_delay(s):  # type: ignore
     packet.
     """
     whole = s.delay * (abs(s.high) + 2.0 * s.packet)
-    return Bound(-0.5 * s.delay * (s.low + s.high), 0.5 * s.delay * (s.high - s.low), whole, 0.0, 0.0, 0.0)
+    rest = 0.5 * s.delay * (s.high - s.low)
+    return Bound(-0.5 * s.delay * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, rest)
 
 
 @_compiled
@@ -261,15 +265,15 @@ def _integrator_bandwidth(s, levels, error):  # type: ignore
     """
     lag = s.lag
     if lag > SLOW_CLOCKS:
-        return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0)
+        return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, math.inf)
     drops = s.across * lag * (_highest(s, levels, error) - _lowest(s, levels)) if lag > 0.0 else 0.0
-    after_ = max(math.floor((s.packet - 2.0 * levels) / max(s.high, 1e-9)) - 2.0, 0.0)
-    # A packet that came late may have gone by less than nothing; no more than all of it is left.
-    steps = (after_ - s.delay) / max(lag, 1e-3)
+    # Two clocks behind a packet `late` has what is left of it; a quiet converter's next one comes no sooner.
+    after = max(math.floor((s.packet - 2.0 * levels) / max(s.high, 1e-9)) - 2.0, 1.0)
+    steps = (after - s.delay) / max(lag, 1e-3)
     tail = lag * s.packet * (math.exp(-max(steps, 0.0)) if steps < 60.0 else 1e-26)
     rest = 0.5 * lag * (s.high - s.low) + tail + drops
     whole = lag * (abs(s.high) + 2.0 * s.packet) + drops
-    return Bound(-0.5 * lag * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0)
+    return Bound(-0.5 * lag * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, rest)
 
 
 @_compiled
@@ -278,7 +282,7 @@ def _integrator_gain(s, levels, error):  # type: ignore
     leak = s.clocks * s.leak
     low, high = max(_lowest(s, levels), s.limit_low), min(_highest(s, levels, error), s.limit_high)
     whole = leak * max(abs(low), abs(high))
-    return Bound(-0.5 * leak * (high + low), 0.5 * leak * (high - low), whole, 0.0, 0.0, 0.0)
+    return Bound(-0.5 * leak * (high + low), 0.5 * leak * (high - low), whole, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -295,7 +299,7 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
     enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
     bites = 0.0 if inside or full else math.inf
-    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0)
+    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0, bites)
 
 
 # --- random numbers ----------------------------------------------------------------------------------------------
@@ -303,17 +307,17 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
 
 @_compiled
 def _path(s, variance, sample):  # type: ignore
-    """A Brownian path of some variance a clock: known at the end of its grid once it is drawn; a
-    level `sample` beside.
+    """A Brownian path of some variance a clock; a level `sample` beside.
 
     A level that the path reaches before the last decision is lower by the charge that came since:
     16 variance / x above the end of the path at most.
     """
-    sigma = SIGMAS * math.sqrt(variance)
-    whole, bridge = sigma * s.root, sigma * s.root_bridge
+    whole = SIGMAS * math.sqrt(variance) * s.root
     climbs = (SIGMAS**2 / 4.0) * variance / max(s.low, 1e-30)
     # The deviation grows a little with the current.
-    return Bound(0.0, min(climbs, whole) + 0.02 * whole + sample, sample, whole, bridge, whole)
+    climb = min(climbs, whole) + 0.02 * whole + sample
+    near = SIGMAS * math.sqrt(0.75 * variance)
+    return Bound(0.0, 0.0, sample, whole, climb, whole, near + sample)
 
 
 @_compiled
@@ -339,20 +343,20 @@ def _clock_jitter(s):  # type: ignore
 def _comparator_noise(s):  # type: ignore
     """Every decision has its own level."""
     most = SIGMAS * s.noise
-    return Bound(0.0, 0.0, 0.0, most, most, most)
+    return Bound(0.0, 0.0, 0.0, most, 0.0, most, most)
 
 
 @_compiled
 def _metastability(s):  # type: ignore
     """Half the aperture times the slope: the decision there is random."""
     half = s.aperture * max(abs(s.low), abs(s.high))
-    return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0)
+    return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0, 3.0 * half)
 
 
 @_compiled
 def _ktc_noise(s):  # type: ignore
     """One number at the start of the slot."""
-    return Bound(0.0, 0.0, 0.0, SIGMAS * s.preset_noise, 0.0, 0.0)
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.preset_noise, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -362,13 +366,13 @@ def _flicker_noise(s, levels):  # type: ignore
     """
     came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
-    return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0)
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0, 0.0)
 
 
 # --- all of them -------------------------------------------------------------------------------------------------
 
 
-class _Sum(namedtuple("_Sum", "shift rest whole error levels squares drawn drawn_whole noise loose")):
+class _Sum(namedtuple("_Sum", "shift rest whole error levels squares climb drawn noise loose")):
     """Sums over the effects so far: those of Bound, all errors and those that move levels, squares,
     and `quiet`'s.
     """
@@ -377,71 +381,72 @@ class _Sum(namedtuple("_Sum", "shift rest whole error levels squares drawn drawn
 
 
 @_compiled
-def _add(sums, tally, number, factor, level, noise, b):  # type: ignore
-    """Add the bound of an effect; `noise` if it is random.
+def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
+    """Add the bound of an effect; `moves` if it moves levels and not the charge that comes, `noise` if
+    it is random.
 
-    `level` is 0 where it moves the charge that comes, 1 where it is late, 2 where it moves levels
-    in another way.
-
-    `tally` keeps its largest shift, whole error and error of a quiet cell. Without branches, or it
-    takes most of the time.
+    `tally` keeps its largest shift and error, `left` what is left of it in a quiet cell and in any
+    other one once the random numbers are drawn; either may be None. Without branches, or it takes
+    most of the time.
     """
     rest, whole, random = factor * b.rest, factor * b.whole, factor * b.random
     most = whole + random
-    caused = factor * abs(b.shift)
-    tally[number, 0] = caused if caused > tally[number, 0] else tally[number, 0]
-    tally[number, 1] = most if most > tally[number, 1] else tally[number, 1]
-    tally[number, 2] = rest + random if rest + random > tally[number, 2] else tally[number, 2]
+    if tally is not None:
+        caused = factor * abs(b.shift)
+        tally[number, 0] = caused if caused > tally[number, 0] else tally[number, 0]
+        tally[number, 1] = most if most > tally[number, 1] else tally[number, 1]
+    if left is not None:
+        left[number, 0], left[number, 1] = rest, whole + factor * b.drawn
     return _Sum(
         sums.shift + factor * b.shift,
         sums.rest + rest,
         sums.whole + whole,
         sums.error + most,
-        sums.levels + (most if level > 0 else 0.0),
+        sums.levels + (most if moves else 0.0),
         sums.squares + random * random,
+        sums.climb + factor * b.climb,
         sums.drawn + (factor * b.drawn) ** 2,
-        sums.drawn_whole + (factor * b.drawn_whole) ** 2,
         sums.noise + (whole if noise else 0.0),
-        sums.loose + (most if level > 1 else rest if level > 0 else 0.0),
+        sums.loose + factor * b.loose,
     )
 
 
 @_compiled
-def total(s, on, levels, tally):  # type: ignore
+def total(s, on, levels, tally, left):  # type: ignore
     """Sum of the bounds that are on; the last three take what the others add up to."""
     a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0)
     if on[0] > 0.0:
-        a = _add(a, tally, 0, on[0], 0, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0))
+        a = _add(a, tally, left, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0))
     if on[1] > 0.0:
-        a = _add(a, tally, 1, on[1], 0, False, _supply_ripple(s))
+        a = _add(a, tally, left, 1, on[1], False, False, _supply_ripple(s))
     if on[2] > 0.0:
-        a = _add(a, tally, 2, on[2], 0, False, _motion(s))
+        a = _add(a, tally, left, 2, on[2], False, False, _motion(s))
     if on[3] > 0.0:
-        a = _add(a, tally, 3, on[3], 0, False, _mirror_lag(s))
+        a = _add(a, tally, left, 3, on[3], False, False, _mirror_lag(s))
     if on[4] > 0.0:
-        a = _add(a, tally, 4, on[4], 0, False, _line_capacitance(s))
+        a = _add(a, tally, left, 4, on[4], False, False, _line_capacitance(s))
     if on[5] > 0.0:
-        a = _add(a, tally, 5, on[5], 1, False, _comparator_hysteresis(s))
+        a = _add(a, tally, left, 5, on[5], True, False, _comparator_hysteresis(s))
     if on[6] > 0.0:
-        a = _add(a, tally, 6, on[6], 1, False, _comparator_delay(s))
+        a = _add(a, tally, left, 6, on[6], True, False, _comparator_delay(s))
     if on[10] > 0.0:
-        a = _add(a, tally, 10, on[10], 2, True, _thermal_noise(s))
+        a = _add(a, tally, left, 10, on[10], True, True, _thermal_noise(s))
     if on[11] > 0.0:
-        a = _add(a, tally, 11, on[11], 2, True, _shot_noise(s))
+        a = _add(a, tally, left, 11, on[11], True, True, _shot_noise(s))
     if on[12] > 0.0:
-        a = _add(a, tally, 12, on[12], 2, True, _clock_jitter(s))
+        a = _add(a, tally, left, 12, on[12], True, True, _clock_jitter(s))
     if on[13] > 0.0:
-        a = _add(a, tally, 13, on[13], 2, True, _comparator_noise(s))
+        a = _add(a, tally, left, 13, on[13], True, True, _comparator_noise(s))
     if on[14] > 0.0:
-        a = _add(a, tally, 14, on[14], 2, True, _metastability(s))
+        a = _add(a, tally, left, 14, on[14], True, True, _metastability(s))
     if on[15] > 0.0:
-        a = _add(a, tally, 15, on[15], 2, True, _ktc_noise(s))
+        a = _add(a, tally, left, 15, on[15], True, True, _ktc_noise(s))
     if on[16] > 0.0:
-        a = _add(a, tally, 16, on[16], 0, True, _flicker_noise(s, a.levels))
+        a = _add(a, tally, left, 16, on[16], False, True, _flicker_noise(s, a.levels))
     if on[7] > 0.0:
-        a = _add(a, tally, 7, on[7], 1, False, _integrator_bandwidth(s, a.levels, a.error))
+        a = _add(a, tally, left, 7, on[7], True, False, _integrator_bandwidth(s, a.levels, a.error))
     if on[8] > 0.0:
-        a = _add(a, tally, 8, on[8], 0, False, _integrator_gain(s, a.levels, a.error))
+        a = _add(a, tally, left, 8, on[8], False, False, _integrator_gain(s, a.levels, a.error))
     if on[9] > 0.0:
-        a = _add(a, tally, 9, on[9], 2, False, _integrator_range(s, a.levels, a.error, on[9]))
+        a = _add(a, tally, left, 9, on[9], True, False, _integrator_range(s, a.levels, a.error, on[9]))
     return a

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from itertools import accumulate
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -125,6 +126,9 @@ def test_errors_of_levels_count_where_the_level_is_highest() -> None:
     for charge, start, packet in cases(3000):
         charge = [c / 3 for c in charge]
         error = [packet * Fraction(rng.randint(-100, 100), 1000) for _ in charge]
+        if rng.random() < 0.5:  # a drift goes far; from one decision to the next but one it does not
+            error = list(accumulate(error))
+            start -= packet / 2
         level, so_far = start, []
         for came, off in zip(charge, error, strict=True):
             level += came
@@ -250,6 +254,47 @@ def test_flicker_is_bounded_by_all_packets_of_a_slot(much: dict[str, Any]) -> No
     plan = filtered(much | {"flicker_noise": {"relative": 1e-3}}, stimulus=stimulus)
     assert event.run(plan).codes.max() > 20, "too weak to test anything"
     assert wrong(plan) == 0
+
+
+RANDOM: dict[str, Any] = {
+    "thermal_noise": True,
+    "shot_noise": True,
+    "clock_jitter": {"t_s": 1e-10},
+    "comparator_noise": {"v_v": 2e-3},
+    "ktc_noise": True,
+    "flicker_noise": True,
+}
+
+
+def around(codes: np.ndarray) -> dict[str, Any]:
+    """Uniform frames of codes that are no whole numbers."""
+    return {"kind": "uniform", "r_ohm": [float(r) for r in 500.0 * 255.0 / codes.ravel()]}
+
+
+@pytest.mark.parametrize("window_v", [None, 1e-3, 0.02])
+def test_noise_of_the_last_decision_is_drawn_and_few_cells_are_walked(window_v: float | None) -> None:
+    """Duties around steps between codes, within what noise can do: numbers of the slot decide nearly all of them."""
+    window = {} if window_v is None else {"comparator_hysteresis": {"v_v": window_v}}
+    steps = np.array([12.5, 20.5, 100.5, 150.5])[:, None] + np.linspace(-0.02, 0.02, 500)
+    plan = filtered(RANDOM | window, stimulus=around(steps))
+    found = engines.run(plan).info["filter"]
+    assert found["level_1"] > 500, "too far from the steps to test anything"
+    assert found["everything"] < 0.1 * found["level_1"]
+    assert wrong(plan) == 0
+
+
+def test_noise_that_is_left_out_at_the_last_decision_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = filtered(RANDOM, stimulus=around(np.linspace(20.48, 20.52, 2000)))
+    columns = bounds.columns
+
+    def without(c: Any) -> Any:
+        table = columns(c)
+        table[bounds.NOISE] = 0.0
+        return table
+
+    assert wrong(plan) == 0
+    monkeypatch.setattr(bounds, "columns", without)
+    assert wrong(plan) > 0
 
 
 def test_motion_is_followed(tmp_path: Path) -> None:

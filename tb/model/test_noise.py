@@ -93,6 +93,21 @@ def test_walks_are_brownian() -> None:
     assert abs((steps[:, :-1] * steps[:, 1:]).mean()) < 5 / math.sqrt(steps.size)
 
 
+@pytest.mark.parametrize("clocks", [1, 2, 3, 7, 300, 509, 510, 511, 512])
+@pytest.mark.parametrize("fall", [0.0, 0.02, 0.3])
+def test_the_end_of_a_walk_and_what_is_above_it_are_those_of_the_whole_walk(clocks: int, fall: float) -> None:
+    n = np.arange(clocks)
+    exact = 0
+    for key in keys(200):
+        whole = 0.01 * noise.path(key, clocks)
+        end, above = noise.walk_end(key, clocks, 0.01, fall)
+        assert end == whole[-1]
+        true = (whole[:-1] - whole[-1] - fall * (clocks - n)).max()
+        assert true - 1e-12 <= above <= true + 0.04 * math.sqrt(256)
+        exact += (above > 0) == (true > 0)
+    assert exact == 200 or fall < 0.1
+
+
 def test_a_walk_met_in_pieces_is_the_whole_walk() -> None:
     for key in keys(5):
         whole = noise.path(key, GATE)

@@ -195,6 +195,37 @@ def walk_between(key, n, left, right, at_left, at_right, scale, low, high):  # t
 
 
 @numba.njit(cache=True)
+def walk_end(key, clocks, scale, fall):  # type: ignore
+    """Return scale W(clocks), and how far scale W is above it at most at any clock before, less `fall` a
+    clock.
+
+    Only the numbers on the way to the end are drawn; between them W is at most 8 standard deviations
+    above the line from one to the next.
+    """
+    span = span_of(clocks)
+    left, right, at_left, at_right = 0, span, 0.0, math.sqrt(span) * normal(key, WALK, span)
+    known, count = np.zeros((2, 64)), 1
+    while right - left > 1:
+        middle = (left + right) // 2
+        spread = 0.5 * math.sqrt(right - left)
+        at_middle = 0.5 * (at_left + at_right) + spread * normal(key, WALK, middle)
+        if clocks > middle:
+            left, at_left = middle, at_middle
+            known[0, count], known[1, count] = left, at_left
+            count += 1
+        else:
+            right, at_right = middle, at_middle
+    end, above, before = scale * at_right, -np.inf, -np.inf
+    for k in range(count):
+        here = scale * known[1, k] - end - fall * (clocks - known[0, k])
+        length = known[0, k] - known[0, k - 1] if k > 0 else 0.0
+        between = 4.0 * scale * math.sqrt(length) if length > 1.0 else 0.0
+        above = max(above, max(before, here) + between)
+        before = here
+    return end, above
+
+
+@numba.njit(cache=True)
 def _path(key, clocks, out):  # type: ignore
     span = span_of(clocks)
     whole = np.empty(span + 1)

@@ -58,7 +58,7 @@ class Table:
     walked: int = 0
     reason: str = ""
     looseness: list[float] = field(default_factory=list)
-    tally: Floats = field(default_factory=lambda: np.zeros((bounds.COUNT, 3)))
+    tally: Floats = field(default_factory=lambda: np.zeros((bounds.COUNT, 2)))
     blamed: NDArray[np.intp] = field(default_factory=lambda: np.zeros(bounds.COUNT, dtype=np.intp))
 
     def as_dict(self) -> dict[str, Any]:

@@ -120,30 +120,55 @@ def _mirrors(gate, first, way, settled, away, dark, kappa, inverse, begin, end):
 
 
 @_compiled
-def _drawn(gate, table, g_column, x, c, key):  # type: ignore
-    """Numbers of a slot: the end of the Brownian path, the start, and the size of the packet."""
-    most = min(abs(x), _X_NOISE_MAX)
-    rate = min(most, 0.5)
-    variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
-    variance += 2.0 * table[of.JITTER, c] ** 2 * rate
-    path, begin, packet = 0.0, table[of.BEGIN, c], table[of.PACKET, c]
-    if variance > 0.0:
-        span = int(noise.span_of(gate.clocks))
-        path = math.sqrt(variance * span) * noise.normal(key, noise.WALK, span) * (gate.clocks / span)
+def _slot(table, c, key):  # type: ignore
+    """Numbers of a slot: the start, and the size of the packet."""
+    begin, packet = table[of.BEGIN, c], table[of.PACKET, c]
     if table[of.PRESET_NOISE, c] > 0.0:
         begin += table[of.PRESET_NOISE, c] * noise.normal(key, noise.PRESET, 0)
         begin = min(max(begin, table[of.LOW, c]), table[of.HIGH, c])
     if table[of.FLICKER, c] > 0.0:
         packet *= 1.0 + table[of.FLICKER, c] * noise.normal(key, noise.FLICKER, 0)
-    return path, begin, packet
+    return begin, packet
+
+
+@_compiled
+def _last(gate, table, g_column, mean, doubt, low, c, key):  # type: ignore
+    """Noise of the last decision of a quiet cell, and how far the highest one is above it at most.
+
+    `mean` is the charge a clock, known to `doubt`; `low` the least.
+    """
+    # As engine event.noise_rows has it; a part of `doubt` in the mean is at most as much in the noise.
+    most = min(abs(mean), _X_NOISE_MAX)
+    rate = min(most, 0.5)
+    variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
+    sigma = math.sqrt(variance + 2.0 * table[of.JITTER, c] ** 2 * rate)
+    white, slope = table[of.NOISE, c], most * table[of.JITTER, c]
+    if sigma == 0.0 and white == 0.0:
+        return 0.0, 0.0
+    if not doubt <= 0.1 * most:
+        return 0.0, np.inf
+    own = 0.0
+    if white > 0.0:
+        own += white * noise.normal(key, noise.LEVEL, gate.clocks)
+    if slope > 0.0:
+        own += slope * noise.normal(key, noise.EDGE, gate.clocks)
+    lost = 0.0
+    if table[of.WINDOW, c] > 0.0 and own < 0.0:
+        # A comparator with a window has seen the level already; only what is beyond the window lets go of it.
+        lost = -own if -own > 0.5 * table[of.WINDOW, c] else 0.0
+        own = 0.0
+    end, above = noise.walk_end(key, gate.clocks, sigma, low)
+    sample = of.SIGMAS * math.hypot(white, slope)
+    largest = of.SIGMAS * sigma * math.sqrt(1.0 * gate.clocks) + sample
+    return end + own, max(above + sample - own, 0.0) + lost + 2.0 * largest * doubt / most
 
 
 @_compiled
 def _worst(s, on, calm):  # type: ignore
-    """Number of the effect with the largest bound in a cell."""
-    own = np.zeros((of.COUNT, 3))
-    of.total(s, on, 0.0, own)
-    return np.argmax(own[:, 2 if calm else 1])
+    """Number of the effect that leaves the most of a cell open."""
+    left = np.zeros((of.COUNT, 2))
+    of.total(s, on, 0.0, None, left)
+    return np.argmax(left[:, 0 if calm else 1])
 
 
 @_compiled
@@ -177,8 +202,7 @@ def verdicts(  # type: ignore
     bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
     kappas = np.maximum(table[of.KAPPA], 1e-15)
     sampled = drawn = number = 0
-    span = noise.span_of(gate.clocks)
-    root, root_bridge = math.sqrt(gate.clocks), math.sqrt(gate.clocks * (span - gate.clocks) / span)
+    root = math.sqrt(gate.clocks)
     for f in range(frames):
         for r in range(rows):
             for c in range(cols):
@@ -241,7 +265,7 @@ def verdicts(  # type: ignore
                     across += g_column[f, c]
                 across = min(across * table[of.CROSS, c], 1e12)
                 s = of.Cell(
-                    1.0 * gate.clocks, root, root_bridge, x, low, high, swings[c], swing_sum[f, r],
+                    1.0 * gate.clocks, root, x, low, high, swings[c], swing_sum[f, r],
                     gate.swing_reach, bends[c], moves[c], late, known, unsettled[f, c],
                     across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column[f, c], packet,
                     table[of.WINDOW, c], table[of.DELAY, c],
@@ -252,32 +276,38 @@ def verdicts(  # type: ignore
                 mf, mr, mc = moved_lsb.shape
                 raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
                 base = abs(table[of.AWAY, c] + raised) + table[of.PRESET, c]
-                a = of.total(s, on, base, tally)
-                calm = of.quiet(s, a.loose, base)
+                a = of.total(s, on, base, tally, None)
+                calm = of.quiet(s, a.loose, a.levels)
                 # Known to be between nothing and all of it.
-                left = 0.5 * of.late(s, a.levels)
+                left = 0.5 * of.late(s, a.loose)
                 shift = a.shift + left if calm else 0.0
                 steady = (a.rest + left if calm else a.whole) + ROUNDING
-                error = steady + math.sqrt(a.squares)
+                error = steady + (a.climb if calm else 0.0) + math.sqrt(a.squares)
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
                 code, open_ = _decide(x, level, error, packet, gate)
-                sample = number % EACH == 0
-                if open_ or sample:
-                    path, start, size = _drawn(
-                        gate, table, g_column[f, c], x, c, noise.cell_key(seed, first + f, r, c)
-                    )
-                    path = path if calm else 0.0
+                sample, happened = number % EACH == 0, 0.0
+                if (open_ or sample) and gate.random:
+                    key = noise.cell_key(seed, first + f, r, c)
+                    start, size = _slot(table, c, key)
+                    end, error_drawn = 0.0, steady + math.sqrt(a.drawn)
+                    if calm:
+                        mean = x + swings[c] * swing_sum[f, r] / gate.clocks
+                        doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) / gate.clocks
+                        end, above = _last(gate, table, g_column[f, c], mean, doubt, low, c, key)
+                        error_drawn = steady + above
                     moved_start = start - table[of.BEGIN, c]
-                    happened = abs(
-                        shift - late + path + moved_start - (size - packet) * gate.clocks * x / packet
-                    )
-                    if sample and happened > ROUNDING:
-                        ratios[sampled] = error / happened
-                        sampled += 1
-                    if open_ and gate.random:
-                        error_drawn = steady + math.sqrt(a.drawn if calm else a.drawn_whole)
-                        code, open_ = _decide(x, level - moved_start - path, error_drawn, size, gate)
+                    if sample:
+                        happened = abs(
+                            shift - late + end + moved_start - (size - packet) * gate.clocks * x / packet
+                        )
+                    if open_:
+                        code, open_ = _decide(x, level - moved_start - end, error_drawn, size, gate)
                         drawn += not open_
+                elif sample:
+                    happened = abs(shift - late)
+                if sample and happened > ROUNDING:
+                    ratios[sampled] = error / happened
+                    sampled += 1
                 out.x[f, r, c], out.low[f, r, c] = x, low
                 out.shift[f, r, c], out.error[f, r, c] = shift, error
                 out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
