@@ -33,7 +33,8 @@ _SWITCHED = 4.0
 # Current in full scales that stands for any larger one.
 _TOP = 1e9
 
-_compiled = numba.njit(cache=True, error_model="numpy", forceinline=True)
+# A quotient by a common divisor may become a product: bounds need no last digit.
+_compiled = numba.njit(cache=True, error_model="numpy", forceinline=True, fastmath={"contract", "arcp"})
 
 
 @dataclass(frozen=True)
@@ -316,7 +317,7 @@ def _path(s, variance, sample):  # type: ignore
     climbs = (SIGMAS**2 / 4.0) * variance / max(s.low, 1e-30)
     # The deviation grows a little with the current.
     climb = min(climbs, whole) + 0.02 * whole + sample
-    near = SIGMAS * math.sqrt(0.75 * variance)
+    near = whole * (math.sqrt(0.75) / s.root)
     return Bound(0.0, 0.0, sample, whole, climb, whole, near + sample)
 
 

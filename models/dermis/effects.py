@@ -1269,9 +1269,8 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)
-        for record in ("network", "converter", "drive", "sensor"):
-            into: dict[str, Any] = getattr(total, record)
-            for key, value in getattr(part, record).items():
+        for into, added in zip(vars(total).values(), vars(part).values(), strict=True):
+            for key, value in added.items():
                 if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = np.add(into[key], value) if key in into else value

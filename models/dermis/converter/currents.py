@@ -611,7 +611,7 @@ def approach(x, y, t):  # type: ignore
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _log_of(s):  # type: ignore
+def log_of(s):  # type: ignore
     """ln((1 + s) / (1 - s)) for s within FAR: the next term is below 1e-19."""
     s2 = s * s
     return 2.0 * s * (1 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9 + s2 * (1 / 11))))))
@@ -762,7 +762,7 @@ def charges(  # type: ignore
                     both = 1.0 / (below * (x + below))
                     output[c] = x * y * (x + below) * both
                     apart = (below - x) * below * both
-                    row[c] = x + inert[c] * _log_of(apart)
+                    row[c] = x + inert[c] * log_of(apart)
                     ratio[c], asked[c], met[c] = apart, x, below
                 for c in range(cells):
                     far = far if abs(ratio[c]) < FAR else 1.0

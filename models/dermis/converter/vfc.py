@@ -82,15 +82,17 @@ class Converter:
 
     def __post_init__(self) -> None:
         cols = np.size(self.k)
-        for name in _arrays(type(self)):
-            value = getattr(self, name)
-            if isinstance(value, float):
+        ideal, given = _ideal(type(self), cols), vars(self)
+        for name, default in _arrays(type(self)).items():
+            value = given[name]
+            if value is default:
                 # Most fields of most converters: one array for all that are alike.
-                array = _constant(value, cols)
+                array = ideal[name]
             elif _fixed(value, cols):
                 array = value
             else:
-                array = np.broadcast_to(np.asarray(value, dtype=float), (cols,)).copy()
+                array = np.empty(cols)
+                array[:] = value
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -142,12 +144,13 @@ class Converter:
 
     def active_fields(self) -> frozenset[str]:
         """Return the names of the fields that are away from the ideal."""
+        ideal, given = _ideal(type(self), self.cols), vars(self)
         active = {
             name
             for name, default in _arrays(type(self)).items()
             if name not in _STRUCTURE
-            and (value := getattr(self, name)) is not _constant(default, self.cols)
-            and (value[0] != default or (value != default).any())
+            and given[name] is not ideal[name]
+            and (given[name][0] != default or (given[name] != default).any())
         }
         if "inv_gain_dc" not in active and "t_gbw_s" not in active:
             active.discard("g_in_s")  # no voltage across it, no current in it
@@ -160,11 +163,15 @@ def _arrays(kind: type[Converter]) -> dict[str, Any]:
     return {f.name: f.default for f in dataclasses.fields(kind) if f.name not in ("f_clk_hz", "v_sign")}
 
 
-@functools.lru_cache(maxsize=256)
-def _constant(value: float, cols: int) -> NDArray[np.float64]:
-    array = np.full(cols, value)
-    array.flags.writeable = False
-    return array
+@functools.lru_cache(maxsize=64)
+def _ideal(kind: type[Converter], cols: int) -> dict[str, NDArray[np.float64]]:
+    """Arrays of the defaults."""
+    found = {}
+    for name, default in _arrays(kind).items():
+        if default is not dataclasses.MISSING:
+            found[name] = np.full(cols, default)
+            found[name].flags.writeable = False
+    return found
 
 
 def _fixed(value: ArrayLike, cols: int) -> bool:

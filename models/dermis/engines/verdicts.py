@@ -11,7 +11,7 @@ import numpy as np
 
 from dermis import bounds as of
 from dermis.converter import noise
-from dermis.converter.currents import approach
+from dermis.converter.currents import FAR, approach, log_of
 from dermis.converter.vfc import Y_MIN
 
 # Duty beyond which a larger current changes no code: 1/2 is full scale.
@@ -21,7 +21,7 @@ _X_LARGE = 1.0
 # Packets that roundings of the two ways to a level may differ by: a sum of 510 clocks, and polynomials of a course.
 ROUNDING = 1e-7
 # Every n-th cell is sampled for the ratio of bound and shift.
-EACH = 29
+EACH = 101
 # Duty beyond which a converter saturates whatever its noise is, as in engine event.
 _X_NOISE_MAX = 1.0
 
@@ -88,6 +88,12 @@ def _decide(x, level, error, packet, gate):  # type: ignore
     """Code of a cell whose level is known to `error`, and whether it is open."""
     if not (math.isfinite(error) and math.isfinite(level)):
         return 0, True
+    if 0.0 <= 2.0 * x <= packet and gate.budget <= 0.0:
+        # As `count` at either end, to roundings that `error` holds.
+        top = 1.0 * min((gate.clocks + 1) // 2, gate.code_max)
+        reach, part = gate.clocks * x - level, 1.0 / packet
+        low = min(max(math.floor((reach - error) * part) + 1.0, 0.0), top)
+        return int(low), low != min(max(math.floor((reach + error) * part) + 1.0, 0.0), top)
     least = min(count(x, gate.clocks, level + error, packet), gate.code_max)
     if x >= X_CLIP * max(packet, 1.0) * (1.0 - 1e-12):
         # More than the charge at which x is clipped changes a code only upwards.
@@ -244,11 +250,12 @@ def verdicts(  # type: ignore
                 low, high = x - away[c], x + away[c]
                 if gate.slow_mirror:
                     begin, end = begins[0, c], out.end[0, f, r, c]
-                    late = kappas[c] * math.log(end / begin)
-                    above = out.end[2, f, r, c] * begin / (end * begins[1, c])
-                    known = kappas[c] * math.log(
-                        max(above, end * begins[2, c] / (out.end[1, f, r, c] * begin))
-                    )
+                    apart = (end - begin) / (end + begin)
+                    late = kappas[c] * (log_of(apart) if abs(apart) < FAR else math.log(end / begin))
+                    more = out.end[2, f, r, c] * begin / (end * begins[1, c])
+                    more = max(more, end * begins[2, c] / (out.end[1, f, r, c] * begin)) - 1.0
+                    # ln(1 + t) is t at most.
+                    known = kappas[c] * (more if more < FAR else math.log(1.0 + more))
                     if u - away[c] < Y_MIN:
                         # A mirror gives no negative current.
                         known += gate.clocks * min(away[c], abs(u) + away[c])

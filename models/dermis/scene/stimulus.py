@@ -393,17 +393,15 @@ def body_profile(table: _Body, row: Floats, col: Floats, rows: int, cols: int) -
     (the half ellipsoid of Hertz for a ball) and round 1 where t^2 + s^2 <= 1.
     """
     out = np.zeros((row.size, rows, cols))
-    step = max(1, (1 << 20) // (rows * cols))
+    step = max(1, (1 << 20) // (rows * cols * table.samples**2))
     inside = (np.arange(table.samples) + 0.5) / table.samples - 0.5
+    # Of every place [places, samples down, samples right, rows, cols].
+    down = (np.arange(rows) + inside[:, np.newaxis])[:, np.newaxis, :, np.newaxis]
+    right = (np.arange(cols) + inside[:, np.newaxis])[:, np.newaxis, :]
     for n in range(0, row.size, step):
-        at = slice(n, n + step)
-        for down in inside:
-            for right in inside:
-                out[at] += _pressure(
-                    table,
-                    (np.arange(rows) + down)[:, np.newaxis] - row[at, np.newaxis, np.newaxis],
-                    (np.arange(cols) + right)[np.newaxis, :] - col[at, np.newaxis, np.newaxis],
-                )
+        at = slice(n, n + step), *(np.newaxis,) * 4
+        pressure = _pressure(table, down - row[at], right - col[at])
+        out[at[0]] = pressure.reshape(-1, table.samples**2, rows, cols).sum(axis=1)
     return out / table.samples**2
 
 
