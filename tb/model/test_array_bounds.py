@@ -67,8 +67,12 @@ def solved(network: Network) -> tuple[Floats, Floats, solve_error.Account]:
     bounds: list[Floats] = []
 
     class Recording(solve_error.Account):
-        def check(self, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
-            bounds.append(error if isinstance(error, np.ndarray) else error * np.abs(driven))
+        def check(
+            self, driven: Floats, rest: Floats | None, part: float | Floats, rest_error: Floats | None
+        ) -> None:
+            with np.errstate(invalid="ignore"):
+                error = np.where(driven == 0, 0.0, part * np.abs(driven))
+            bounds.append(error if rest_error is None else error + rest_error)
 
     account = Recording()
     token = solve_error._account.set(account)

@@ -260,16 +260,16 @@ def test_a_wrong_block_of_the_chain_is_caught(monkeypatch: pytest.MonkeyPatch, f
     assert len(calls) == 12
 
 
-@pytest.mark.parametrize("place", ["moved", "away"])
+@pytest.mark.parametrize("place", ["lift", "away"])
 def test_a_wrong_slot_is_caught(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
     g = 1 / np.random.default_rng(1).uniform(500, 64250, (2, 6, 5))
     chain = star_mesh.chain
 
     def broken(*arguments: Any) -> float:
         miss = chain(*arguments)
-        moved, away = arguments[10:12]
-        # voltages of a row's own columns count little beside the bias
-        (moved if place == "moved" else away)[1, 4] *= 1.01 if place == "moved" else 1 + 1e-7
+        lift, away = arguments[10:12]
+        # the lift of a driver's node counts little beside the bias
+        (lift if place == "lift" else away)[1, 4] *= 1.01 if place == "lift" else 1 + 1e-7
         return miss
 
     monkeypatch.setattr(star_mesh, "chain", broken)

@@ -231,7 +231,7 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
             driven, rest = network.v_bias_v * g, None
             errors = [_PRODUCT.bound * driven if bounded else driven, rest]
         account.take(_PRODUCT)
-        account.check(driven, rest, _PRODUCT.bound)
+        account.check(driven, rest, _PRODUCT.bound, None)
     else:
         refuse_loops(network, g)
         network = in_range(network)
@@ -241,7 +241,7 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
         for first in range(0, len(g), step):
             part = slice(first, first + step)
             found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
-            account.check(found.driven, found.rest, found.error)
+            account.check(found.driven, found.rest, found.driven_part, found.rest_error)
             driven[part] = found.driven
             if rest is not None:
                 rest[part] = found.rest
@@ -412,9 +412,9 @@ def _of(part: Part, size: Floats) -> Floats:
         )
 
 
-def _full(part: Part, like: Floats) -> Floats:
-    """Relative bounds in the shape of what they belong to."""
-    return np.broadcast_to(part, like.shape)
+def _three(part: Part) -> Floats:
+    """Relative bounds with three axes, for compiled loops."""
+    return np.array(part, dtype=float, ndmin=3, order="C")
 
 
 @dataclass
@@ -440,8 +440,8 @@ class _Response:
     """Response of the array with all rows grounded to a current into row r.
 
     The current into the driver's node of row r is the one that would hold it at 1 V were all column
-    lines grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node is at
-    1 + `lift` [frames, rows], and `away` [frames, rows] goes to any ground but its own row's.
+    lines grounded. `delivered` [frames, rows, cols] then leaves through the columns, the node (of
+    conductance `node`) is at 1 + `lift`, and `away` goes to any ground but its own row's, all [frames, rows].
     `mesh` is there for offsets and leaks. `delivered_part` bounds the relative error of
     `delivered`, `away_a` and `lift_v` [frames, rows] those of the others where they are not the
     same number. `voltage` counts the roundings in any voltage behind these
@@ -450,6 +450,7 @@ class _Response:
     """
 
     delivered: Floats
+    node: Floats
     lift: Floats
     away: Floats
     mesh: _Mesh | None
@@ -463,57 +464,52 @@ class _Response:
 
 @dataclass
 class _Solution:
-    """Currents [frames, rows, cols], the bound of their error as solve_error.Account.check takes
-    it, and its parts: of `driven` relative, of `rest` in ampere.
+    """Currents [frames, rows, cols] and the bounds of their errors: of `driven` relative, of `rest`
+    in ampere.
     """
 
     driven: Floats
     rest: Floats | None
-    error: Part
     driven_part: Part
     rest_error: Floats | None
 
 
 def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Solution:
+    from dermis.array import star_mesh
+
     lines = _RowLines(network, g)
     grounded = np.full(network.rows, _conductance(network.r_row_grounded_ohm))
     response = _respond(network, lines, grounded)
-    missed = _check_balance(
-        lines.to_driver.sum(axis=2),
-        response.away + grounded * response.lift,
-        "in the slot of a row",
-        solve_error.balance(response.voltage),
-    )
-    # From all rows grounded to row r driven: the source voltage and resistance of one node change.
-    scale = network.r_row_driven_ohm * response.away + (1.0 + response.lift)
-    driven = (network.v_bias_v / scale)[:, :, np.newaxis] * response.delivered
+    scale, driven, most = np.empty(g.shape[:2]), np.empty(g.shape), solve_error.balance(response.voltage)
+    missed = star_mesh.slots(
+        np.ascontiguousarray(lines.to_driver), grounded, response.lift, response.away, response.delivered,
+        network.r_row_driven_ohm, network.v_bias_v, _CURRENT_FLOOR_A / most, scale, driven,
+    )  # fmt: skip
+    _accept(missed, "in the slot of a row", most)
     part = response.delivered_part + _scale_part(network, response, scale)
-    figures = solve_error.Figures(max(missed, response.missed), response.condition)
-    error: Part = part
-    if isinstance(part, np.ndarray):
-        error = _of(part, np.abs(driven))
-        most = np.abs(driven).max(axis=2, keepdims=True)
-        figures.bound = float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
-    else:
-        figures.bound = part
+    bound = part if isinstance(part, float) else _largest_part(_of(part, np.abs(driven)), driven)
+    figures = solve_error.Figures(max(missed, response.missed), response.condition, bound)
     rest = error_rest = None
     if response.mesh is not None:
-        rest, error_rest, figures.slots_alone = _rest(network, g, lines, response, scale, account)
-        error = _of(part, np.abs(driven)) + error_rest
+        rest, error_rest, figures.slots_alone = _rest(network, g, response, scale, account)
     if network.r_return_ohm:
         driven, rest, part, error_rest = _lift(
-            network, lines, response, scale, _Solution(driven, rest, error, part, error_rest)
+            network, response, scale, _Solution(driven, rest, part, error_rest)
         )
         error = _of(part, driven) + (0.0 if error_rest is None else error_rest)
-        most = driven.max(axis=2, keepdims=True)
-        relative = np.divide(error, most, out=np.zeros_like(error), where=most > 0)
-        figures.bound = max(figures.bound, float(relative.max()))
+        figures.bound = max(figures.bound, _largest_part(error, driven))
     account.take(figures)
-    return _Solution(driven, rest, error, part, error_rest)
+    return _Solution(driven, rest, part, error_rest)
+
+
+def _largest_part(error: Floats, driven: Floats) -> float:
+    """Largest error of a slot, of its largest current."""
+    most = np.abs(driven).max(axis=2, keepdims=True)
+    return float(np.divide(error, most, out=np.zeros_like(error), where=most > 0).max())
 
 
 def _lift(
-    network: Network, lines: _RowLines, response: _Response, scale: Floats, grounded: _Solution
+    network: Network, response: _Response, scale: Floats, grounded: _Solution
 ) -> tuple[Floats, Floats | None, Floats, Floats | None]:
     """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a
     solution without `error`.
@@ -526,7 +522,7 @@ def _lift(
     """
     ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
     change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
-    node = lines.to_driver.sum(axis=2) + _conductance(ground)
+    node = response.node
     with np.errstate(over="ignore", invalid="ignore"):
         # Each row driven at 1 V with every row grounded through `ground`, then row r's own driver.
         alone = (_conductance(ground) / node)[:, :, np.newaxis] * response.delivered
@@ -573,7 +569,6 @@ def _scale_part(network: Network, response: _Response, scale: Floats) -> Part:
 def _rest(
     network: Network,
     g: Floats,
-    lines: _RowLines,
     response: _Response,
     scale: Floats,
     account: solve_error.Account,
@@ -598,14 +593,13 @@ def _rest(
     else:
         ground = max(ground, 1.0 / _G_SERIES_SHORT_S)
         change = (ground - driver) / ground
-    node = lines.to_driver.sum(axis=2) + _conductance(ground)
     held, error_held = _held_currents(network, response.mesh)
     rest, error = np.empty((2, *delivered.shape))
     doubtful = np.empty(delivered.shape[:2], dtype=bool)
     star_mesh.driven_slots(
-        held, error_held, np.ascontiguousarray(delivered), _full(response.delivered_part, delivered), source,
-        np.abs(network.v_column_offset_v) + np.abs(pushed), node, scale, change,
-        _full(_scale_part(network, response, scale), delivered), account.tolerance_a(network.cols), rest, error,
+        held, error_held, delivered, _three(response.delivered_part), source,
+        np.abs(network.v_column_offset_v) + np.abs(pushed), response.node, scale, change,
+        _three(_scale_part(network, response, scale)), account.tolerance_a(network.cols), rest, error,
         doubtful,
     )  # fmt: skip
     slots = np.argwhere(doubtful)
@@ -627,11 +621,7 @@ def _held_currents(network: Network, mesh: _Mesh | None) -> tuple[Floats, Floats
 
     assert mesh is not None
     leak, held, error = network.i_leak_a, np.empty(mesh.ground.shape), np.empty(mesh.ground.shape)
-    parts = (
-        _full(mesh.between_part, mesh.between),
-        _full(mesh.ground_part, mesh.ground),
-        _full(mesh.own_part, mesh.own),
-    )
+    parts = _three(mesh.between_part), _three(mesh.ground_part), _three(mesh.own_part)
     # The differences and the sums of these few terms round as well.
     rounding = (2 * network.cols + 8) * solve_error.U
     star_mesh.held_currents(
@@ -706,7 +696,8 @@ def _respond_columns(network: Network, lines: _RowLines, g_ground: Floats) -> _R
     elif held:
         mesh = _Mesh(link, leak, np.ones_like(leak), part, part, part)
     lift = _ratio((g * moved).sum(axis=2), node)
-    return _Response(delivered_rows, lift, away, mesh, roundings, missed, condition, part)
+    delivered_rows = np.ascontiguousarray(delivered_rows)
+    return _Response(delivered_rows, node, lift, away, mesh, roundings, missed, condition, part)
 
 
 def _check_mesh(mesh: _Mesh, resistance: Floats, most: float) -> float:
@@ -746,27 +737,26 @@ def _respond_chain(network: Network, lines: _RowLines, g_ground: Floats) -> _Res
     g_end = _conductance(behind)
     step = float(_conductance(network.r_trace_column_ohm)) + network.g_lateral_column_s
     g = lines.to_driver
-    node = g.sum(axis=2) + g_ground
-    share = _ratio(g, node[:, :, np.newaxis])
-    leak = g_ground[:, np.newaxis] * share
     frames, rows, cols = g.shape
     sources = cols if _held(network) else 0
     roundings = solve_error.chain(rows, cols, solve_error.elements(rows, cols, lines.bent))
     part = solve_error.part(roundings, rows, cols)
     first, drives = star_mesh.ROWS + rows, star_mesh.ROWS + rows + sources
-    moved, away, last = np.empty(g.shape), np.empty((frames, drives)), np.empty((frames, drives, cols))
+    (node, lift), away = np.empty((2, frames, rows)), np.empty((frames, drives))
+    last = np.empty((frames, drives, cols))
     largest, volt = np.empty(frames), np.empty((frames, drives) if part > _COUNTED_ENOUGH else (0, 0))
     pass_on, seen = (lines.pass_on, lines.seen) if lines.bent else (g, g)
     missed = star_mesh.chain(
-        lines.g, pass_on, seen, lines.bent, g, share, leak, float(network.g_lateral_row_s), step, g_end,
-        moved, away, last, largest, volt,
+        lines.g, pass_on, seen, lines.bent, g, g_ground, float(network.g_lateral_row_s), step, g_end,
+        node, lift, away, last, largest, volt,
     )  # fmt: skip
     _accept(missed, "at a node", solve_error.balance(roundings))
     of_rows = slice(star_mesh.ROWS, first)
     response = _Response(
         g_end * last[:, of_rows],
-        _ratio((g * moved).sum(axis=2), node),
-        away[:, of_rows],
+        node,
+        lift,
+        np.ascontiguousarray(away[:, of_rows]),
         None,
         roundings,
         missed,

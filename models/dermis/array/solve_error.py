@@ -143,15 +143,19 @@ class Account:
         self.bound = max(self.bound, figures.bound)
         self.slots_alone += figures.slots_alone
 
-    def check(self, driven: Floats, rest: Floats | None, error: float | Floats) -> None:
+    def check(
+        self, driven: Floats, rest: Floats | None, part: float | Floats, rest_error: Floats | None
+    ) -> None:
         """Turn errors of currents [frames, rows, cols] into codes.
 
         Parameters
         ----------
         driven, rest : ndarray, ndarray or None
             The currents; rest adds to driven.
-        error : float or ndarray
-            Bound of the error, of `driven` itself where it is one number, else [frames, rows, cols] in ampere.
+        part : float or ndarray
+            Bound of the error of `driven`, relative; one number, or an array [frames, rows, cols] or less.
+        rest_error : ndarray or None
+            Bound of the error of `rest` in ampere.
 
         Raises
         ------
@@ -161,14 +165,15 @@ class Account:
         if self.lsb_a is None or self.reach_a is None:
             return
         where, worst = "any taxel", 0.0
-        if isinstance(error, np.ndarray):
+        if rest is not None or isinstance(part, np.ndarray):
             from dermis.array import star_mesh
 
-            other = np.zeros(driven.shape) if rest is None else rest
-            worst, row, column = star_mesh.worst_code(driven, other, error, self.reach_a, self.lsb_a)
+            parts = np.array(part, dtype=float, ndmin=3, order="C")
+            other, error = np.zeros((2, *driven.shape)) if rest is None else (rest, rest_error)
+            worst, row, column = star_mesh.worst_code(driven, other, parts, error, self.reach_a, self.lsb_a)
             where = f"row {row}, column {column}"
         else:
-            worst = error * float((self.reach_a / self.lsb_a).max())
+            worst = part * float((self.reach_a / self.lsb_a).max())
         if not worst <= LIMIT_LSB:
             raise SimulatorError(
                 f"array solve: the current of {where} is uncertain by {worst:.1e} LSB (limit {LIMIT_LSB:g}), since "

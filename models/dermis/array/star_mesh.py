@@ -100,6 +100,13 @@ def _part_of(part, size):  # type: ignore
 
 
 @_compiled
+def _at(part, f, r, c):  # type: ignore
+    """Element of relative errors [frames, rows, cols], one for all along axes of 1."""
+    frames, rows, cols = part.shape
+    return part[f if frames > 1 else 0, r if rows > 1 else 0, c if cols > 1 else 0]
+
+
+@_compiled
 def miss(left, right, floor):  # type: ignore
     """Largest relative miss between sums of currents of 0 or above, flat; NaN counts as infinite."""
     worst = 0.0
@@ -136,7 +143,7 @@ def held_currents(between, ground, own, parts, rounding, offset, leak, pushed, h
     relative errors of the first three.
     """
     frames, n = ground.shape
-    of_between, of_ground, of_own = parts
+    of_between, of_ground, of_own = parts  # [frames, cols, cols], [1, frames, cols] and [1, frames, cols] or less
     for f in range(frames):
         for c in range(n):
             total = doubt = 0.0
@@ -144,10 +151,10 @@ def held_currents(between, ground, own, parts, rounding, offset, leak, pushed, h
                 apart = offset[d] - offset[c]
                 total += between[f, c, d] * (apart + pushed[d])
                 size = between[f, c, d] * (abs(apart) + abs(pushed[d]))
-                doubt += _part_of(of_between[f, c, d] + rounding, size)
+                doubt += _part_of(_at(of_between, f, c, d) + rounding, size)
             held[f, c] = total - ground[f, c] * offset[c] + own[f, c] * leak[c]
-            doubt += _part_of(of_ground[f, c] + rounding, ground[f, c] * abs(offset[c]))
-            error[f, c] = doubt + _part_of(of_own[f, c] + rounding, own[f, c] * abs(leak[c]))
+            doubt += _part_of(_at(of_ground, 0, f, c) + rounding, ground[f, c] * abs(offset[c]))
+            error[f, c] = doubt + _part_of(_at(of_own, 0, f, c) + rounding, own[f, c] * abs(leak[c]))
 
 
 @_compiled
@@ -179,13 +186,14 @@ def driven_slots(  # type: ignore
             for c in range(n):
                 lift += delivered[f, r, c] * source[c]
                 whole += delivered[f, r, c] * size[c]
-                doubt += _part_of(part[f, r, c], delivered[f, r, c] * size[c])
+                doubt += _part_of(_at(part, f, r, c), delivered[f, r, c] * size[c])
             lift *= per_volt
             doubtful[f, r] = False
             for c in range(n):
                 lifted = abs(per_volt) * delivered[f, r, c]
                 rest[f, r, c] = held[f, c] - lift * delivered[f, r, c]
-                off = lifted * doubt + _part_of(part[f, r, c] + scale_part[f, r, c], lifted * whole)
+                both = _at(part, f, r, c) + _at(scale_part, f, r, c)
+                off = lifted * doubt + _part_of(both, lifted * whole)
                 off += error_held[f, c]
                 # A bound that is NaN counts as infinite.
                 error[f, r, c] = off if off == off else np.inf
@@ -193,9 +201,34 @@ def driven_slots(  # type: ignore
 
 
 @_compiled
-def worst_code(driven, rest, error, reach, lsb):  # type: ignore
+def slots(to_driver, g_ground, lift, away, delivered, r_driven, v_bias, floor, scale, driven):  # type: ignore
+    """Currents of every slot: from all rows grounded to one driven, the source voltage and the
+    resistance of one node change.
+
+    Fills `scale` [frames, rows], the divisor, and `driven` [frames, rows, cols]; returns the largest
+    miss of what enters a driver's node against what leaves it.
+    """
+    frames, rows, n = delivered.shape
+    worst = 0.0
+    for f in range(frames):
+        for r in range(rows):
+            into = 0.0
+            for c in range(n):
+                into += to_driver[f, r, c]
+            out = away[f, r] + g_ground[r] * lift[f, r]
+            here = abs(into - out) / (into + out + floor)
+            worst = here if not here <= worst else worst
+            scale[f, r] = r_driven * away[f, r] + (1.0 + lift[f, r])
+            volt = v_bias / scale[f, r]
+            for c in range(n):
+                driven[f, r, c] = volt * delivered[f, r, c]
+    return worst
+
+
+@_compiled
+def worst_code(driven, rest, part, rest_error, reach, lsb):  # type: ignore
     """Largest error of currents [frames, rows, cols] in codes within `reach`, its row and its column;
-    NaN counts as infinite.
+    NaN counts as infinite. `part` is relative, of `driven`.
     """
     frames, rows, n = driven.shape
     worst, row, column = -1.0, 0, 0
@@ -203,11 +236,12 @@ def worst_code(driven, rest, error, reach, lsb):  # type: ignore
         for r in range(rows):
             for c in range(n):
                 total = driven[f, r, c] + rest[f, r, c]
-                low = min(max(total - error[f, r, c], -reach[c]), reach[c])
-                high = min(max(total + error[f, r, c], -reach[c]), reach[c])
+                error = _part_of(_at(part, f, r, c), abs(driven[f, r, c])) + rest_error[f, r, c]
+                low = min(max(total - error, -reach[c]), reach[c])
+                high = min(max(total + error, -reach[c]), reach[c])
                 off = (high - low) / 2 / lsb[c]
                 # max and min of a NaN may drop it
-                off = off if total == total and error[f, r, c] == error[f, r, c] else np.inf
+                off = off if total == total and error == error else np.inf
                 if off > worst:
                     worst, row, column = off, r, c
     return worst, row, column
@@ -497,7 +531,7 @@ def _miss_together(links, v, to_driver, leak, step, end):  # type: ignore
 
 @_compiled
 def chain(  # type: ignore
-    g, pass_on, seen, bent, to_driver, share, leak, lateral, step, end, moved, away, last, largest, volt
+    g, pass_on, seen, bent, to_driver, g_ground, lateral, step, end, node, lift, away, last, largest, volt
 ):
     """Solve all slots of arrays with resistive column lines; return the largest violation of
     Kirchhoff's law at a node.
@@ -508,16 +542,18 @@ def chain(  # type: ignore
 
     Parameters
     ----------
-    g, pass_on, seen, to_driver, share, leak : [frames, rows, cols]
-        Taxels; row lines as array._RowLines has them (the first three count if `bent`); the part of a driver's
-        node that each column sees and what it leaks to ground.
+    g, pass_on, seen, to_driver : [frames, rows, cols]
+        Taxels; row lines as array._RowLines has them (the first three count if `bent`).
+    g_ground : [rows]
+        Conductance of every row's driver to ground.
     lateral, step : float
         Conductance between neighbouring columns in a row, and along a column from row to row.
     end : [cols]
         Conductance behind the last row.
-    moved, away, last : [frames, rows, cols], [frames, drives], [frames, drives, cols]
-        Results: voltages of row r under its own drive; what of a drive leaves, but through the own driver of a row
-        and for a column's source but through inputs; voltages of the last row under every drive.
+    node, lift, away, last : [frames, rows], [frames, rows], [frames, drives], [frames, drives, cols]
+        Results: conductance of every driver's node, and its lift above 1 V under its own drive; what of a drive
+        leaves, but through the own driver of a row and for a column's source but through inputs; voltages of the
+        last row under every drive.
     largest : [frames]
         Result: the largest voltage under MEASURE.
     volt : [frames, drives] or [0, 0]
@@ -528,6 +564,8 @@ def chain(  # type: ignore
     sources = ROWS + rows
     every = volt.shape[0] > 0
     links, beside = np.empty((rows, n, n)), np.empty(n)
+    # Part of a driver's node that each column sees, and what it leaks to ground.
+    share, leak = np.empty((rows, n)), np.empty((rows, n))
     work, pivot, weights = np.empty((n, 2 * n + 1)), np.empty(n), np.empty(n)
     z, v, out = np.empty((rows, n, n)), np.empty((rows, drives, n)), np.empty((rows, n))
     # Conductance to ground of all that lies above each row, and of the row with it.
@@ -540,11 +578,18 @@ def chain(  # type: ignore
     for f in range(frames):
         # Downwards: block r with all above it folded in, inverted; currents folded into the row below.
         for r in range(rows):
+            total = 0.0
+            for i in range(n):
+                total += to_driver[f, r, i]
+            node[f, r] = total + g_ground[r]
+            for i in range(n):
+                share[r, i] = to_driver[f, r, i] / node[f, r] if node[f, r] > 0.0 else 0.0
+                leak[r, i] = g_ground[r] * share[r, i]
             _links(
-                links[r], g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[f, r], lateral, beside
+                links[r], g[f, r], pass_on[f, r], seen[f, r], bent, to_driver[f, r], share[r], lateral, beside
             )  # fmt: skip
             _fold(
-                links[r], work, out[r], ground, to_driver[f, r], share[f, r], leak[f, r], above[r],
+                links[r], work, out[r], ground, to_driver[f, r], share[r], leak[r], above[r],
                 z[r - 1] if r > 0 else nothing, step if r > 0 else 0.0, along if r < rows - 1 else end,
             )  # fmt: skip
             _invert(work, pivot, weights, z[r])
@@ -570,15 +615,18 @@ def chain(  # type: ignore
         for r in range(rows):
             for i in range(n):
                 largest[f] = max(largest[f], v[r, MEASURE, i])
-                moved[f, r, i] = v[r, ROWS + r, i]
+            total = 0.0
+            for i in range(n):
+                total += to_driver[f, r, i] * v[r, ROWS + r, i]
+            lift[f, r] = total / node[f, r] if node[f, r] > 0.0 else 0.0
         for q in range(drives):
             for i in range(n):
                 last[f, q, i] = v[rows - 1, q, i]
-        _leaves(away[f], v, above, leak[f], end, every)
-        worst = max(worst, _miss_together(links, v, to_driver[f], leak[f], step, end))
+        _leaves(away[f], v, above, leak, end, every)
+        worst = max(worst, _miss_together(links, v, to_driver[f], leak, step, end))
         if every:
             _misses(
-                missed, most, v, out, to_driver[f], share[f], g[f], pass_on[f], seen[f], bent, lateral, step, end
+                missed, most, v, out, to_driver[f], share, g[f], pass_on[f], seen[f], bent, lateral, step, end
             )  # fmt: skip
             # Rounding error: sums of n terms, products along a row line of up to n of them, u = 1.1e-16 each.
             rounding = (8 * n + 64) * 1.2e-16
