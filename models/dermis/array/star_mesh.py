@@ -143,7 +143,9 @@ def held_currents(between, ground, own, parts, rounding, offset, leak, pushed, h
     relative errors of the first three.
     """
     frames, n = ground.shape
-    of_between, of_ground, of_own = parts  # [frames, cols, cols], [1, frames, cols] and [1, frames, cols] or less
+    of_between, of_ground, of_own = (
+        parts  # [frames, cols, cols], [1, frames, cols] and [1, frames, cols] or less
+    )
     for f in range(frames):
         for c in range(n):
             total = doubt = 0.0
