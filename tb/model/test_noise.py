@@ -183,7 +183,7 @@ def test_noise_of_a_charge_that_stands_at_its_limit_is_all_there(
     monkeypatch: pytest.MonkeyPatch, step: int, lag: float
 ) -> None:
     """A current of ten packets a clock would be far above every level, were it not for the limit."""
-    monkeypatch.setattr(event, "_grid_step", lambda *_: step)
+    monkeypatch.setattr(loops, "grid_step", lambda *_: step)
     clocks, own = 64, keys(12)
     one = {"x": 10.0, "leak": 1e-4, "w0": -0.5, "packet": 1.0, "rise": 0.01, "fall": -0.01, "low": -1.2, "high": 0.9,
            "delay": 0.03, "lag": lag, "across": 1e-2}  # fmt: skip
@@ -211,7 +211,7 @@ def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -
     size, own = np.full((4, 300), 1e-3), keys(300)
     expected = count_cells(made, GATE, 1.0, Noise(size, own))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(event, "_grid_step", lambda *_: step)
+        patch.setattr(loops, "grid_step", lambda *_: step)
         part = Cells(**{name: np.array([c[name] for c in cells[first:]]) for name in cells[0]})
         got = count_cells(part, GATE, 1.0, Noise(size[:, first:], own[first:]))
     assert (got[0] == expected[0][first:]).all()

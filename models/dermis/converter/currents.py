@@ -329,13 +329,16 @@ def charges_of(
     )
     offset, most = converter.i_offset_a / converter.i0_a, converter.drowning()
     kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
-    edges = [0, *(np.flatnonzero(np.diff(kinds)) + 1).tolist(), kinds.size]
+    edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), kinds.size]
     for begins, ends in itertools.pairwise(edges):
         deep, from_start = divmod(int(kinds[begins]), 2)
         f, row, c = (index[begins:ends] for index in cells)
         r = np.maximum(row + np.arange(-deep if from_start else -deep - 1, 1)[:, None], 0)
         sine, cosine = drive.ripple * np.sin(phase[f, r]), drive.ripple * np.cos(phase[f, r])
-        terms = np.stack(_terms(drive, _at(ways, f, r, c), sine, cosine, limit_a[c]), axis=1) * per_a[c]
+        parts = _terms(drive, _at(ways, f, r, c), sine, cosine, limit_a[c])
+        terms = np.empty((r.shape[0], len(parts), c.size))
+        for k, part in enumerate(parts):
+            terms[:, k] = part * per_a[c]
         night = slow = None
         if dark is not None:
             lights = _dark_terms(_at(dark, f, r, c), drive, limit_a[c], terms.shape[1])

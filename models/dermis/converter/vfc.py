@@ -114,7 +114,8 @@ class Converter:
         """Lower and upper end of the charge as a voltage on c_int_f, [2, cols]: the output's, by
         the sign of charge.
         """
-        return np.sort([self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v], axis=0)
+        ends = self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v
+        return np.array([np.minimum(*ends), np.maximum(*ends)])
 
     def range_bites(self) -> bool:
         """Return True if the range of an integrator is so small that it loses charge in normal

@@ -13,8 +13,6 @@ makes the input change inside a gate, its mean over each clock takes the place o
 from __future__ import annotations
 
 import copy
-import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -262,14 +260,14 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Fl
     )  # output of the integrator over the voltage of its capacitor
     leak = across = np.zeros(x.shape)
     if g_in_s is not None:
-        per_clock = np.broadcast_to(g_in_s / converter.c_int_f / converter.f_clk_hz, x.shape)
-        across = np.minimum(per_clock, _LEAK_MAX)
+        across = np.minimum(g_in_s / converter.c_int_f / converter.f_clk_hz, _LEAK_MAX)
+        across = across if across.shape == x.shape else np.broadcast_to(across, x.shape)
         leak = across * (converter.inv_gain_dc * amplitude)
     scale = packet_v * amplitude
     low, high = converter.range_v() / scale
     level_v = converter.v_comp_offset_v + moved_lsb * packet_v
     columns = {
-        "w0": np.clip(W_PRESET + converter.preset_error_v / packet_v, low, high),
+        "w0": _within(W_PRESET + converter.preset_error_v / packet_v, low, high),
         "packet": 1.0 + converter.packet_error,
         "rise": (level_v + converter.v_hysteresis_v / 2) / scale,
         "fall": (level_v - converter.v_hysteresis_v / 2) / scale,
@@ -283,7 +281,11 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Fl
         for name, value in columns.items()
     }
     most = converter.drowning()
-    return Cells(x=np.clip(x, -most, most), leak=leak, across=across, **everywhere)
+    return Cells(x=_within(x, -most, most), leak=leak, across=across, **everywhere)
+
+
+def _within(value: Floats, low: Floats, high: Floats) -> Floats:
+    return np.minimum(np.maximum(value, low), high)
 
 
 def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
@@ -292,12 +294,12 @@ def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64
     if converter.v_preset_noise_v.any():
         spread = converter.v_preset_noise_v / converter.packet_v()
         start = cells.w0 + spread * noise.normals(keys, noise.PRESET)
-        changed["w0"] = np.clip(start, cells.low, cells.high)
+        changed["w0"] = _within(start, cells.low, cells.high)
     if converter.packet_flicker.any():
         changed["packet"] = cells.packet * (
             1.0 + converter.packet_flicker * noise.normals(keys, noise.FLICKER)
         )
-    return dataclasses.replace(cells, **changed) if changed else cells
+    return Cells(**vars(cells) | changed) if changed else cells
 
 
 def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
@@ -358,78 +360,26 @@ def rows_of(cells: Cells, charge_delay: float) -> Rows:
         raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
     # Copies, so that none is read-only: the loops would be compiled again for it.
     flat = {name: np.asarray(value, dtype=float).flatten() for name, value in vars(cells).items()}
-    leak, lag, packet, w0 = flat["leak"], flat["lag"], flat["packet"], flat["w0"]
-    sample = 1.0 - flat["delay"]
-    slow = np.empty((8, w0.size))
-    fast = None
-    if lag.any():
-        if not lag.all():
-            raise ValueError("the output of some cells lags and of others does not")
-        loaded, leaks = flat["across"] * lag, leak * lag
-        root = np.sqrt((loaded - 1.0) ** 2 + 4.0 * (loaded - leaks))
-        total = 1.0 + loaded + root
-        _fill(slow, -2.0 * leak / total, 1.0 / root, 1.0 - 2.0 * leaks / total, packet, charge_delay)
-        fast = np.empty_like(slow)
-        # 1 + rate lag without the difference of two near equals
-        rest = 1.0 - loaded + root
-        weight = np.where(
-            loaded < 1.0,
-            -2.0 * (loaded - leaks) / np.where(loaded < 1.0, rest, 1.0),
-            (1.0 - loaded - root) / 2,
-        )
-        _fill(fast, -total / (2.0 * lag), -1.0 / root, weight, packet, charge_delay)
-        fast[loops.START] = -w0 * 2.0 * leaks / (total * root)
-        slow[loops.START] = w0 - fast[loops.START]
-    else:
-        _fill(slow, -leak, np.ones_like(leak), np.ones_like(leak), packet, charge_delay)
-        slow[loops.START] = w0
-    latch = early = None
-    modes = [slow] if fast is None else [slow, fast]
-    if charge_delay < 1.0:
-        latch = np.stack(
-            [packet * m[loops.DRIVE] * _grow(m[loops.RATE], 1.0 - charge_delay) for m in (slow, modes[-1])]
-        )
-    if flat["delay"].any():
-        early = np.empty((6, w0.size))
-        late = np.maximum(sample - charge_delay, 0.0)
-        whole = sum(m[loops.DRIVE] * _grow(m[loops.RATE], sample) for m in modes)
-        last = sum(m[loops.DRIVE] * _grow(m[loops.RATE], late) for m in modes)
-        early[loops.KEEP_SLOW] = np.exp(slow[loops.RATE] * sample)
-        early[loops.KEEP_FAST] = np.exp(modes[-1][loops.RATE] * sample)
-        early[loops.GAIN_EARLY] = whole
-        early[loops.TAKE_EARLY] = packet * (whole - last)
-        early[loops.TAKE_EARLY_LAST] = packet * last
-        early[loops.POINT] = sample
+    lag, count = flat["lag"], flat["w0"].size
+    lags = bool(lag.any())
+    if lags and not lag.all():
+        raise ValueError("the output of some cells lags and of others does not")
+    slow, fast = np.empty((8, count)), np.empty((8, count if lags else 0))
+    latch = np.empty((2, count if charge_delay < 1.0 else 0))
+    early = np.empty((6, count if flat["delay"].any() else 0))
+    taken = (flat[name] for name in ("w0", "packet", "leak", "across", "delay", "lag"))
+    loops.modes(*taken, charge_delay, slow, fast, latch, early)
     bounded = np.isfinite(flat["low"]).any() or np.isfinite(flat["high"]).any()
     return Rows(
         slow=slow,
-        fast=fast,
-        latch=latch,
-        early=early,
+        fast=fast if lags else None,
+        latch=latch if latch.size else None,
+        early=early if early.size else None,
         rise=flat["rise"],
         window=flat["fall"] if (flat["fall"] != flat["rise"]).any() else None,
         limits=np.stack([flat["low"], flat["high"]]) if bounded else None,
-        lag=None if fast is None else lag,
+        lag=lag if lags else None,
     )
-
-
-def _fill(rows: Floats, rate: Floats, drive: Floats, weight: Floats, packet: Floats, late: float) -> None:
-    whole, last = drive * _grow(rate, 1.0), drive * _grow(rate, 1.0 - late)
-    rows[loops.KEEP] = np.exp(rate)
-    rows[loops.GAIN] = whole
-    rows[loops.TAKE] = packet * (whole - last)
-    rows[loops.RATE], rows[loops.DRIVE] = rate, drive
-    rows[loops.WEIGHT], rows[loops.PACKET] = weight, packet
-
-
-def _grow(rate: Floats, length: float | Floats) -> Floats:
-    """Integral of exp(rate t) over 0..length."""
-    if not np.any(length):
-        return np.zeros_like(rate)
-    if rate.all():
-        return np.expm1(rate * length) / rate
-    straight = rate == 0
-    return np.where(straight, length, np.expm1(rate * length) / np.where(straight, 1.0, rate))
 
 
 def count_cells(
@@ -475,7 +425,7 @@ def walk_cells(
 ) -> None:
     """Count cells begin..stop-1 of `rows`; x or vary and the rest as for converter.loops.walk."""
     of, keys = (None, None) if draws is None else draws
-    step = None if of is None else _grid_step(of[loops.SIGMA], clocks)
+    step = None if of is None else loops.grid_step(of[loops.SIGMA], clocks)
     carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
     loops.walk(
         clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
@@ -491,23 +441,6 @@ def _check_charge(end: Floats) -> None:
     """
     if not np.isfinite(end).all():
         raise SimulatorError("engine event: the charge of a converter is not a finite number")
-
-
-def _grid_step(sigma: Floats, clocks: int) -> int:
-    """Return the cheapest grid of the Brownian paths in clocks; the paths themselves do not depend
-    on it.
-
-    A number costs about 20 ns; a decision looked at closely, 100 ns; it is where the level is
-    within 8 sigma of what the grid leaves open, sqrt(step) / 2.
-    """
-    span = noise.span_of(clocks)
-    typical = float(sigma.mean())
-    best, least = 8, math.inf
-    for step in (8 * 2**i for i in range(10)):
-        cost = 20 * span / step + 100 * clocks * min(1.0, 8 * typical * math.sqrt(step))
-        if cost < least:
-            best, least = step, cost
-    return min(best, span)
 
 
 def _count_slots(
