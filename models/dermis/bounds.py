@@ -59,17 +59,18 @@ metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(14, 17))
 COUNT = 17
 
 
-class Bound(namedtuple("Bound", "shift rest whole random climb drawn loose")):
+class Bound(namedtuple("Bound", "shift rest whole random path climb drawn loose")):
     """Error of an effect in one cell, in packets.
 
     In a quiet cell (`quiet`) the level at the last decision is off by `shift`, known to `rest`. In
     any cell no level is off by more than `whole`. `random` comes on top of both: SIGMAS standard
     deviations of a normal number that is independent of those of other effects, so that they add as
-    squares. In a quiet cell a decision before the last one may see `climb` more, and two decisions
-    within three clocks see levels that are `loose` twice apart at most.
+    squares; `path` is as many of the end of a Brownian path. In a quiet cell a decision before the last
+    one may see `climb` more, and two decisions within three clocks see levels that are `loose` twice
+    apart at most.
 
-    Once the random numbers of the cell are drawn, `random` and `climb` are known in a quiet cell;
-    in any other one `drawn` takes the place of `random`.
+    Once the random numbers of the cell are drawn, `random`, `path` and `climb` are known in a quiet
+    cell; in any other one `drawn` takes the place of the first two.
     """
 
     __slots__ = ()
@@ -176,13 +177,13 @@ def _supply_ripple(s):  # type: ignore
     rest.
     """
     whole = abs(s.swing) * s.swing_reach + s.swing_bent
-    return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0, 0.0)
+    return Bound(s.swing * s.swing_sum, s.swing_bent, whole, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
 def _motion(s):  # type: ignore
     """The mean over the gate is solved; partial sums leave it."""
-    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0, 0.0)
+    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -190,7 +191,7 @@ def _mirror_lag(s):  # type: ignore
     """The charge of y' = y (x - y) / kappa is that of x less kappa ln(y at the end / y at the
     beginning).
     """
-    return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0, 0.0)
+    return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -198,7 +199,7 @@ def _line_capacitance(s):  # type: ignore
     """Charge of lines that have not settled; a slow mirror would keep what it saw before the
     gate.
     """
-    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0)
+    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def settling_s(network: Network) -> float:
@@ -237,6 +238,18 @@ def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats
     side = 2.0 * rows * net.g_lateral_row_s if cols > 1 else 0.0
     onto = np.sqrt(timing.gate_clocks / c.f_clk_hz * (g_column_s + side) / 2.0)
     charge = (onto + 2.0 * math.sqrt(rows * net.c_taxel_f)) * stored * rest
+    r_column = float(net.r_column_ohm[0])
+    if (
+        not (net.c_taxel_f or net.r_trace_column_ohm or net.r_return_ohm)
+        and (net.r_column_ohm == r_column).all()
+    ):
+        # No line but a column's node holds charge, so no voltage is further from rest than v_v exp(-t / tau), and a
+        # column's at most the part `onto / kept` of it times its resistance.
+        onto = g_column_s.max(axis=1, keepdims=True)
+        kept = 1.0 - r_column * net.c_column_f / tau + r_column * onto
+        gate = -math.expm1(-timing.gate_clocks / c.f_clk_hz / tau)
+        slow = onto * v_v * tau * rest * gate / np.maximum(kept, 1e-30)
+        charge = np.minimum(charge, slow)
     return charge * c.f_clk_hz * np.maximum(1.0, np.abs(c.gain)) / (c.k * c.i0_a)
 
 
@@ -246,7 +259,7 @@ def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats
 @_compiled
 def _comparator_hysteresis(s):  # type: ignore
     """A quiet converter leaves the window after every packet, so it decides at the upper level."""
-    return Bound(-0.5 * s.window, 0.0, 1.5 * s.window, 0.0, 0.0, 0.0, 0.0)
+    return Bound(-0.5 * s.window, 0.0, 1.5 * s.window, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -256,7 +269,7 @@ def _comparator_delay(s):  # type: ignore
     """
     whole = s.delay * (abs(s.high) + 2.0 * s.packet)
     rest = 0.5 * s.delay * (s.high - s.low)
-    return Bound(-0.5 * s.delay * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, rest)
+    return Bound(-0.5 * s.delay * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, 0.0, rest)
 
 
 @_compiled
@@ -266,7 +279,7 @@ def _integrator_bandwidth(s, levels, error):  # type: ignore
     """
     lag = s.lag
     if lag > SLOW_CLOCKS:
-        return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, math.inf)
+        return Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, math.inf)
     drops = s.across * lag * (_highest(s, levels, error) - _lowest(s, levels)) if lag > 0.0 else 0.0
     # Two clocks behind a packet `late` has what is left of it; a quiet converter's next one comes no sooner.
     after = max(math.floor((s.packet - 2.0 * levels) / max(s.high, 1e-9)) - 2.0, 1.0)
@@ -274,16 +287,41 @@ def _integrator_bandwidth(s, levels, error):  # type: ignore
     tail = lag * s.packet * (math.exp(-max(steps, 0.0)) if steps < 60.0 else 1e-26)
     rest = 0.5 * lag * (s.high - s.low) + tail + drops
     whole = lag * (abs(s.high) + 2.0 * s.packet) + drops
-    return Bound(-0.5 * lag * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, rest)
+    return Bound(-0.5 * lag * (s.low + s.high), rest, whole, 0.0, 0.0, 0.0, 0.0, rest)
 
 
 @_compiled
 def _integrator_gain(s, levels, error):  # type: ignore
     """A leak takes its part of the charge in every clock."""
     leak = s.clocks * s.leak
-    low, high = max(_lowest(s, levels), s.limit_low), min(_highest(s, levels, error), s.limit_high)
-    whole = leak * max(abs(low), abs(high))
-    return Bound(-0.5 * leak * (high + low), 0.5 * leak * (high - low), whole, 0.0, 0.0, 0.0, 0.0)
+    lowest, highest = _lowest(s, levels), _highest(s, levels, error)
+    low, high = max(lowest, s.limit_low), min(highest, s.limit_high)
+    mean, off = 0.5 * (high + low), 0.5 * (high - low)
+    saw, saw_off = _sawtooth(s, levels, error)
+    if saw_off < off and low == lowest and high == highest:
+        mean, off = saw, saw_off
+    return Bound(-leak * mean, leak * off, leak * max(abs(low), abs(high)), 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@_compiled
+def _sawtooth(s, levels, error):  # type: ignore
+    """Mean charge over the gate of a quiet converter, and what it may be off.
+
+    From one decision to the next the charge goes from u - p to u', both u within the charge of a
+    clock; a packet stays another half to one and a half clocks. The first tooth begins at W_PRESET,
+    the last one may be cut anywhere.
+    """
+    came, p = s.clocks * s.x, s.packet
+    least, most = s.low - s.leak * (p + levels), s.high + s.unsettled + s.leak * (p + levels)
+    if least <= 0.0 or came <= 4.0 * error:
+        return 0.0, math.inf
+    bent = (most - least) / (most + least)
+    off = most + 0.5 * p * bent + levels + SIGMAS * s.flicker * p + p * (5.0 + s.lag) / s.clocks
+    if came <= -W_PRESET:
+        return W_PRESET + 0.5 * came, off + error / s.clocks
+    first, last = -0.5 * W_PRESET * (p + W_PRESET), p * p / 16.0
+    known = (first + last) * (most / least - 1.0 + error / came)
+    return 1.5 * s.x - 0.5 * p + (first - last) / came, off + (last + known) / came
 
 
 @_compiled
@@ -300,7 +338,7 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
     enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
     bites = 0.0 if inside or full else math.inf
-    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0, bites)
+    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0, 0.0, bites)
 
 
 # --- random numbers ----------------------------------------------------------------------------------------------
@@ -318,7 +356,7 @@ def _path(s, variance, sample):  # type: ignore
     # The deviation grows a little with the current.
     climb = min(climbs, whole) + 0.02 * whole + sample
     near = whole * (math.sqrt(0.75) / s.root)
-    return Bound(0.0, 0.0, sample, whole, climb, whole, near + sample)
+    return Bound(0.0, 0.0, sample, 0.0, whole, climb, whole, near + sample)
 
 
 @_compiled
@@ -344,20 +382,20 @@ def _clock_jitter(s):  # type: ignore
 def _comparator_noise(s):  # type: ignore
     """Every decision has its own level."""
     most = SIGMAS * s.noise
-    return Bound(0.0, 0.0, 0.0, most, 0.0, most, most)
+    return Bound(0.0, 0.0, 0.0, most, 0.0, 0.0, most, most)
 
 
 @_compiled
 def _metastability(s):  # type: ignore
     """Half the aperture times the slope: the decision there is random."""
     half = s.aperture * max(abs(s.low), abs(s.high))
-    return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0, 3.0 * half)
+    return Bound(0.0, half, 3.0 * half, 0.0, 0.0, 0.0, 0.0, 3.0 * half)
 
 
 @_compiled
 def _ktc_noise(s):  # type: ignore
     """One number at the start of the slot."""
-    return Bound(0.0, 0.0, 0.0, SIGMAS * s.preset_noise, 0.0, 0.0, 0.0)
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.preset_noise, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -367,13 +405,13 @@ def _flicker_noise(s, levels):  # type: ignore
     """
     came = s.clocks * max(abs(s.low), abs(s.high)) + levels
     gone = min(came / s.packet + 1.0, 0.5 * (s.clocks + 1))
-    return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0, 0.0)
+    return Bound(0.0, 0.0, 0.0, SIGMAS * s.flicker * s.packet * gone, 0.0, 0.0, 0.0, 0.0)
 
 
 # --- all of them -------------------------------------------------------------------------------------------------
 
 
-class _Sum(namedtuple("_Sum", "shift rest whole error levels squares climb drawn noise loose")):
+class _Sum(namedtuple("_Sum", "shift rest whole error levels squares paths climb drawn noise loose")):
     """Sums over the effects so far: those of Bound, all errors and those that move levels, squares,
     and `quiet`'s.
     """
@@ -390,8 +428,8 @@ def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
     other one once the random numbers are drawn; either may be None. Without branches, or it takes
     most of the time.
     """
-    rest, whole, random = factor * b.rest, factor * b.whole, factor * b.random
-    most = whole + random
+    rest, whole, random, path = factor * b.rest, factor * b.whole, factor * b.random, factor * b.path
+    most = whole + random + path
     if tally is not None:
         caused = factor * abs(b.shift)
         tally[number, 0] = caused if caused > tally[number, 0] else tally[number, 0]
@@ -405,6 +443,7 @@ def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
         sums.error + most,
         sums.levels + (most if moves else 0.0),
         sums.squares + random * random,
+        sums.paths + path * path,
         sums.climb + factor * b.climb,
         sums.drawn + (factor * b.drawn) ** 2,
         sums.noise + (whole if noise else 0.0),
@@ -415,9 +454,11 @@ def _add(sums, tally, left, number, factor, moves, noise, b):  # type: ignore
 @_compiled
 def total(s, on, levels, tally, left):  # type: ignore
     """Sum of the bounds that are on; the last three take what the others add up to."""
-    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0)
+    a = _Sum(0.0, 0.0, 0.0, 0.0, levels, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if on[0] > 0.0:
-        a = _add(a, tally, left, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0))
+        a = _add(
+            a, tally, left, 0, on[0], False, False, Bound(0.0, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+        )
     if on[1] > 0.0:
         a = _add(a, tally, left, 1, on[1], False, False, _supply_ripple(s))
     if on[2] > 0.0:

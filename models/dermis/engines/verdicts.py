@@ -138,16 +138,22 @@ def _slot(table, c, key):  # type: ignore
 
 
 @_compiled
+def _sigma(table, g_column, mean, c):  # type: ignore
+    """Deviation a clock of the Brownian path at a mean charge a clock, as engine event.noise_rows has it."""
+    most = min(abs(mean), _X_NOISE_MAX)
+    rate = min(most, 0.5)
+    variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
+    return math.sqrt(variance + 2.0 * table[of.JITTER, c] ** 2 * rate)
+
+
+@_compiled
 def _last(gate, table, g_column, mean, doubt, low, c, key):  # type: ignore
     """Noise of the last decision of a quiet cell, and how far the highest one is above it at most.
 
     `mean` is the charge a clock, known to `doubt`; `low` the least.
     """
-    # As engine event.noise_rows has it; a part of `doubt` in the mean is at most as much in the noise.
-    most = min(abs(mean), _X_NOISE_MAX)
-    rate = min(most, 0.5)
-    variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
-    sigma = math.sqrt(variance + 2.0 * table[of.JITTER, c] ** 2 * rate)
+    # A part of `doubt` in the mean is at most as much in the noise.
+    most, sigma = min(abs(mean), _X_NOISE_MAX), _sigma(table, g_column, mean, c)
     white, slope = table[of.NOISE, c], most * table[of.JITTER, c]
     if sigma == 0.0 and white == 0.0:
         return 0.0, 0.0
@@ -208,7 +214,9 @@ def verdicts(  # type: ignore
     bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
     kappas = np.maximum(table[of.KAPPA], 1e-15)
     sampled = drawn = number = 0
-    root = math.sqrt(gate.clocks)
+    root, span = math.sqrt(gate.clocks), int(noise.span_of(gate.clocks))
+    # Part of a path's end that the end of its grid tells, and part of its variance that it does not.
+    ended, bridge = gate.clocks / math.sqrt(span), (span - gate.clocks) / span
     for f in range(frames):
         for r in range(rows):
             for c in range(cols):
@@ -289,17 +297,26 @@ def verdicts(  # type: ignore
                 left = 0.5 * of.late(s, a.loose)
                 shift = a.shift + left if calm else 0.0
                 steady = (a.rest + left if calm else a.whole) + ROUNDING
-                error = steady + (a.climb if calm else 0.0) + math.sqrt(a.squares)
+                climb = a.climb if calm else 0.0
+                error = steady + climb + math.sqrt(a.squares + a.paths)
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
-                code, open_ = _decide(x, level, error, packet, gate)
+                mean = x + swings[c] * swing_sum[f, r] / gate.clocks
+                doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) / gate.clocks
+                key, path, bound = np.uint64(0), 0.0, error
+                if gate.random:
+                    key = noise.cell_key(seed, first + f, r, c)
+                if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
+                    # `climb` holds two hundredths of the path.
+                    path = (
+                        _sigma(table, g_column[f, c], mean, c) * noise.normal(key, noise.WALK, span) * ended
+                    )
+                    bound = steady + climb + math.sqrt(a.squares + a.paths * bridge)
+                code, open_ = _decide(x, level - path, bound, packet, gate)
                 sample, happened = number % EACH == 0, 0.0
                 if (open_ or sample) and gate.random:
-                    key = noise.cell_key(seed, first + f, r, c)
                     start, size = _slot(table, c, key)
                     end, error_drawn = 0.0, steady + math.sqrt(a.drawn)
                     if calm:
-                        mean = x + swings[c] * swing_sum[f, r] / gate.clocks
-                        doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) / gate.clocks
                         end, above = _last(gate, table, g_column[f, c], mean, doubt, low, c, key)
                         error_drawn = steady + above
                     moved_start = start - table[of.BEGIN, c]
@@ -313,11 +330,11 @@ def verdicts(  # type: ignore
                 elif sample:
                     happened = abs(shift - late)
                 if sample and happened > ROUNDING:
-                    ratios[sampled] = error / happened
+                    ratios[sampled] = bound / happened
                     sampled += 1
                 out.x[f, r, c], out.low[f, r, c] = x, low
                 out.shift[f, r, c], out.error[f, r, c] = shift, error
-                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares
+                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares + a.paths
                 out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
