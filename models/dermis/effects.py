@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, create_model
@@ -53,14 +54,13 @@ class Setting:
         return cls(table.array.cols, interface.topology, interface.k, c_int_f, design, rng)
 
 
-@dataclass(frozen=True)
-class Contribution:
+class Contribution(NamedTuple):
     """Record fields an effect sets."""
 
-    network: Mapping[str, Any] = field(default_factory=dict)
-    converter: Mapping[str, Any] = field(default_factory=dict)
-    drive: Mapping[str, Any] = field(default_factory=dict)
-    sensor: Mapping[str, Any] = field(default_factory=dict)
+    network: Mapping[str, Any] = MappingProxyType({})
+    converter: Mapping[str, Any] = MappingProxyType({})
+    drive: Mapping[str, Any] = MappingProxyType({})
+    sensor: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -1269,8 +1269,8 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)
-        for into, added in zip(vars(total).values(), vars(part).values(), strict=True):
-            for key, value in added.items():
+        for into, added in zip(total, part, strict=True):
+            for key, value in added.items() if added else ():
                 if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = np.add(into[key], value) if key in into else value

@@ -93,10 +93,22 @@ def normal(key, stream, counter):  # type: ignore
 
 
 @numba.njit(cache=True)
+def row_key(seed, frame, row):  # type: ignore
+    """Return the key of one row of cells; `frame` is its number in the whole scene."""
+    of_frame = _mix(_mix(np.uint64(seed) * _MIX1 + _WEYL) + np.uint64(frame) * _WEYL)
+    return _mix(of_frame + np.uint64(row + 1) * _MIX2)
+
+
+@numba.njit(cache=True)
+def key_in_row(of_row, col):  # type: ignore
+    """Return the key of one cell of a row."""
+    return _mix(of_row + np.uint64(col + 1) * _WEYL)
+
+
+@numba.njit(cache=True)
 def cell_key(seed, frame, row, col):  # type: ignore
     """Return the key of one cell; `frame` is its number in the whole scene."""
-    of_frame = _mix(_mix(np.uint64(seed) * _MIX1 + _WEYL) + np.uint64(frame) * _WEYL)
-    return _mix(_mix(of_frame + np.uint64(row + 1) * _MIX2) + np.uint64(col + 1) * _WEYL)
+    return key_in_row(row_key(seed, frame, row), col)
 
 
 @numba.njit(cache=True)

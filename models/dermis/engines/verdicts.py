@@ -215,6 +215,7 @@ def verdicts(  # type: ignore
     kappas = np.maximum(table[of.KAPPA], 1e-15)
     sampled = drawn = number = 0
     root, span = math.sqrt(gate.clocks), int(noise.span_of(gate.clocks))
+    per_clock = 1.0 / gate.clocks
     # Part of a path's end that the end of its grid tells, and part of its variance that it does not.
     ended, bridge = gate.clocks / math.sqrt(span), (span - gate.clocks) / span
     for f in range(frames):
@@ -251,6 +252,7 @@ def verdicts(  # type: ignore
                         gate, r == 0, (0.0, -1.0, 1.0)[way], settled, away, dark[f], kappas, inverse[way],
                         begins[way], out.end[way, f, r],
                     )  # fmt: skip
+            of_row = noise.row_key(seed, first + f, r)
             for c in range(cols):
                 u, offset = settled[c], table[of.OFFSET, c]
                 late = known = 0.0
@@ -267,7 +269,7 @@ def verdicts(  # type: ignore
                     if u - away[c] < Y_MIN:
                         # A mirror gives no negative current.
                         known += gate.clocks * min(away[c], abs(u) + away[c])
-                    x = max(u, Y_MIN) - late / gate.clocks + offset
+                    x = max(u, Y_MIN) - late * per_clock + offset
                     low = min(max(u - away[c], Y_MIN), begins[1, c]) + offset
                     high = max(max(u + away[c], Y_MIN), begins[2, c]) + offset
                 packet = table[of.PACKET, c]
@@ -300,11 +302,9 @@ def verdicts(  # type: ignore
                 climb = a.climb if calm else 0.0
                 error = steady + climb + math.sqrt(a.squares + a.paths)
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
-                mean = x + swings[c] * swing_sum[f, r] / gate.clocks
-                doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) / gate.clocks
-                key, path, bound = np.uint64(0), 0.0, error
-                if gate.random:
-                    key = noise.cell_key(seed, first + f, r, c)
+                mean = x + swings[c] * swing_sum[f, r] * per_clock
+                doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) * per_clock
+                key, path, bound = noise.key_in_row(of_row, c), 0.0, error
                 if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
                     # `climb` holds two hundredths of the path.
                     path = (
