@@ -103,6 +103,7 @@ def test_the_end_of_a_walk_and_what_is_above_it_are_those_of_the_whole_walk(cloc
         end, above = noise.walk_end(key, clocks, 0.01, fall)
         assert end == whole[-1]
         true = (whole[:-1] - whole[-1] - fall * (clocks - n)).max()
+        # A dozen roundings of paths up to 100.
         assert true - 1e-12 <= above <= true + 0.04 * math.sqrt(256)
         exact += (above > 0) == (true > 0)
     assert exact == 200 or fall < 0.1

@@ -522,7 +522,7 @@ def _lift(
     """
     ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
     change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
-    node = response.node
+    node = np.maximum(response.node, _conductance(ground))
     with np.errstate(over="ignore", invalid="ignore"):
         # Each row driven at 1 V with every row grounded through `ground`, then row r's own driver.
         alone = (_conductance(ground) / node)[:, :, np.newaxis] * response.delivered
