@@ -512,7 +512,7 @@ def _lift(
     network: Network, response: _Response, scale: Floats, grounded: _Solution
 ) -> tuple[Floats, Floats | None, Floats, Floats | None]:
     """Add the currents of the shared return, which `grounded` holds at 0 V; the fields of a
-    solution without `error`.
+    solution.
 
     In the slot of row r the other rows' drivers end at one node, at v ohm r_return to ground. By
     superposition it adds v times `seen`, the column currents a volt of that node: those of all
@@ -522,6 +522,7 @@ def _lift(
     """
     ground = max(min(network.r_row_grounded_ohm, _R_OPEN_OHM), 1.0 / _G_SERIES_SHORT_S)
     change = 0.0 if network.r_row_driven_ohm == ground else (ground - network.r_row_driven_ohm) / ground
+    # Floating rows have nodes of no conductance where no taxel is; here an open is one.
     node = np.maximum(response.node, _conductance(ground))
     with np.errstate(over="ignore", invalid="ignore"):
         # Each row driven at 1 V with every row grounded through `ground`, then row r's own driver.
@@ -858,7 +859,9 @@ def _check_kirchhoff(
 
 def _check_balance(left: Floats, right: Floats, where: str, most: float) -> float:
     """Compare sums of currents that are 0 or above; returns the largest miss, of both."""
-    worst = float((np.abs(left - right) / (left + right + _CURRENT_FLOOR_A / most)).max())
+    from dermis.array import star_mesh
+
+    worst = float(star_mesh.miss(left.ravel(), right.ravel(), _CURRENT_FLOOR_A / most))
     _accept(worst, where, most)
     return worst
 

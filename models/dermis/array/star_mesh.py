@@ -107,13 +107,19 @@ def _at(part, f, r, c):  # type: ignore
 
 
 @_compiled
+def _relative(left, right, floor):  # type: ignore
+    """Relative miss between two sums of 0 or above; inf for what is no number."""
+    miss = abs(left - right) / (left + right + floor)
+    return miss if miss >= 0.0 else np.inf
+
+
+@_compiled
 def miss(left, right, floor):  # type: ignore
     """Largest relative miss between sums of currents of 0 or above, flat; NaN counts as infinite."""
     worst = 0.0
     for i in range(left.size):
-        here = abs(left[i] - right[i]) / (left[i] + right[i] + floor)
-        worst = here if not here <= worst else worst
-    return worst if worst == worst else np.inf
+        worst = max(worst, _relative(left[i], right[i], floor))
+    return worst
 
 
 @_compiled
@@ -218,8 +224,7 @@ def slots(to_driver, g_ground, lift, away, delivered, r_driven, v_bias, floor, s
             for c in range(n):
                 into += to_driver[f, r, c]
             out = away[f, r] + g_ground[r] * lift[f, r]
-            here = abs(into - out) / (into + out + floor)
-            worst = here if not here <= worst else worst
+            worst = max(worst, _relative(into, out, floor))
             scale[f, r] = r_driven * away[f, r] + (1.0 + lift[f, r])
             volt = v_bias / scale[f, r]
             for c in range(n):
@@ -456,8 +461,7 @@ def _apart(left, right):  # type: ignore
     # where no electron flows, products of doubles lose their digits to underflow
     if left + right <= 1e-100:
         return 0.0
-    miss = abs(left - right) / (left + right)
-    return miss if miss >= 0.0 else np.inf
+    return _relative(left, right, 0.0)
 
 
 @_compiled
