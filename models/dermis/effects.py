@@ -1270,7 +1270,7 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     for name, parameters in on.items():
         part = EFFECTS[name].contribute(parameters, setting)
         for into, added in zip(total, part, strict=True):
-            for key, value in added.items() if added else ():
+            for key, value in added.items():
                 if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")
                 into[key] = np.add(into[key], value) if key in into else value

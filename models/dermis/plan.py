@@ -72,25 +72,18 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     return everything
 
 
-_NAMED = {name: EffectState(name, True, "named in the scene") for name in effects.EFFECTS}
-_NOT_NAMED = {name: EffectState(name, False, "not named") for name in effects.EFFECTS}
-_WITH_AUTO = {
-    name: EffectState(name, True, "auto, with every effect that has defaults") for name in effects.EFFECTS
-}
-
-
 def _with_auto(world: Scene, state: EffectState) -> EffectState:
     """The reason of an effect in a scene with auto."""
     reason = state.reason
     if state.on:
-        return _WITH_AUTO[state.name]
-    if world.table.interface.topology not in effects.EFFECTS[state.name].topologies:
+        reason = "auto, with every effect that has defaults"
+    elif world.table.interface.topology not in effects.EFFECTS[state.name].topologies:
         reason = f"topology {world.table.interface.topology} has none"
     elif getattr(world.table.effects, state.name) is False:
         reason = "switched off"
     elif world.table.effects.auto is not None and not effects.EFFECTS[state.name].considered:
         reason = "not named, and auto adds none that changes the scene"
-    return EffectState(state.name, False, reason)
+    return EffectState(state.name, state.on, reason)
 
 
 def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
@@ -154,7 +147,10 @@ def whole(world: Scene, engine: str | None) -> Plan:
         converter=_converter(world, contribution.converter),
         drive=Drive(t_frame_s=made.t_frame_s, **contribution.drive),
         effects=tuple(
-            _NAMED[name] if name in world.effects else _NOT_NAMED[name] for name in effects.EFFECTS
+            EffectState(
+                name, name in world.effects, "named in the scene" if name in world.effects else "not named"
+            )
+            for name in effects.EFFECTS
         ),
         engine=engine,
         seed=table.run.seed,
