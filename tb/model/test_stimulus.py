@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import array
 import io
 import math
 import struct
@@ -437,6 +438,26 @@ def test_csv_with_a_frame_a_line_and_with_a_row_a_line_read_the_same(write_scene
     assert a.shape == (2, 2, 3)
     assert (a == b).all()
     assert a[0].ravel() == pytest.approx(15.0 * np.array([0, 1, 2, 3, 4, 255]) / 255)
+
+
+@pytest.mark.parametrize("digits", [1, 6, 15, 17, 25])
+def test_numbers_of_a_line_are_those_of_float(digits: int) -> None:
+    """The JSON parser reads most lines; a third of these hold a number that only float() reads."""
+    rng = np.random.default_rng(digits)
+    doubles = rng.integers(0, 2**63 - 2**52, 3000, dtype=np.uint64).view(float)
+    cells = [f"{value:.{digits - 1}e}" for value in doubles]
+    cells += ["0", "-0", "-0.0", "7", " 8 ", "9007199254740993", "1e400", "5e-324", "2e-324", "9" * 300]
+    only_float = ["+1", ".5", "1.", "007", "inf", "nan", "9" * 400]
+    for line in rng.choice(cells, (300, 7)).tolist():
+        if rng.random() < 1 / 3:
+            line[rng.integers(7)] = rng.choice(only_float)
+        read = array.array("d")
+        stimulus._append(read, ",".join(line))
+        # -0 is an integer of JSON.
+        assert (np.array(read) + 0.0).tobytes() == (np.array([float(cell) for cell in line]) + 0.0).tobytes()
+    for word in ("true", "false", "null", '"1"', "[1]"):
+        with pytest.raises(ValueError, match="could not convert"):
+            stimulus._append(array.array("d"), f"1,{word}")
 
 
 def test_npy_npz_and_csv_read_the_same(write_scene: Write) -> None:
