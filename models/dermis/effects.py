@@ -1268,8 +1268,9 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     """Collect the record fields of all effects that are on."""
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
-        part = EFFECTS[name].contribute(parameters, setting)
-        for into, added in zip(total, part, strict=True):
+        for into, added in zip(total, EFFECTS[name].contribute(parameters, setting), strict=True):
+            if not added:
+                continue
             for key, value in added.items():
                 if key in into and key not in _SUMS:
                     raise ValueError(f"{name} and another effect both set {key}")

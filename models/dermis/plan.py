@@ -13,7 +13,7 @@ import numpy as np
 from dermis import effects, engines
 from dermis.converter.vfc import Converter
 from dermis.errors import InputError
-from dermis.records import ENGINES, Drive, EffectState, Floats, Plan, Timing, setting_of
+from dermis.records import ENGINES, Drive, Floats, Plan, Timing, setting_of
 from dermis.scene import scene
 from dermis.scene.design import Design
 from dermis.scene.scene import Scene
@@ -52,38 +52,14 @@ def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None
     auto = world.table.effects.auto if auto is None else auto
     engine = world.table.run.engine if engine is None else engine
     if auto is None:
-        everything = whole(world, engine)
+        made = whole(world, engine or "closed")
         if engine is None:
-            everything = replace(everything, engine=engines.cheapest(everything) or everything.engine)
-        return everything
-    everything = whole(world, engine or "event")
-    chosen = everything.engine
-    if engine is None and not engines.refused(everything, "closed"):
-        chosen = "closed"
-    states = tuple(_with_auto(world, state) for state in everything.effects)
-    # In place: cached values of the plan stay valid.
-    for name, value in (
-        ("engine", chosen),
-        ("filtered", chosen in ("event", "cosim")),
-        ("budget_lsb", auto.budget_lsb),
-        ("effects", states),
-    ):
-        object.__setattr__(everything, name, value)
-    return everything
-
-
-def _with_auto(world: Scene, state: EffectState) -> EffectState:
-    """The reason of an effect in a scene with auto."""
-    reason = state.reason
-    if state.on:
-        reason = "auto, with every effect that has defaults"
-    elif world.table.interface.topology not in effects.EFFECTS[state.name].topologies:
-        reason = f"topology {world.table.interface.topology} has none"
-    elif getattr(world.table.effects, state.name) is False:
-        reason = "switched off"
-    elif world.table.effects.auto is not None and not effects.EFFECTS[state.name].considered:
-        reason = "not named, and auto adds none that changes the scene"
-    return EffectState(state.name, state.on, reason)
+            made = replace(made, engine=engines.cheapest(made) or made.engine)
+        return made
+    made = whole(world, engine or "event", auto)
+    if engine is None and not engines.refused(made, "closed"):
+        made = replace(made, engine="closed", filtered=False)
+    return made
 
 
 def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
@@ -99,10 +75,9 @@ def _converter(world: Scene, fields: Mapping[str, Any]) -> Converter:
     )
 
 
-def whole(world: Scene, engine: str | None) -> Plan:
-    """Plan a scene with every effect it has; engine closed where none is named, whatever it can."""
+def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> Plan:
+    """Plan a scene with every effect it has for an engine, whatever that can do; with `auto` it is filtered."""
     table, design = world.table, world.design
-    engine = "closed" if engine is None else engine
     if engine not in ENGINES:
         raise InputError("command line", "engine", engine, "one of " + ", ".join(ENGINES))
     rows, cols, interface = table.array.rows, table.array.cols, table.interface
@@ -146,14 +121,10 @@ def whole(world: Scene, engine: str | None) -> Plan:
         sensor=sensor,
         converter=_converter(world, contribution.converter),
         drive=Drive(t_frame_s=made.t_frame_s, **contribution.drive),
-        effects=tuple(
-            EffectState(
-                name, name in world.effects, "named in the scene" if name in world.effects else "not named"
-            )
-            for name in effects.EFFECTS
-        ),
         engine=engine,
         seed=table.run.seed,
         views=Views.of(table.run.views),
         surrounding=dict(contribution.network),
+        filtered=auto is not None and engine in ("event", "cosim"),
+        auto=auto,
     )

@@ -112,8 +112,6 @@ class Plan:
         The law that ties the two as long as no effect of the sensor is on.
     converter : Converter
     drive : Drive
-    effects : tuple of EffectState
-        Every effect there is, on or off, with the reason.
     engine, seed : str, int
     views : Views
         View of every SPICE block, for engine cosim.
@@ -121,7 +119,9 @@ class Plan:
         Packets by which random numbers may move decisions, [frames, rows, cols] or less, for certified codes; worked
         out there if None.
     filtered : bool
-        Whether engine event walks open cells alone (docs/auto.md); budget_lsb : error that decides a cell all the same.
+        Whether engine event walks open cells alone (docs/auto.md).
+    auto : AutoTable or None
+        Budget and confidence of the filter; None without [effects] auto.
     moved_lsb : ndarray or float
         Packets, [frames, rows, cols] or less, by which the levels of decisions are moved, for certified codes alone.
         The effect of the columns of the direct interface on each other stays as it is.
@@ -141,7 +141,6 @@ class Plan:
     sensor: Sensor
     converter: Converter
     drive: Drive
-    effects: tuple[EffectState, ...]
     engine: str
     seed: int
     views: Views
@@ -150,7 +149,7 @@ class Plan:
     next_resistance_ohm: Floats | None = None
     margin_lsb: Floats | float | None = None
     filtered: bool = False
-    budget_lsb: float = 0.0
+    auto: effects.AutoTable | None = None
     moved_lsb: Floats | float = 0.0
 
     @property
@@ -280,9 +279,32 @@ class Plan:
         return Scene(self.scene.path, table, self.scene.effects, self.scene.design).to_toml(directory)
 
     @property
+    def budget_lsb(self) -> float:
+        """Error in LSB that decides a cell without a walk."""
+        return 0.0 if self.auto is None else self.auto.budget_lsb
+
+    @property
     def on(self) -> dict[str, Any]:
         """Parameters of every effect that is simulated."""
-        return {e.name: self.scene.effects[e.name] for e in self.effects if e.on}
+        return self.scene.effects
+
+    @property
+    def effects(self) -> tuple[EffectState, ...]:
+        """Every effect there is, on or off, with the reason."""
+        return tuple(EffectState(name, name in self.on, self._reason(name)) for name in effects.EFFECTS)
+
+    def _reason(self, name: str) -> str:
+        table, effect = self.scene.table, effects.EFFECTS[name]
+        if name in self.on:
+            return "named in the scene" if self.auto is None else "auto, with every effect that has defaults"
+        if self.auto is None:
+            return "not named"
+        if self.topology not in effect.topologies:
+            return f"topology {self.topology} has none"
+        if getattr(table.effects, name) is False:
+            return "switched off"
+        considered = table.effects.auto is None or effect.considered
+        return "not named" if considered else "not named, and auto adds none that changes the scene"
 
     def setting(self) -> effects.Setting:
         """Return the part of this scene that effects may read."""

@@ -124,7 +124,7 @@ def everything(plan: Plan, reason: str = "") -> Verdict:
 
 def decide(plan: Plan) -> Verdict:
     """Find the rows of a plan of engine cosim that have to be solved."""
-    like = replace(plan, engine="event", budget_lsb=0.0)
+    like = replace(plan, engine="event", auto=None)
     if plan.views.in_transistors(plan.topology):
         return everything(plan, "blocks of transistors have no error bounds")
     if lost := engines.refused(like, "event"):

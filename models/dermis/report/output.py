@@ -246,11 +246,9 @@ def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
     if result.low is None or result.high is None:
         return None
     width = np.subtract(result.high, result.low, dtype=int)
-    auto = plan.scene.table.effects.auto or AutoTable()
-    budget_lsb = auto.budget_lsb if plan.scene.table.effects.auto else 0.0
     return {
-        "budget_lsb": budget_lsb,
-        "sigma": auto.sigma,
+        "budget_lsb": plan.budget_lsb,
+        "sigma": (plan.auto or AutoTable()).sigma,
         "margin_lsb": _json(result.info.get("margin_lsb", 0.0)),
         "median_width_lsb": float(np.median(width)),
         "max_width_lsb": int(width.max()),
