@@ -8,7 +8,10 @@ that come with the package. Errors are `InputError` and `SimulatorError`; both a
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from dermis.machine_code import drop_stale
 
 if TYPE_CHECKING:
     from dermis.api import Result, newtons, scene_names, simulate
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
     from dermis.skin import Skin
 
 __version__ = "0.1.0"
+
+drop_stale(Path(__file__).parent)
 
 _NAMES = {
     **dict.fromkeys(("DermisError", "InputError", "SimulatorError"), "dermis.errors"),

@@ -27,8 +27,7 @@ W_PRESET = -0.5
 # Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
 # and so does a charge that is summed up clock by clock; beyond, neither is left to grow.
 LONGEST_GATE = 1 << 16
-# Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up. Compiled
-# code keeps it: after a change delete engines/__pycache__.
+# Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up.
 Y_MIN = 1e-6
 # A short gives an infinite current. At this duty any converter saturates, and sums of it stay finite.
 X_MAX = 1e12
