@@ -159,13 +159,26 @@ def quiet(s, loose, levels):  # type: ignore
 
 
 @_compiled
-def late(s, loose):  # type: ignore
-    """Return the part of a packet, or of the window, that may be outstanding at the next decision
-    near the level; `loose` as in `quiet`.
+def late(s, loose, levels):  # type: ignore
+    """Return the part of a packet, and of the window, that is outstanding at the next decision near the
+    level, and what it may be off; `loose` and `levels` as in `quiet`.
     """
-    left = s.window + s.packet * (s.delay + s.lag)
-    high = s.high + s.unsettled
-    return left if 3.0 * high + 2.0 * loose + left >= s.packet * (1.0 - SIGMAS * s.flicker) else 0.0
+    lag, size = s.lag, SIGMAS * s.flicker * s.packet
+    left = s.window + (s.packet + size) * (s.delay + lag)
+    drift = s.unsettled + s.leak * (s.packet + levels)
+    high, low = s.high + drift, s.low - drift
+    if 3.0 * high + 2.0 * loose + left < s.packet - size:
+        return 0.0, 0.0
+    follows = (
+        2.0 * (high + loose) + left < s.packet - size
+    )  # whatever is late, the packet before lets go of no window
+    if not (follows and 3.0 * low - 2.0 * loose - left > s.packet + size):
+        return 0.5 * left, 0.5 * left
+    # Two clocks after a packet, the third one decides in any case.
+    part = s.delay
+    if lag > 0.0:
+        part += lag * (1.0 - math.exp((s.delay - 1.0) / lag))
+    return s.window + s.packet * part, part * size + s.across * lag * lag * s.packet
 
 
 # --- what moves the current within a gate ------------------------------------------------------------------------

@@ -167,6 +167,37 @@ def test_late_packets_count_as_errors_of_the_decisions_that_see_them() -> None:
     assert late > 0, "what is late must bring some packet early"
 
 
+def test_late_packets_are_known_where_the_third_clock_decides_in_any_case() -> None:
+    """Clocks of a third to half a packet: all that is late two clocks after a packet counts, all the time."""
+    rng = Random(6)
+    late = 0
+    for _ in range(3000):
+        packet = Fraction(rng.randint(50, 150), 100)
+        left, loose = (packet * Fraction(rng.randint(0, most), 1000) for most in (190, 10))
+        least, most = (packet + left + 2 * loose) / 3, (packet - left - 2 * loose) / 2
+        span = most - least
+        if span <= 0:
+            continue
+        charge = [least + span * Fraction(rng.randint(1, 999), 1000) for _ in range(rng.randint(1, 60))]
+        error = [loose * Fraction(rng.randint(-100, 100), 100) for _ in charge]
+        window = left * Fraction(rng.randint(0, 10), 10)
+        start = -packet / 2
+        w, ones, ago, up = start, 0, 9, False
+        level, so_far = start, []
+        for came, off in zip(charge, error, strict=True):
+            w, level, ago = w + came, level + came, ago + 1
+            so_far.append(level + off)
+            seen = w + off + {1: packet, 2: left - window}.get(ago, 0)
+            up = seen >= (-window if up else 0)
+            if up and ago > 1:
+                ones, w, ago = ones + 1, w - packet, 0
+        first = next((n for n, seen in enumerate(so_far) if seen >= 0), len(so_far))
+        highest = max([*so_far[: first + 1], *(seen + left for seen in so_far[first + 2 :])])
+        assert ones == max(0, math.floor(highest / packet) + 1)
+        late += ones != max(0, math.floor(max(so_far) / packet) + 1)
+    assert late > 0, "what is late must bring some packet early"
+
+
 def test_more_than_half_a_packet_a_clock_or_charge_that_leaves_breaks_it() -> None:
     """The two counterexamples that `Solved.quiet` keeps out."""
     fast = [Fraction(9, 10)] * 3
@@ -281,6 +312,31 @@ def test_noise_of_the_last_decision_is_drawn_and_few_cells_are_walked(window_v: 
     assert found["level_1"] > 500, "too far from the steps to test anything"
     assert found["everything"] < 0.1 * found["level_1"]
     assert wrong(plan) == 0
+
+
+LATE = {
+    "comparator_hysteresis": {"v_v": 0.02},
+    "comparator_delay": {"t_s": 8e-9},
+    "integrator_bandwidth": {"gbw_hz": 2e7},
+}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"flicker_noise": {"relative": 2e-3}},
+        {"comparator_noise": {"v_v": 1e-3}, "metastability": {"t_aperture_s": 2e-9}},
+        {"shot_noise": True, "clock_jitter": {"t_s": 1e-10}},
+    ],
+)
+@pytest.mark.parametrize(("step", "walked_at_most"), [(205.5, 0.02), (240.5, 0.4), (170.5, 0.4)])
+def test_late_packets_of_fast_converters(more: dict[str, Any], step: float, walked_at_most: float) -> None:
+    """Duties of 0.4, where what is late is known, and of 0.47 and a third, where it is not."""
+    plan = filtered(LATE | more, stimulus=around(step + np.linspace(-0.2, 0.2, 4000)))
+    found = engines.run(plan).info["filter"]
+    assert wrong(plan) == 0
+    assert found["everything"] <= walked_at_most * plan.resistance_ohm.size
 
 
 def test_noise_that_is_left_out_at_the_last_decision_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from dermis.bounds import Bounding
 from dermis.converter import currents, noise
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.course import Course
-from dermis.converter.vfc import LONGEST_GATE, Y_MIN
+from dermis.converter.vfc import LONGEST_GATE
 from dermis.effects import EFFECTS, AutoTable
 from dermis.engines import Result, code_type, event
 from dermis.records import Plan
@@ -37,8 +37,7 @@ Cells = tuple[NDArray[np.intp], ...]
 _VALUES_AT_ONCE = 1 << 14
 # Rounding and approximation that certified codes allow for: 1e-9 of a current, 5e-5 packets in a course with motion.
 ROUNDING_LSB = 1e-4
-# Error in packets of a slow mirror's charge that is left of the rows before a chosen cell, and of lines that settle.
-_FORGOTTEN = 1e-12
+# Error in packets of lines that settle.
 _SETTLED = 1e-10
 # Time constants after which a mirror that was anywhere is where it goes, to 1e-17.
 _MEMORY = 60.0
@@ -132,7 +131,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
 
 def bounding(plan: Plan) -> dict[str, Bounding]:
     """Bounds of the effects that are on and that engine closed does not honour."""
-    return {e.name: b for e in plan.effects if e.on and (b := EFFECTS[e.name].bound) is not bounds.honoured}
+    return {name: b for name in plan.on if (b := EFFECTS[name].bound) is not bounds.honoured}
 
 
 def _parts(plan: Plan) -> list[slice]:
@@ -186,8 +185,8 @@ class _Part:
             self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, driven_v + others_v)
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
-            float(drive.ripple), reach, bool(drive.motion), self.slow_mirror, plan.topology == "direct",
-            self.random,
+            (plan.auto or AutoTable()).sigma / bounds.SIGMAS, float(drive.ripple), reach, bool(drive.motion),
+            self.slow_mirror, plan.topology == "direct", self.random,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.table.functions.values():
@@ -198,7 +197,7 @@ class _Part:
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
         solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
-        values = np.empty((8, *shape))
+        values = np.empty((7, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         end = np.empty((3, *shape) if self.slow_mirror else (3, 1, 1, 1))
         self.s = self.loops.Solved(*values[:3], end, *values[3:], open_, *whole)
@@ -271,26 +270,11 @@ class _Part:
 
     def _depth(self, cells: Cells) -> NDArray[np.intp]:
         """Rows before each cell whose slow mirror its own still remembers."""
-        frame, row, col = cells
-        depth = np.zeros(row.size, dtype=np.intp)
-        if not self.slow_mirror:
-            return depth
-        timing, end, floor = self.plan.timing, self.s.end, Y_MIN * self.plan.timing.break_clocks
-        settled = np.maximum(self.s.settled, Y_MIN)
-        kappa = np.maximum(self.columns[bounds.KAPPA, col], 1e-15)
-        # The output where the gate begins lies between where the row before left it and where it goes.
-        begins = np.maximum(settled[cells], end[0, frame, np.maximum(row - 1, 0), col])
-        charge = settled[cells] * (timing.settle_clocks - timing.break_clocks) + floor
-        for back in range(self.plan.rows):
-            at = frame, np.maximum(row - back - 1, 0), col
-            output = end[0][at]
-            left = begins / output * np.exp(-charge / kappa)
-            known = np.log(end[2][at] / end[1][at]) + 1e-9
-            more = (row > back) & (depth == back) & (left * known > _FORGOTTEN)
-            if not more.any():
-                break
-            depth[more] += 1
-            charge = charge + settled[at] * (timing.slot_clocks - timing.break_clocks) + floor
+        depth = np.zeros(cells[0].size, dtype=np.intp)
+        if self.slow_mirror:
+            self.loops.remembered(
+                self.gate, self.s.settled, self.s.end, self.columns[bounds.KAPPA], *cells, depth
+            )
         return depth
 
     def _night(self, cells: Cells) -> Course | None:
@@ -334,7 +318,6 @@ def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
     `more_lsb` adds packets, one number or [frames, rows, cols], by which levels may be off for another reason.
     """
     margin = np.zeros(plan.resistance_ohm.shape)
-    sigma = (plan.scene.table.effects.auto or AutoTable()).sigma
     functions = bounding(plan)
     random = any(EFFECTS[name].random for name in functions)
     if not random and not plan.budget_lsb and not np.any(more_lsb):
@@ -343,7 +326,7 @@ def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
         s = _Part(plan, frames, Table(functions)).s
         # Cells with a larger error are walked.
         linear = np.where(s.error <= plan.budget_lsb, s.error, 0.0) + plan.of_frames(more_lsb, frames)
-        cells = linear + s.noise + np.sqrt(s.squares) * (sigma / bounds.SIGMAS)
+        cells = linear + s.random
         cells = np.where(cells > 0, cells + s.kept + ROUNDING_LSB, 0.0)
         margin[frames] = np.nan_to_num(cells, nan=np.inf)
     return margin

@@ -22,6 +22,10 @@ _X_LARGE = 1.0
 ROUNDING = 1e-7
 # Every n-th cell is sampled for the ratio of bound and shift.
 EACH = 101
+# Smallest time constant of a mirror times its output, in packets.
+_KAPPA_MIN = 1e-15
+# Error in packets of a slow mirror's charge that is left of the rows before a chosen cell.
+_FORGOTTEN = 1e-12
 # Duty beyond which a converter saturates whatever its noise is, as in engine event.
 _X_NOISE_MAX = 1.0
 
@@ -30,25 +34,27 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 
 class Gate(
     namedtuple(
-        "Gate", "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random"
+        "Gate",
+        "clocks settle pause code_max budget sigmas ripple swing_reach motion slow_mirror direct random",
     )
 ):
     """Numbers that all cells of a run share.
 
-    Clocks of a slot, the largest code and the error that decides a cell all the same; the amplitude of the ripple and
-    the largest sum of its sine; what there is of motion, slow mirrors and noise.
+    Clocks of a slot, the largest code, the error that decides a cell all the same and the part of SIGMAS that certified
+    codes allow for; the amplitude of the ripple and the largest sum of its sine; what there is of motion, slow mirrors
+    and noise.
     """
 
     __slots__ = ()
 
 
-class Solved(namedtuple("Solved", "x low settled end shift error noise squares kept open codes blame")):
+class Solved(namedtuple("Solved", "x low settled end shift error random kept open codes blame")):
     """Results of `verdicts`, [frames, rows, cols] each.
 
     `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and
     `end` [3, ...] their outputs behind each gate: as solved, the lowest and the highest possible.
     `shift` and `error` of the level at the last decision in packets, before any noise is drawn;
-    `noise` and `squares` are what random numbers alone add, `kept` what hysteresis and late packets
+    `random` is what other random numbers may move any level, `kept` what hysteresis and late packets
     do. `blame` is the effect with the largest bound in an open cell.
     """
 
@@ -126,6 +132,29 @@ def _mirrors(gate, first, way, settled, away, dark, kappa, inverse, begin, end):
 
 
 @_compiled
+def remembered(gate, settled, end, kappa, frame, row, col, depth):  # type: ignore
+    """Fill `depth` [n] with the number of rows before each chosen cell that its slow mirror remembers.
+
+    `settled` and `end` are those of Solved, `kappa` [cols] the mirror's time constant times its output in packets.
+    """
+    floor = Y_MIN * gate.pause
+    for i in range(depth.size):
+        f, c, at = frame[i], col[i], row[i]
+        lag = max(kappa[c], _KAPPA_MIN)
+        here = max(settled[f, at, c], Y_MIN)
+        # The output where the gate begins lies between where the row before left it and where it goes.
+        begins = max(here, end[0, f, max(at - 1, 0), c])
+        charge = here * (gate.settle - gate.pause) + floor
+        while at > 0:
+            at -= 1
+            left = begins / end[0, f, at, c] * math.exp(-charge / lag)
+            if not left * (math.log(end[2, f, at, c] / end[1, f, at, c]) + 1e-9) > _FORGOTTEN:
+                break
+            depth[i] += 1
+            charge += max(settled[f, at, c], Y_MIN) * (gate.settle + gate.clocks - gate.pause) + floor
+
+
+@_compiled
 def _slot(table, c, key):  # type: ignore
     """Numbers of a slot: the start, and the size of the packet."""
     begin, packet = table[of.BEGIN, c], table[of.PACKET, c]
@@ -147,10 +176,11 @@ def _sigma(table, g_column, mean, c):  # type: ignore
 
 
 @_compiled
-def _last(gate, table, g_column, mean, doubt, low, c, key):  # type: ignore
+def _last(gate, table, g_column, mean, doubt, low, held, c, key):  # type: ignore
     """Noise of the last decision of a quiet cell, and how far the highest one is above it at most.
 
-    `mean` is the charge a clock, known to `doubt`; `low` the least.
+    `mean` is the charge a clock, known to `doubt`; `low` the least. With `held` a comparator with a
+    window still holds the packet before.
     """
     # A part of `doubt` in the mean is at most as much in the noise.
     most, sigma = min(abs(mean), _X_NOISE_MAX), _sigma(table, g_column, mean, c)
@@ -165,9 +195,10 @@ def _last(gate, table, g_column, mean, doubt, low, c, key):  # type: ignore
     if slope > 0.0:
         own += slope * noise.normal(key, noise.EDGE, gate.clocks)
     lost = 0.0
-    if table[of.WINDOW, c] > 0.0 and own < 0.0:
-        # A comparator with a window has seen the level already; only what is beyond the window lets go of it.
-        lost = -own if -own > 0.5 * table[of.WINDOW, c] else 0.0
+    if table[of.WINDOW, c] > 0.0 and (own > 0.0 if held else own < 0.0):
+        # A comparator with a window has seen the level already, or lost it; only what is beyond the window counts,
+        # and a coin that is thrown where sample and noise together are at the level.
+        lost = abs(own) if table[of.APERTURE, c] > 0.0 or abs(own) > 0.5 * table[of.WINDOW, c] else 0.0
         own = 0.0
     end, above = noise.walk_end(key, gate.clocks, sigma, low)
     sample = of.SIGMAS * math.hypot(white, slope)
@@ -212,7 +243,7 @@ def verdicts(  # type: ignore
     # Each of its own, or loops over them become no vector instructions.
     settled, away, swings, moves = np.empty(cols), np.empty(cols), np.empty(cols), np.empty(cols)
     bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
-    kappas = np.maximum(table[of.KAPPA], 1e-15)
+    kappas = np.maximum(table[of.KAPPA], _KAPPA_MIN)
     sampled = drawn = number = 0
     root, span = math.sqrt(gate.clocks), int(noise.span_of(gate.clocks))
     per_clock = 1.0 / gate.clocks
@@ -295,12 +326,12 @@ def verdicts(  # type: ignore
                 base = abs(table[of.AWAY, c] + raised) + table[of.PRESET, c]
                 a = of.total(s, on, base, tally, None)
                 calm = of.quiet(s, a.loose, a.levels)
-                # Known to be between nothing and all of it.
-                left = 0.5 * of.late(s, a.loose)
+                left, doubtful = of.late(s, a.loose, a.levels)
                 shift = a.shift + left if calm else 0.0
-                steady = (a.rest + left if calm else a.whole) + ROUNDING
+                steady = (a.rest + doubtful if calm else a.whole) + ROUNDING
                 climb = a.climb if calm else 0.0
-                error = steady + climb + math.sqrt(a.squares + a.paths)
+                spread = math.sqrt(a.squares + a.paths)
+                error = steady + climb + spread
                 level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
                 mean = x + swings[c] * swing_sum[f, r] * per_clock
                 doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) * per_clock
@@ -317,7 +348,8 @@ def verdicts(  # type: ignore
                     start, size = _slot(table, c, key)
                     end, error_drawn = 0.0, steady + math.sqrt(a.drawn)
                     if calm:
-                        end, above = _last(gate, table, g_column[f, c], mean, doubt, low, c, key)
+                        held = left > doubtful
+                        end, above = _last(gate, table, g_column[f, c], mean, doubt, low, held, c, key)
                         error_drawn = steady + above
                     moved_start = start - table[of.BEGIN, c]
                     if sample:
@@ -334,7 +366,7 @@ def verdicts(  # type: ignore
                     sampled += 1
                 out.x[f, r, c], out.low[f, r, c] = x, low
                 out.shift[f, r, c], out.error[f, r, c] = shift, error
-                out.noise[f, r, c], out.squares[f, r, c] = a.noise, a.squares + a.paths
+                out.random[f, r, c] = a.noise + gate.sigmas * spread
                 out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
