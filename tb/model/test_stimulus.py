@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import array
 import io
 import math
 import struct
@@ -446,18 +445,21 @@ def test_numbers_of_a_line_are_those_of_float(digits: int) -> None:
     rng = np.random.default_rng(digits)
     doubles = rng.integers(0, 2**63 - 2**52, 3000, dtype=np.uint64).view(float)
     cells = [f"{value:.{digits - 1}e}" for value in doubles]
-    cells += ["0", "-0", "-0.0", "7", " 8 ", "9007199254740993", "1e400", "5e-324", "2e-324", "9" * 300]
-    only_float = ["+1", ".5", "1.", "007", "inf", "nan", "9" * 400]
+    cells += ["0", "-0", "-0.0", "7", " 8 ", "inf", "-inf", "9007199254740993", "1e400", "5e-324", "9" * 300]
+    only_float = ["+1", ".5", "1.", "007", "nan", "+inf", "infinity", "Infinity", "9" * 400]
     for line in rng.choice(cells, (300, 7)).tolist():
         if rng.random() < 1 / 3:
             line[rng.integers(7)] = rng.choice(only_float)
-        read = array.array("d")
-        stimulus._append(read, ",".join(line))
+        read = np.array([*stimulus._numbers([(1, ",".join(line) + "\n")], "")])
         # -0 is an integer of JSON.
-        assert (np.array(read) + 0.0).tobytes() == (np.array([float(cell) for cell in line]) + 0.0).tobytes()
-    for word in ("true", "false", "null", '"1"', "[1]"):
-        with pytest.raises(ValueError, match="could not convert"):
-            stimulus._append(array.array("d"), f"1,{word}")
+        assert (read + 0.0).tobytes() == (np.array([float(cell) for cell in line]) + 0.0).tobytes()
+
+
+@pytest.mark.parametrize("word", ["true", "false", "null", '"1"', "[1]", "", "1_0", "1 2"])
+def test_what_json_takes_and_a_number_is_not_is_refused_with_its_place(word: str) -> None:
+    block = [(7, "1,2\n"), (9, f"3,{word}\n")]
+    with pytest.raises(InputError, match=r"line 9, value 2.*a number"):
+        list(stimulus._numbers(block, "r.csv"))
 
 
 def test_npy_npz_and_csv_read_the_same(write_scene: Write) -> None:
