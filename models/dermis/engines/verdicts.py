@@ -148,7 +148,9 @@ def remembered(gate, settled, end, kappa, frame, row, col, depth):  # type: igno
         while at > 0:
             at -= 1
             left = begins / end[0, f, at, c] * math.exp(-charge / lag)
-            if not left * (math.log(end[2, f, at, c] / end[1, f, at, c]) + 1e-9) > _FORGOTTEN:
+            # Known to the ratio of both ends, and to what a slot of clocks rounds away of it.
+            known = math.log(end[2, f, at, c] / end[1, f, at, c]) + 1e-9
+            if not left * known > _FORGOTTEN:
                 break
             depth[i] += 1
             charge += max(settled[f, at, c], Y_MIN) * (gate.settle + gate.clocks - gate.pause) + floor

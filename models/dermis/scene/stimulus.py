@@ -721,11 +721,11 @@ def _numbers(block: list[tuple[int, str]], shown: str) -> Iterable[float]:
 
 def _number(cell: str, line: int, place: int, shown: str) -> float:
     try:
-        if "_" not in cell:  # float() takes 1_000
-            return float(cell)
+        if "_" in cell:  # float() takes 1_000
+            raise ValueError
+        return float(cell)
     except ValueError:
-        pass
-    raise InputError(shown, f"line {line}, value {place}", quoted(cell.strip()), "a number")
+        raise InputError(shown, f"line {line}, value {place}", quoted(cell.strip()), "a number") from None
 
 
 def _read_numpy(
