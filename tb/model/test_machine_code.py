@@ -13,7 +13,8 @@ from dermis.machine_code import drop_stale
 
 LOOP = """
 import numba
-from part import double
+from kit import other
+from kit.part import double
 @numba.njit(cache=True)
 def loop(x):
     return double(x)
@@ -29,17 +30,23 @@ def double(x):
 @pytest.mark.parametrize("dropped", [True, False])
 def test_a_change_in_a_function_that_a_loop_calls_reaches_the_loop(tmp_path: Path, dropped: bool) -> None:
     """Without `drop_stale` numba goes on with the old machine code: the test would notice."""
-    (tmp_path / "loop.py").write_text(LOOP)
-    found = []
+    kit, found = tmp_path / "kit", []
+    kit.mkdir()
+    (kit / "loop.py").write_text(LOOP)
+    (kit / "other.py").touch()
     for factor in (2, 3):
-        (tmp_path / "part.py").write_text(PART.format(factor=factor))
+        (kit / "part.py").write_text(PART.format(factor=factor))
         if dropped:
-            drop_stale(tmp_path)
-        command = [sys.executable, "-c", "from loop import loop; print(loop(10))"]
+            drop_stale(kit)
+        command = [sys.executable, "-c", "from kit.loop import loop; print(loop(10))"]
         told = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120
         )  # a first compilation takes some seconds
         found.append(int(told.stdout))
     assert found == ([20, 30] if dropped else [20, 20])
-    drop_stale(tmp_path)
-    assert bool([*tmp_path.glob("__pycache__/*.nbi")]) == dropped, "drops what is stale, and nothing else"
+    (kit / "beside.py").touch()
+    drop_stale(kit)
+    assert bool([*kit.glob("__pycache__/*.nbi")]) == dropped, "drops what is stale, and nothing else"
+    (kit / "other.py").touch()  # perhaps a constant that the loop took in
+    drop_stale(kit)
+    assert not [*kit.glob("__pycache__/*.nbi")]
