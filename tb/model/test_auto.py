@@ -68,7 +68,7 @@ def test_candidates_are_what_has_defaults_and_what_is_named(topology: str) -> No
     assert {"motion", *(n for n in EFFECTS if n.startswith("sensor_"))} <= special
     missing = {"column_input"} if topology == "direct" else set()  # the direct interface has no conveyor
     assert set(world.effects) == there - special - missing
-    assert set(auto.candidates(made({}, interface=interface).scene)) == set(world.effects)
+    assert set(auto.with_auto(made({}, interface=interface).scene).effects) == set(world.effects)
     named = made({"auto": {}, "motion": {}, "trace": False}, interface=interface).scene
     assert set(named.effects) == set(world.effects) - {"trace"} | {"motion"}
 
