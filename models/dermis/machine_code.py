@@ -24,7 +24,7 @@ def drop_stale(package: Path) -> None:
     sources = {index.parent.parent / f"{module}.py" for index, module in kept.items()}
     with contextlib.suppress(OSError):  # another process may be first, or the folder read-only
         for source in filter(Path.is_file, [*sources]):
-            for module, names in _IMPORT.findall(source.read_text()):
+            for module, names in _IMPORT.findall(source.read_text(encoding="utf-8")):
                 place = package.parent.joinpath(*module.split("."))
                 sources |= {place.with_suffix(".py"), *(place / f"{n}.py" for n in re.findall(r"\w+", names))}
         changed = max((path.stat().st_mtime for path in sources if path.is_file()), default=0.0)
