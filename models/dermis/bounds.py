@@ -118,8 +118,8 @@ class Cell(namedtuple("Cell", _CELL_FIELDS)):
 
     `x` is the mean charge a clock of what `closed` honours, `low` and `high` the least and largest
     in any clock of the gate. `swing` is the amplitude of the ripple on it, `swing_sum` the sum of
-    its sine over the gate, `swing_bent` packets of second order; `moved` the largest partial sum of
-    what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
+    its sine over the gate, `swing_bent` packets of second order of ripple and motion; `moved` the
+    largest partial sum of what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
     already, known to `late_known`. `unsettled` is what lines may bring. `leak` of the charge is
     lost a clock, and `across` of what an output has not followed yet (as in event.Cells). `thermal`
     is the variance of its noise a clock. The others are those of the converter. `root` is
@@ -194,8 +194,8 @@ def _supply_ripple(s):  # type: ignore
 
 @_compiled
 def _motion(s):  # type: ignore
-    """The mean over the gate is solved; partial sums leave it."""
-    return Bound(0.0, 0.0, s.moved, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """The mean over the gate is solved, but for what compression bends; partial sums leave it."""
+    return Bound(0.0, s.swing_bent, s.moved + s.swing_bent, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled

@@ -177,8 +177,16 @@ class _Part:
         if self.slow_mirror and currents.glows(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
             side = 2.0 * rows * network.g_lateral_row_s
-            amperes = np.abs(network.i_leak_a).sum() + others_v * (self.g_column_s + side)
+            most_s = self.g_column_s
+            if drive.motion:
+                later = np.minimum(plan.next_conductance_s(self.part), G_ACROSS_S).sum(axis=1)
+                most_s = np.maximum(most_s, later)
+            amperes = np.abs(network.i_leak_a).sum() + others_v * (most_s + side)
             dark = amperes * np.abs(c.gain) / (c.k * c.i0_a)
+            if drive.motion:
+                # Straight on from the gate, back to the start of the slot; a bend is at most twice the largest.
+                back = timing.settle_clocks / timing.gate_clocks
+                dark *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
         self.brisk = True
         if self.active & currents.CAPACITANCES:
             self.brisk = not self.slow_mirror or bounds.brisk(network, c)
@@ -197,10 +205,12 @@ class _Part:
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
         solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
-        values = np.empty((7, *shape))
+        values = np.empty((6, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
-        end = np.empty((3, *shape) if self.slow_mirror else (3, 1, 1, 1))
-        self.s = self.loops.Solved(*values[:3], end, *values[3:], open_, *whole)
+        mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
+        self.s = self.loops.Solved(
+            *values[:2], mirrors[:2], mirrors[2], mirrors[3:], *values[2:], open_, *whole
+        )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         unsettled = self.unsettled if self.brisk else np.full((frames, cols), np.inf)
         sampled, self.drawn = self.loops.verdicts(
@@ -272,19 +282,15 @@ class _Part:
         """Rows before each cell whose slow mirror its own still remembers."""
         depth = np.zeros(cells[0].size, dtype=np.intp)
         if self.slow_mirror:
-            self.loops.remembered(
-                self.gate, self.s.settled, self.s.end, self.columns[bounds.KAPPA], *cells, depth
-            )
+            mirrors = self.s.passed, self.s.begin, self.s.end
+            self.loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
         return depth
 
     def _night(self, cells: Cells) -> Course | None:
         """Currents while no row is driven, where the gates of chosen cells still remember them."""
         if not self.slow_mirror or not currents.glows(self.plan):
             return None
-        settle = self.gate.settle - self.gate.pause
-        kappa, offset = self.columns[bounds.KAPPA, cells[2]], self.columns[bounds.OFFSET, cells[2]]
-        least = np.maximum(self.s.low[cells] - offset, 0.0)
-        remembers = least * settle <= _MEMORY * kappa
+        remembers = self.s.passed[(0, *cells)] <= _MEMORY * self.columns[bounds.KAPPA, cells[2]]
         if not remembers.any():
             return None
         frames = np.unique(cells[0][remembers])

@@ -48,11 +48,12 @@ class Gate(
     __slots__ = ()
 
 
-class Solved(namedtuple("Solved", "x low settled end shift error random kept open codes blame")):
+class Solved(namedtuple("Solved", "x low passed begin end shift error random kept open codes blame")):
     """Results of `verdicts`, [frames, rows, cols] each.
 
-    `x` mean duty, `low` the least in any clock; `settled` duties in front of slow mirrors, and
-    `end` [3, ...] their outputs behind each gate: as solved, the lowest and the highest possible.
+    `x` mean duty, `low` the least in any clock. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
+    start of a slot to its gate, and in the whole slot; `begin` the highest output where the gate begins; `end`
+    [3, ...] the output after each gate: as solved, the lowest and the highest possible.
     `shift` and `error` of the level at the last decision in packets, before any noise is drawn;
     `random` is what other random numbers may move any level, `kept` what hysteresis and late packets
     do. `blame` is the effect with the largest bound in an open cell.
@@ -90,19 +91,22 @@ def count(x, clocks, start, packet):  # type: ignore
 
 
 @_compiled
-def _decide(x, level, error, packet, gate):  # type: ignore
-    """Code of a cell whose level is known to `error`, and whether it is open."""
+def _decide(x, clipped, level, error, packet, gate):  # type: ignore
+    """Code of a cell whose level is known to `error`, and whether it is open.
+
+    A `clipped` duty may be larger.
+    """
     if not (math.isfinite(error) and math.isfinite(level)):
         return 0, True
-    if 0.0 <= 2.0 * x <= packet and gate.budget <= 0.0:
+    if 0.0 <= 2.0 * x <= packet and not clipped and gate.budget <= 0.0:
         # As `count` at either end, to roundings that `error` holds.
         top = 1.0 * min((gate.clocks + 1) // 2, gate.code_max)
         reach, part = gate.clocks * x - level, 1.0 / packet
         low = min(max(math.floor((reach - error) * part) + 1.0, 0.0), top)
         return int(low), low != min(max(math.floor((reach + error) * part) + 1.0, 0.0), top)
     least = min(count(x, gate.clocks, level + error, packet), gate.code_max)
-    if x >= X_CLIP * max(packet, 1.0) * (1.0 - 1e-12):
-        # More than the charge at which x is clipped changes a code only upwards.
+    if clipped:
+        # More charge than that at which x is clipped changes a code only upwards.
         open_ = least < gate.code_max
     else:
         open_ = least != min(count(x, gate.clocks, level - error, packet), gate.code_max)
@@ -112,48 +116,48 @@ def _decide(x, level, error, packet, gate):  # type: ignore
 
 
 @_compiled
-def _mirrors(gate, first, way, settled, away, dark, kappa, inverse, begin, end):  # type: ignore
+def _mirrors(gate, first, start, before, during, dark, kappa, inverse, begin, end):  # type: ignore
     """Outputs of the slow mirrors of one row where its gate begins and where it ends, [cols] each.
 
-    `way` is 0 as solved, -1 for the lowest currents and 1 for the highest. The output y follows its settled value x by
-    y' = y (x - y) / kappa. Its inverse is linear in time, kappa u' = 1 - x u, so a constant x takes no steps. `inverse`
-    is carried from row to row; the first row of a frame begins settled.
+    `start` is the current where the first row of a frame begins settled, `before` the one from there to the gate,
+    `during` the one in the gate: nominal, or the lowest or highest of each. The output y follows its settled value x
+    by y' = y (x - y) / kappa. Its inverse is linear in time, kappa u' = 1 - x u, so a constant x takes no steps.
+    `inverse` is carried from row to row.
     """
-    for c in range(settled.size):
-        here = max(settled[c] + way * away[c], Y_MIN)
-        night = max(dark[c], Y_MIN) if way > 0.0 else Y_MIN
-        u = 1.0 / here
-        if not first:
+    for c in range(start.size):
+        here, night = max(before[c], Y_MIN), max(dark[c], Y_MIN)
+        if first:
+            u = 1.0 / max(start[c], Y_MIN)
+        else:
             u = approach(inverse[c], 1.0 / night, night * gate.pause / kappa[c])
         u = approach(u, 1.0 / here, here * (gate.settle - gate.pause) / kappa[c])
         begin[c] = 1.0 / u
+        here = max(during[c], Y_MIN)
         u = approach(u, 1.0 / here, here * gate.clocks / kappa[c])
         inverse[c], end[c] = u, 1.0 / u
 
 
 @_compiled
-def remembered(gate, settled, end, kappa, frame, row, col, depth):  # type: ignore
+def remembered(gate, passed, begin, end, kappa, frame, row, col, depth):  # type: ignore
     """Fill `depth` [n] with the number of rows before each chosen cell that its slow mirror remembers.
 
-    `settled` and `end` are those of Solved, `kappa` [cols] the mirror's time constant times its output in packets.
+    `passed`, `begin` and `end` are those of Solved, `kappa` [cols] the mirror's time constant times its output in
+    packets.
     """
     floor = Y_MIN * gate.pause
     for i in range(depth.size):
         f, c, at = frame[i], col[i], row[i]
-        lag = max(kappa[c], _KAPPA_MIN)
-        here = max(settled[f, at, c], Y_MIN)
-        # The output where the gate begins lies between where the row before left it and where it goes.
-        begins = max(here, end[0, f, max(at - 1, 0), c])
-        charge = here * (gate.settle - gate.pause) + floor
+        lag, begins = max(kappa[c], _KAPPA_MIN), begin[f, at, c]
+        charge = passed[0, f, at, c] + floor
         while at > 0:
             at -= 1
-            left = begins / end[0, f, at, c] * math.exp(-charge / lag)
-            # Known to the ratio of both ends, and to what a slot of clocks rounds away of it.
-            known = math.log(end[2, f, at, c] / end[1, f, at, c]) + 1e-9
-            if not left * known > _FORGOTTEN:
+            # The inverse of the output is known to the difference of both ends, and to roundings of a slot. What is
+            # left of it where the gate begins moves the charge by lag times the relative change of the output.
+            known = 1.0 / end[1, f, at, c] - 1.0 / end[2, f, at, c] + 1e-9 / end[0, f, at, c]
+            if not lag * begins * known * math.exp(-charge / lag) > _FORGOTTEN:
                 break
             depth[i] += 1
-            charge += max(settled[f, at, c], Y_MIN) * (gate.settle + gate.clocks - gate.pause) + floor
+            charge += passed[1, f, at, c] + floor
 
 
 @_compiled
@@ -245,6 +249,11 @@ def verdicts(  # type: ignore
     # Each of its own, or loops over them become no vector instructions.
     settled, away, swings, moves = np.empty(cols), np.empty(cols), np.empty(cols), np.empty(cols)
     bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
+    # As solved, the lowest and the highest: where the first row begins, before the gate, in the gate, in the break.
+    starts, befores, durings = np.empty((3, cols)), np.empty((3, cols)), np.empty((3, cols))
+    nights = np.zeros((3, cols))
+    # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
+    ahead = (gate.settle - gate.pause) / gate.clocks
     kappas = np.maximum(table[of.KAPPA], _KAPPA_MIN)
     sampled = drawn = number = 0
     root, span = math.sqrt(gate.clocks), int(noise.span_of(gate.clocks))
@@ -257,34 +266,69 @@ def verdicts(  # type: ignore
                 top, per_a, squeeze = table[of.TOP, c], table[of.PER_A, c], table[of.SQUEEZE, c]
                 driven = min(max(follows[f, r, c], -top), top)
                 other = min(max(rest[f, r, c], -top), top)
-                apart = bent = 0.0
+                apart = bent = early = bowed = 0.0
+                most = abs(driven)
                 if gate.motion:
                     later = min(max(follows_end[f, r, c], -top), top)
                     other_later = min(max(rest_end[f, r, c], -top), top)
                     bend = min(max(follows_bend[f, r, c], -top), top)
                     other_bend = min(max(rest_bend[f, r, c], -top), top)
-                    apart = 0.5 * abs(later + other_later - driven - other)
-                    apart += abs(min(max(follows_bend[f, r, c] + rest_bend[f, r, c], -top), top))
-                    apart *= abs(per_a)
+                    moves_by = later + other_later - driven - other
+                    apart = (0.5 * abs(moves_by) + abs(bend + other_bend)) * abs(per_a)
+                    # Of a parabola 4 b t (1 - t) at t = -ahead, and what it leaves its chord from there to 0.
+                    early = -ahead * (moves_by + 4.0 * (1.0 + ahead) * (bend + other_bend))
+                    bowed = ahead * ahead * abs(bend + other_bend)
+                    most = max(abs(driven), abs(later)) + abs(bend)
+                    before = abs(driven - ahead * (later - driven + 4.0 * (1.0 + ahead) * bend))
+                    most_before = max(abs(driven), before) + ahead * ahead * abs(bend)
+                    at_0 = driven + other
                     driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
                     other = 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend
                     bent = abs(gate.ripple) * gate.clocks * apart
+                else:
+                    most_before, at_0 = most, driven + other
                 u = (driven + other) * per_a
                 swing = gate.ripple * driven * per_a
+                reach = abs(gate.ripple * per_a) * most + apart
+                below, above = u - reach, u + reach
+                if gate.slow_mirror:
+                    start = (at_0 + early) * per_a
+                    spread = abs(gate.ripple * per_a) * most_before + bowed * abs(per_a)
+                    least = min(at_0 * per_a, start) - spread
+                    largest = max(at_0 * per_a, start) + spread
+                    middle = 0.5 * (at_0 * per_a + start)
+                    if squeeze > 0.0:
+                        start, middle = (
+                            start / (1.0 + squeeze * abs(start)),
+                            middle / (1.0 + squeeze * abs(middle)),
+                        )
+                        least /= 1.0 + squeeze * abs(least)
+                        largest /= 1.0 + squeeze * abs(largest)
+                    starts[0, c], starts[1, c], starts[2, c] = start, least, largest
+                    befores[0, c], befores[1, c], befores[2, c] = middle, least, largest
+                    nights[2, c] = dark[f, c]
                 if squeeze > 0.0:
-                    bent += gate.clocks * squeeze * (abs(swing) + apart) ** 2
+                    bent += gate.clocks * squeeze * reach**2
+                    below /= 1.0 + squeeze * abs(below)
+                    above /= 1.0 + squeeze * abs(above)
                     slope = 1.0 / (1.0 + squeeze * abs(u))
                     u *= slope
                     swing *= slope * slope
-                settled[c], away[c], swings[c] = u, abs(swing) + apart, swing
+                settled[c], away[c], swings[c] = u, max(u - below, above - u), swing
                 moves[c], bends[c] = 0.25 * gate.clocks * apart, bent
-                out.settled[f, r, c] = u
+                if gate.slow_mirror:
+                    durings[0, c], durings[1, c], durings[2, c] = u, u - away[c], u + away[c]
+                    settling = max(befores[1, c], Y_MIN) * (gate.settle - gate.pause)
+                    passes = max(u - (abs(swing) * gate.swing_reach + bent) * per_clock, Y_MIN) * gate.clocks
+                    out.passed[0, f, r, c], out.passed[1, f, r, c] = settling, settling + passes
             if gate.slow_mirror:
                 for way in range(3):
                     _mirrors(
-                        gate, r == 0, (0.0, -1.0, 1.0)[way], settled, away, dark[f], kappas, inverse[way],
+                        gate, r == 0, starts[way], befores[way], durings[way], nights[way], kappas, inverse[way],
                         begins[way], out.end[way, f, r],
                     )  # fmt: skip
+                for c in range(cols):
+                    out.begin[f, r, c] = begins[2, c]
             of_row = noise.row_key(seed, first + f, r)
             for c in range(cols):
                 u, offset = settled[c], table[of.OFFSET, c]
@@ -307,6 +351,7 @@ def verdicts(  # type: ignore
                     high = max(max(u + away[c], Y_MIN), begins[2, c]) + offset
                 packet = table[of.PACKET, c]
                 clip = X_CLIP * max(packet, 1.0)
+                clipped = x >= clip
                 x = min(max(x, -clip), clip)
                 low = min(max(low, -_X_LARGE), clip)
                 high = min(max(high, -_X_LARGE), _X_LARGE)
@@ -344,7 +389,7 @@ def verdicts(  # type: ignore
                         _sigma(table, g_column[f, c], mean, c) * noise.normal(key, noise.WALK, span) * ended
                     )
                     bound = steady + climb + math.sqrt(a.squares + a.paths * bridge)
-                code, open_ = _decide(x, level - path, bound, packet, gate)
+                code, open_ = _decide(x, clipped, level - path, bound, packet, gate)
                 sample, happened = number % EACH == 0, 0.0
                 if (open_ or sample) and gate.random:
                     start, size = _slot(table, c, key)
@@ -359,7 +404,7 @@ def verdicts(  # type: ignore
                             shift - late + end + moved_start - (size - packet) * gate.clocks * x / packet
                         )
                     if open_:
-                        code, open_ = _decide(x, level - moved_start - end, error_drawn, size, gate)
+                        code, open_ = _decide(x, clipped, level - moved_start - end, error_drawn, size, gate)
                         drawn += not open_
                 elif sample:
                     happened = abs(shift - late)
