@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -240,7 +242,8 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
         step = max(1, _VALUES_AT_ONCE // network.g_taxel_s.size)
         for first in range(0, len(g), step):
             part = slice(first, first + step)
-            found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
+            with _one_thread(network.cols):
+                found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
             account.check(found.driven, found.rest, found.driven_part, found.rest_error)
             driven[part] = found.driven
             if rest is not None:
@@ -251,6 +254,22 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
                 errors[1][part] = found.rest_error
     parts = driven, rest, *errors
     return Currents(*(p if p is None or g_frames_s is not None else p[0] for p in parts))
+
+
+# Columns from which products of matrices are large enough for BLAS to share among threads.
+_SHARED_COLS = 24
+
+
+def _one_thread(cols: int) -> AbstractContextManager[Any]:
+    """Keep BLAS to one thread: on small matrices its threads wait for each other, up to thirty times as long."""
+    return _blas().limit(limits=1, user_api="blas") if cols >= _SHARED_COLS else nullcontext()
+
+
+@functools.cache
+def _blas() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 # A taxel's conductance and a product with the bias, a rounding each.
