@@ -279,7 +279,7 @@ def _scene(
     run = {name: value for name, value in (("engine", engine), ("seed", seed)) if value is not None}
     if given is not None:
         name, values = given
-        data["stimulus"] = _ARRAYS[name]
+        data["stimulus"] = _in_place(data.get("stimulus", {}), name, (tables or {}).get("stimulus", {}), path)
         if values.ndim in (2, 3):
             size = {"rows": values.shape[-2], "cols": values.shape[-1]}
             data = _merged({"array": size}, data)
@@ -292,6 +292,23 @@ def _scene(
             raise InputError(path, "stimulus.kind", schema.quoted(stimulus.kind), f"none with {given[0]}")
         table = table.model_copy(update={"stimulus": stimulus.given(given[1])})
     return scenes.resolve(table, path, _design(design))
+
+
+def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
+    """Return the stimulus of an array in place of a scene's own.
+
+    Without a kind the scene's keys belong to the array. A scene's own stimulus goes as a whole, so a key of it that
+    an array has as well must be given again, or it would be lost without a word.
+    """
+    if not isinstance(own, dict):
+        return own
+    if "kind" not in own:
+        return own | _ARRAYS[name]
+    for key in ("t_frame_s", "resample", "select"):
+        if key in own and not (isinstance(asked, Mapping) and key in asked):
+            allowed = f"not used with {name}; for the array give stimulus={{{key!r}: ...}} as an argument"
+            raise InputError(path, f"stimulus.{key}", schema.quoted(own[key]), allowed)
+    return _ARRAYS[name]
 
 
 def _design(design: DesignLike | None) -> Design:
