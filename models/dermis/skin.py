@@ -19,7 +19,7 @@ from dermis.array.array import column_currents
 from dermis.converter.vfc import W_PRESET
 from dermis.decode import crosstalk
 from dermis.decode.calibration import Calibration
-from dermis.decode.decoder import Decoder, Forces
+from dermis.decode.decoder import Decoder, Forces, check_out, times
 from dermis.decode.memory import SheetMemory, advance_creep, apply_frame
 from dermis.engines import closed
 from dermis.records import Plan
@@ -51,7 +51,7 @@ def _conductance(force, k, points, conductances, exponents, force_on, g_open):
 def _currents(
     g, out, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, total, column, volt, u
 ):
-    """Column currents of conductances `g` [rows, cols] without trace resistance."""
+    """Fill `out` with the column currents of `g` [rows, cols]; return False if the sweeps did not converge."""
     rows, cols = g.shape
     ideal = True
     for c in range(cols):
@@ -66,10 +66,11 @@ def _currents(
         _currents_of_ideal_columns(
             g, out, v_bias, r_driven, g_ground, v_offset, i_leak, g_lateral, total, volt
         )
-        return
+        return True
     for r in range(rows):
         for c in range(cols):
             u[c] = v_offset[c]
+        converged, before = False, 0.0
         for _ in range(_SWEEPS):
             _row_voltages(g, u, r, v_bias, r_driven, g_ground, total, volt)
             for c in range(cols):
@@ -90,13 +91,20 @@ def _currents(
                 )
                 change = max(change, abs(now - u[c]))
                 u[c] = now
-            if change <= _TOLERANCE * v_bias:
+            # A change that shrinks by `ratio` a sweep leaves change * ratio / (1 - ratio) to go.
+            ratio = change / before if before > 0.0 else 0.0
+            if change <= _TOLERANCE * v_bias * max(1.0 - ratio, 1e-3):
+                converged = True
                 break
+            before = change
+        if not converged:
+            return False
         for c in range(cols):
             out[r, c] = _lateral(u, c, g_lateral) + i_leak[c]
         for i in range(rows):
             for c in range(cols):
                 out[r, c] += g[i, c] * (volt[i] - u[c])
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -149,6 +157,10 @@ def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_l
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, work, codes):
+    """Read frames into `codes` until one does not converge; return how many were read.
+
+    The conductances of a frame that did not are left in the first array of `work`.
+    """
     k, points, conductances, exponents, force_on, g_open = law
     code_max, step, start, inv_range = chip
     z, creep, loaded, fresh, rate, rate_weight, g_loaded = memory
@@ -173,7 +185,7 @@ def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, w
         for r in range(rows):
             for c in range(cols):
                 g[r, c] *= factor[r, c]
-        _currents(
+        if not _currents(
             g,
             current,
             v_bias,
@@ -187,12 +199,14 @@ def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, w
             column,
             volt,
             u,
-        )
+        ):
+            return n
         for r in range(rows):
             for c in range(cols):
                 seen_a = current[r, c] / (1.0 + abs(current[r, c]) * inv_range[c])
                 code = np.floor(seen_a / step[c] + start[c] + 0.5)
                 codes[n, r, c] = min(max(code, 0.0), code_max)
+    return frames
 
 
 class Skin:
@@ -235,12 +249,9 @@ class Skin:
         self._local, self._lock = threading.local(), threading.Lock()
         self._network, converter = self.plan.network(0), self.plan.converter
         start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
-        traced = self._network.r_trace_row_ohm or self._network.r_trace_column_ohm
-        in_order = (
-            (start > 0).all() and (start <= 1).all() and true.code_max <= self.plan.timing.gate_clocks // 2
-        )
+        in_order = (start > 0).all() and (true.full_code == true.code_max).all()
         # Elsewhere the engine's own array solve and count formula do it.
-        self._compiled = bool(in_order and not traced and np.all(converter.gain > 0))
+        self._compiled = bool(in_order and crosstalk.lumped(self._network) and np.all(converter.gain > 0))
         sensor = self.plan.sensor
         none = np.zeros(1)
         if isinstance(sensor, InverseSensor):
@@ -270,7 +281,7 @@ class Skin:
         t_frame_s : float or array_like, optional
             Time in seconds since the frame before, for all frames or each; by default the frame time of the chip.
         out : ndarray, optional
-            Codes to fill, so that nothing is allocated.
+            Codes of the shape of the forces to fill, so that nothing is allocated.
 
         Returns
         -------
@@ -280,7 +291,7 @@ class Skin:
         Raises
         ------
         ValueError
-            A wrong shape, or forces that are not numbers from 0.
+            A wrong shape, forces or times that are not finite or below 0, or an `out` of another shape or type.
         """
         forces = np.ascontiguousarray(forces_n, dtype=float)
         if forces.ndim not in (2, 3) or forces.shape[-2:] != (self.rows, self.cols):
@@ -288,12 +299,12 @@ class Skin:
         # A sum is NaN if anything is, and needs no second array.
         if forces.size and not (forces.min() >= 0 and forces.sum() < np.inf):
             raise ValueError("forces_n must be finite and 0 or above")
+        kind = engines.code_type(self._true.code_max)
         if out is None:
-            out = np.empty(forces.shape, engines.code_type(self._true.code_max))
+            out = np.empty(forces.shape, kind)
+        check_out(out, forces.shape, kind, "out")
         frames, codes = forces.reshape(-1, self.rows, self.cols), out.reshape(-1, self.rows, self.cols)
-        dt = np.broadcast_to(
-            np.asarray(self.t_frame_s if t_frame_s is None else t_frame_s, float), len(frames)
-        )
+        dt = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
         run = self._read_compiled if self._compiled else self._read_slow
         if self._true.memory.active:
             with self._lock:
@@ -337,20 +348,33 @@ class Skin:
             shape, rows, cols = (self.rows, self.cols), self.rows, self.cols
             sizes = (shape, shape, rows, cols, rows, cols)
             work = self._local.work = tuple(np.empty(size) for size in sizes)
-        z, _, _, _, creep, loaded, _, fresh, rate, weight = memory.arrays()
-        _read_frames(
-            forces,
-            dt_s,
-            self._law,
-            true.factor,
-            crosstalk.arguments(self._network),
-            (float(true.code_max), true.step_a, true.start_code, true.inv_i_range_a),
-            (z, creep, loaded, fresh, rate, weight, self._loaded_s),
-            (true.memory.radius, true.memory.weight, float(true.memory.creep_per_decade)),
-            work,
-            codes,
-        )
-        memory.passed(len(forces))
+        first = 0
+        while first < len(forces):
+            z, _, _, _, creep, loaded, _, fresh, rate, weight = memory.arrays()
+            read = _read_frames(
+                forces[first:],
+                dt_s[first:],
+                self._law,
+                true.factor,
+                crosstalk.arguments(self._network),
+                (float(true.code_max), true.step_a, true.start_code, true.inv_i_range_a),
+                (z, creep, loaded, fresh, rate, weight, self._loaded_s),
+                (true.memory.radius, true.memory.weight, float(true.memory.creep_per_decade)),
+                work,
+                codes[first:],
+            )
+            stopped = first + read
+            if stopped < len(forces):
+                # The direct solve of the engine takes over where sweeps do not converge.
+                codes[stopped] = self._codes(work[0][np.newaxis])[0]
+                read += 1
+            memory.passed(read)
+            first += read
+
+    def _codes(self, conductance_s: Floats) -> NDArray[np.unsignedinteger]:
+        """Return the codes of taxels [frames, rows, cols] by the array solve and the count of engine closed."""
+        currents = column_currents(self._network, conductance_s)
+        return closed.codes_of(self.plan, self.plan.converter.duty(currents))
 
     def _read_slow(self, forces: Floats, dt_s: Floats, codes: NDArray) -> None:
         with np.errstate(divide="ignore"):
@@ -358,5 +382,4 @@ class Skin:
         if self._true.memory.active:
             for n, frame in enumerate(g):
                 g[n] = self.memory.apply(frame.ravel(), dt_s[n]).reshape(frame.shape)
-        currents = column_currents(self._network, g * self._true.factor)
-        codes[:] = closed.codes_of(self.plan, self.plan.converter.duty(currents))
+        codes[:] = self._codes(g * self._true.factor)

@@ -106,7 +106,9 @@ def test_the_bound_covers_a_solution_that_is_not_converged(monkeypatch: pytest.M
     net = network(8, 8)
     current = column_currents(net, g)[0]
     work, through, found = np.empty((3, 8, 9)), np.empty(8), current / net.v_bias_v
-    crosstalk.solve_frame.py_func(current, *crosstalk.arguments(net), np.empty((8, 8)), work, through)
+    crosstalk.solve_frame.py_func(
+        current, np.empty((0, 0)), *crosstalk.arguments(net), np.empty((8, 8)), work, through
+    )
     u, taken = work[0, :, :8].copy(), work[1, :, :8].copy()
     v_bias, driven, ground = crosstalk.arguments(net)[:3]
     for _ in range(4):

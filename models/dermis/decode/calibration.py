@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from tomli_w import dumps
 
 from dermis.array.array import Network
-from dermis.converter.vfc import W_PRESET
+from dermis.converter.vfc import W_PRESET, code
 from dermis.decode.law import KINDS, Curve, of_sensor
 from dermis.decode.memory import MemoryLaw
 from dermis.errors import InputError
@@ -36,7 +36,7 @@ OVERLOAD = 4.0
 UNSEEN_DECADES = 0.05
 """Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
 
-_PER_COLUMN = ("step_a", "start_code", "inv_i_range_a", "step_part", "start_sigma_code")
+_PER_COLUMN = ("step_a", "start_code", "inv_i_range_a", "step_part", "start_sigma_code", "full_code")
 _NETWORK = (
     "r_row_driven_ohm",
     "r_row_grounded_ohm",
@@ -98,6 +98,9 @@ class Calibration:
         Largest conductance of a taxel in siemens, as a bound for saturated ones.
     noise_code : float
         Standard deviation of a reading in codes.
+    full_code : ndarray
+        [cols] code of a column at full scale, where every second clock takes a packet: a late start makes it less
+        than code_max, the default. A larger current may read no more than that.
     step_part, start_sigma_code : ndarray
         [cols] standard uncertainty of step_a, relative, and of start_code.
     factor_part : ndarray
@@ -128,6 +131,7 @@ class Calibration:
     own: dict[tuple[int, int], Curve] = field(default_factory=dict)
     reference: tuple[tuple[int, int, float], ...] = ()
     noise_code: float = 0.0
+    full_code: Floats = None  # type: ignore[assignment]
     step_part: Floats = 0.0  # type: ignore[assignment]
     start_sigma_code: Floats = 0.0  # type: ignore[assignment]
     factor_part: Floats = 0.0  # type: ignore[assignment]
@@ -138,6 +142,8 @@ class Calibration:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        if self.full_code is None:
+            object.__setattr__(self, "full_code", float(self.code_max))
         for name in (*_PER_COLUMN, "factor", "factor_part"):
             shape = (self.cols,) if name in _PER_COLUMN else (self.rows, self.cols)
             array = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), shape).copy()
@@ -161,6 +167,14 @@ class Calibration:
             rows=plan.rows,
             cols=plan.cols,
             code_max=plan.timing.code_max,
+            full_code=code(
+                packet / 2,
+                gate,
+                plan.timing.code_max,
+                w0=W_PRESET + c.preset_error_v / c.packet_v(),
+                packet=packet,
+                threshold=c.v_comp_offset_v / c.packet_v(),
+            ).astype(float),
             v_bias_v=table.interface.v_bias_v,
             step_a=step_a,
             start_code=0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
@@ -264,6 +278,8 @@ def load(path: Path | str) -> Calibration:
         raise InputError(path, "format", data.get("format"), f"{FORMAT}, a calibration of this version")
     table = _Reader(path, data)
     rows, cols = table.whole("array", "rows"), table.whole("array", "cols")
+    if isinstance(chip := data.get("chip"), dict):
+        chip.setdefault("full_code", [float(table.whole("chip", "code_max"))] * cols)
     numbers = {name: table.numbers("chip", name, (cols,)) for name in _PER_COLUMN}
     if not (numbers["step_a"] > 0).all():
         raise InputError(path, "chip.step_a", numbers["step_a"].min(), "numbers > 0")

@@ -51,6 +51,8 @@ class Solved:
         [frames] the stop test was met.
     sweeps : ndarray of int
         [frames] sweeps over the array.
+    current_a : ndarray
+        [frames, rows, cols] those that were given, or found where a reading is clipped, in ampere.
     """
 
     conductance_s: Floats
@@ -58,6 +60,7 @@ class Solved:
     residual: Floats
     converged: NDArray[np.bool_]
     sweeps: NDArray[np.int64]
+    current_a: Floats
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -86,8 +89,22 @@ def sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through):
     `total` [rows] holds the row sums of `g`, `through` [cols] is scratch. Returns the largest change, the sum of
     all changes and the largest conductance.
     """
+    nothing = np.empty((0, 0))
+    return _sweep(
+        g, out, total, u, taken, v_bias, r_driven, g_ground, through, nothing, nothing, nothing[0:0, 0], 0.0
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral):
+    """Make one sweep as `sweep` does, with clipped readings.
+
+    `most` [rows, cols] is the largest current of a clipped reading (code 0) and inf for any other; it is empty where
+    there are none. A clipped taxel is open, and its entry of `current` becomes what the others leave for it, `most` at
+    the highest; `u` and `taken` follow.
+    """
     rows, cols = g.shape
-    largest, change, change_sum = 0.0, 0.0, 0.0
+    largest, change, change_sum, adjusted = 0.0, 0.0, 0.0, 0.0
     for r in range(rows):
         for c in range(cols):
             through[c] = taken[r, c]
@@ -108,6 +125,22 @@ def sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through):
         for c in range(cols):
             across = max(p - u[r, c], LEAST_V * v_bias)
             found = max(through[c] / across, 0.0)
+            if most.size and most[r, c] < np.inf:
+                found, links, column = 0.0, (c > 0) + (c + 1 < cols), 0.0
+                for i in range(rows):
+                    column += g[i, c] if i != r else 0.0
+                near = g_lateral * r_column[c]
+                before = current[r, c]
+                step = through[c] / (1.0 + links * near + r_column[c] * column)
+                current[r, c] = min(before - step, most[r, c])
+                step = current[r, c] - before
+                u[r, c] += r_column[c] * step
+                taken[r, c] += step * (1.0 + links * near)
+                if c > 0:
+                    taken[r, c - 1] -= near * step
+                if c + 1 < cols:
+                    taken[r, c + 1] -= near * step
+                adjusted = max(adjusted, abs(step))
             moved = abs(found - g[r, c])
             out[r, c] = found
             row_total += found
@@ -116,7 +149,11 @@ def sweep(g, out, total, u, taken, v_bias, r_driven, g_ground, through):
             largest = max(largest, found)
         if out is g:
             total[r] = row_total
-    return change, change_sum, largest
+    return (
+        max(change, adjusted / (v_bias * max(largest, 1e-300)) if adjusted > 0.0 else 0.0),
+        change_sum,
+        largest,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -152,11 +189,14 @@ def contraction(g, total, u, taken, v_bias, r_driven, g_ground, through, radius)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_frame(current, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through):
+def solve_frame(
+    current, most, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through
+):
     """Solve one frame without trace resistance: currents [rows, cols] in ampere into `g` [rows, cols] in siemens.
 
-    `work` [3, rows, cols + 1] and `through` [cols] are scratch. Returns the number of sweeps, negative where the stop
-    test was not met.
+    Where `most` is finite the reading is clipped: `current` becomes that of an open taxel, `most` at the highest.
+    `most` is empty where no reading is clipped. `work` [3, rows, cols + 1] and `through` [cols] are scratch. Returns
+    the number of sweeps, negative where the stop test was not met.
     """
     rows, cols = current.shape
     u, taken, total = work[0, :, :cols], work[1, :, :cols], work[2, :, cols]
@@ -164,11 +204,17 @@ def solve_frame(current, v_bias, r_driven, g_ground, r_column, v_offset, i_leak,
     for r in range(rows):
         for c in range(cols):
             g[r, c] = max(current[r, c], 0.0) / v_bias
-    return converge(g, total, u, taken, v_bias, r_driven, g_ground, through, TOLERANCE)
+            if most.size and most[r, c] < np.inf:
+                g[r, c] = 0.0
+    return converge(
+        g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral, TOLERANCE
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def converge(g, total, u, taken, v_bias, r_driven, g_ground, through, tolerance):
+def converge(
+    g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral, tolerance
+):
     """Make sweeps from `g` until no conductance changes by more than `tolerance`; return as `solve_frame`."""
     rows, cols = g.shape
     for r in range(rows):
@@ -176,7 +222,9 @@ def converge(g, total, u, taken, v_bias, r_driven, g_ground, through, tolerance)
         for c in range(cols):
             total[r] += g[r, c]
     for n in range(SWEEPS):
-        change, _, _ = sweep(g, g, total, u, taken, v_bias, r_driven, g_ground, through)
+        change, _, _ = _sweep(
+            g, g, total, u, taken, v_bias, r_driven, g_ground, through, current, most, r_column, g_lateral
+        )
         if change <= tolerance:
             return n + 1
     return -SWEEPS
@@ -184,15 +232,28 @@ def converge(g, total, u, taken, v_bias, r_driven, g_ground, through, tolerance)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_frames(
-    currents, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, out, error, residual, sweeps
+    currents,
+    most,
+    v_bias,
+    r_driven,
+    g_ground,
+    r_column,
+    v_offset,
+    i_leak,
+    g_lateral,
+    out,
+    error,
+    residual,
+    sweeps,
 ):
     frames, rows, cols = currents.shape
     work, through = np.empty((3, rows, cols + 1)), np.empty(cols)
     for n in range(frames):
         g = out[n]
         sweeps[n] = solve_frame(
-            currents[n], v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through
-        )
+            currents[n], most[n] if most.size else most[0:0, 0],
+            v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, g, work, through,
+        )  # fmt: skip
         u, taken, total = work[0, :, :cols], work[1, :, :cols], work[2, :, cols]
         again = work[2, :, :cols]
         _, moved, largest = sweep(g, again, total, u, taken, v_bias, r_driven, g_ground, through)
@@ -214,7 +275,7 @@ def _solve_frames(
                     out[n, r, c] = np.inf
 
 
-def solve(network: Network, currents_a: ArrayLike) -> Solved:
+def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None) -> Solved:
     """Solve for the taxels of a network whose column currents are known.
 
     Parameters
@@ -223,6 +284,9 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
         What surrounds the taxels; its own conductances are not used.
     currents_a : array_like
         [frames, rows, cols] in ampere, as `array.column_currents` defines them.
+    most_a : ndarray, optional
+        [frames, rows, cols] largest current in ampere where a reading is clipped (code 0), inf elsewhere. A clipped
+        taxel is open: its current is what the others leave for it, `most_a` at the highest.
 
     Notes
     -----
@@ -237,24 +301,33 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
     ValueError
         The wrong shape, or currents that are not finite.
     """
-    currents = np.ascontiguousarray(currents_a, dtype=float)
+    currents = np.array(currents_a, dtype=float, order="C")
     if currents.ndim != 3 or currents.shape[1:] != network.g_taxel_s.shape:
         raise ValueError(f"currents_a must be [frames, {network.rows}, {network.cols}]")
     if not np.isfinite(currents).all():
         raise ValueError("currents_a must be finite")
-    if not (network.r_trace_row_ohm or network.r_trace_column_ohm or network.r_return_ohm):
-        return _lumped(network, currents)
-    lumped = dataclasses.replace(network, r_trace_row_ohm=0.0, r_trace_column_ohm=0.0, r_return_ohm=0.0)
+    most = np.empty((0, 0, 0)) if most_a is None else np.ascontiguousarray(most_a, dtype=float)
+    clipped = most < np.inf if most.size else np.zeros(currents.shape, dtype=bool)
+    if lumped(network):
+        return _lumped(network, currents, most)
+    around = dataclasses.replace(network, r_trace_row_ohm=0.0, r_trace_column_ohm=0.0, r_return_ohm=0.0)
+    if not lumped(around):
+        raise ValueError(f"no inverse for {', '.join(sorted(around.active_fields() - CARRIED))}")
     size = np.maximum(np.abs(currents).max(axis=(1, 2), initial=0.0), 1e-300)
     seen = currents.copy()
-    found = _lumped(lumped, seen)
+    found = _lumped(around, seen, most)
     sweeps = found.sweeps.copy()
     open_frames, stale = np.arange(len(currents)), np.zeros(len(currents), dtype=int)
     conductance, residual = found.conductance_s.copy(), np.full(len(currents), np.inf)
     tried = conductance.copy()
     for _ in range(REFINEMENTS):
         g = np.minimum(tried[open_frames], SHORT_S)
-        missed = currents[open_frames] - column_currents(network, g)
+        made = column_currents(network, g)
+        missed = currents[open_frames] - made
+        if most.size:
+            held = clipped[open_frames]
+            asked = np.where(held, np.minimum(made, most[open_frames]), currents[open_frames])
+            currents[open_frames], missed = asked, np.where(held, 0.0, missed)
         # An open taxel cannot carry less: noise and rounding of codes ask for it.
         missed[(g == 0) & (missed < 0)] = 0.0
         worst = np.abs(missed).max(axis=(1, 2)) / size[open_frames]
@@ -269,13 +342,38 @@ def solve(network: Network, currents_a: ArrayLike) -> Solved:
             break
         g, missed = g[going], missed[going]
         # An open taxel may have been asked for less than it can carry: what is missed counts from there.
-        asked = np.where((g == 0) & (missed > 0), column_currents(lumped, g), seen[open_frames])
+        asked = np.where((g == 0) & (missed > 0), column_currents(around, g), seen[open_frames])
         seen[open_frames] = asked + missed
-        found = _lumped(lumped, seen[open_frames])
+        found = _lumped(around, seen[open_frames], most[open_frames] if most.size else most)
         tried[open_frames] = found.conductance_s
         sweeps[open_frames] += np.abs(found.sweeps)
     # A millionth of what a count resolves (1 / 510), with 1000 times the rounding of the solve left.
-    return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, sweeps)
+    return Solved(conductance, np.full(len(currents), np.inf), residual, residual < 1e-9, sweeps, currents)
+
+
+CARRIED = frozenset(
+    {
+        "r_row_driven_ohm",
+        "r_row_grounded_ohm",
+        "r_column_ohm",
+        "v_column_offset_v",
+        "i_leak_a",
+        "g_lateral_row_s",
+        # Without traces these carry no current, or are a part of the resistances above.
+        "g_lateral_column_s",
+        "r_pad_row_ohm",
+        "r_pad_column_ohm",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
+    }
+)
+"""Fields of Network that `arguments` hands to the compiled solves."""
+
+
+def lumped(network: Network) -> bool:
+    """Return True if `arguments` carries all of a network; any other needs `solve` or `array.column_currents`."""
+    return network.active_fields() <= CARRIED
 
 
 def arguments(network: Network) -> tuple:
@@ -287,12 +385,13 @@ def arguments(network: Network) -> tuple:
     return network.v_bias_v, network.r_row_driven_ohm, g_ground, *sources, g_lateral
 
 
-def _lumped(network: Network, currents: Floats) -> Solved:
+def _lumped(network: Network, currents: Floats, most: Floats) -> Solved:
+    """Solve a network whose fields `arguments` carries; `currents` is changed where `most` is finite."""
     frames = len(currents)
     out, error, residual = np.empty_like(currents), np.empty(frames), np.empty(frames)
     sweeps = np.empty(frames, dtype=np.int64)
-    _solve_frames(currents, *arguments(network), out, error, residual, sweeps)
-    return Solved(out, error, residual, sweeps > 0, np.abs(sweeps))
+    _solve_frames(currents, most, *arguments(network), out, error, residual, sweeps)
+    return Solved(out, error, residual, sweeps > 0, np.abs(sweeps), currents)
 
 
 def solve_by_newton(network: Network, current_a: Floats, steps: int = 30) -> Floats:

@@ -120,12 +120,13 @@ def taxels_alone(plan: Plan, x: Floats) -> Floats:
     Returns
     -------
     ndarray
-        As x; inf for a short.
+        As x; inf for a short, NaN in a frame whose solution did not converge.
     """
     network = plan.network(0)
     if not network.active_fields():
         return x
     unit_a = plan.converter.k * plan.converter.i0_a
     currents = (np.asarray(x, dtype=float) * unit_a).reshape(-1, *x.shape[-2:])
-    found = crosstalk.solve(network, currents).conductance_s
+    solved = crosstalk.solve(network, currents)
+    found = np.where(solved.converged[:, None, None], solved.conductance_s, np.nan)
     return (found * (plan.v_bias_v / unit_a)).reshape(x.shape)

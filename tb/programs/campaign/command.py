@@ -23,7 +23,7 @@ from dermis.report import verdict
 from dermis.report.progress import slots
 from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
-from tb.programs.campaign import laws
+from tb.programs.campaign import laws, search
 from tb.programs.campaign.shrink import shrink
 from tb.reference.scenes import PROFILES, World, random_scene
 
@@ -257,6 +257,8 @@ def campaign_command(
     total = run(engines, seed, many, store, processes)
     cases = store_cases(engines, seed, total, Path(found), processes)
     judged = list(rows(engines, seed, many, total))
+    if engines == "closed,event" and (short or scenes is None):
+        judged += search.run(seed, short, store, processes)
     verdict.write_rows("campaign", judged)
     verdict.print_rows(judged, f"{many} random scenes, engines {engines}")
     for path in cases:

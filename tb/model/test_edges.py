@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wrong results that were found from outside, each with its small case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+import dermis
+from dermis import bounds
+from dermis import plan as planning
+from dermis.array import array
+from dermis.decode.decoder import SATURATED, Forces
+from dermis.effects import EFFECTS
+from dermis.engines import event, filter
+from dermis.errors import InputError
+from dermis.scene import scene
+from dermis.skin import Skin
+from tb.programs.campaign import combined, intervals, search
+
+
+def made(data: dict[str, Any], engine: str) -> Any:
+    data = {"stimulus": {"kind": "uniform", "force_n": 0.0}} | data
+    return planning.make(scene.from_data(data, Path("made.toml")), engine)
+
+
+# --- auto ----------------------------------------------------------------------------------------------------------
+
+
+def test_auto_starts_a_frame_with_the_current_before_the_gate() -> None:
+    onset = {"kind": "uniform", "r_ohm": [42677758.519134, 49752.52597152885]}
+    on = {"mirror_lag": True, "column_offset": True, "motion": True}
+    plan = made({"array": {"rows": 1, "cols": 1}, "stimulus": onset, "effects": on}, "event")
+    assert event.run(plan).codes.ravel().tolist() == [1, 3]
+    assert filter.run(plan).codes.ravel().tolist() == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("kind", "number"),
+    [
+        ("onset", 39),  # a slow mirror that starts below every current of the gate
+        ("pairs", 917),
+        ("pairs", 869),  # a duty that is clipped, and a packet that flicker makes larger
+    ],
+)
+def test_scenes_of_the_search_that_were_wrong(kind: str, number: int) -> None:
+    assert combined.run_scene(kind, 0, number)["wrong"] == 0
+
+
+@pytest.mark.parametrize("kind", combined.KINDS)
+def test_search_notices_a_bound_that_is_missing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+
+    for name in ("motion", "comparator_hysteresis", "integrator_gain", "comparator_noise"):
+        free = (
+            replace(EFFECTS[name].bound, factor=0.0) if EFFECTS[name].bound is not bounds.honoured else None
+        )
+        monkeypatch.setitem(EFFECTS, name, replace(EFFECTS[name], bound=free))
+    assert search.run_scenes(kind, 0, 0, 12)["wrong"] > 0
+
+
+# --- Skin and intervals --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", intervals.KINDS)
+def test_skin_and_intervals_over_every_effect(kind: str) -> None:
+    counts = search.run_scenes(kind, 1, 0, 12)
+    assert counts["wrong"] == 0
+    # The limit of decode.interval_coverage.
+    assert counts["missed"] <= 1e-3 * counts["cells"]
+    assert counts["cells"] > 0
+
+
+def test_skin_carries_a_shared_return() -> None:
+    on = {"return": {"r_ohm": 30.0}, "column_input": {"r_ohm": 20.0}, "row_driver": {"r_ohm": 5.0}}
+    world = {"array": {"rows": 8, "cols": 8}, "effects": on}
+    force = np.random.default_rng(0).uniform(0.0, 8.0, (20, 8, 8))
+    skin, codes = Skin(made(world, "closed")), dermis.simulate(world, force_n=force, engine="closed").codes
+    assert (skin.read(force) == codes).all()
+    found = skin.decode(codes)
+    kept = found.flags == 0
+    assert ((found.low_n <= force) & (force <= found.high_n))[kept].mean() >= 0.999
+
+
+def test_skin_takes_the_direct_solve_where_sweeps_do_not_converge() -> None:
+    on = {"column_input": {"r_ohm": 1e3}, "lateral": {"r_ohm": 1.0}}
+    world = {"array": {"rows": 8, "cols": 8}, "effects": on}
+    force = np.random.default_rng(0).uniform(0.0, 8.0, (20, 8, 8))
+    skin = Skin(made(world, "closed"))
+    assert (skin.read(force) == dermis.simulate(world, force_n=force, engine="closed").codes).all()
+
+
+def test_a_full_cell_that_starts_late_is_saturated() -> None:
+    on = {
+        "comparator_offset": {"v_v": 0.3},
+        "preset_error": {"v_v": -0.2},
+        "charge_packet": {"packet_error": -0.05},
+    }
+    skin = Skin(made({"effects": on}, "closed"))
+    force = np.linspace(12.0, 20.0, 256).reshape(1, 16, 16)
+    codes = skin.read(force)
+    ohm = skin.plan.sensor.resistance_ohm(force)
+    assert (codes == dermis.simulate({"effects": on}, resistance_ohm=ohm, engine="closed").codes).all()
+    found = skin.decode(codes)
+    assert (codes == 254).any()
+    assert (found.flags[codes >= 254] & SATURATED).all()
+    # A force on the edge between two codes is off by the roundings of the law.
+    assert ((found.low_n <= force * (1 + 1e-12)) & (force * (1 - 1e-12) <= found.high_n)).all()
+
+
+@pytest.mark.parametrize(
+    "out",
+    [
+        np.empty((1, 16, 16), np.uint8),
+        np.empty((20, 16, 16), np.int8),
+        np.empty((20, 16, 32), np.uint8)[:, :, ::2],
+        np.broadcast_to(np.uint8(0), (20, 16, 16)),
+        [0],
+    ],
+)
+def test_an_array_to_fill_must_fit(out: Any) -> None:
+    skin, force = Skin("single_touch"), np.full((20, 16, 16), 3.0)
+    with pytest.raises(
+        ValueError, match=r"out must be a writable, contiguous uint8 array of shape \[20, 16, 16\]"
+    ):
+        skin.read(force, out=out)
+    forces = Forces(*(np.empty((20, 16, 16)) for _ in range(3)), out)
+    with pytest.raises(ValueError, match=r"out\.flags must be"):
+        skin.decode(np.zeros((20, 16, 16), np.uint8), out=forces)
+
+
+@pytest.mark.parametrize("time", [np.nan, -1.0, np.inf, [0.01, np.nan], [0.01, 0.01, 0.01]])
+def test_times_of_a_stream_are_checked_before_its_state_changes(time: Any) -> None:
+    skin = Skin(made({"effects": {"sensor_creep": True}}, "closed"))
+    force = np.full((2, 16, 16), 3.0)
+    before = skin.read(force)
+    with pytest.raises(ValueError, match="t_frame_s"):
+        skin.read(force, t_frame_s=time)
+    with pytest.raises(ValueError, match="t_frame_s"):
+        skin.decode(before, t_frame_s=time)
+    assert (skin.read(force) > 0).all()
+
+
+# --- library -------------------------------------------------------------------------------------------------------
+
+
+def test_the_array_solve_uses_one_blas_thread() -> None:
+    with array._one_thread(128):
+        assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
+
+
+def test_keys_of_a_stimulus_count_beside_an_array() -> None:
+    force = np.random.default_rng(0).uniform(0.0, 8.0, (6, 4, 4))
+    world = {"effects": {"sensor_creep": True}, "stimulus": {"t_frame_s": 0.008}}
+    codes = dermis.simulate(world, force_n=force).codes
+    other = dermis.simulate({"effects": world["effects"]}, force_n=force, stimulus={"t_frame_s": 0.008}).codes
+    assert (codes == other).all()
+    assert (codes != dermis.simulate({"effects": world["effects"]}, force_n=force).codes).any()
+    with pytest.raises(InputError, match=r"stimulus\.t_frame_s"):
+        dermis.simulate("recorded_touch", force_n=force)
+    with pytest.raises(InputError, match="t_frame_ms"):
+        dermis.simulate({"stimulus": {"t_frame_ms": 8}}, force_n=force)
