@@ -235,8 +235,10 @@ def run(
         output.write(where, made, result, rows, draw)
     if "filter" in result.info:
         plan_table.print_filter(made, result.info["filter"])
-    if "masked" in result.info:
+    elif "masked" in result.info:
         plan_table.print_rows(result.info["masked"])
+    elif made.on and made.engine in ("closed", "event"):
+        plan_table.print_answer(made)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
     click.echo(f"codes, figure, summary and the resolved scene are in {one_line(str(where), 400)}")
     return verdict.exit_code(rows)

@@ -16,7 +16,7 @@ from dermis import plan as planning
 from dermis.effects import EFFECTS
 from dermis.engines import certificate, filter
 from dermis.errors import InputError
-from dermis.report.plan_table import print_filter, print_plan
+from dermis.report.plan_table import print_answer, print_filter, print_plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from tb.programs import auto_check
@@ -82,9 +82,17 @@ def test_every_effect_has_its_line_and_its_reason(capsys: pytest.CaptureFixture[
     print_filter(plan, engines.run(plan).info["filter"])
     shown = capsys.readouterr().out
     assert all(name in shown for name in EFFECTS)
-    assert "trace (switched off)" in shown
+    assert "off (switched off): trace" in shown
     assert "by engine event with everything on" in shown
     assert "counts that no engine follows" in shown
+
+
+def test_plan_says_which_effects_change_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    print_answer(made({"column_input": {"r_ohm": 20.0}, "comparator_hysteresis": {"v_v": 1e-9}}))
+    said = " ".join(capsys.readouterr().out.split())
+    assert "frames): column_input (" in said
+    assert "change none of them: comparator_hysteresis" in said
+    assert "engine closed is enough" in said
 
 
 # --- the choice ----------------------------------------------------------------------------------------------------

@@ -5,9 +5,13 @@ its frames.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterable
 from typing import Any
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -15,12 +19,13 @@ from rich.table import Table
 from dermis import auto, engines, records
 from dermis import plan as planning
 from dermis.converter import injection
-from dermis.engines import masking
-from dermis.errors import InputError
+from dermis.engines import filter, masking
+from dermis.errors import DermisError, InputError
+from dermis.report import ablate, progress
 from dermis.scene import scene as scenes
 
-# Frames that `dermis plan` looks at, around the fullest one.
-_SAMPLE = 12
+# Frames that `dermis plan` looks at, around the fullest one, and taxels in all of them.
+_SAMPLE, _SAMPLE_TAXELS = 12, 12 * 32 * 32
 
 
 def _console() -> Console:
@@ -29,17 +34,61 @@ def _console() -> Console:
 
 
 def print_plan(plan: records.Plan) -> None:
-    """Print the effects of a plan, on or off, with the reason."""
-    table = Table(title=None, box=box.SIMPLE_HEAD)
-    for heading in ("effect", "", "why"):
-        table.add_column(heading)
+    """Print the engine and the effects of a plan, on or off, by reason."""
+    by_reason: dict[tuple[bool, str], list[str]] = {}
     for e in plan.effects:
-        if e.on:
-            table.add_row(e.name, "on", e.reason)
+        by_reason.setdefault((e.on, e.reason), []).append(e.name)
     console = _console()
-    console.print(table)
-    off = ", ".join(f"{e.name} ({e.reason})" for e in plan.effects if not e.on)
-    console.print(f"engine {plan.engine}; off: {off or 'none'}", highlight=False)
+    console.print(f"engine {plan.engine}", highlight=False)
+    for (on, reason), names in sorted(by_reason.items(), reverse=True):
+        # Those that the scene does not name are all others.
+        listed = f"{len(names)} effects" if reason == "not named" else ", ".join(names)
+        console.print(f"{'on' if on else 'off'} ({reason}): {listed}", highlight=False)
+
+
+def print_answer(plan: records.Plan) -> None:
+    """Print which effects change codes, the engine that is enough for them and the time of a run, from a sample.
+
+    The sample is run with each effect off in turn, by the filter, whose codes are those of engine event.
+    """
+    console, frames = _console(), max(1, min(_SAMPLE, _SAMPLE_TAXELS // (plan.rows * plan.cols)))
+    sample = plan.busiest(frames)
+    first, stop = sample.first_frame, sample.first_frame + sample.frames
+
+    def run(names: Iterable[str]) -> tuple[NDArray[np.integer], float]:
+        on = {name: plan.on[name] for name in names}
+        made = ablate.with_effects(plan.scene, on, "event").part(first, stop)
+        begin = time.process_time()
+        codes = filter.run(made).codes.astype(int)
+        return codes, time.process_time() - begin
+
+    try:
+        run(plan.on)  # loops are compiled, or loaded
+        codes, seconds = run(plan.on)
+        moved = {}
+        # The first run of a combination compiles its loops, which takes seconds.
+        with progress.slots("effects compared", len(plan.on), "effects") as show:
+            for name in plan.on:
+                moved[name] = np.abs(codes - run(n for n in plan.on if n != name)[0])
+                show(len(moved))
+        changing = [name for name in plan.on if moved[name].any()]
+        run(changing)
+        seconds_fewer = run(changing)[1]
+        fewer = ablate.with_effects(plan.scene, {name: plan.on[name] for name in changing})
+        enough = engines.cheapest(fewer) or plan.engine
+    except DermisError as error:
+        console.print(
+            f"effects not compared, for engine event cannot do this scene: {error}", highlight=False
+        )
+        return
+    found = ", ".join(f"{n} ({(moved[n] > 0).sum()}, by up to {moved[n].max()})" for n in changing)
+    of = f"of {codes.size} in {sample.frames} of {plan.frames} frames"
+    idle = ", ".join(n for n in plan.on if n not in changing)
+    times = (f"{s * plan.frames / sample.frames:.2g} s" for s in (seconds, seconds_fewer))
+    console.print(f"effects that change codes ({of}): {found or 'none'}", highlight=False)
+    console.print(f"effects that change none of them: {idle or 'none'}", highlight=False)
+    words = f"engine {enough} is enough for those that change codes; engine event takes {next(times)} "
+    console.print(f"{words}of processor time with all effects, {next(times)} with those", highlight=False)
 
 
 def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
@@ -107,4 +156,6 @@ def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
             print_rows(masking.decide(sample).as_dict(sample.first_frame))
         else:
             print_filter(sample, engines.run(sample).info["filter"])
+    if made.on:
+        print_answer(made)
     return 0
