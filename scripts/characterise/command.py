@@ -6,32 +6,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import click
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.report.progress import slots
 from scripts.characterise import results
-from scripts.characterise.benches import BENCHES, SUMS, Condition
-from scripts.characterise.results import Series
-from scripts.characterise.run_all import (
-    EXTREMES,
-    GUESS_S,
-    NUMERICS,
-    TYPICAL,
-    Job,
-    Runs,
-    conditions,
-    is_transient,
-    passives,
-    samples,
-)
+from scripts.characterise.benches import BENCHES, SUMS
+from scripts.characterise.run_all import GUESS_S, NUMERICS, SAMPLES, Runs, jobs_of
 
-SAMPLES = 100
-_SHORT_SAMPLES = 2
+_NUMERICS = "numerics_lsb."
 
 
 def chosen(only: Sequence[str]) -> list[str]:
@@ -42,25 +26,24 @@ def chosen(only: Sequence[str]) -> list[str]:
     InputError
         There is none of a name.
     """
-    if not only:
-        return list(BENCHES)
     names: list[str] = []
     for word in only:
-        wanted = [quantity_of(word)]
-        wanted += [part for name, parts in SUMS.items() if _covers(wanted[0], name) for part in parts]
+        wanted = quantity_of(word)
+        solved = wanted.split(".")[1] if wanted.startswith(_NUMERICS) else ""
+        quantities = [
+            wanted,
+            *(part for sum_, parts in SUMS.items() if _covers(wanted, sum_) for part in parts),
+        ]
         found = [
             name
             for name, bench in BENCHES.items()
-            if name in (word, _solved_otherwise(wanted[0]))
-            or any(_covers(quantity, q) for quantity in wanted for q in bench.units)
+            if name in (word, solved) or any(_covers(q, own) for q in quantities for own in bench.units)
         ]
         if not found:
-            quantities = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})
-            raise InputError(
-                "command line", "--only", word, f"{' '.join(BENCHES)}; or {' '.join(quantities)}"
-            )
+            known = sorted({q.partition(".")[0] for b in BENCHES.values() for q in (*b.units, *SUMS)})
+            raise InputError("command line", "--only", word, f"{' '.join(BENCHES)}; or {' '.join(known)}")
         names += found
-    return list(dict.fromkeys(names))
+    return list(dict.fromkeys(names)) if only else list(BENCHES)
 
 
 def _covers(name: str, quantity: str) -> bool:
@@ -68,91 +51,11 @@ def _covers(name: str, quantity: str) -> bool:
     return f"{quantity}.".startswith(f"{name}.")
 
 
-def _solved_otherwise(quantity: str) -> str:
-    """The bench of a row such as numerics_lsb.vfc_sink.gear, or nothing."""
-    return quantity.split(".")[1] if quantity.startswith("numerics_lsb.") else ""
-
-
 def quantity_of(word: str) -> str:
-    """The quantity that a row of the table is about."""
-    word = word.removeprefix(f"{results.PREFIX}.")
-    for kind in ("mismatch.", "typical.", "drift.", "passives."):
+    """Return the quantity that a row of the table is about."""
+    for kind in (f"{results.PREFIX}.", "mismatch.", "typical.", "drift.", "passives."):
         word = word.removeprefix(kind)
     return word
-
-
-def jobs_of(
-    names: Sequence[str],
-    at: str | None,
-    sample: int | None,
-    many: int | None,
-    short: bool,
-    ways: Sequence[str] = (),
-) -> list[Job]:
-    """All runs that the options ask for: corners, mismatch, and for the transients other ways to solve them.
-
-    Of a condition by itself only the `ways` that are asked for.
-    """
-    drawable = [name for name in names if BENCHES[name].samples]
-    if at is not None or sample is not None:
-        places = [TYPICAL] if at is None else conditions(at)
-        if sample is not None:
-            places = [drawn for place in places for drawn in samples(sample, sample, place)]
-        jobs = [Job(name, place, way) for name in names for place in places for way in ("", *ways)]
-        return jobs + [Job(name, drawn) for drawn in samples(1, many or 0, places[0]) for name in drawable]
-    places = list(EXTREMES) if short else [*conditions(), *passives()]
-    last = (_SHORT_SAMPLES if short else SAMPLES) if many is None else many
-    jobs = [Job(name, place) for place in places for name in names]
-    jobs += [Job(name, drawn) for drawn in samples(1, last) for name in drawable]
-    jobs += [
-        Job(name, place, way)
-        for way in NUMERICS
-        if way
-        for place in EXTREMES
-        for name in names
-        if is_transient(BENCHES[name])
-    ]
-    return jobs
-
-
-def print_table(found: Sequence[Series], rows: Sequence[verdict.Row], title: str) -> None:
-    """Print min, typ and max with the limits, the worst condition, and the command to rerun it."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=170)
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in ("sky130.", "least", "typical", "most", "min", "max", "unit", "status", "at worst"):
-        number = heading in ("least", "typical", "most", "min", "max")
-        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
-    for one, row in zip(found, rows, strict=True):
-        least, most = (f(one.values.values(), default=None) for f in (min, max))
-        numbers = [
-            "" if v is None else f"{v:.4g}" for v in (least, one.typical, most, row["min"], row["max"])
-        ]
-        colour = verdict.COLOURS[row["status"]]
-        where = one.worst if one.values else ""
-        table.add_row(one.name, *numbers, row["unit"], f"[{colour}]{row['status']}[/]", where)
-    console.print(table)
-    for row in [*(row for row in rows if row["status"] == "FAIL"), *verdict.aims_missed(rows)]:
-        console.print(f"{row['status']} {row['name']}: {row['note']}", highlight=False, markup=False)
-    for fault, names in _faults(found).items():
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        console.print(f"ERROR {', '.join(names[:3])}{more}: {fault}", highlight=False, markup=False)
-    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
-    console.print(
-        f"{counts}; repeat a row: dermis characterise --only NAME with the options under `at worst`"
-    )
-
-
-def _faults(found: Sequence[Series]) -> dict[str, list[str]]:
-    """Why something was not measured, with one line that shows it, and the rows that miss it."""
-    rows: dict[str, list[str]] = {}
-    shown: dict[str, str] = {}
-    for one in found:
-        for where, fault in one.faults.items():
-            rows.setdefault(fault, []).append(one.name)
-            shown.setdefault(fault, one.command(where))
-    return {f"{fault}: `{shown[fault]}`": list(dict.fromkeys(names)) for fault, names in rows.items()}
 
 
 @click.command("characterise")
@@ -194,9 +97,9 @@ def characterise_command(
         # Refused before the decks run, and also if all results are stored.
         with batch.cluster(scheduler):
             pass
-    asked = [quantity_of(word) for word in only if _solved_otherwise(quantity_of(word))]
-    ways = [way for way in NUMERICS if way and any(word.endswith(f".{way}") for word in asked)]
-    every = jobs_of(names, at, sample, many, short, ways)
+    wanted = [quantity_of(word) for word in only if word not in BENCHES]
+    asked = {word.rpartition(".")[2] for word in wanted if word.startswith(_NUMERICS)}
+    every = jobs_of(names, at, sample, many, short, [way for way in NUMERICS if way in asked])
     runs = Runs(every, fresh=fresh)
     kept = len(runs.outcomes)
     click.echo(
@@ -206,28 +109,22 @@ def characterise_command(
     )
     with slots("characterise", kept + len(runs.todo), "runs") as on_done:
         runs.run(jobs, scheduler, on_done)
-    wanted = [quantity_of(word) for word in only if word not in BENCHES]
-    found = [*results.series(runs.outcomes), *results.numerics(runs.outcomes)]
+    found = results.series(runs.outcomes)
     if wanted and len(wanted) == len(only):
         found = [one for one in found if any(_covers(w, one.only) for w in wanted)]
     rows = [one.row() for one in found]
-    # A partial run does not change the results of the last whole run.
     if whole:
         results.write_values(runs.outcomes)
-    pads = [results.pads_row()] if whole else []
-    verdict.write_rows("characterise" if whole else "characterise_part", [*rows, *pads])
-    print_table(found, rows, _title(every))
-    if pads:
-        verdict.print_rows(pads)
+        rows.append(results.pads_row())
+    # A partial run does not change the results of the last whole run.
+    verdict.write_rows("characterise" if whole else "characterise_part", rows)
+    places = {job.condition for job in every if not job.numerics}
+    drawn = sum(place.sample is not None for place in places)
+    title = f"SKY130 blocks at {len(places) - drawn} conditions and {drawn} draws of the mismatch"
+    verdict.print_rows(rows, f"{title}; a note has the command that measures the worst condition again")
     if docs:
         from scripts.characterise import docs as pages
 
-        pages.write(found, rows, runs)
+        pages.write(found, runs)
         click.echo("written: docs/characterise.md")
-    return results.exit_code(found, [*rows, *pads])
-
-
-def _title(every: Sequence[Job]) -> str:
-    places: dict[Condition, None] = dict.fromkeys(job.condition for job in every if not job.numerics)
-    drawn = sum(place.sample is not None for place in places)
-    return f"SKY130 blocks at {len(places) - drawn} conditions and {drawn} draws of the mismatch"
+    return results.exit_code(found, rows)

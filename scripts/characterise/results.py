@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from dermis import engines, plan
 from dermis.chip import sky130, spice_batch
-from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Limit, spec
+from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
 
@@ -39,7 +37,6 @@ class Series:
     ----------
     name : of the quantity, with what it is about before it: "packet_error.sink", "mismatch.packet_error.sink"
     only : what `--only` takes to measure it
-    unit : SI
     values : by where it was measured, as `--at` and `--sample` take it
     typical : the value at typical, if it was measured there
     faults : where it was not measured -> why
@@ -47,7 +44,6 @@ class Series:
 
     name: str
     only: str
-    unit: str
     values: dict[str, float] = field(default_factory=dict)
     typical: float | None = None
     faults: dict[str, str] = field(default_factory=dict)
@@ -75,25 +71,22 @@ class Series:
         return min(self.values, key=room)
 
     def command(self, where: str) -> str:
-        """The line that measures this quantity there and nothing else."""
+        """Return the line that measures this quantity there and nothing else."""
         return f"dermis characterise --only {PREFIX}.{self.only} {where}"
 
     def row(self) -> Row:
-        """Its verdict: FAIL where a value misses, else ERROR where one is not there."""
-        name = f"{PREFIX}.{self.name}"
-        missing = next(iter(self.faults.items()), None)
-        told = ""
-        if missing is not None:
-            many = len(self.faults)
-            told = f"not measured at {many} of {many + len(self.values)}: {missing[1]}: `{self.command(missing[0])}`"
+        """Return its verdict: FAIL where a value misses, else ERROR where one is not there."""
+        name, unit, told = f"{PREFIX}.{self.name}", benches.unit(self.only), ""
+        if self.faults:
+            where, fault = next(iter(self.faults.items()))
+            many = f"{len(self.faults)} of {len(self.faults) + len(self.values)}"
+            told = f"not measured at {many}: {fault}: `{self.command(where)}`"
         if not self.values:
-            return verdict.error(name, told, self.unit)
+            return verdict.error(name, told, unit)
         worst = self.worst
         least, most = min(self.values.values()), max(self.values.values())
         note = f"{least:.4g} .. {most:.4g} at {len(self.values)}; `{self.command(worst)}`"
-        if told:
-            note = f"{told}; {note}"
-        row = verdict.measured(name, self.values[worst], self.unit, note)
+        row = verdict.measured(name, self.values[worst], unit, f"{told}; {note}" if told else note)
         return row | {"status": "ERROR"} if told and row["status"] == "PASS" else row
 
 
@@ -102,109 +95,85 @@ def _where(condition: Condition) -> str:
     return f"--at {condition.at}{sample}"
 
 
-@dataclass(frozen=True)
-class _One:
-    """A quantity at a condition: its value, or why there is none."""
-
-    quantity: str
-    unit: str
-    condition: Condition
-    value: float | None
-    fault: str = ""
-
-
-def _each(outcomes: Mapping[Job, Outcome]) -> Iterator[_One]:
-    """Return every quantity of every solved job, and their sums."""
-    there: dict[tuple[str, Condition], _One] = {}
-    for job, outcome in outcomes.items():
-        if not job.numerics:
-            for quantity, unit in BENCHES[job.bench].units.items():
-                one = _One(quantity, unit, job.condition, outcome.values.get(quantity), outcome.fault)
-                there[quantity, job.condition] = one
-                yield one
+def _measured(outcomes: Mapping[Job, Outcome]) -> dict[tuple[str, Condition], tuple[float | None, str]]:
+    """Return every quantity of every job, and the sums: the value, or None and the reason."""
+    found = {
+        (quantity, job.condition): (outcome.values.get(quantity), outcome.fault)
+        for job, outcome in outcomes.items()
+        if not job.numerics
+        for quantity in BENCHES[job.bench].units
+    }
     for name, parts in SUMS.items():
-        for condition in dict.fromkeys(condition for _, condition in there):
-            found = [there[part, condition] for part in parts if (part, condition) in there]
-            if len(found) == len(parts):
-                values = [abs(one.value) for one in found if one.value is not None]
-                total = sum(values) if len(values) == len(parts) else None
-                fault = next((one.fault for one in found if one.fault), "")
-                yield _One(name, found[0].unit, condition, total, fault)
-
-
-def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
-    """Return every quantity over corners, at typical if limited there, over mismatch, and its drift.
-
-    Corners of resistors and capacitors are among the others, unless there is a limit for them alone.
-    """
-    found: dict[str, Series] = {}
-    for it in _each(outcomes):
-        names = [it.quantity]
-        if it.condition.sample is not None:
-            names = [f"mismatch.{it.quantity}"]
-        elif it.condition.corner in sky130.PASSIVE_CORNERS and _has_limit(f"{PREFIX}.passives.{it.quantity}"):
-            names = [f"passives.{it.quantity}"]
-        if it.condition == TYPICAL and _has_limit(f"{PREFIX}.typical.{it.quantity}"):
-            names.append(f"typical.{it.quantity}")
-        for name in names:
-            one = found.setdefault(name, Series(name, it.quantity, it.unit))
-            if it.value is None:
-                one.faults[_where(it.condition)] = it.fault
-            else:
-                one.values[_where(it.condition)] = it.value
-    for one in [*found.values()]:
-        typical = found.get(one.only)
-        one.typical = None if typical is None else typical.values.get(_where(TYPICAL))
-    return [*found.values(), *_drifts(outcomes)]
+        for condition in dict.fromkeys(condition for _, condition in found):
+            own = [found[part, condition] for part in parts if (part, condition) in found]
+            if len(own) == len(parts):
+                values = [abs(value) for value, _ in own if value is not None]
+                fault = next((fault for _, fault in own if fault), "")
+                found[name, condition] = sum(values) if len(values) == len(parts) else None, fault
+    return found
 
 
 def _has_limit(name: str) -> bool:
     """Return True if models/spec.toml limits this quantity or its group, such as `a.b` of `a.b.sink`."""
+    name = f"{PREFIX}.{name}"
     return name in spec() or name.rpartition(".")[0] in spec()
 
 
-def _drifts(outcomes: Mapping[Job, Outcome]) -> Iterator[Series]:
-    """Return the change of a quantity over temperature at one corner and supply, after calibration at 27 C."""
-    groups: dict[tuple[str, str, str], dict[float, float]] = {}
-    units: dict[str, str] = {}
-    for it in _each(outcomes):
-        c = it.condition
-        if c.sample is None and it.value is not None and _has_limit(f"{PREFIX}.drift.{it.quantity}"):
-            groups.setdefault((it.quantity, c.corner, f"{c.supply:g}"), {})[c.celsius] = it.value
-            units[it.quantity] = it.unit
-    whole = {at: values for at, values in groups.items() if set(values) >= set(CELSIUS)}
-    for quantity, own in itertools.groupby(sorted(whole), key=lambda at: at[0]):
-        one = Series(f"drift.{quantity}", quantity, units[quantity])
-        for at in own:
-            spread = whole[at].values()
-            one.values[f"--at {at[1]},*,{at[2]}"] = max(spread) - min(spread)
-        one.typical = one.values.get("--at tt,*,1")
-        yield one
+def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
+    """Return every quantity over corners, at typical if limited there, over mismatch, its drift, and the numerics.
 
-
-def numerics(outcomes: Mapping[Job, Outcome]) -> list[Series]:
-    """By how many codes the transients move when they are solved in another way, bench by bench."""
+    Corners of resistors and capacitors are among the others, unless there is a limit for them alone.
+    Drift is the change over temperature at one corner and supply, after calibration at 27 C. Numerics is
+    the number of codes by which a transient moves when it is solved in another way.
+    """
     found: dict[str, Series] = {}
-    for job, other in outcomes.items():
-        if not job.numerics:
-            continue
-        name = f"numerics_lsb.{job.bench}.{job.numerics}"
-        one = found.setdefault(name, Series(name, name, "lsb"))
-        own = outcomes.get(Job(job.bench, job.condition))
-        fault = other.fault or ("" if own is None else own.fault)
-        if fault or own is None:
-            one.faults[_where(job.condition)] = fault or "not run as its bench says"
-            continue
-        moved = [
-            abs(other.values[q] - own.values[q]) * codes
-            for q in BENCHES[job.bench].units
-            if (codes := CODES_A_UNIT.get(q.partition(".")[0])) is not None
-        ]
-        if not moved:
-            one.faults[_where(job.condition)] = "benches.CODES_A_UNIT knows none of its quantities"
-            continue
-        one.values[_where(job.condition)] = max(moved)
+    groups: dict[tuple[str, str, float], dict[float, float]] = {}
+
+    def add(name: str, only: str, where: str, value: float | None, fault: str = "") -> None:
+        one = found.setdefault(name, Series(name, only))
+        if value is None:
+            one.faults[where] = fault
+        else:
+            one.values[where] = value
+
+    for (quantity, condition), (value, fault) in _measured(outcomes).items():
+        names = [quantity]
+        if condition.sample is not None:
+            names = [f"mismatch.{quantity}"]
+        elif condition.corner in sky130.PASSIVE_CORNERS and _has_limit(f"passives.{quantity}"):
+            names = [f"passives.{quantity}"]
+        if condition == TYPICAL and _has_limit(f"typical.{quantity}"):
+            names.append(f"typical.{quantity}")
+        for name in names:
+            add(name, quantity, _where(condition), value, fault)
+        if condition.sample is None and value is not None and _has_limit(f"drift.{quantity}"):
+            group = groups.setdefault((quantity, condition.corner, condition.supply), {})
+            group[condition.celsius] = value
+    for (quantity, corner, supply), values in groups.items():
+        if set(values) >= set(CELSIUS):
+            change = max(values.values()) - min(values.values())
+            add(f"drift.{quantity}", quantity, f"--at {corner},*,{supply:g}", change)
+    for job, outcome in outcomes.items():
+        if job.numerics:
+            name = f"numerics_lsb.{job.bench}.{job.numerics}"
+            add(name, name, _where(job.condition), *_moved(job, outcome, outcomes))
+    for one in found.values():
+        typical = found[one.only].values.get(_where(TYPICAL)) if one.only in found else None
+        one.typical = one.values.get("--at tt,*,1", typical)
     return list(found.values())
+
+
+def _moved(job: Job, other: Outcome, outcomes: Mapping[Job, Outcome]) -> tuple[float | None, str]:
+    """Return the largest difference in codes of a job solved in another way, or None and the reason."""
+    own = outcomes.get(Job(job.bench, job.condition))
+    if own is None or other.fault or own.fault:
+        return None, other.fault or ("not run as its bench says" if own is None else own.fault)
+    moved = [
+        abs(other.values[quantity] - own.values[quantity]) * CODES_A_UNIT[kind]
+        for quantity in BENCHES[job.bench].units
+        if (kind := quantity.partition(".")[0]) in CODES_A_UNIT
+    ]
+    return (max(moved), "") if moved else (None, "benches.CODES_A_UNIT knows none of its quantities")
 
 
 def write_values(outcomes: Mapping[Job, Outcome]) -> None:
@@ -222,30 +191,6 @@ def write_values(outcomes: Mapping[Job, Outcome]) -> None:
     write_atomic(VALUES, json.dumps(told, indent=1) + "\n")
 
 
-def load(path: Path | None = None) -> dict[Condition, dict[str, float]]:
-    """All quantities of the last whole run, by condition; those with a sample are mismatch at typical.
-
-    Raises
-    ------
-    InputError
-        The run does not exist.
-    """
-    path = path or VALUES
-    try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        found = {_condition(at): dict(values) for at, values in told["values"].items()}
-        for sample, values in told["samples"].items():
-            found[Condition(sample=int(sample))] = dict(values)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(path, "file", "missing or not whole", "what `make characterise` writes") from None
-    return found
-
-
-def _condition(at: str) -> Condition:
-    corner, celsius, supply = at.split(",")
-    return Condition(corner, float(celsius), float(supply))
-
-
 def pads_row(pad_ohm: float | None = None) -> Row:
     """Return the verdict of pads.rows: the lowest code of a pressed 8x8 sheet behind row drivers and row pads."""
     pads = {"r_column_ohm": 0.0} | ({} if pad_ohm is None else {"r_row_ohm": pad_ohm})
@@ -259,5 +204,5 @@ def pads_row(pad_ohm: float | None = None) -> Row:
 
 
 def exit_code(all_series: Iterable[Series], rows: Sequence[Row]) -> int:
-    """3 where something was not measured, else 1 where a limit is missed, else 0."""
+    """Return 3 where something was not measured, else 1 where a limit is missed, else 0."""
     return 3 if any(one.faults for one in all_series) else verdict.exit_code(rows)

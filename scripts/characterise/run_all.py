@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which benches are run where, and their way through processes of this machine or a Dask cluster."""
+"""The runs of the benches over conditions, in processes of this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
 import math
 import re
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -26,35 +26,16 @@ TYPICAL = Condition()
 EXTREMES = (TYPICAL, Condition("ss", -40.0, 0.9), Condition("ff", 125.0, 1.1))
 """Conditions of the numerical checks and of `--short`: typical, slowest and fastest."""
 
+SAMPLES, SHORT_SAMPLES = 100, 2
+"""Draws of the mismatch, in a whole run and with `--short`."""
+
 GUESS_S = 0.3
 """Mean seconds of a run on an idle core, the estimate for a bench without stored results."""
 
-
-@dataclass(frozen=True)
-class Job:
-    """One run of ngspice: a bench at a condition, solved as it is or in another way (see NUMERICS)."""
-
-    bench: str
-    condition: Condition
-    numerics: str = ""
-
-    def deck(self) -> str:
-        """The whole deck."""
-        bench = BENCHES[self.bench]
-        body, options = NUMERICS[self.numerics](bench)
-        # A bench that leaves ngspice its own has the deck without the word, not another one.
-        given = {} if bench.trtol == Bench.trtol else {"trtol": bench.trtol}
-        return deck(body, self.condition, " ".join(f"{n}={_said(v)}" for n, v in (given | options).items()))
-
-
-def _said(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
-
-
 _TRAN = re.compile(r"^(\.tran\s+)([\d.]+)([a-z]*)", re.MULTILINE | re.IGNORECASE)
 
-# How a transient may be solved: the text of its bench, and options that replace the bench's own. The step of .tran is
-# the largest that ngspice takes; half of everything is half of it and half of the tolerances that choose shorter ones.
+# The text of a bench, and options that replace its own, by the way to solve its transient. The step of .tran is the
+# largest that ngspice takes; half of everything is half of it and half of the tolerances that choose shorter ones.
 NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]] = {
     "": lambda bench: (bench.body, {}),
     "half_step": lambda bench: (
@@ -67,9 +48,22 @@ NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]]
 }
 
 
-def is_transient(bench: Bench) -> bool:
-    """Return True for a bench with time steps."""
-    return _TRAN.search(bench.body) is not None
+@dataclass(frozen=True)
+class Job:
+    """One run of ngspice: a bench at a condition, solved as it is or in another way (see NUMERICS)."""
+
+    bench: str
+    condition: Condition
+    numerics: str = ""
+
+    def deck(self) -> str:
+        """Return the whole deck."""
+        bench = BENCHES[self.bench]
+        body, options = NUMERICS[self.numerics](bench)
+        # A bench that leaves ngspice its own has the deck without the word, not another one.
+        options = ({} if bench.trtol == Bench.trtol else {"trtol": bench.trtol}) | options
+        words = (f"{n}={v if isinstance(v, str) else format(v, 'g')}" for n, v in options.items())
+        return deck(body, self.condition, " ".join(words))
 
 
 @dataclass(frozen=True)
@@ -81,38 +75,78 @@ class Outcome:
     measured: runs.Measured | None = None
 
 
+def is_transient(bench: Bench) -> bool:
+    """Return True for a bench with time steps."""
+    return _TRAN.search(bench.body) is not None
+
+
 def conditions(at: str | None = None) -> list[Condition]:
-    """All conditions with nominal passives, or those that a text such as "ss,-40,0.9" or "ss_low,*,1" names.
+    """Return all conditions with nominal passives, or those that a text such as "ss,-40,0.9" or "ss_low,*,1" names.
 
     Raises
     ------
     InputError
         It names none.
     """
-    words = ["*", "*", "*"] if at is None else [word.strip() for word in at.split(",")]
+    corner, *numbers = (word.strip() for word in (at or "*,*,*").split(","))
     known = (*CORNERS, *PASSIVE_CORNERS)
-    allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
-    if len(words) != 3 or (words[0] != "*" and words[0] not in known):
-        raise InputError("command line", "--at", at, allowed)
     try:
-        celsius = CELSIUS if words[1] == "*" else (float(words[1]),)
-        supplies = SUPPLIES if words[2] == "*" else (float(words[2]),)
+        celsius, supplies = (
+            every if word == "*" else (float(word),)
+            for word, every in zip(numbers, (CELSIUS, SUPPLIES), strict=True)
+        )
+        good = corner in ("*", *known) and all(-40 <= c <= 125 for c in celsius)
+        good = good and all(0.8 <= s <= 1.2 for s in supplies)
     except ValueError:
-        raise InputError("command line", "--at", at, allowed) from None
-    if not all(-40.0 <= c <= 125.0 for c in celsius) or not all(0.8 <= s <= 1.2 for s in supplies):
+        good = False
+    if not good:
+        allowed = f"corner,celsius,supply of {' '.join(known)}, -40 .. 125, 0.8 .. 1.2; * for all"
         raise InputError("command line", "--at", at, allowed)
-    corners = CORNERS if words[0] == "*" else (words[0],)
-    return [Condition(corner, c, s) for corner in corners for c in celsius for s in supplies]
+    corners = CORNERS if corner == "*" else (corner,)
+    return [Condition(name, c, s) for name in corners for c in celsius for s in supplies]
 
 
 def passives() -> list[Condition]:
-    """Ends of resistors and capacitors, at nominal supply."""
+    """Return the ends of resistors and capacitors, at nominal supply."""
     return [Condition(corner, c) for corner in PASSIVE_CORNERS for c in CELSIUS]
 
 
-def samples(first: int, last: int, at: Condition = TYPICAL) -> list[Condition]:
-    """Mismatch with the seeds first .. last."""
-    return [replace(at, sample=n) for n in range(first, last + 1)]
+def jobs_of(
+    names: Sequence[str],
+    at: str | None,
+    sample: int | None,
+    many: int | None,
+    short: bool,
+    ways: Sequence[str] = (),
+) -> list[Job]:
+    """Return the runs that the options ask for: corners, mismatch, and other ways to solve the transients.
+
+    Of a condition by itself only the `ways` that are asked for.
+    """
+    if at is not None or sample is not None:
+        places, ways, last = [TYPICAL] if at is None else conditions(at), ["", *ways], many or 0
+        begin = places[0]
+        if sample is not None:
+            places = [replace(place, sample=sample) for place in places]
+        jobs = [Job(name, place, way) for name in names for place in places for way in ways]
+        numerics = []
+    else:
+        places, begin = list(EXTREMES) if short else [*conditions(), *passives()], TYPICAL
+        last = (SHORT_SAMPLES if short else SAMPLES) if many is None else many
+        jobs = [Job(name, place) for place in places for name in names]
+        numerics = [
+            Job(name, place, way)
+            for way in filter(None, NUMERICS)
+            for place in EXTREMES
+            for name in names
+            if is_transient(BENCHES[name])
+        ]
+    drawn = [replace(begin, sample=n) for n in range(1, last + 1)]
+    return [
+        *jobs,
+        *(Job(name, place) for place in drawn for name in names if BENCHES[name].samples),
+        *numerics,
+    ]
 
 
 def outcome(job: Job, measured: runs.Measured) -> Outcome:
@@ -138,16 +172,12 @@ class Runs:
 
     def __init__(self, jobs: Iterable[Job], *, fresh: bool = False) -> None:
         self.outcomes: dict[Job, Outcome] = {}
-        self.todo: list[Job] = []
-        self._fresh = fresh
-        self._begun: list[Job] = []
-        self._decks: dict[Job, str] = {}
+        self.todo: dict[Job, str] = {}  # with its deck
         for job in dict.fromkeys(jobs):
             text = runs.resolved(job.deck())
             there = None if fresh else runs.kept(runs.key(text))
             if there is None:
-                self._decks[job] = text
-                self.todo.append(job)
+                self.todo[job] = text
             else:
                 self.outcomes[job] = outcome(job, there)
 
@@ -157,8 +187,7 @@ class Runs:
         for job, done in self.outcomes.items():
             if done.measured is not None:
                 took.setdefault(job.bench, []).append(done.measured.seconds)
-        usual = {name: statistics.median(seconds) for name, seconds in took.items()}
-        return sum(usual.get(job.bench, GUESS_S) for job in self.todo)
+        return sum(statistics.median(took.get(job.bench, [GUESS_S])) for job in self.todo)
 
     def run(self, jobs: int, scheduler: str | None, progress: Callable[[int], None]) -> None:
         """Run the remaining jobs and store each result at once.
@@ -178,43 +207,34 @@ class Runs:
         """
         if not self.todo:
             return
-        self._begun.clear()
-        with _executor(min(jobs, len(self.todo)), scheduler) as (executor, workers, look):
-            version = None if scheduler is None else batch.fingerprint()
-            for index, task in batch.spread(self._calls(version), executor, workers, look):
-                job = self._begun[index]
+        todo = list(self.todo)
+        version = None if scheduler is None else batch.fingerprint()
+        calls = [
+            (runs.simulate, (self.todo[job], BENCHES[job.bench].limit_s, runs.FAILED))
+            if version is None
+            else (_elsewhere, (job, version))
+            for job in todo
+        ]
+        with _executor(min(jobs, len(todo)), scheduler) as (executor, workers, look):
+            for index, task in batch.spread(calls, executor, workers, look):
+                job = todo[index]
                 try:
                     measured = task.result()
+                except InputError:
+                    raise
                 except DermisError as error:
                     # A failure of a job is a result; the loss of the workers is not.
-                    if isinstance(error, InputError):
-                        raise
                     self.outcomes[job] = Outcome({}, one_line(str(error), 400))
                 else:
-                    runs.keep(runs.key(self._decks[job]), f"{job.bench} at {job.condition}", measured)
+                    runs.keep(runs.key(self.todo[job]), f"{job.bench} at {job.condition}", measured)
                     self.outcomes[job] = outcome(job, measured)
                 progress(len(self.outcomes))
 
-    def _calls(
-        self, version: str | None
-    ) -> Iterator[tuple[Callable[..., runs.Measured], tuple[object, ...]]]:
-        for job in self.todo:
-            # Another command may have measured it since this one began.
-            if not self._fresh and (there := runs.kept(runs.key(self._decks[job]))) is not None:
-                self.outcomes[job] = outcome(job, there)
-                continue
-            self._begun.append(job)
-            limit_s = BENCHES[job.bench].limit_s
-            if version is None:
-                yield runs.simulate, (self._decks[job], limit_s, runs.FAILED)
-            else:
-                yield _elsewhere, (job, limit_s, version)
 
-
-def _elsewhere(job: Job, limit_s: float, version: str) -> runs.Measured:
-    """A job on another machine, whose paths are its own."""
+def _elsewhere(job: Job, version: str) -> runs.Measured:
+    """Run a job on another machine, whose paths are its own."""
     batch.same_version(version)
-    return runs.simulate(runs.resolved(job.deck()), limit_s)
+    return runs.simulate(runs.resolved(job.deck()), BENCHES[job.bench].limit_s)
 
 
 @contextmanager

@@ -21,8 +21,8 @@ from dermis.scene import design
 from dermis.scene.extracted import CIRCUIT
 from scripts.characterise import benches, command, results, run_all, runs
 from scripts.characterise.benches import BENCHES, Bench, Condition, deck
-from scripts.characterise.command import characterise_command, chosen, jobs_of
-from scripts.characterise.run_all import Job, Runs, conditions
+from scripts.characterise.command import characterise_command, chosen
+from scripts.characterise.run_all import Job, Runs, conditions, jobs_of
 
 
 @pytest.fixture(autouse=True)
@@ -114,14 +114,8 @@ def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
         Runs(jobs).run(1, None, interrupt)
     again = Runs(jobs)
     assert 2 <= len(again.outcomes) < len(jobs) or not again.todo  # one more may have ended meanwhile
-    # What another command measures meanwhile is taken from there.
-    late = Runs(jobs)
     again.run(1, None, lambda done: None)
     assert set(again.outcomes) == set(jobs)
-    late.run(1, None, lambda done: pytest.fail("measured again"))
-    assert {job: done.values for job, done in late.outcomes.items()} == {
-        job: done.values for job, done in again.outcomes.items()
-    }
     assert not Runs(jobs).todo
 
 
@@ -129,7 +123,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
 
 
 def judged(values: dict[str, float], name: str = "packet_error.sink", **more: object) -> verdict.Row:
-    return results.Series(name, name, "1", values, **more).row()
+    return results.Series(name, name, values, **more).row()
 
 
 def test_the_worst_condition_is_the_one_with_the_least_room() -> None:
@@ -152,9 +146,8 @@ def test_what_was_not_measured_is_no_pass_and_hides_no_miss() -> None:
 
 
 def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None:
-    line = results.Series("mismatch.packet_error.sink", "packet_error.sink", "1").command(
-        "--at tt,27,1 --sample 17"
-    )
+    one = results.Series("mismatch.packet_error.sink", "packet_error.sink")
+    line = one.command("--at tt,27,1 --sample 17")
     arguments = shlex.split(line)[2:]
     options = characterise_command.make_context("characterise", arguments).params
     names = chosen(options["only"])
@@ -195,20 +188,16 @@ def test_passives_count_with_the_others_unless_they_have_a_limit_of_their_own() 
     assert len(found["passives.capacitor_error.sink"].values) == 18
 
 
-def test_values_are_read_back_by_condition() -> None:
+def test_values_are_written_by_condition() -> None:
     outcomes = {
         Job("reference", Condition("ss", -40.0, 0.9)): run_all.Outcome({"reference_error": 0.25}),
         Job("reference", Condition(sample=3)): run_all.Outcome({"reference_error": 0.5}),
         Job("reference", Condition("ff")): run_all.Outcome({}, "gave up"),
     }
     results.write_values(outcomes)
-    assert results.load(results.VALUES) == {
-        Condition("ss", -40.0, 0.9): {"reference_error": 0.25},
-        Condition(sample=3): {"reference_error": 0.5},
-    }
-    results.VALUES.write_text("{}")
-    with pytest.raises(InputError, match="make characterise"):
-        results.load(results.VALUES)
+    told = json.loads(results.VALUES.read_text())
+    assert told["values"] == {"ss,-40,0.9": {"reference_error": 0.25}}
+    assert told["samples"] == {"3": {"reference_error": 0.5}}
 
 
 # ---- the command ------------------------------------------------------------------------------------------------
@@ -231,8 +220,8 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
     rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
     assert code == 1
     assert rows["sky130.row_driver_r_ohm.held"]["status"] == "FAIL"
-    assert "FAIL sky130.row_driver_r_ohm.held" in said
-    assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in said
+    assert "1 FAIL" in said
+    assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in rows["sky130.row_driver_r_ohm.held"]["note"]
 
     # A node that is 1 V where it is below half a volt, and 0 V elsewhere, has no voltage.
     changed("row_driver_held", "bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
@@ -315,6 +304,11 @@ def test_half_a_step_is_half_a_step() -> None:
     assert ".options trtol=3.5 reltol=0.0005" in Job("comparator", Condition(), "half_step").deck()
 
 
+def numerics(outcomes: dict[Job, run_all.Outcome]) -> verdict.Row:
+    (one,) = [one for one in results.series(outcomes) if one.name.startswith("numerics_lsb.")]
+    return one.row()
+
+
 def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     """Quantities that move by a hundredth of a packet, 2.55 codes, when they are solved in another way."""
     own = dict.fromkeys(BENCHES["vfc_sink"].units, 0.0)
@@ -322,8 +316,7 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
         Job("vfc_sink", Condition()): run_all.Outcome(own),
         Job("vfc_sink", Condition(), "gear"): run_all.Outcome(own | {"packet_error.sink": 0.01}),
     }
-    (one,) = results.numerics(outcomes)
-    row = one.row()
+    row = numerics(outcomes)
     assert row["value"] == pytest.approx(2.55)
     assert "--only sky130.numerics_lsb.vfc_sink.gear --at tt,27,1`" in row["note"]
     assert chosen(["sky130.numerics_lsb.vfc_sink.gear"]) == ["vfc_sink"]
@@ -339,14 +332,12 @@ def test_every_transient_says_what_it_is_worth_in_codes() -> None:
     outcomes = {
         Job("reference", Condition(), way): run_all.Outcome({"reference_error": 0.0}) for way in ("", "gear")
     }
-    (one,) = results.numerics(outcomes)
-    assert one.row()["status"] == "PASS"
+    assert numerics(outcomes)["status"] == "PASS"
     odd = {
         Job("amplifier", Condition(), way): run_all.Outcome(dict.fromkeys(BENCHES["amplifier"].units, 1.0))
         for way in ("", "gear")
     }
-    (one,) = results.numerics(odd)
-    assert one.row()["status"] == "ERROR"
+    assert numerics(odd)["status"] == "ERROR"
 
 
 def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
@@ -389,7 +380,7 @@ def test_benches_measure_the_design() -> None:
     assert d.supply.vdd_v == -d.supply.vss_v == benches.SUPPLY_V
     assert (d.interface.v_bias_v, d.converter.i0_a, d.converter.c_int_f) == (0.5, 25e-6, 5e-12)
     assert (d.timing.gate_clocks, 2**d.timing.code_bits - 1) == (510, 255)
-    assert 1.0 / d.converter.f_clk_hz == benches._T_CLK_S
+    assert 1.0 / d.converter.f_clk_hz == 200e-9
     assert {f"chain_k{k}" for k in d.interface.k_options} <= set(BENCHES)
     # x = 1/2 at the least resistance, with the k that its benches have.
     assert benches.chain_full_a(d.interface.k) * d.sensor.r_min_ohm == pytest.approx(0.5)
@@ -412,12 +403,12 @@ def test_a_cluster_measures_the_same() -> None:
 
 def test_another_version_takes_no_work() -> None:
     with pytest.raises(SimulatorError, match="another version"):
-        run_all._elsewhere(Job("reference", Condition()), 60.0, "an old one")
+        run_all._elsewhere(Job("reference", Condition()), "an old one")
 
 
 def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One condition, three draws and a fault: each row of the table, and pictures that leave out what is not there."""
-    from scripts.characterise import docs, figures
+    from scripts.characterise import docs
 
     monkeypatch.setattr(docs, "DOCS", build / "page.md")
     monkeypatch.setattr(docs, "FIGURES", build)
@@ -434,7 +425,7 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     )
     made.outcomes[Job("r_x", Condition())] = run_all.Outcome({}, "gave up")
     series = results.series(made.outcomes)
-    docs.write(series, [one.row() for one in series], made)
+    docs.write(series, made)
     text = docs.DOCS.read_text()
     assert text.startswith("before\n")
     assert (
@@ -443,7 +434,7 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     )
     assert "| r_x_ohm.f100 |  |  |  |  | ohm | ERROR |  |" in text
     assert {path.name for path in build.glob("characterise_*.png")} == {
-        f"characterise_{name}.png" for name in figures.FIGURES
+        f"characterise_{name}.png" for name in docs.DRAWN
     }
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from dermis.chip import sky130, spice_batch
 from dermis.report import verdict
+from dermis.scene.design import TOPOLOGIES
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, Condition
 
@@ -183,7 +184,7 @@ def test_the_column_is_on_ground_whatever_the_conveyors_offset(tmp_path, corner,
 def test_an_offset_null_that_is_never_let_on_the_column_is_noticed(tmp_path: Path) -> None:
     """d_preset that never falls: y stays where it is, and 3 mV on the column."""
     bench = BENCHES["column"]
-    blind = benches.COLUMN.replace("xnull x y d_preset", "vp logic_on 0 1\nxnull x y d_on")
+    blind = bench.body.replace("xnull x y d_preset", "vp logic_on 0 1\nxnull x y d_on")
     found = bench.values(measure(tmp_path, dataclasses.replace(bench, body=blind), *CORNERS[0]))
     assert found["column_offset_v"] == pytest.approx(-3e-3, rel=0.05)  # 0.1 mV of its own
 
@@ -215,7 +216,7 @@ def test_noise_of_a_resistor_over_a_gate_is_its_white_spectrum_over_twice_the_ga
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [f"supply_{t}" for t in benches.TOPOLOGIES])
+@pytest.mark.parametrize("name", [f"supply_{t}" for t in TOPOLOGIES])
 def test_a_channel_takes_what_its_limit_says(tmp_path, name) -> None:
     within(judged(quantities(tmp_path, name, *CORNERS[0]), "supply_channel_a", "supply_array_a"))
 
@@ -234,7 +235,7 @@ def test_a_row_driver_is_an_ohm_either_way(tmp_path, corner, celsius, side) -> N
 def test_a_wrong_device_is_noticed(tmp_path: Path) -> None:
     """One device of the mirror's 80 forgotten: 1.2 % of gain, six times what the circuit has by itself."""
     bench = BENCHES["chain_k80"]
-    short = dataclasses.replace(bench, body=benches.chain_body(80, devices=79))
+    short = dataclasses.replace(bench, body=bench.body.replace("mirror_fixed k=80", "mirror_fixed k=79"))
     lsb, fault = (benches.chain_lsb(measure(tmp_path, b, *CORNERS[0])) for b in (bench, short))
     assert (fault[-1] - fault[0]) / (lsb[-1] - lsb[0]) == pytest.approx(
         80 / 79, rel=1e-3
