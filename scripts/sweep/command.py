@@ -4,31 +4,37 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 
 import click
 
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
+from dermis.places import BUILD
 from dermis.report import output, verdict
 from dermis.scene.design import TOPOLOGIES
-from scripts.sweep import curves, transistors
+from scripts.sweep import curves, figures, transistors
+
+POINTS_MAX = 4096
+FIGURES = {
+    "behavioural": {
+        "sweep_frequency.png": figures.frequency_figure,
+        "sweep_code.png": figures.code_figure,
+    },
+    "sky130": {"sweep_transistors.png": figures.transistor_figure},
+}
+FILES = {"sweep.csv", *(name for named in FIGURES.values() for name in named)}
 
 
 @click.command("sweep")
 @click.option(
-    "--points",
-    type=click.IntRange(8, curves.POINTS_MAX),
-    help="Number of resistances; default 256, sky130 8.",
+    "--points", type=click.IntRange(8, POINTS_MAX), help="Number of resistances; default 256, sky130 8."
 )
 @click.option(
     "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface (repeatable)."
 )
 @click.option(
     "--view",
-    type=click.Choice(["behavioural", "sky130"]),
+    type=click.Choice(list(FIGURES)),
     default="behavioural",
     show_default=True,
     help="SPICE blocks as models or transistors.",
@@ -57,29 +63,23 @@ def sweep_command(
     into build/sweep_sky130.json.
     """
     name = "sweep" if view == "behavioural" else f"sweep_{view}"
-    out = output.prepare(curves.OUT.with_name(name) if directory is None else directory)
+    out = output.prepare(BUILD / name if directory is None else directory)
     chosen = tuple(dict.fromkeys(topology)) or TOPOLOGIES
     if view == "behavioural":
         points = points or 256
-        made, rows, failed = curves.run(chosen, points, out, physical=physical)
-        figures = {"sweep_frequency.png": curves.frequency_figure, "sweep_code.png": curves.code_figure}
+        made, rows, failed = curves.run(chosen, points, out, with_physical=physical)
     else:
         if not physical:
             allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
             raise InputError("command line", "--no-physical", f"--view {view}", allowed)
         points = points or transistors.POINTS
         made, rows, failed = transistors.run(chosen, points, out)
-        figures = {transistors.FIGURE: transistors.figure}
-    files: dict[str, Callable[[Path], None]] = {
-        "sweep.csv": lambda path: write_atomic(path, curves.table(made)),
-        **({file: partial(draw, made) for file, draw in figures.items()} if plot else {}),
-    }
-    for file in {"sweep.csv", *curves.FILES, *figures}:
-        # No file of an earlier sweep stays.
-        if made and file in files:
-            files[file](out / file)
-        else:
-            (out / file).unlink(missing_ok=True)
+    for file in FILES:
+        (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
+    if made:
+        write_atomic(out / "sweep.csv", figures.table(made))
+        for file, draw in FIGURES[view].items() if plot else ():
+            draw(made, out / file)
     verdict.write_rows(name, rows)
     verdict.print_rows(
         rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"

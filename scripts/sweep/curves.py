@@ -1,26 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws
-of the converter.
+"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws of the
+converter.
 """
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import io
 import math
 import re
 import shutil
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dermis import effects, engines, plan
@@ -31,21 +27,18 @@ from dermis.engines import cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.records import Plan
-from dermis.report import comparison, figures, progress, verdict
+from dermis.report import comparison, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
+from scripts import cosims
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-OUT = ROOT / "build" / "sweep"
 BENCH = ROOT / "spice" / "bench" / "vfc__tran.sp"
 BENCH_LIMIT_S = 120
 
-FILES = ("sweep.csv", "sweep_frequency.png", "sweep_code.png")
-
-POINTS_MAX = 4096
 ROWS = 16
 COLS = 16
 PHYSICAL_SHARE = 4
@@ -203,12 +196,8 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
     result = cosim.run(made, on_slots, record=True, work=work)
     charge = [frame for part in result.info["records"] for frame in charge_frames(part, made)]
     pulses, period, line = find_pulses(np.stack(charge), made)
-    return Reading(
-        out_of_frames(pulses, points),
-        out_of_frames(result.codes.astype(np.int64), points),
-        out_of_frames(period, points),
-        out_of_frames(line, points),
-    )
+    codes = result.codes.astype(np.int64)
+    return Reading(*(out_of_frames(values, points) for values in (pulses, codes, period, line)))
 
 
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
@@ -242,22 +231,20 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
     count, period, line = np.zeros(shape, np.int64), np.full(shape, np.nan), np.full(shape, np.nan)
     rises = charge.copy()
     rises[:, 1:] &= ~charge[:, :-1]
-    for row in range(made.rows - 1):
+    for frame, row, column in np.ndindex(shape[0], made.rows - 1, made.cols):
         # The switch follows the second flip-flop, one clock after the decision; entry 0 is the
         # clock after the first driven row, which comes with the end of the break.
         first = row * timing.slot_clocks + timing.settle_clocks - timing.break_clocks + 1
-        gate = rises[:, first : first + timing.gate_clocks]
-        if gate.shape[1] != timing.gate_clocks:
+        gate = rises[frame, first : first + timing.gate_clocks, column]
+        if gate.size != timing.gate_clocks:
             raise SimulatorError(
-                f"the trace ends {timing.gate_clocks - gate.shape[1]} clocks before row {row} does"
+                f"the trace ends {timing.gate_clocks - gate.size} clocks before row {row} does"
             )
-        for frame in range(shape[0]):
-            for column in range(made.cols):
-                at = np.flatnonzero(gate[frame, :, column])
-                count[frame, row, column] = at.size
-                if at.size > 1:
-                    period[frame, row, column] = (at[-1] - at[0]) / (at.size - 1)
-                    line[frame, row, column] = np.polyfit(np.arange(at.size), at, 1)[0]
+        at = np.flatnonzero(gate)
+        count[frame, row, column] = at.size
+        if at.size > 1:
+            period[frame, row, column] = (at[-1] - at[0]) / (at.size - 1)
+            line[frame, row, column] = np.polyfit(np.arange(at.size), at, 1)[0]
     return count, period, line
 
 
@@ -322,20 +309,16 @@ def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: A
     )
 
 
-def physical_duty(made: Plan, points: int) -> Floats:
-    """Return packets per clock with the effects of a plan except leaks: array currents times
-    converter gains.
-    """
+def physical(made: Plan, at: Ints, reading: Reading) -> dict[str, Any]:
+    """Return what `Curve` has of a reading through physical blocks at the resistances `at`."""
     currents = array.column_currents(made.network(0), made.conductance_s())
-    return out_of_frames(made.converter.duty(currents) / (1.0 + made.converter.packet_error), points)
-
-
-def event_codes(made: Plan, points: int) -> Ints | None:
-    """Return the codes of the event engine, or None if it refuses the plan."""
+    duty = made.converter.duty(currents) / (1.0 + made.converter.packet_error)
     try:
-        return out_of_frames(event.run(made).codes.astype(np.int64), points)
+        codes = out_of_frames(event.run(made).codes.astype(np.int64), at.size)
     except InputError:
-        return None
+        codes = None
+    duty = out_of_frames(duty, at.size)
+    return {"physical": reading, "physical_at": at, "physical_x": duty, "event_code": codes}
 
 
 # ---- verdicts ------------------------------------------------------------------------------------------------
@@ -343,64 +326,72 @@ def event_codes(made: Plan, points: int) -> Ints | None:
 
 def judge(curve: Curve) -> list[Row]:
     """Return the verdict rows of one interface."""
-    name, ohm, ideal = curve.topology, curve.resistance_ohm, curve.ideal
-    rows = []
+    ohm, ideal, on_code = curve.resistance_ohm, curve.ideal, curve.on_code
+    rate, on_codes = (f"sweep.{name}_lsb.{curve.topology}" for name in ("rate_error", "rate_error_exact"))
     error = np.abs(ideal.pulses - curve.pulses_charge_balance)
-    off = np.flatnonzero(error)
-    # At a rounding step the exact answer is a half: a point this near may fall on either side.
-    steps = curve.gate * curve.x[off] + 0.5
-    near = np.abs(steps - np.round(steps))
     miscounted = int((ideal.code != np.minimum(ideal.pulses, curve.code_max)).sum())
-    note = f"{off.size} of {ohm.size} resistances differ"
-    if off.size:
-        note += f", each within {near.max():.2g} of a rounding step"
-    if miscounted:
-        rows.append(verdict.error(f"sweep.rate_error_lsb.{name}", f"{miscounted} codes are not their pulses"))
-    else:
-        rows.append(verdict.judge(f"sweep.rate_error_lsb.{name}", int(error.max()), note))
-    on_code = curve.on_code
-    if on_code.any():
-        note = f"{int(on_code.sum())} resistances where x = c/{curve.gate}"
-        rows.append(verdict.judge(f"sweep.rate_error_exact_lsb.{name}", int(error[on_code].max()), note))
-    else:
-        rows.append(verdict.skip(f"sweep.rate_error_exact_lsb.{name}", "no such resistance in the sweep"))
-    measured = np.isfinite(ideal.line_clocks)
-    by_period = np.abs(curve.gate / ideal.period_clocks - curve.gate * curve.x)[measured]
-    note = f"f from first and last pulse against charge balance, in counts of {curve.gate} clocks"
-    rows.append(verdict.report(f"sweep.period_error_lsb.{name}", _largest(by_period), "lsb", note))
-    fit = straight_line(curve, ideal)
-    note = "f from all pulse times against 1/R: largest residual of a straight line"
-    rows.append(verdict.report(f"sweep.frequency_linearity_lsb.{name}", fit and fit[2], "lsb", note))
-    if curve.physical is not None and curve.physical_at is not None:
-        rows += _judge_physical(curve, curve.physical, curve.physical_at)
-    return rows
-
-
-def _judge_physical(curve: Curve, reading: Reading, at: Ints) -> list[Row]:
-    name = curve.topology
-    fit = straight_line(curve, reading, at)
-    shift = np.abs(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
-    note = f"physical blocks, {at.size} resistances, one taxel at a time"
-    line = "straight line of f against 1/R"
+    note = f"{np.count_nonzero(error)} of {ohm.size} resistances differ"
+    if error.any():
+        # At a rounding step the exact answer is a half: a point this near may fall on either side.
+        steps = curve.gate * curve.x[error > 0] + 0.5
+        note += f", each within {np.abs(steps - np.round(steps)).max():.2g} of a rounding step"
     rows = [
-        verdict.report(f"sweep.physical_shift_lsb.{name}", _largest(shift[np.isfinite(shift)]), "lsb", note),
-        verdict.report(f"sweep.physical_gain_error_percent.{name}", fit and 100 * (fit[0] - 1), "%", line),
-        verdict.report(f"sweep.physical_offset_lsb.{name}", fit and fit[1], "lsb", line),
-        verdict.report(
-            f"sweep.physical_linearity_lsb.{name}", fit and fit[2], "lsb", f"residual of the {line}"
-        ),
+        verdict.error(rate, f"{miscounted} codes are not their pulses")
+        if miscounted
+        else verdict.judge(rate, int(error.max()), note),
+        verdict.judge(
+            on_codes, int(error[on_code].max()), f"{on_code.sum()} resistances where x = c/{curve.gate}"
+        )
+        if on_code.any()
+        else verdict.skip(on_codes, "no such resistance in the sweep"),
     ]
-    key = f"sweep.physical_event_difference_lsb.{name}"
+    period = curve.gate / ideal.period_clocks - curve.gate * curve.x
+    fit = straight_line(curve, ideal)
+    rows += _reports(
+        curve.topology,
+        (
+            "period_error_lsb",
+            _largest(period),
+            f"f from first and last pulse, in counts of {curve.gate} clocks",
+        ),
+        (
+            "frequency_linearity_lsb",
+            fit and fit[2],
+            "f from all pulse times: residual of a straight line of 1/R",
+        ),
+    )
+    if curve.physical is None or curve.physical_at is None:
+        return rows
+    reading, at = curve.physical, curve.physical_at
+    fit = straight_line(curve, reading, at)
+    shift = _largest(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
+    line = "straight line of f against 1/R"
+    rows += _reports(
+        curve.topology,
+        ("physical_shift_lsb", shift, f"physical blocks, {at.size} resistances, one taxel at a time"),
+        ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), line),
+        ("physical_offset_lsb", fit and fit[1], line),
+        ("physical_linearity_lsb", fit and fit[2], f"residual of the {line}"),
+    )
+    key = f"sweep.physical_event_difference_lsb.{curve.topology}"
     if curve.event_code is None:
-        rows.append(verdict.skip(key, "engine event refuses this interface with these effects", "lsb"))
-    else:
-        worst = int(np.abs(reading.code - curve.event_code).max())
-        rows.append(verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine"))
-    return rows
+        return [*rows, verdict.skip(key, "engine event refuses this interface with these effects", "lsb")]
+    worst = int(np.abs(reading.code - curve.event_code).max())
+    return [*rows, verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine")]
+
+
+def _reports(topology: str, *reports: tuple[str, float | None, str]) -> list[Row]:
+    """Return rows without limit, each of a name that ends in its unit, a value and a note."""
+    return [
+        verdict.report(f"sweep.{name}.{topology}", value, "%" if name.endswith("percent") else "lsb", note)
+        for name, value, note in reports
+    ]
 
 
 def _largest(values: Floats) -> float | None:
-    return float(values.max()) if values.size else None
+    """Return the largest size of the values that are numbers."""
+    good = np.abs(values[np.isfinite(values)])
+    return float(good.max()) if good.size else None
 
 
 def straight_line(
@@ -418,6 +409,11 @@ def straight_line(
     return float(gain), float(offset), float(np.abs(counts - gain * x - offset)[good].max())
 
 
+def unlimited(reading: Reading) -> Reading:
+    """Return the readings without those at f_clk/2, where the synchronizer limits the rate."""
+    return replace(reading, line_clocks=np.where(reading.line_clocks > 2.0, reading.line_clocks, np.nan))
+
+
 def judge_laws(curves: Sequence[Curve]) -> Row:
     """Judge the separation of the two laws by the interface with the smallest one."""
     name = "sweep.eq3_difference_lsb"
@@ -432,282 +428,36 @@ def judge_laws(curves: Sequence[Curve]) -> Row:
 
 
 def plain_ngspice(work: Path) -> list[Row]:
-    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an
-    XSPICE flip-flop.
-    """
+    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an XSPICE flip-flop."""
     name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
-    if shutil.which("ngspice") is None:
-        reason = "no ngspice on the path"
-        return [verdict.skip(name, reason, "pulses"), verdict.skip(judged, reason)]
-    text = BENCH.read_text()
-    given = {
-        key: re.search(rf"^\.param {key} = (\d+)$", text, re.MULTILINE) for key in ("r_taxel", "n_clocks")
-    }
-    if given["r_taxel"] is None or given["n_clocks"] is None:
-        reason = f"{BENCH.name} has no r_taxel or no n_clocks"
-        return [verdict.error(name, reason, "pulses"), verdict.error(judged, reason)]
     # A copy, because the runner writes next to the deck, and `.include` is relative to it.
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(ROOT / "spice", work)
     try:
+        text = BENCH.read_text()
+        ohm, clocks = (
+            int(re.findall(rf"^\.param {p} = (\d+)$", text, re.M)[0]) for p in ("r_taxel", "n_clocks")
+        )
         measured = spice_batch.run(Path(shutil.copy(BENCH, work / "bench")), BENCH_LIMIT_S)
         pulses = measured.values["pulses"]
-    except SimulatorError as error:
+    except (IndexError, KeyError, SimulatorError) as error:
         return [verdict.error(name, str(error), "pulses"), verdict.error(judged, str(error))]
-    retried = "".join(f"; {retry}" for retry in measured.retries)
-    ohm, clocks = int(given["r_taxel"][1]), int(given["n_clocks"][1])
     design = load_design()
-    x = design.duty(ohm)
     balance = vfc.count_rational(exact(design.resistance_full_scale_ohm) / 2 / ohm, clocks)
-    eq3 = int(vfc.count_restarting(x, clocks))
+    eq3 = int(vfc.count_restarting(design.duty(ohm), clocks))
     laws = f"{ohm} ohm, {clocks} clocks: charge balance {balance}, eq. (3) {eq3}"
+    cut = f"measured {pulses:.6g}, the last pulse cut off by the end"
     return [
         verdict.report(name, round(pulses), "pulses", f"{laws}; batch ngspice with its own flip-flop"),
-        verdict.judge(
-            judged,
-            abs(pulses - balance),
-            f"measured {pulses:.6g}, the last pulse cut off by the end{retried}",
-        ),
+        verdict.judge(judged, abs(pulses - balance), "; ".join([cut, *map(str, measured.retries)])),
     ]
-
-
-# ---- table and figures ---------------------------------------------------------------------------------------
-
-COLUMNS = (
-    "topology",
-    "r_ohm",
-    "x",
-    "pulses",
-    "code",
-    "f_count_hz",
-    "f_period_hz",
-    "f_line_hz",
-    "f_charge_balance_hz",
-    "pulses_charge_balance",
-    "f_eq3_hz",
-    "pulses_eq3",
-    "physical_pulses",
-    "physical_code",
-    "physical_f_count_hz",
-    "physical_f_period_hz",
-    "physical_f_line_hz",
-)
-
-
-def table(curves: Sequence[Curve]) -> str:
-    """Return the sweep as csv, one line per resistance and interface; empty if not measured."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for curve in curves:
-        f_clk, gate = curve.f_clk_hz, curve.gate
-        where = {} if curve.physical_at is None else {int(p): i for i, p in enumerate(curve.physical_at)}
-        for i, ohm in enumerate(curve.resistance_ohm):
-            laws = [f_clk * curve.x[i], int(curve.pulses_charge_balance[i])]
-            laws += [f_clk / curve.period_eq3_clocks[i], int(curve.pulses_eq3[i])]
-            physical = ["", "", "", "", ""]
-            if curve.physical is not None and i in where:
-                physical = _measured(curve.physical, where[i], f_clk, gate)
-            cells = [curve.topology, float(ohm), float(curve.x[i]), *_measured(curve.ideal, i, f_clk, gate)]
-            writer.writerow([_cell(c) for c in (*cells, *laws, *physical)])
-    return text.getvalue()
-
-
-def _measured(reading: Reading, i: int, f_clk: float, gate: int) -> list[Any]:
-    pulses = int(reading.pulses[i])
-    periods = [f_clk / reading.period_clocks[i], f_clk / reading.line_clocks[i]]
-    return [pulses, int(reading.code[i]), f_clk * pulses / gate, *periods]
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return (
-            ""
-            if math.isnan(value)
-            else repr(round(float(value), 3))
-            if value > 10_000
-            else repr(float(value))
-        )
-    return str(value)
-
-
-LABELS = {
-    "direct": "direct (Fig. 3)",
-    "conveyor_mirror": "conveyor + mirror (Fig. 5a)",
-    "conveyor_mirror_inverted": "conveyor + mirror, inverted (Fig. 5b)",
-    "multi_output_conveyor": "multiple-output conveyor (Fig. 6)",
-}
-LOOKS = {
-    "direct": (figures.BLUE, "o"),
-    "conveyor_mirror": (figures.ORANGE, "s"),
-    "conveyor_mirror_inverted": (figures.GREEN, "^"),
-    "multi_output_conveyor": ("#CC79A7", "D"),
-}
-BALANCE = {"color": "black", "lw": 1.3, "label": "charge balance: f = f_clk x"}
-EQ3 = {"color": figures.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f = f_clk / ceil(1/x)"}
-
-
-def _laws(curve: Curve, low_ohm: float, high_ohm: float) -> tuple[Floats, Floats, Floats]:
-    """Return resistances, and frequencies of both laws in Hz, dense enough to show the steps."""
-    unit = float(curve.x[0] * curve.resistance_ohm[0])
-    ohm = np.geomspace(low_ohm, high_ohm, 20_001)
-    clocks = 1 << 40
-    return (
-        ohm,
-        curve.f_clk_hz * unit / ohm,
-        curve.f_clk_hz * vfc.count_restarting(unit / ohm, clocks) / clocks,
-    )
-
-
-def _ticks(axes: Any, low: float, high: float) -> None:
-    """Put readable resistances on a logarithmic axis."""
-    marks = [m * 10**e for e in range(8) for m in (1, 2, 5) if low <= m * 10**e <= high]
-    axes.set_xticks(marks, [f"{m / 1000:g} k" if m >= 1000 else f"{m:g}" for m in marks])
-    axes.set_xticks([], minor=True)
-
-
-def _shares(across: Floats, among: int, most: int, scale: Callable[[Any], Any]) -> list[Ints]:
-    """Divide points evenly along an axis among some curves, which would hide each other."""
-    place = scale(across)
-    wanted = np.linspace(place.min(), place.max(), most)
-    picks = np.unique([int(np.argmin(np.abs(place - w))) for w in wanted])
-    return [picks[i::among] for i in range(among)]
-
-
-def _mark(axes: Any, curve: Curve, across: Floats, up: Floats, **extra: Any) -> None:
-    colour, marker = LOOKS[curve.topology]
-    axes.plot(across, up, marker, color=colour, mfc="none", ms=5.5, mew=1.2, zorder=3, **extra)
-
-
-def _log_scales(axes: Any, low: float, high: float) -> None:
-    """Set both axes to logarithmic: ohm across, kHz up."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    _ticks(axes, low, high)
-    marks = [20, 50, 100, 200, 500, 1000, 2000]
-    axes.set_yticks(marks, [str(m) for m in marks])
-    axes.set_yticks([], minor=True)
-
-
-def draw_law(axes: Any, curve: Curve, low: float, high: float) -> None:
-    """Draw the law of charge balance over logarithmic axes, ohm and kHz."""
-    line, balance, _ = _laws(curve, low, high)
-    axes.plot(line, balance / 1e3, **BALANCE)
-    _log_scales(axes, low, high)
-
-
-def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw frequency against resistance and, the paper's Fig. 8, against force, with both laws."""
-    figure = Figure(figsize=(10, 4.9), layout="constrained")
-    whole, forces = figure.subplots(1, 2)
-    ohm = curves[0].resistance_ohm
-    low, high = float(ohm[0]), float(ohm[-1])
-    k_force = load_design().sensor.k_force_n_ohm
-    line, balance, eq3 = _laws(curves[0], low, high)
-    for axes, at_line, at_ohm, unit, scale in (
-        (whole, line, ohm, 1e3, np.log),
-        (forces, k_force / line, k_force / ohm, 1e6, np.asarray),
-    ):
-        axes.plot(at_line, balance / unit, **BALANCE)
-        axes.plot(at_line, eq3 / unit, **EQ3)
-        for curve, share in zip(curves, _shares(at_ohm, len(curves), 40, scale), strict=True):
-            f = curve.f_clk_hz / curve.ideal.period_clocks[share]
-            _mark(axes, curve, at_ohm[share], f / unit, label=LABELS[curve.topology])
-        axes.grid(alpha=0.3, which="both")
-    _log_scales(whole, low, high)
-    whole.set_xlabel("resistance of the taxel R / ohm")
-    whole.set_ylabel("pulse frequency f / kHz")
-    whole.set_title("Frequency against resistance", fontsize=10)
-    whole.legend(frameon=False, fontsize=8.5, loc="lower left")
-    forces.set_xlabel("force on the taxel F = K_f / R / N")
-    forces.set_ylabel("pulse frequency f / MHz")
-    forces.set_title("Frequency against force", fontsize=10)
-    figures.save(figure, path)
-
-
-def code_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw the paper's Fig. 9: code against force, the range near full scale enlarged, and
-    residuals.
-    """
-    figure = Figure(figsize=(10, 7.6), layout="constrained")
-    (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
-    first, ohm = curves[0], curves[0].resistance_ohm
-    low = float(ohm[0])
-    near = min(1.55 * low, float(ohm[-1]))
-    force_n = load_design().sensor.k_force_n_ohm
-    counts = first.gate / first.f_clk_hz
-
-    line, balance, eq3 = _laws(first, low, float(ohm[-1]))
-    whole.plot(force_n / line, balance * counts, **BALANCE)
-    whole.plot(force_n / line, eq3 * counts, **EQ3)
-    for curve, at in zip(curves, _shares(force_n / ohm, len(curves), 48, np.asarray), strict=True):
-        _mark(whole, curve, force_n / ohm[at], curve.ideal.code[at], label=LABELS[curve.topology])
-    whole.set_xlabel("force on the taxel F = K_f / R / N")
-    whole.set_ylabel(f"code (pulses in {first.gate} clocks)")
-    whole.set_title("Code against force", fontsize=10)
-    whole.legend(frameon=False, fontsize=8.5, loc="upper left")
-
-    line, balance, eq3 = _laws(first, low, near)
-    foot.plot(line, balance * counts, **BALANCE)
-    foot.plot(line, eq3 * counts, **EQ3)
-    shown = np.flatnonzero(ohm <= near)
-    for curve, share in zip(curves, _shares(ohm[shown], len(curves), 40, np.asarray), strict=True):
-        _mark(foot, curve, ohm[shown[share]], curve.ideal.code[shown[share]])
-    gap = np.abs(first.ideal.pulses - first.pulses_eq3)
-    worst = int(np.argmax(gap))
-    ends = (first.pulses_eq3[worst], first.ideal.pulses[worst])
-    beside = ohm[worst] + 0.006 * low
-    arrow = {"arrowstyle": "<->", "color": figures.GREY, "shrinkA": 0, "shrinkB": 0}
-    foot.annotate("", xy=(beside, ends[0]), xytext=(beside, ends[1]), arrowprops=arrow)
-    foot.text(
-        beside + 0.01 * low,
-        sum(ends) / 2,
-        f"{gap[worst]} counts",
-        color=figures.GREY,
-        va="center",
-        fontsize=9,
-    )
-    foot.set_xlim(0.985 * low, near)
-    foot.set_ylim(0.3 * first.gate, 0.52 * first.gate)
-    foot.set_xlabel("resistance of the taxel R / ohm")
-    foot.set_ylabel("code")
-    foot.set_title(f"Difference of the laws just above {low:g} ohm", fontsize=10)
-
-    steps = first.gate * first.x
-    for curve, at in zip(curves, _shares(steps, len(curves), 120, np.asarray), strict=True):
-        _mark(ideal, curve, steps[at], curve.ideal.code[at] - steps[at])
-    for limit in (-0.5, 0.5):
-        ideal.axhline(limit, color=figures.GREY, lw=0.8, ls="--")
-    ideal.set_ylim(-1.1, 1.1)
-    ideal.set_title("Ideal blocks: code less charge balance (dashed: rounding)", fontsize=10)
-    ideal.set_ylabel("residual / LSB")
-
-    drawn = [
-        c for c in curves if c.physical is not None and c.physical_at is not None and c.physical_x is not None
-    ]
-    for i, curve in enumerate(drawn):
-        steps = curve.gate * curve.x[curve.physical_at]
-        at = _shares(steps, len(drawn), 200, np.asarray)[i]
-        rest = curve.gate / curve.physical.line_clocks - steps
-        _mark(physical, curve, steps[at], rest[at])
-        physical.plot(steps, curve.gate * curve.physical_x - steps, color=LOOKS[curve.topology][0], lw=1)
-    physical.set_title("Physical blocks: f from all pulse times less charge balance", fontsize=10)
-    physical.set_ylabel("difference / LSB")
-    physical.text(0.03, 0.06, "lines: array solve and gains", transform=physical.transAxes, fontsize=8.5)
-    physical.set_visible(bool(drawn))
-    for axes in (ideal, physical):
-        axes.set_xlabel(f"charge balance, {first.gate} x / LSB")
-        axes.axhline(0.0, color="black", lw=0.8)
-    for axes in (whole, foot, ideal, physical):
-        axes.grid(alpha=0.3)
-    figures.save(figure, path)
 
 
 # ---- the run -------------------------------------------------------------------------------------------------
 
 
 def run(
-    topologies: Sequence[str], points: int, out: Path, *, physical: bool = True
+    topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
 ) -> tuple[list[Curve], list[Row], bool]:
     """Sweep some interfaces.
 
@@ -716,7 +466,7 @@ def run(
     topologies : names of dermis.scene.design.TOPOLOGIES
     points : resistances in the sweep
     out : directory for scenes, logs and the decks of a failed run
-    physical : read some of the points through physical blocks as well
+    with_physical : read some of the points through physical blocks as well
 
     Returns
     -------
@@ -726,61 +476,37 @@ def run(
     ohm = resistances(points, design)
     some = min(points, max(PHYSICAL_POINTS_MIN, points // PHYSICAL_SHARE))
     at = np.round(np.linspace(0, points - 1, some)).astype(np.int64)
-    ideal_ohm = in_frames(ohm, ROWS, min(COLS, points))
-    plans: dict[tuple[str, bool], Plan] = {}
+    ideal_ohm, alone = in_frames(ohm, ROWS, min(COLS, points)), in_frames(ohm[at], ROWS, 1)
+    plans: dict[str, tuple[Plan, int]] = {}
     for topology in topologies:
-        title = f"{points} resistances through {topology}"
-        plans[topology, False] = make_plan(out / "scenes", topology, ideal_ohm, {}, title)
-        if physical:
+        title, scenes = f"{points} resistances through {topology}", out / "scenes"
+        plans[topology] = make_plan(scenes, topology, ideal_ohm, {}, title), points
+        if with_physical:
             named = physical_effects(topology, design)
-            alone = in_frames(ohm[at], ROWS, 1)
-            plans[topology, True] = make_plan(out / "scenes", topology, alone, named, f"{title}, physical")
+            made = make_plan(scenes, topology, alone, named, f"{title}, physical")
+            plans[f"{topology}_physical"] = made, some
     shutil.rmtree(out / "work", ignore_errors=True)
-    done = dict.fromkeys(plans, 0)
-    total = sum(made.frames * made.rows for made in plans.values())
-    readings: dict[tuple[str, bool], Reading | SimulatorError] = {}
-    with progress.slots("sweeping", total) as show, ThreadPoolExecutor(len(plans)) as pool:
 
-        def one(key: tuple[str, bool]) -> Reading:
-            def on_slots(slots: int) -> None:
-                done[key] = slots
-                show(sum(done.values()))
+    def one(name: str, on_slots: Callable[[int], None]) -> Reading:
+        reading = read(*plans[name], on_slots, out / "work" / name)
+        shutil.rmtree(out / "work" / name)  # a successful run can be repeated from its scene
+        return reading
 
-            made, work = plans[key], out / "work" / f"{key[0]}{'_physical' if key[1] else ''}"
-            reading = read(made, at.size if key[1] else points, on_slots, work)
-            shutil.rmtree(work)  # a successful run can be repeated from its scene
-            return reading
-
-        futures: dict[tuple[str, bool], Future[Reading]] = {key: pool.submit(one, key) for key in plans}
-        try:
-            for key, future in futures.items():
-                try:
-                    readings[key] = future.result()
-                except SimulatorError as error:
-                    readings[key] = error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            cosim.end_all()
-            raise
-    with contextlib.suppress(OSError):  # not empty: a failed run
-        (out / "work").rmdir()
+    tasks = {name: (made.frames * made.rows, partial(one, name)) for name, (made, _) in plans.items()}
+    readings = cosims.run("sweeping", tasks)
     curves: list[Curve] = []
     rows: list[Row] = []
     for topology in topologies:
-        ideal, real = readings[topology, False], readings.get((topology, True))
+        ideal, real = readings[topology], readings.get(f"{topology}_physical")
         if isinstance(ideal, SimulatorError):
             rows.append(verdict.error(f"sweep.rate_error_lsb.{topology}", str(ideal)))
             continue
-        extra: dict[str, Any] = {}
-        if isinstance(real, Reading):
-            made = plans[topology, True]
-            extra = {"physical": real, "physical_at": at, "physical_x": physical_duty(made, at.size)}
-            extra["event_code"] = event_codes(made, at.size)
-        curves.append(make_curve(plans[topology, False], ohm, ideal, **extra))
+        extra = physical(plans[f"{topology}_physical"][0], at, real) if isinstance(real, Reading) else {}
+        curves.append(make_curve(plans[topology][0], ohm, ideal, **extra))
         rows += judge(curves[-1])
         if isinstance(real, SimulatorError):
             rows.append(verdict.error(f"sweep.physical_shift_lsb.{topology}", str(real), "lsb"))
-    failed = any(isinstance(r, SimulatorError) for r in readings.values())
+    failed = any(isinstance(reading, SimulatorError) for reading in readings.values())
     rows.append(judge_laws(curves))
     rows += plain_ngspice(out / "plain_ngspice")
     return curves, rows, failed

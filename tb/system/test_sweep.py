@@ -25,7 +25,7 @@ from dermis.errors import SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.design import ROOT, TOPOLOGIES
-from scripts.sweep import command
+from scripts.sweep import command, figures
 from scripts.sweep import curves as sweep
 from scripts.sweep.curves import Curve, Reading
 
@@ -43,7 +43,7 @@ class Swept(NamedTuple):
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Swept:
     """One row of eight taxels through the four interfaces."""
     out = tmp_path_factory.mktemp("sweep")
-    return Swept(*sweep.run(TOPOLOGIES, POINTS, out, physical=False), out)
+    return Swept(*sweep.run(TOPOLOGIES, POINTS, out, with_physical=False), out)
 
 
 def formula(ohm: float) -> int:
@@ -297,11 +297,11 @@ def test_the_csv_is_complete(swept: Swept) -> None:
         physical_at=np.array([0, 7]),
     )
     curves = [swept.curves[0], some, *swept.curves[2:]]
-    lines = list(csv.DictReader(io.StringIO(sweep.table(curves))))
-    assert tuple(lines[0]) == sweep.COLUMNS
+    lines = list(csv.DictReader(io.StringIO(figures.table(curves))))
+    assert tuple(lines[0]) == figures.COLUMNS
     assert [line["topology"] for line in lines] == [t for t in TOPOLOGIES for _ in range(POINTS)]
     for i, line in enumerate(lines):
-        for key in sweep.COLUMNS[1:]:
+        for key in figures.COLUMNS[1:]:
             if key.startswith("physical") and not (
                 line["topology"] == "conveyor_mirror" and i % POINTS in (0, 7)
             ):
@@ -344,11 +344,11 @@ def test_nothing_of_an_earlier_sweep_stays(
     swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "out").mkdir()
-    for name in sweep.FILES:
+    for name in command.FILES:
         (tmp_path / "out" / name).write_text("old")
     invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False), "--no-plot")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["sweep.csv"]
-    assert (tmp_path / "out" / "sweep.csv").read_text() == sweep.table(swept.curves)
+    assert (tmp_path / "out" / "sweep.csv").read_text() == figures.table(swept.curves)
     invoke(monkeypatch, tmp_path, ([], swept.rows, True))
     assert list((tmp_path / "out").iterdir()) == []
 
@@ -373,7 +373,7 @@ def test_a_simulator_that_fails_costs_its_interface_only(
         return Reading(vfc.count(x), vfc.count(x), 1 / x, 1 / x)
 
     monkeypatch.setattr(sweep, "read", read)
-    curves, rows, failed = sweep.run(["direct", "conveyor_mirror"], POINTS, tmp_path, physical=False)
+    curves, rows, failed = sweep.run(["direct", "conveyor_mirror"], POINTS, tmp_path, with_physical=False)
     assert failed
     assert [curve.topology for curve in curves] == ["conveyor_mirror"]
     names = status(rows)
@@ -415,7 +415,7 @@ def test_a_bad_option_ends_with_2_and_one_line_that_names_it(
 def test_the_document_names_every_column_and_row(swept: Swept) -> None:
     text = (ROOT / "docs" / "sweep.md").read_text()
     names = {
-        *sweep.COLUMNS,
+        *figures.COLUMNS,
         *(row["name"].rsplit(".", 1)[0] for row in swept.rows if row["name"].count(".") > 1),
     }
     assert [name for name in sorted(names) if f"`{name}`" not in text] == []

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Co-simulations side by side: one progress line, and the failure of one leaves the others alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from dermis.engines import cosim
+from dermis.errors import SimulatorError
+from dermis.report import progress
+
+Result = TypeVar("Result")
+Task = Callable[[Callable[[int], None]], Result]
+"""Reads something, and calls its argument with the number of row slots done."""
+
+
+def run(label: str, tasks: Mapping[str, tuple[int, Task[Result]]]) -> dict[str, Result | SimulatorError]:
+    """Run tasks, each a number of row slots and a function; return the result or the failure of each.
+
+    Any other error ends all of them.
+    """
+    done = dict.fromkeys(tasks, 0)
+    total = sum(slots for slots, _ in tasks.values())
+    with progress.slots(label, total) as show, ThreadPoolExecutor(len(tasks)) as pool:
+
+        def one(name: str) -> Result | SimulatorError:
+            def on_slots(slots: int) -> None:
+                done[name] = slots
+                show(sum(done.values()), ", ".join(n for n in tasks if done[n] < tasks[n][0]))
+
+            try:
+                return tasks[name][1](on_slots)
+            except SimulatorError as error:
+                return error
+
+        try:
+            return dict(zip(tasks, pool.map(one, tasks), strict=True))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            cosim.end_all()
+            raise
