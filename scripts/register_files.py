@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generate Verilog, constants for Python and C, and the table in docs from
-rtl/dermis_registers.rdl.
+"""Generate Verilog, constants for Python and C, and the table in docs from rtl/dermis_registers.rdl.
 
 The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters.
 PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, which two of the three
-Verilog tools cannot read.
+Verilog tools cannot read; the writers of PeakRDL for C and Markdown know no parameters, so they would
+change the names that firmware includes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from systemrdl import RDLCompileError, RDLCompiler
@@ -168,12 +169,13 @@ def files(design: Design, root: Path) -> dict[str, str]:
     }
 
 
+def _filled(name: str, **fields: object) -> str:
+    """Return a template of scripts/templates with its fields."""
+    template = (Path(__file__).parent / "templates" / f"{name}.in").read_text(encoding="utf-8")
+    return Template(template).substitute(license=LICENSE, origin=ORIGIN, **fields)
+
+
 # Verilog
-
-
-def _lane_count(entry: Entry) -> str:
-    """Return the number of lanes per word, as a Verilog expression."""
-    return "1" if entry.lane_bits == "CODE_BITS" else str(WORD_BITS // int(entry.lane_bits))
 
 
 def _vector(entry: Entry) -> str:
@@ -187,142 +189,84 @@ def _range(width: int | str) -> str:
     return f"[{width}-1:0]" if isinstance(width, str) else f"[{width - 1}:0]"
 
 
-def _ports(found: list[Entry]) -> Iterator[tuple[str, str, str]]:
-    """Return (direction, range, name) of every field's port."""
+def verilog(found: list[Entry], range_index: int) -> str:
+    """Return rtl/dermis_registers.v."""
+    by_kind = {
+        kind: [(e, p) for e in found for p in e.parts if p.kind == kind]
+        for kind in ("value", "pulse", "input")
+    }
+    single = [(e, p) for e, p in by_kind["value"] if not e.lanes]
+    lists = [(e, p) for e, p in by_kind["value"] if e.lanes]
+    ports = [("input", "", name) for name in ("clk_i", "rst_ni", "valid_i", "write_i")]
+    ports += [("input", "[7:0]", "address_i"), ("input", "[15:0]", "wdata_i")]
     for kind, direction, suffix in (
         ("value", "output", "_o"),
         ("pulse", "output", "_o"),
         ("input", "input", "_i"),
     ):
-        for entry in found:
-            for part in entry.parts:
-                if part.kind == kind:
-                    width = _vector(entry) if entry.lanes else part.width
-                    yield direction, _range(width), part.name + suffix
-
-
-def verilog(found: list[Entry], range_index: int) -> str:
-    """Return rtl/dermis_registers.v."""
-    values = [(e, p) for e in found for p in e.parts if p.kind == "value"]
-    single = [(e, p) for e, p in values if not e.lanes]
-    lists = [(e, p) for e, p in values if e.lanes]
-    out = [
-        f"// {LICENSE}",
-        f"// Registers of the chip. {ORIGIN}",
-        "// Interface: valid_i for one clock is an access; each field is a port of its name. Map: docs/registers.md.",
-        "// Timing: a write is on the ports after the edge that samples valid_i; pulses are high in that clock;",
-        "// rdata_o and error_o are combinational.",
-        "// Why rdata_o is 0 without valid_i: address_i comes from SCK and is stable only while valid_i is high.",
-        '`include "dermis_design.vh"',
-        "`default_nettype none",
-        "",
-        "module dermis_registers #(",
-        "  parameter ROWS          = `DERMIS_ROWS,",
-        "  parameter COLS          = `DERMIS_COLS,",
-        "  parameter CODE_BITS     = `DERMIS_CODE_BITS,",
-        "  parameter GATE_CLOCKS   = `DERMIS_GATE_CLOCKS,",
-        "  parameter SETTLE_CLOCKS = `DERMIS_SETTLE_CLOCKS,",
-        "  parameter BREAK_CLOCKS  = `DERMIS_BREAK_CLOCKS,",
-        "  parameter SYNC_LATCH    = 0,",
-        f"  parameter RANGE_INDEX   = {range_index}",
-        ") (",
-    ]
-    ports = [
-        ("input", "", "clk_i"),
-        ("input", "", "rst_ni"),
-        ("input", "", "valid_i"),
-        ("input", "", "write_i"),
-        ("input", "[7:0]", "address_i"),
-        ("input", "[15:0]", "wdata_i"),
-        *_ports(found),
-        ("output", "[15:0]", "rdata_o"),
-        ("output", "", "error_o"),
-    ]
+        ports += [
+            (direction, _range(_vector(e) if e.lanes else p.width), p.name + suffix) for e, p in by_kind[kind]
+        ]
+    ports += [("output", "[15:0]", "rdata_o"), ("output", "", "error_o")]
     wide = max(len(width) for _, width, _ in ports)
-    lines = [f"  {direction:<6} wire {width:<{wide}} {name}" for direction, width, name in ports]
-    out += [line + "," for line in lines[:-1]] + [lines[-1], ");", ""]
 
-    out += ["  // Numbers with a size, which Verilog-2005 gives to a parameter's bits only."]
-    for entry in found:
-        for part in entry.parts:
-            if not part.verilog.isdigit() and not entry.lanes:
-                out.append(f"  localparam integer {_constant(entry, part)} = {part.verilog};")
-    for entry, part in lists:
-        if not part.verilog.isdigit():
-            width = int(entry.lane_bits)
-            out.append(f"  localparam integer {_constant(entry, part)} = {part.verilog};")
-            out.append(
-                f"  localparam [{width - 1}:0] {_constant(entry, part)}_LANE = "
-                f"{_constant(entry, part)}[{width - 1}:0];"
-            )
-    out += [""]
-    for _, part in single:
-        out.append(f"  reg  {_range(part.width):<{wide}} {part.name}_q;")
-    for entry, part in lists:
-        out.append(f"  reg  {_range(_vector(entry)):<{wide}} {part.name}_q;")
-        out.append(f"  reg  {_range(_vector(entry)):<{wide}} {part.name}_d;")
-    out += [f"  reg  {'[15:0]':<{wide}} rdata;", f"  reg  {'':<{wide}} known;", ""]
-    out += ["  wire write = valid_i & write_i;", "", "  integer n;", "  integer m;", ""]
-
-    # An index that keeps its value would be a flop or a latch, so it is set in every pass.
-    out += ["  always @* begin", "    n = 0;"]
-    out += [f"    {part.name}_d = {part.name}_q;" for _, part in lists]
-    out += ["    if (write) begin"]
-    for entry, part in lists:
-        out += _lane_loop(entry, "n", f"{part.name}_d[{{lane}}] = wdata_i[{{word}}];")
-    out += ["    end", "  end", ""]
-
-    out += ["  always @(posedge clk_i or negedge rst_ni)", "    if (!rst_ni) begin"]
-    for entry, part in single:
-        out.append(f"      {part.name}_q <= {_literal(entry, part)};")
-    for entry, part in lists:
-        out.append(f"      {part.name}_q <= {_list_reset(entry, part)};")
-    out += ["    end else if (write) begin"]
-    for entry in found:
-        mine = [part for part in entry.parts if part.kind == "value" and not entry.lanes]
-        if mine:
-            out.append(f"      if (address_i == 8'h{entry.address:02X}) begin")
-            out += [f"        {part.name}_q <= wdata_i{_slice(part)};" for part in mine]
-            out.append("      end")
-    out += [f"      {part.name}_q <= {part.name}_d;" for _, part in lists]
-    out += ["    end", ""]
-
-    out += [
-        "  always @* begin",
-        "    m     = 0;",
-        "    rdata = 16'd0;",
-        "    known = 1'b0;",
-        "    if (valid_i) begin",
-        "      case (address_i)",
+    sizes = [
+        f"localparam integer {_constant(e, p)} = {p.verilog};"
+        for e in found
+        for p in e.parts
+        if not p.verilog.isdigit() and not e.lanes
     ]
-    for entry in found:
-        if entry.lanes:
-            continue
-        out.append(f"        8'h{entry.address:02X}: begin")
-        out.append(f"          known = {'1' if entry.writable else '~write_i'};".replace("= 1;", "= 1'b1;"))
-        for part in entry.parts:
-            if part.kind != "pulse":
-                out.append(f"          rdata{_slice(part)} = {_source(entry, part)};")
-        out.append("        end")
-    out += ["        default: known = 1'b0;", "      endcase"]
-    for entry in found:
-        if entry.lanes:
-            part = entry.parts[0]
-            name = part.name + ("_q" if part.kind == "value" else "_i")
-            known = "1'b1" if entry.writable else "~write_i"
-            out += _lane_loop(entry, "m", f"rdata[{{word}}] = {name}[{{lane}}];", f"known = {known};")
-    out += ["    end", "  end", ""]
+    for e, p in lists:
+        if not p.verilog.isdigit():
+            lane, constant = f"[{int(e.lane_bits) - 1}:0]", _constant(e, p)
+            sizes.append(f"localparam integer {constant} = {p.verilog};")
+            sizes.append(f"localparam {lane} {constant}_LANE = {constant}{lane};")
+    registers = [(_range(p.width), f"{p.name}_q") for _, p in single]
+    registers += [(_range(_vector(e)), f"{p.name}_{end}") for e, p in lists for end in "qd"]
+    registers += [("[15:0]", "rdata"), ("", "known")]
 
-    for _, part in [*single, *lists]:
-        out.append(f"  assign {part.name}_o = {part.name}_q;")
-    for entry in found:
-        for part in entry.parts:
-            if part.kind == "pulse":
-                out.append(
-                    f"  assign {part.name}_o = write & (address_i == 8'h{entry.address:02X}) & wdata_i[{part.low}];"
-                )
-    out += ["  assign rdata_o = rdata;", "  assign error_o = valid_i & ~known;", "", "endmodule", ""]
-    return "\n".join([*out, "`default_nettype wire", ""])
+    resets = [f"{p.name}_q <= {_literal(e, p)};" for e, p in single]
+    resets += [f"{p.name}_q <= {_list_reset(e, p)};" for e, p in lists]
+    writes, reads, read_lists = [], [], []
+    for e in found:
+        known = "known = 1'b1;" if e.writable else "known = ~write_i;"
+        if e.lanes:
+            part = e.parts[0]
+            read_lists += _lane_loop(e, "m", f"rdata[{{word}}] = {_source(e, part)}[{{lane}}];", known)
+            continue
+        if mine := [p for p in e.parts if p.kind == "value"]:
+            written = (f"  {p.name}_q <= wdata_i{_slice(p)};" for p in mine)
+            writes += [f"if (address_i == 8'h{e.address:02X}) begin", *written, "end"]
+        read = (f"  rdata{_slice(p)} = {_source(e, p)};" for p in e.parts if p.kind != "pulse")
+        reads += [f"8'h{e.address:02X}: begin", f"  {known}", *read, "end"]
+    writes += [f"{p.name}_q <= {p.name}_d;" for _, p in lists]
+    outputs = [f"assign {p.name}_o = {p.name}_q;" for _, p in [*single, *lists]]
+    outputs += [
+        f"assign {p.name}_o = write & (address_i == 8'h{e.address:02X}) & wdata_i[{p.low}];"
+        for e, p in by_kind["pulse"]
+    ]
+    written_lists = [
+        line for e, p in lists for line in _lane_loop(e, "n", f"{p.name}_d[{{lane}}] = wdata_i[{{word}}];")
+    ]
+    return _filled(
+        "dermis_registers.v",
+        range_index=range_index,
+        ports=_indented(2, (f"{way:<6} wire {width:<{wide}} {name}" for way, width, name in ports), ",\n"),
+        sizes=_indented(2, sizes),
+        registers=_indented(2, (f"reg  {width:<{wide}} {name};" for width, name in registers)),
+        # An index that keeps its value would be a flop or a latch, so it is set in every pass.
+        keep=_indented(4, (f"{p.name}_d = {p.name}_q;" for _, p in lists)),
+        written_lists=_indented(6, written_lists),
+        resets=_indented(6, resets),
+        writes=_indented(6, writes),
+        reads=_indented(8, reads),
+        read_lists=_indented(6, read_lists),
+        outputs=_indented(2, outputs),
+    )
+
+
+def _indented(spaces: int, lines: Iterable[str], end: str = "\n") -> str:
+    return end.join(" " * spaces + line for line in lines)
 
 
 def _constant(entry: Entry, part: Part) -> str:
@@ -361,21 +305,19 @@ def _source(entry: Entry, part: Part) -> str:
 
 def _lane_loop(entry: Entry, index: str, *statements: str) -> list[str]:
     """Return the statements for each lane of a list, executed at the address of its word."""
-    per, width = int(_lane_count(entry)), entry.lane_bits
+    width = entry.lane_bits
+    per = 1 if width == "CODE_BITS" else WORD_BITS // int(width)
     shift = per.bit_length() - 1
-    if per == 1:
-        word_index, lane, word = f"{index}[7:0]", f"{width}*{index} +: {width}", f"{width}-1:0"
-    else:
-        word_index = f"{{{shift}'d0, {index}[7:{shift}]}}"
-        lane, word = index, f"{index} % {per}"
-        if width != "1":
-            lane, word = f"{width}*{lane} +: {width}", f"{width}*({word}) +: {width}"
-    lines = [
-        f"      for ({index} = 0; {index} < {entry.lanes}; {index} = {index} + 1)",
-        f"        if (address_i == 8'h{entry.address:02X} + {word_index}) begin",
+    lane, word = (index, f"{index} % {per}") if per > 1 else (f"{width}*{index} +: {width}", f"{width}-1:0")
+    if per > 1 and width != "1":
+        lane, word = f"{width}*{lane} +: {width}", f"{width}*({word}) +: {width}"
+    word_index = f"{{{shift}'d0, {index}[7:{shift}]}}" if per > 1 else f"{index}[7:0]"
+    return [
+        f"for ({index} = 0; {index} < {entry.lanes}; {index} = {index} + 1)",
+        f"  if (address_i == 8'h{entry.address:02X} + {word_index}) begin",
+        *("    " + statement.format(lane=lane, word=word) for statement in statements),
+        "  end",
     ]
-    lines += ["          " + statement.format(lane=lane, word=word) for statement in statements]
-    return [*lines, "        end"]
 
 
 # Python and C
@@ -400,79 +342,27 @@ def _number(value: int, digits: int) -> str:
 
 def python_module(found: list[Entry]) -> str:
     """Return models/dermis/chip/register_map.py."""
-    out = [
-        f"# {LICENSE}",
-        f'"""The register map. {ORIGIN}."""',
-        "",
-        "from __future__ import annotations",
-        "",
-        "from typing import NamedTuple",
-        "",
-    ]
-    out += [f"{name} = {_number(value, digits)}" for name, value, digits in _constants(found)]
-    out += ["", ""]
-    out += [
-        "class Register(NamedTuple):",
-        '    """A register, or a list of lanes over several words; masks and reset are those of a full word.',
-        "",
-        "    `lanes` is what there is one lane of (a row, a column, nothing), `lane_bits` the width, 0 for CODE_BITS.",
-        "    `readable` bits can be other than 0, `writable` ones stay as written, `pulse` ones act and read 0.",
-        '    """',
-        "",
-        "    address: int",
-        "    lanes: str",
-        "    lane_bits: int",
-        "    reset: int",
-        "    readable: int",
-        "    writable: int",
-        "    pulse: int",
-        "",
-        "    def words(self, rows: int, cols: int, code_bits: int) -> list[int]:",
-        '        """Bits that exist in each word of a chip of this size."""',
-        "        if not self.lanes:",
-        "            return [0xFFFF]",
-        "        bits = self.lane_bits or code_bits",
-        "        per_word = 16 // self.lane_bits if self.lane_bits else 1",
-        '        left = rows if self.lanes == "rows" else cols',
-        "        masks = []",
-        "        while left > 0:",
-        "            masks.append((1 << bits * min(left, per_word)) - 1)",
-        "            left -= per_word",
-        "        return masks",
-        "",
-        "",
-        "REGISTERS: dict[str, Register] = {",
-    ]
+    registers = []
     for entry in found:
-        lanes = {"": '""', "ROWS": '"rows"', "COLS": '"cols"'}[entry.lanes]
-        bits = int(entry.lane_bits) if entry.lane_bits.isdigit() else 0
         readable = sum(part.mask for part in entry.parts if part.kind != "pulse")
         pulse = sum(part.mask for part in entry.parts if part.kind == "pulse")
-        cells = [f"0x{entry.address:02X}", lanes, str(bits)]
+        bits = entry.lane_bits if entry.lane_bits.isdigit() else "0"
+        cells = [f"0x{entry.address:02X}", f'"{entry.lanes.lower()}"', bits]
         cells += [f"0x{v:04X}" for v in (entry.reset, readable, entry.write_mask, pulse)]
-        out.append(f'    "{entry.name}": Register({", ".join(cells)}),')
-    return "\n".join([*out, "}", ""])
+        registers.append(f'    "{entry.name}": Register({", ".join(cells)}),')
+    constants = "\n".join(f"{name} = {_number(value, digits)}" for name, value, digits in _constants(found))
+    return _filled("register_map.py", constants=constants, registers="\n".join(registers))
 
 
 def c_header(found: list[Entry]) -> str:
-    """Return rtl/dermis_registers.h: addresses as the SPI counts them, masks, shifts, reset
-    values.
-    """
-    constants = [(f"DERMIS_{name}", _number(value, digits)) for name, value, digits in _constants(found)]
-    constants += [
-        (f"DERMIS_{entry.name}_RESET", _number(entry.reset, 4)) for entry in found if entry.write_mask
+    """Return rtl/dermis_registers.h: addresses as the SPI counts them, masks, shifts, reset values."""
+    resets = ((f"{e.name}_RESET", e.reset, 4) for e in found if e.write_mask)
+    constants = [
+        (f"DERMIS_{name}", _number(value, digits)) for name, value, digits in (*_constants(found), *resets)
     ]
     width = max(len(name) for name, _ in constants)
-    out = [
-        f"/* {LICENSE} */",
-        f"/* Register map for firmware. {ORIGIN} */",
-        "/* Addresses are those of the SPI commands; a list goes on from its own, one address a word. */",
-        "#ifndef DERMIS_REGISTERS_H",
-        "#define DERMIS_REGISTERS_H",
-        "",
-    ]
-    out += [f"#define {name:<{width}} {value}u" for name, value in constants]
-    return "\n".join([*out, "", "#endif", ""])
+    lines = "\n".join(f"#define {name:<{width}} {value}u" for name, value in constants)
+    return _filled("dermis_registers.h", constants=lines)
 
 
 # Documentation
