@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and
-C.
+"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
 
 It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md).
 For targets that cannot be met it names each missed limit and the nearest targets that meet it.
@@ -36,42 +35,44 @@ FILE = "command line"
 RANGE_COLUMNS = ("R [ohm]", "F [N]", "x", "f [Hz]", "code", "code by eq. (3)", "dR [ohm]", "dF [N]")
 
 
-def _value(meaning: str, **limits: Any) -> Any:
-    return Field(default=None, description=meaning, allow_inf_nan=False, **limits)
+Changes = dict[str, float | int | None]
+"""New values of some targets; None removes one."""
 
 
-def _whole(meaning: str, **limits: Any) -> Any:
+def _target(meaning: str, **limits: Any) -> Any:
     return Field(default=None, description=meaning, **limits)
 
 
 class Targets(BaseModel):
     """Design targets; an omitted one comes from models/design.toml or follows from the others."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
-    rows: int | None = _whole("rows of the array", ge=1, le=1024)
-    cols: int | None = _whole("columns of the array, one converter each", ge=1, le=1024)
-    frame_s: float | None = _value("time of one frame in s", gt=1e-9, lt=1e6)
-    frame_rate_hz: float | None = _value("frames per second, instead of frame_s", gt=1e-6, lt=1e9)
-    bits: int | None = _whole("bits of a code", ge=1, le=16)
-    settle_fraction: float | None = _value("smallest share of a row slot for settling", ge=0, lt=1)
-    r_min_ohm: float | None = _value("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
-    r_max_ohm: float | None = _value("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
-    force_max_n: float | None = _value("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
-    force_min_n: float | None = _value("lowest force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
-    k_force_n_ohm: float | None = _value("force times resistance in N.ohm", gt=1e-9, lt=1e15)
-    i_sensor_a: float | None = _value("largest current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3)
-    v_bias_v: float | None = _value("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
-    c_int_f: float | None = _value("integration capacitor in F", gt=1e-18, lt=1)
-    packet_v: float | None = _value("largest step of the integrator per packet in V", gt=1e-9, lt=1e6)
-    k: int | None = _whole("mirror ratio", ge=1, le=100_000)
-    i0_a: float | None = _value("reference current in A", gt=1e-15, lt=10)
-    f_clk_hz: float | None = _value("clock in Hz; default: computed", gt=1, lt=1e12)
-    gate_clocks: int | None = _whole("gate in clocks; default: computed", ge=1, le=2**24)
-    gain_dc: float | None = _value("open-loop gain of the integrator", gt=1, lt=1e12)
+    rows: int | None = _target("rows of the array", ge=1, le=1024)
+    cols: int | None = _target("columns of the array, one converter each", ge=1, le=1024)
+    frame_s: float | None = _target("time of one frame in s", gt=1e-9, lt=1e6)
+    frame_rate_hz: float | None = _target("frames per second, instead of frame_s", gt=1e-6, lt=1e9)
+    bits: int | None = _target("bits of a code", ge=1, le=16)
+    settle_fraction: float | None = _target("smallest share of a row slot for settling", ge=0, lt=1)
+    r_min_ohm: float | None = _target("sensor resistance at full force in ohm", gt=1e-3, lt=1e12)
+    r_max_ohm: float | None = _target("highest sensor resistance to be read in ohm", gt=1e-3, lt=1e12)
+    force_max_n: float | None = _target("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
+    force_min_n: float | None = _target("lowest force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
+    k_force_n_ohm: float | None = _target("force times resistance in N.ohm", gt=1e-9, lt=1e15)
+    i_sensor_a: float | None = _target(
+        "largest current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3
+    )
+    v_bias_v: float | None = _target("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
+    c_int_f: float | None = _target("integration capacitor in F", gt=1e-18, lt=1)
+    packet_v: float | None = _target("largest step of the integrator per packet in V", gt=1e-9, lt=1e6)
+    k: int | None = _target("mirror ratio", ge=1, le=100_000)
+    i0_a: float | None = _target("reference current in A", gt=1e-15, lt=10)
+    f_clk_hz: float | None = _target("clock in Hz; default: computed", gt=1, lt=1e12)
+    gate_clocks: int | None = _target("gate in clocks; default: computed", ge=1, le=2**24)
+    gain_dc: float | None = _target("open-loop gain of the integrator", gt=1, lt=1e12)
     topology: (
         Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
-    ) = Field(default=None, description="interface between column and converter")
+    ) = _target("interface between column and converter")
 
     def replace(self, changes: Mapping[str, Any]) -> Targets:
         """Return a checked copy with some targets changed; None removes a target."""
@@ -94,21 +95,15 @@ def make_targets(**targets: Any) -> Targets:
         if first["type"] == "extra_forbidden":
             allowed = "one of " + ", ".join(Targets.model_fields)
         raise InputError(FILE, str(first["loc"][0]), first["input"], allowed) from None
-    for one, other in (
-        ("frame_s", "frame_rate_hz"),
-        ("v_bias_v", "i_sensor_a"),
-        ("r_max_ohm", "force_min_n"),
-    ):
-        if getattr(targets, one) is not None and getattr(targets, other) is not None:
-            raise InputError(
-                FILE, other, getattr(targets, other), f"no value, because {one} sets the same quantity"
-            )
-    if None not in (targets.r_min_ohm, targets.force_max_n, targets.k_force_n_ohm):
+    twice = {"frame_rate_hz": "frame_s", "i_sensor_a": "v_bias_v", "force_min_n": "r_max_ohm"}
+    for name, other in twice.items():
+        if None not in (value := getattr(targets, name), getattr(targets, other)):
+            raise InputError(FILE, name, value, f"no value, because {other} sets the same quantity")
+    k_force = targets.k_force_n_ohm
+    if None not in (targets.r_min_ohm, targets.force_max_n, k_force):
         said = exact(targets.r_min_ohm) * exact(targets.force_max_n)
-        if said != exact(targets.k_force_n_ohm):
-            raise InputError(
-                FILE, "k_force_n_ohm", targets.k_force_n_ohm, f"r_min_ohm force_max_n = {float(said)!r}"
-            )
+        if said != exact(k_force):
+            raise InputError(FILE, "k_force_n_ohm", k_force, f"r_min_ohm force_max_n = {float(said)!r}")
     return targets
 
 
@@ -116,8 +111,7 @@ def make_targets(**targets: Any) -> Targets:
 class Answer:
     """The design that follows from the targets, exact, with its verdict.
 
-    `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet
-    it.
+    `rows` has one verdict row per limit; `nearest` gives, for each missed limit, targets that meet it.
     """
 
     targets: Targets
@@ -139,7 +133,7 @@ class Answer:
     c_int_f: Fraction
     tau_leak_s: Fraction
     rows: tuple[verdict.Row, ...] = ()
-    nearest: Mapping[str, Mapping[str, float | int | None]] = field(default_factory=dict)
+    nearest: Mapping[str, Changes] = field(default_factory=dict)
 
     @property
     def feasible(self) -> bool:
@@ -158,9 +152,7 @@ class Answer:
 
     @property
     def packet_v(self) -> Fraction:
-        """Packet voltage on the integration capacitor; with the direct interface both are k times
-        larger.
-        """
+        """Packet voltage on the integration capacitor; with the direct interface both are k times larger."""
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     @property
@@ -240,16 +232,12 @@ class Answer:
         )
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
-        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three
-        digits.
+        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three digits.
 
         dR and dF are the change of one code at that resistance; dF is constant.
         """
-        ratio = float(self.r_max_ohm / self.r_min_ohm)
-        inner = [
-            _digits(float(self.r_min_ohm) * ratio ** (i / (points - 1)), 3, up=None)
-            for i in range(1, points - 1)
-        ]
+        low, ratio = float(self.r_min_ohm), float(self.r_max_ohm / self.r_min_ohm)
+        inner = [_digits(low * ratio ** (i / (points - 1)), 3, up=None) for i in range(1, points - 1)]
         d_force = self.k_force_n_ohm / (self.gate_clocks * self.r_unit_ohm)
         table = []
         for r in [self.r_min_ohm, *(exact(r) for r in inner), self.r_max_ohm]:
@@ -313,16 +301,14 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
     # Eqs (1), (9) with k: at r_min one packet every second clock, V_b / (k i0 r_min) = 1/2.
     full_scale_a = v_bias / (HALF * r_min)
-    x_full = (
-        v_bias / (r_min * targets.k * exact(targets.i0_a)) if None not in (targets.k, targets.i0_a) else HALF
-    )
+    x_full = HALF
+    if None not in (targets.k, targets.i0_a):
+        x_full = v_bias / (r_min * targets.k * exact(targets.i0_a))
 
-    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock
-    # more.
+    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock more.
     gate = targets.gate_clocks or math.ceil(code_max / min(x_full, HALF))
-    frame_s = take(
-        "frame_s", 1 / exact(targets.frame_rate_hz) if targets.frame_rate_hz else base.timing.frame_s
-    )
+    rate = targets.frame_rate_hz
+    frame_s = take("frame_s", 1 / exact(rate) if rate else base.timing.frame_s)
     slot_s = frame_s / array_rows
     settle = take("settle_fraction", Fraction(base.timing.settle_clocks, base.timing.slot_clocks))
     needed = _slot_clocks(gate, settle, base)
@@ -333,9 +319,8 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
         f_clk = exact(targets.f_clk_hz)
         slot_clocks = math.floor(slot_s * f_clk)
         if slot_clocks < 1:
-            raise InputError(
-                FILE, "f_clk_hz", targets.f_clk_hz, f"at least one clock in a slot of {float(slot_s):g} s"
-            )
+            allowed = f"at least one clock in a slot of {float(slot_s):g} s"
+            raise InputError(FILE, "f_clk_hz", targets.f_clk_hz, allowed)
         # A slot is whole clocks; the frame gets that little shorter.
         frame_s = array_rows * slot_clocks / f_clk
 
@@ -357,9 +342,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
-    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is
-    given.
-    """
+    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is given."""
     k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
     if targets.k_force_n_ohm is not None:
         k_force = exact(targets.k_force_n_ohm)
@@ -379,9 +362,7 @@ def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fractio
 
 
 def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
-    """Return V_b: the target, or from the current, or the design's within the sensor's current
-    limit.
-    """
+    """Return V_b: the target, or from the current, or the design's within the sensor's current limit."""
     if targets.v_bias_v is not None:
         return exact(targets.v_bias_v)
     if targets.i_sensor_a is not None:
@@ -417,9 +398,7 @@ def _charge(
 
 
 def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
-    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum
-    (docs/rtl.md).
-    """
+    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum (docs/rtl.md)."""
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 
@@ -437,18 +416,14 @@ def _judged(
     """
     targets, base = answer.targets, answer.base
     rows: list[verdict.Row] = []
-    nearest: dict[str, dict[str, float | int | None]] = {}
+    nearest: dict[str, Changes] = {}
 
     def limit(name: str) -> Fraction:
         rule = spec()[f"calculator.{name}"]
         return exact(rule.max if rule.max is not None else rule.min)
 
-    def row(
-        name: str, value: Fraction | float | int, note: str, changes: dict[str, float | int | None] | None
-    ) -> None:
-        judged = verdict.judge(
-            f"calculator.{name}", int(value) if isinstance(value, int) else float(value), note
-        )
+    def row(name: str, value: Fraction | float | int, note: str, changes: Changes | None) -> None:
+        judged = verdict.judge(f"calculator.{name}", value if isinstance(value, int) else float(value), note)
         if judged["status"] == "FAIL" and changes is not None:
             if targets.frame_rate_hz is not None and "frame_s" in changes:
                 rate = _at_most(1 / exact(changes["frame_s"]))
@@ -465,70 +440,54 @@ def _judged(
     usable = min(x_full, HALF)
 
     i_max = limit("sensor_current_a")
-    either = "v_bias_v" if targets.i_sensor_a is None else "i_sensor_a"
-    row(
-        "sensor_current_a", v_bias / r_min, f"{float(v_bias):g} V on {float(r_min):g} ohm",
-        {either: _at_most(i_max * r_min if either == "v_bias_v" else i_max)},
-    )  # fmt: skip
-    vdd = exact(base.supply.vdd_v) * limit("v_bias_supply")
-    row(
-        "v_bias_supply", v_bias / exact(base.supply.vdd_v), f"{float(v_bias):g} V of {float(vdd):g} V",
-        {either: _at_most(vdd if either == "v_bias_v" else vdd / r_min)},
-    )  # fmt: skip
+    either, ohm = ("v_bias_v", 1) if targets.i_sensor_a is None else ("i_sensor_a", r_min)
+    note = f"{float(v_bias):g} V on {float(r_min):g} ohm"
+    row("sensor_current_a", v_bias / r_min, note, {either: _at_most(i_max * r_min / ohm)})
+    supply = exact(base.supply.vdd_v)
+    vdd = supply * limit("v_bias_supply")
+    note = f"{float(v_bias):g} V of {float(vdd):g} V"
+    row("v_bias_supply", v_bias / supply, note, {either: _at_most(vdd / ohm)})
 
     options = base.interface.k_options
     closest = min(options, key=lambda option: abs(k / option - 1))
     full_scale_a = v_bias / (HALF * r_min)
-    row(
-        "k_distance", abs(k / closest - 1), f"k = {float(k):g}, switchable {', '.join(map(str, options))}",
-        {"k": closest} if targets.k is not None else {"k": closest, "i0_a": None},
-    )  # fmt: skip
-    row(
-        "duty_full_scale", x_full, f"x = V_b / (k i0 R) at {float(r_min):g} ohm",
-        {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None},
-    )  # fmt: skip
+    switched: Changes = {"k": closest} if targets.k is not None else {"k": closest, "i0_a": None}
+    note = f"k = {float(k):g}, switchable {', '.join(map(str, options))}"
+    row("k_distance", abs(k / closest - 1), note, switched)
+    smaller: Changes = {"i0_a": _at_least(full_scale_a / k), "gate_clocks": None}
+    row("duty_full_scale", x_full, f"x = V_b / (k i0 R) at {float(r_min):g} ohm", smaller)
 
     # Pulses counted at any phase; where those suffice, pulses counted from the half-packet preset.
     counted = math.floor(answer.gate_clocks * usable)
     if counted >= answer.code_max:
         counted = vfc.count_rational(usable, answer.gate_clocks)
     holds = (counted + 1).bit_length() - 1
-    exact_gate = math.ceil(answer.code_max / usable)
-    row(
-        "full_scale_code_error_lsb", counted - answer.code_max,
-        f"{answer.gate_clocks} clocks count to {counted} at r_min ({holds} bits), wanted {answer.code_max}",
-        {"gate_clocks": exact_gate},
-    )  # fmt: skip
+    note = f"{answer.gate_clocks} clocks count to {counted} at r_min ({holds} bits), wanted {answer.code_max}"
+    gate: Changes = {"gate_clocks": math.ceil(answer.code_max / usable)}
+    row("full_scale_code_error_lsb", counted - answer.code_max, note, gate)
     low = answer.code(answer.r_max_ohm)
     # gate x + 1/2 must reach code 1
     reach = answer.gate_clocks * answer.r_unit_ohm / (limit("code_at_r_max") - HALF)
-    end: dict[str, float | int | None] = (
-        {"force_min_n": _at_least(answer.k_force_n_ohm / reach)} if targets.force_min_n is not None
-        else {"r_max_ohm": _at_most(reach)}
-    )  # fmt: skip
+    end: Changes = {"r_max_ohm": _at_most(reach)}
+    if targets.force_min_n is not None:
+        end = {"force_min_n": _at_least(answer.k_force_n_ohm / reach)}
     row("code_at_r_max", low, f"code at {float(answer.r_max_ohm):g} ohm", end)
 
     left = answer.slot_clocks - needed
     other_ways = ""
     if left < 0:
-        held = [
-            b
-            for b in range(1, 17)
-            if _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) <= answer.slot_clocks
-        ]
+        clocks = {b: _slot_clocks(math.ceil((2**b - 1) / usable), settle, base) for b in range(1, 17)}
+        held = [b for b, needs in clocks.items() if needs <= answer.slot_clocks]
         other_ways = f"; f_clk_hz = {_at_least(needed / slot_s):g} would do"
         other_ways += f", or {held[-1]} bits" if held else ""
-    row(
-        "gate_margin_clocks", left,
-        f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks{other_ways}",
-        {"frame_s": _at_least(answer.array_rows * needed / f_clk)},
-    )  # fmt: skip
+    note = f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks{other_ways}"
+    row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
     settle_min = limit("settle_s")
     settle_s = answer.settle_clocks / f_clk
     if targets.f_clk_hz is not None:
         # Whole clocks, so that rounding a slot down cannot remove the last one.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
-        longer: dict[str, float | int | None] = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
+        longer: Changes = {"frame_s": _at_least(answer.array_rows * clocks / f_clk)}
     elif settle >= Fraction(1, 20):
         longer = {"frame_s": _at_least(answer.frame_s * settle_min / (slot_s * settle))}
     elif settle_min <= slot_s / 2:
@@ -539,31 +498,27 @@ def _judged(
 
     delay = exact(base.comparator.t_delay_s)
     slowest = limit("comparator_delay_clocks") / delay if delay else None
-    slower: dict[str, float | int | None] | None = None
+    slower: Changes | None = None
     if slowest is not None and targets.f_clk_hz is None:
         slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
     elif slowest is not None:
         slower = {"f_clk_hz": _at_most(slowest)}
     said = f", so f_clk up to {float(slowest):g} Hz" if slowest is not None else ""
-    row(
-        "comparator_delay_clocks",
-        delay * f_clk,
-        f"delay {float(delay):g} s at {float(f_clk):g} Hz{said}",
-        slower,
-    )
+    note = f"delay {float(delay):g} s at {float(f_clk):g} Hz{said}"
+    row("comparator_delay_clocks", delay * f_clk, note, slower)
 
     charge = i0 / f_clk
     swing = exact(base.swing_v)
     if targets.packet_v is not None:
         swing = min(swing, exact(targets.packet_v))
-    smaller: dict[str, float | int | None] = {"packet_v": _at_most(swing)}
+    smaller = {"packet_v": _at_most(swing)}
     if targets.c_int_f is not None:
         smaller = {"c_int_f": _at_least(charge / swing)}
     note = f"packet {float(answer.packet_v):g} V, at most {float(swing):g} V"
     row("packet_swing", answer.packet_v / swing, note, smaller)
     c_min = limit("c_int_f")
-    larger: dict[str, float | int | None] = {"c_int_f": _at_least(c_min / scale)}
-    row("c_int_f", answer.c_int_f * scale, f"packet {float(charge * scale):g} C", larger)
+    note = f"packet {float(charge * scale):g} C"
+    row("c_int_f", answer.c_int_f * scale, note, {"c_int_f": _at_least(c_min / scale)})
 
     # The plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
     tau = float(answer.tau_leak_s)
@@ -579,7 +534,7 @@ def _judged(
     packet = float(charge * scale)
     noise = math.sqrt(kt * float(answer.c_int_f * scale)) / packet
     c_quiet = (float(limit("kt_c_lsb")) * packet) ** 2 / kt / float(scale)
-    quiet: dict[str, float | int | None] = {"c_int_f": _at_most(c_quiet), "packet_v": None}
+    quiet: Changes = {"c_int_f": _at_most(c_quiet), "packet_v": None}
     if targets.k is None and targets.i0_a is None:
         # With the capacitor alone given, k and so the packet would change.
         quiet["k"] = round(k)
@@ -651,21 +606,8 @@ def calc_command(write: bool, **values: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-def _add_options() -> None:
-    for name, about in Targets.model_fields.items():
-        kind: Any = float
-        if "int" in str(about.annotation):
-            kind = int
-        if name == "topology":
-            kind = click.Choice(design_module.TOPOLOGIES)
-        option = click.option(
-            f"--{name.replace('_', '-')}",
-            name,
-            type=kind,
-            default=None,
-            help=f"{about.description[0].upper()}{about.description[1:]}.",
-        )
-        option(calc_command)
-
-
-_add_options()
+_KINDS = {"rows": int, "cols": int, "bits": int, "k": int, "gate_clocks": int}
+for _name, _about in Targets.model_fields.items():
+    _kind = click.Choice(design_module.TOPOLOGIES) if _name == "topology" else _KINDS.get(_name, float)
+    _help = f"{_about.description[0].upper()}{_about.description[1:]}."
+    click.option(f"--{_name.replace('_', '-')}", _name, type=_kind, help=_help)(calc_command)
