@@ -45,7 +45,7 @@ calibrate: base ## fit a calibration to a session file: SESSION=file [ARGS="--ou
 decode: setup ## codes to newtons: every figure of docs/decode.md, into build/decode.json [ARGS="--data dir --pictures dir"]
 	@$(dermis) decode $(ARGS)
 
-plan: base ## effects that a plan keeps and leaves out, with bounds and costs: SCENE=name-or-path [ENGINE=e]
+plan: base ## effects of a scene, and the cells that auto decides without a walk: SCENE=name-or-path [ENGINE=e]
 	@$(if $(SCENE),,echo 'plan: SCENE is missing: make plan SCENE=name-or-path [ENGINE=e]' >&2; exit 2)
 	@$(dermis) plan '$(SCENE)' $(if $(ENGINE),--engine '$(ENGINE)') $(ARGS)
 

@@ -47,7 +47,7 @@ LATER = {
     ),
     "plan": (
         "dermis.report.plan_table",
-        "Show the effects that a plan keeps and leaves out, with bounds and cost.",
+        "Show the effects of a scene, and the cells that auto decides without a walk.",
     ),
 }
 PROGRAMS = ROOT / "scripts" / "commands.toml"

@@ -1047,7 +1047,7 @@ EFFECTS: dict[str, Effect] = {
 
 
 class AutoTable(Strict):
-    """[effects] auto: the plan leaves out what together cannot matter."""
+    """[effects] auto: every effect is on, and only cells that stay open are walked."""
 
     budget_lsb: float = entry(
         0.0,
@@ -1076,7 +1076,7 @@ class ExtractedTable(Strict):
 
 
 # [effects]: one optional table an effect. true is the effect with its defaults, false is off, as is
-# leaving it out; auto considers what is left out too.
+# leaving it out; auto switches on what is left out too.
 EffectsTable: type[Strict] = create_model(
     "EffectsTable",
     __base__=Strict,
@@ -1085,8 +1085,8 @@ EffectsTable: type[Strict] = create_model(
         AutoTable | None,
         entry(
             None,
-            "Every effect with defaults is considered, named or not; what together stays within the budget is "
-            "left out (docs/auto.md)",
+            "Every effect with defaults is on, named or not; cells whose code no effect can change are not "
+            "walked (docs/auto.md)",
             "a table",
         ),
     ),
@@ -1122,7 +1122,7 @@ def considered(effect: Effect, setting: Setting) -> bool:
 def resolve_effects(table: Any, setting: Setting, file: Any) -> dict[str, Strict]:
     """Return the parameters of every effect that is on, with every default filled in.
 
-    With `auto` that is every effect it considers; the plan then leaves some of them out.
+    With `auto` that is every effect that it switches on; cells are left out later (docs/auto.md).
 
     Raises InputError for an effect the topology does not have, a value without default, lists of a
     wrong length and values outside what the physics allows.

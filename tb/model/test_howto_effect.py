@@ -22,8 +22,8 @@ def test_the_page_adds_a_complete_effect(tmp_path: Path) -> None:
     for name in ("test_effects.py", "made_plans.py"):
         shutil.copy(ROOT / "tb" / "model" / name, tmp_path)
     (tmp_path / "page.diff").write_text("".join(re.findall(r"^```diff\n(.*?)^```", text, re.M | re.S)))
-    # The place of a change moves with its file; one line of context on each side must be there.
-    run(tmp_path, "git", "apply", "-C1", "page.diff")
+    # The place of a change moves with its file; every line of its context must be there.
+    run(tmp_path, "git", "apply", "page.diff")
     found = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
     (tmp_path / "test_page.py").write_text("".join(found))
     tests = ["test_page.py", "test_effects.py", "-k", "preset_charge or packet_left or refuses"]

@@ -27,8 +27,8 @@ that, row by row, which took more than 100 s of processor time on a sheet of 255
 class Result:
     """Codes [frames, rows, cols] of `code_type`, and further results of an engine.
 
-    `low` and `high` have the same shape: the codes between which those of the chip lie, with every
-    effect the plan left out and with other random numbers (docs/auto.md). `certify` fills them in.
+    `low` and `high` have the same shape: the codes between which those of the chip lie, with the
+    effects that the plan has off and with other random numbers (docs/auto.md). `certify` fills them in.
     """
 
     codes: NDArray[np.unsignedinteger]
