@@ -240,22 +240,11 @@ def multi(found: Found) -> dict[str, float]:
 # Capacitance of the column from that of a pad to seven times the design's; nothing pressed, where the pole
 # of x is lowest, and 1 mA, where the loop is fastest.
 _LOOP_F = ("2p", "50p", "400p", "1n", "3n")
-_LOOP_RUN = """\
-alter ix dc = {i}
-alter rx = {r}
-alter cx = {c}
-ac dec 40 1k 1g
-let loop = v(x)/(1 - v(x))
-let db = db(mag(loop))
-let degrees = 57.29578*cph(loop)
-meas ac {load}_{c} find degrees when db=0 fall=1
-print {load}_{c}
-"""
 
 
 def _phase_margin_body() -> str:
     loads = (("idle", "0", "1g"), ("pressed", "1m", "500"))
-    runs = [_LOOP_RUN.format(load=load, i=i, r=r, c=c) for load, i, r in loads for c in _LOOP_F]
+    runs = [body("phase_margin_run", load=load, i=i, r=r, c=c) for load, i, r in loads for c in _LOOP_F]
     return body("phase_margin", runs="".join(runs))
 
 
@@ -411,28 +400,10 @@ def supply_blocks(found: Found) -> dict[str, float]:
 
 # ---- noise ---------------------------------------------------------------------------------------------------
 
-_CURRENT = "vsum sum 0 0\nhout out 0 vsum 1\n"
-# No other taxel is pressed: where 32 mS turn the conveyor's noise into current, the offset null holds the
-# column, and its noise takes the place of the conveyor's below 80 kHz, above which a gate averages.
-_TAXEL = _CURRENT + (
-    "ix 0 x dc {i} ac 1\nrx x 0 {r}\ncx x 0 400p\nvy y 0 0\nxconveyor y x z ibias vdd vss conveyor\n"
-    "xmirror z sum ibias vdd vss mirror_fixed k=80"
-)
-_PACKET = _CURRENT + (
-    f"vc d_charge vss_d dc {sky130.V_DIGITAL_V} ac 1\n"
-    "xdut d_charge sum ibias vdd vss vdd_d vss_d charge_source"
-)
-# The value that the offset null stores when a gate begins, less the mean of the same noise over the gate:
-# 1 - sinc exp(-j pi f T). Both are through the pole of the amplifier on 20 pF.
-_NULL = (
-    "vpreset logic_preset 0 dc 1 ac 1\nxdut 0 y d_preset agnd ibias vdd vss vdd_d vss_d offset_null\n"
-    "eout out 0 xdut.v_in xdut.v_side 1"
-)
-_NULL_SHARE = "1 + s^2 - 2*s*cos(turn)"
 
-
-def _noise_body(dut: str, source: str, share: str = "s^2", highest: str = "1meg") -> str:
-    return body("noise", dut=dut, source=source, share=share, highest=highest)
+def _noise(at: str, source: str, dut: str, share: str = "s^2", highest: str = "1meg") -> Bench:
+    text = body("noise", dut=dut.strip(), source=source, share=share, highest=highest)
+    return _bench(f"noise_{at}", partial(noise, at=at), text)
 
 
 def noise(found: Found, at: str) -> dict[str, float]:
@@ -506,10 +477,10 @@ _ALL = (
         for name in TOPOLOGIES
     ),
     _bench("supply_blocks", supply_blocks, SUPPLY_BLOCKS),
-    _bench("noise_full", partial(noise, at="full"), _noise_body(_TAXEL.format(i="1m", r="500"), "ix")),
-    _bench("noise_low", partial(noise, at="low"), _noise_body(_TAXEL.format(i="7.8u", r="64.25k"), "ix")),
-    _bench("noise_null", partial(noise, at="null"), _noise_body(_NULL, "vpreset", _NULL_SHARE, "100meg")),
-    _bench("noise_packet", partial(noise, at="packet"), _noise_body(_PACKET, "vc")),
+    _noise("full", "ix", body("noise_taxel", i="1m", r="500")),
+    _noise("low", "ix", body("noise_taxel", i="7.8u", r="64.25k")),
+    _noise("null", "vpreset", body("noise_null"), "1 + s^2 - 2*s*cos(turn)", "100meg"),
+    _noise("packet", "vc", body("noise_packet", high_v=sky130.V_DIGITAL_V)),
     _bench("row_driver_driven", partial(row_driver, side="driven"), row_driver_body(1)),
     _bench("row_driver_held", partial(row_driver, side="held"), row_driver_body(0)),
 )
