@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from
-the engines.
-"""
+"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from the engines."""
 
 from __future__ import annotations
 
@@ -19,6 +17,7 @@ from dermis.engines import filter, rtl
 from dermis.records import Plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES, Design
+from scripts import markdown
 
 NONE = "-"
 
@@ -42,8 +41,7 @@ def _topology(effect: Effect) -> str:
 def sample(
     name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
 ) -> Plan:
-    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare
-    scene.
+    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare scene.
 
     Effects that it requires are on in both cases.
     """
@@ -91,9 +89,7 @@ def _value(value: Any) -> str:
 
 
 def deck(name: str) -> str:
-    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing
-    elements.
-    """
+    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing elements."""
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE
@@ -103,7 +99,7 @@ def deck(name: str) -> str:
         element, *words = line.split()
         if element.startswith(".") or line == before.get(element):
             continue
-        changed = found.setdefault(_kind(element), {})
+        changed = found.setdefault(re.sub(r"_?(r\d+)?(c\d+)?\d*$", "", element), {})
         if element in before:
             old = set(before[element].split())
             changed.update(dict.fromkeys(w.split("=")[0] for w in words if "=" in w and w not in old))
@@ -117,33 +113,19 @@ def _deck(made: Plan) -> list[str]:
     return frame_deck(made, 0, [0.0] * (2 * _SIZE + 1)).lines
 
 
-def _kind(element: str) -> str:
-    return re.sub(r"_?(r\d+)?(c\d+)?\d*$", "", element)
-
-
 def verilog(name: str) -> str:
     """Return the additions of an effect to the real-number models; the array is solved outside."""
     on = sample(name, "rtl")
     if engines.refused(on, "rtl"):
         return NONE
-    places = rtl.value_places()
+    places = {n: place for n, place in rtl.value_places().items() if n not in ("VALUES", "EACH_FRAME")}
     bits = rtl.effect_bits(on) & ~rtl.effect_bits(sample(None, "rtl"))
-    built = [
-        n for n, place in sorted(places.items(), key=lambda item: item[1]) if _builds(n) and bits >> place & 1
-    ]
-    return ", ".join(f"`{n}`" for n in built) or "in the input currents"
-
-
-def _builds(name: str) -> bool:
-    return name not in ("VALUES", "EACH_FRAME")
-
-
-def _row(cells: list[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    built = [f"`{n}`" for n in sorted(places, key=places.__getitem__) if bits >> places[n] & 1]
+    return ", ".join(built) or "in the input currents"
 
 
 def _table(head: list[str], rows: Iterator[list[str]]) -> str:
-    return "\n".join([_row(head), "|---" * len(head) + "|", *map(_row, rows)]) + "\n"
+    return markdown.table(head, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)) + "\n"
 
 
 def meanings(design: Design | None = None) -> str:
@@ -202,3 +184,6 @@ def _bound(value: float | None) -> str:
         return NONE
     # Below a billionth of an LSB the value is rounding, which depends on the processor.
     return "none" if value > _NO_BOUND_LSB else f"{value:.2g}" if value > 1e-9 else "exact"
+
+
+TABLES = {"meanings": meanings, "places": places, "bounds": bounds}

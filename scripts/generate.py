@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE,
-Python, C, docs.
+"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
 
 ``check`` compares the files of the tree with the generated text and shows each difference.
 """
@@ -22,12 +21,11 @@ from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
-from dermis.scene.design import ROOT, Design, exact
-from scripts import calculator, effect_tables, register_files
+from dermis.scene.design import ROOT, Design, Limit, exact
+from scripts import calculator, effect_tables, markdown, register_files
 
 HEADER = "SPDX-License-Identifier: Apache-2.0"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
-DOCS_NUMBERS = "docs/numbers.md"
 
 
 def verilog_header(design: Design) -> str:
@@ -51,9 +49,7 @@ def verilog_header(design: Design) -> str:
 
 
 def spice_params(design: Design) -> str:
-    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key =
-    value``.
-    """
+    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key = value``."""
     lines = [f"* {HEADER}", f"* Every design value as a parameter, named section_key. {ORIGIN}"]
     for title, values in (("stored in design.toml", design.stored()), ("derived", design.derived())):
         lines.append(f"* {title}")
@@ -72,20 +68,16 @@ def spice_params(design: Design) -> str:
 def front_end_file(design: Design) -> str:
     """Return spice/sky130/dermis_analog_front_end.sp, the top netlist."""
     rows, cols = design.array.rows, design.array.cols
-    text = [
-        f"* {HEADER}",
-        f"* The analog front end of {rows} rows and {cols} columns. {ORIGIN}",
-        "* From outside come vbias (0.5 V, all current of the taxels), vref (0.5 V), 50 kohm from r_ref to agnd,",
-        "* and agnd, half way between vdd and vss; vss and vss_d are the board's ground.",
-        sky130.front_end(rows, cols),
-    ]
-    return "\n".join(text)
+    return f"""\
+* {HEADER}
+* The analog front end of {rows} rows and {cols} columns. {ORIGIN}
+* From outside come vbias (0.5 V, all current of the taxels), vref (0.5 V), 50 kohm from r_ref to agnd,
+* and agnd, half way between vdd and vss; vss and vss_d are the board's ground.
+{sky130.front_end(rows, cols)}"""
 
 
 def array_file(design: Design) -> str:
-    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as
-    parameters.
-    """
+    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as parameters."""
     rows, cols = design.array.rows, design.array.cols
     text = [
         f"* {HEADER}",
@@ -107,36 +99,35 @@ def _cell(text: object) -> str:
 def design_table(design: Design, root: Path) -> str:
     """Return the table of stored and derived design values for docs/numbers.md."""
     why = design_module.reasons(root / "models" / "design.toml")
-    lines = ["| value | | from | reason |", "|---|---|---|---|"]
-    for key, value in design.stored().items():
-        mark, text = why[key].mark, why[key].text
-        lines.append(f"| `{key}` | {_cell(value)} | {_MARKS[mark]} | {_cell(text)} |")
-    lines += ["", "| derived | |", "|---|---|"]
-    lines += [f"| `{key}` | {value:.9g} |" for key, value in design.derived().items()]
-    return "\n".join(lines)
+    stored = (
+        (f"`{key}`", _cell(value), _MARKS[why[key].mark], _cell(why[key].text))
+        for key, value in design.stored().items()
+    )
+    derived = ((f"`{key}`", f"{value:.9g}") for key, value in design.derived().items())
+    tables = (
+        markdown.table(("value", "", "from", "reason"), stored),
+        markdown.table(("derived", ""), derived),
+    )
+    return "\n\n".join(tables)
 
 
 def limits_table(_design: Design, root: Path) -> str:
     """Return the table of limits for docs/numbers.md."""
-    head = ("limit", "min", "max", "unit", "gates", "conditions", "measured by")
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for name, limit in design_module.load_spec(root / "models" / "spec.toml").items():
+
+    def row(name: str, limit: Limit) -> tuple[str, ...]:
         low, high = ("" if v is None else f"{v:.9g}" for v in (limit.min, limit.max))
         gates = "yes" if limit.gate else "no"
-        cells = (f"`{name}`", low, high, limit.unit, gates, _cell(limit.conditions), f"`{limit.command}`")
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        return (f"`{name}`", low, high, limit.unit, gates, _cell(limit.conditions), f"`{limit.command}`")
+
+    limits = design_module.load_spec(root / "models" / "spec.toml")
+    head = ("limit", "min", "max", "unit", "gates", "conditions", "measured by")
+    return markdown.table(head, (row(*item) for item in limits.items()))
 
 
 def range_table(design: Design, _root: Path) -> str:
     """Return R against code over the range of the design, for docs/numbers.md."""
-    answer = calculator.solve(calculator.Targets(), design)
-    lines = [
-        "| " + " | ".join(calculator.RANGE_COLUMNS) + " |",
-        "|---:" * len(calculator.RANGE_COLUMNS) + "|",
-    ]
-    lines += ["| " + " | ".join(f"{cell:.6g}" for cell in row) + " |" for row in answer.range_table()]
-    return "\n".join(lines)
+    rows = calculator.solve(calculator.Targets(), design).range_table()
+    return markdown.table(calculator.RANGE_COLUMNS, ([f"{c:.6g}" for c in row] for row in rows), "---:")
 
 
 # Targets of each kind: the paper's, a larger array, another sensor, more bits, and three that
@@ -154,17 +145,8 @@ EXAMPLES: tuple[dict[str, Any], ...] = (
 
 def examples_table(design: Design, _root: Path) -> str:
     """Return the calculator's answers to `EXAMPLES` for docs/numbers.md."""
-    head = (
-        "targets",
-        "f_clk [Hz]",
-        "slot = settle + gate",
-        "V_b [V]",
-        "k",
-        "i0 [A]",
-        "C [F]",
-        "can it be built",
-    )
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    head = "targets, f_clk [Hz], slot = settle + gate, V_b [V], k, i0 [A], C [F], can it be built".split(", ")
+    rows = []
     for targets in EXAMPLES:
         answer = calculator.solve(calculator.make_targets(**targets), design)
         v = answer.values()
@@ -173,8 +155,8 @@ def examples_table(design: Design, _root: Path) -> str:
         cells += [f"{v['slot_clocks']} = {v['settle_clocks']} + {v['gate_clocks']}"]
         cells += [f"{v[name]:.6g}" for name in ("v_bias_v", "k", "i0_a", "c_int_f")]
         missed = [f"{r['name']}: {r['note']}" for r in answer.rows if r["status"] != "PASS"]
-        lines.append("| " + " | ".join([*cells, _cell("; ".join(missed)) or "yes"]) + " |")
-    return "\n".join(lines)
+        rows.append([*cells, _cell("; ".join(missed)) or "yes"])
+    return markdown.table(head, rows)
 
 
 TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
@@ -185,9 +167,7 @@ TABLES: dict[str, dict[str, Callable[[Design, Path], str]]] = {
         "examples": examples_table,
     },
     "docs/effects.md": {
-        "meanings": lambda design, _root: effect_tables.meanings(design),
-        "places": lambda design, _root: effect_tables.places(design),
-        "bounds": lambda design, _root: effect_tables.bounds(design),
+        name: lambda design, _root, make=make: make(design) for name, make in effect_tables.TABLES.items()
     },
     "docs/registers.md": {"registers": register_files.table},
     "docs/scenes.md": {
@@ -291,9 +271,7 @@ def check(root: Path = ROOT) -> list[verdict.Row]:
 @click.command("generate")
 @click.option("--check", "only_check", is_flag=True, help="Write nothing; fail if a file is out of date.")
 def generate_command(only_check: bool) -> None:
-    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and
-    tables in docs.
-    """
+    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and tables in docs."""
     if only_check:
         rows = check()
         verdict.write_rows("gen-check", rows)

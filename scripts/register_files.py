@@ -3,8 +3,8 @@
 
 The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters.
 PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, which two of the three
-Verilog tools cannot read; the writers of PeakRDL for C and Markdown know no parameters, so they would
-change the names that firmware includes.
+Verilog tools cannot read; the header of PeakRDL-cheader has no address constants (docs/registers.md).
+The constant parts of the files are in scripts/templates.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build the documentation as a site: the pages of docs/, and pages made from commands, library,
-design and results.
-"""
+"""Build the documentation as a site: the pages of docs/, and pages made from commands, library, design, results."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.scene import design as designs
 from dermis.scene.design import Design
-from scripts import generate
+from scripts import generate, markdown
 from scripts.demo import demo
 from scripts.schematics import command as schematics
 
@@ -112,32 +110,17 @@ def _build_rows() -> Iterator[tuple[str, Measured]]:
 def _page_rows() -> Iterator[tuple[str, Measured]]:
     """Return the rows of the tables that commands wrote into pages of docs/."""
     for path in sorted((ROOT / "docs").glob("*.md")):
-        head: list[str] = []
-        for line in path.read_text(encoding="utf-8").splitlines():
-            cells = [cell.strip().strip("`") for cell in line.strip("|").split(" | ")] if "|" in line else []
-            cells = [cell.strip(" `|") for cell in cells]
-            if not cells:
-                head = []
-            elif not head:
-                head = cells
-            elif len(cells) >= len(head) > 2 and head[0] in ("name", "row") and set(line) - set("|-: "):
-                row = dict(zip(head, cells, strict=False))
+        for table in TABLE.findall(path.read_text(encoding="utf-8")):
+            head, _, *lines = ([cell.strip(" `") for cell in _cells(line)] for line in table.splitlines())
+            if len(head) < 3 or head[0] not in ("name", "row"):
+                continue
+            for row in (dict(zip(head, cells, strict=False)) for cells in lines if len(cells) >= len(head)):
+                name = row[head[0]]
+                name = name if "." in name and "least" not in row else f"sky130.{name}"
                 value = next((row[key] for key in ("value", "typical", "result") if key in row), "")
                 number, _, unit = value.partition(" ")
-                name = (
-                    row[head[0]] if "." in row[head[0]] and "least" not in row else f"sky130.{row[head[0]]}"
-                )
-                yield (
-                    name,
-                    Measured(
-                        row.get("least", ""),
-                        number,
-                        row.get("most", ""),
-                        row.get("unit", unit),
-                        row.get("status", ""),
-                        f"docs/{path.name}",
-                    ),
-                )
+                cells = (row.get("least", ""), number, row.get("most", ""), row.get("unit", unit))
+                yield name, Measured(*cells, row.get("status", ""), f"docs/{path.name}")
 
 
 def measured() -> dict[str, Measured]:
@@ -146,34 +129,25 @@ def measured() -> dict[str, Measured]:
 
 
 def rows_table(section: str) -> str:
-    """Return the measured rows of a section of the datasheet, each with its file and the command
-    behind it.
-    """
+    """Return the measured rows of a section of the datasheet, each with its file and the command behind it."""
     found, limits = measured(), designs.spec()
-    lines = ["| quantity | min | typ | max | unit | limit | source | command |"]
-    lines += ["|---|--:|--:|--:|---|---|---|---|"]
+    rows: list[tuple[str, ...]] = []
     for name, meaning in MEASURED[section].items():
-        rule = limits.get(name) or limits.get(name.rpartition(".")[0])
-        limit = ""
+        rule, limit = limits.get(name) or limits.get(name.rpartition(".")[0]), ""
         if rule is not None:
             low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
             limit = f"{low} .. {high}".strip()
-        command = f"`{rule.command}`" if rule else f"`{_COMMANDS[name.partition('.')[0]]}`"
-        matches = (
-            {meaning: found[name]}
-            if name in found
-            else {
-                f"{meaning}: {key.removeprefix(name + '.')}": row
-                for key, row in found.items()
-                if key.startswith(name + ".")
-            }
-        )
+        command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
+        matches = {
+            f"{meaning}: {k[len(name) + 1 :]}": row for k, row in found.items() if k.startswith(f"{name}.")
+        }
+        matches = {meaning: found[name]} if name in found else matches
         if not matches:
-            lines.append(f"| {meaning} | | not measured here | | | {limit} | | {command} |")
+            rows.append((meaning, "", "not measured here", "", "", limit, "", command))
         for said, row in itertools.islice(matches.items(), 3):
-            cells = (said, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command)
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            rows.append((said, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command))
+    head = ("quantity", "min", "typ", "max", "unit", "limit", "source", "command")
+    return markdown.table(head, rows, "---|--:|--:|--:|---|---|---|---")
 
 
 _COMMANDS = {
@@ -196,11 +170,11 @@ def pins_table() -> str:
     ports = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", text, re.M)
     if {name for _, _, name in ports} != set(PINS):
         raise SimulatorError("the pins of scripts/website.py differ from the ports of rtl/dermis_top.v")
-    lines = ["| pin | direction | width | meaning |", "|---|---|---|---|"]
-    for direction, width, name in ports:
-        bits = width.replace("-1:0", "") if width else "1"
-        lines.append(f"| `{name}` | {direction} | {bits} | {PINS[name]} |")
-    return "\n".join(lines)
+    rows = (
+        (f"`{name}`", direction, width.replace("-1:0", "") if width else "1", PINS[name])
+        for direction, width, name in ports
+    )
+    return markdown.table(("pin", "direction", "width", "meaning"), rows)
 
 
 def key_values(design: Design) -> str:
@@ -223,7 +197,7 @@ def key_values(design: Design) -> str:
         ("Bias of the driven row", f"{design.interface.v_bias_v:g} V"),
         ("Supply", f"{design.supply.vdd_v - design.supply.vss_v:g} V"),
     ]
-    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+    return markdown.table(("", ""), rows)
 
 
 def timing_diagram(design: Design, path: Path) -> None:
@@ -262,13 +236,23 @@ def timing_diagram(design: Design, path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
+COMMANDS = """\
+# Commands
+
+`dermis NAME` from the checkout or the wheel; `make` lists the targets that call them.
+
+| exit code | |
+|---|---|
+| 0 | done |
+| 1 | a check missed |
+| 2 | the input is wrong: one line with file, key, value and the allowed values |
+| 3 | a simulator failed: one line with the failure and the log |
+"""
+
+
 def commands_page() -> str:
     """Return the help of every command."""
-    lines = ["# Commands", ""]
-    lines += ["`dermis NAME` from the checkout or the wheel; `make` lists the targets that call them.", ""]
-    lines += ["| exit code | |", "|---|---|", "| 0 | done |", "| 1 | a check missed |"]
-    lines += ["| 2 | the input is wrong: one line with file, key, value and the allowed values |"]
-    lines += ["| 3 | a simulator failed: one line with the failure and the log |", ""]
+    lines = [COMMANDS]
     programs = set(cli.elsewhere()) - set(cli.LATER)
     context = click.Context(cli.cli)
     for name in cli.cli.list_commands(context):
@@ -276,26 +260,6 @@ def commands_page() -> str:
         where = " (of a checkout)" if name in programs else ""
         lines += [f"## {name}", "", f"`dermis {name}`{where}", "", "```text", said.rstrip(), "```", ""]
     return "\n".join(lines)
-
-
-def _docstring(text: str) -> list[str]:
-    """Turn a numpy docstring into Markdown."""
-    lines: list[str] = []
-    source = inspect.cleandoc(text).splitlines()
-    for number, line in enumerate(source):
-        following = source[number + 1] if number + 1 < len(source) else ""
-        if set(line) == {"-"}:
-            continue
-        if following and set(following) == {"-"}:
-            lines += [f"**{line}**", ""]
-        elif lines and re.match(r"[\w*, ]+( : .+)?$", line) and following.startswith("    "):
-            name, _, kind = line.partition(" : ")
-            lines.append(f"- `{name}`" + (f" ({kind}):" if kind else ":"))
-        elif line.startswith("    "):
-            lines.append("  " + line.strip())
-        else:
-            lines.append(line)
-    return lines
 
 
 def api_page() -> str:
@@ -306,14 +270,19 @@ def api_page() -> str:
         lines += [f"## {name}", ""]
         if not inspect.isclass(thing):
             lines += ["```python", f"dermis.{name}{_signature(thing)}", "```", ""]
-        lines += [*_docstring(thing.__doc__ or ""), ""]
-        own = vars(thing) if inspect.isclass(thing) else {}
-        members = {n: v for n, v in own.items() if not n.startswith("_") and getattr(v, "__doc__", None)}
-        for member, value in members.items():
-            if isinstance(value, property) or inspect.isfunction(value):
-                shown = "()" if inspect.isfunction(value) else ""
-                lines += [f"### {name}.{member}{shown}", "", *_docstring(value.__doc__ or ""), ""]
+        lines += _docstring(thing)
+        for member, value in vars(thing).items() if inspect.isclass(thing) else ():
+            shown = isinstance(value, property) or inspect.isfunction(value)
+            if shown and not member.startswith("_") and value.__doc__:
+                lines += [f"### {name}.{member}{'()' if inspect.isfunction(value) else ''}", ""]
+                lines += _docstring(value)
     return "\n".join(lines)
+
+
+def _docstring(thing: object) -> list[str]:
+    """Return the summary of a docstring as text, and the rest, which numpy's style has in columns, as it is."""
+    summary, _, rest = inspect.cleandoc(thing.__doc__ or "").partition("\n\n")
+    return [summary, "", *(["```text", rest, "```", ""] if rest else [])]
 
 
 def _signature(function: Callable[..., object]) -> str:
