@@ -10,7 +10,6 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner
 
@@ -274,11 +273,6 @@ def test_only_a_whole_run_replaces_what_others_read(build: Path, monkeypatch: py
     assert rows.exists()
     assert results.VALUES.exists()
     assert not part.exists()
-
-
-def test_an_option_that_is_no_number_is_refused() -> None:
-    with pytest.raises(click.ClickException):
-        called("--jobs", "0")
 
 
 def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import dermis
 from dermis import cli
 from dermis.errors import SimulatorError
+from dermis.report import verdict
 from dermis.scene.design import ROOT
 from scripts import website
 
@@ -80,15 +81,7 @@ def test_a_number_of_the_datasheet_is_the_one_that_was_measured(place: Path) -> 
     name = "synth.area_um2.sky130.16x16"
     recorded = website.measured()[name]
     assert recorded.source == "docs/synthesis.md"
-    row = {
-        "name": name,
-        "value": 123.5,
-        "unit": "um2",
-        "min": None,
-        "max": None,
-        "status": "PASS",
-        "note": "",
-    }
+    row = verdict.report(name, 123.5, "um2")
     (place / "synth.json").write_text(json.dumps([row]))
     assert website.measured()[name] == website.Measured("", "123.5", "", "um2", "PASS", "build/synth.json")
     assert "| 123.5 |" in website.rows_table("area").replace("  ", " ")
@@ -102,22 +95,7 @@ def test_a_pin_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_no_file_cites_a_page_that_is_not_there() -> None:
     pages = {path.name for path in (ROOT / "docs").glob("*.md")}
-    suffixes = {
-        ".c",
-        ".cpp",
-        ".inc",
-        ".json",
-        ".md",
-        ".py",
-        ".rdl",
-        ".sby",
-        ".sdc",
-        ".sh",
-        ".sp",
-        ".sv",
-        ".toml",
-        ".v",
-    }
+    suffixes = set(".c .cpp .inc .json .md .py .rdl .sby .sdc .sh .sp .sv .toml .v".split())
     tops = ("models", "rtl", "spice", "scripts", "tb", "docs")
     files = [path for top in tops for path in (ROOT / top).rglob("*") if path.suffix in suffixes]
     lost = {
