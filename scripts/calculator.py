@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k and C.
+"""Design calculator: from sensor range, array, frame time and bits to f_clk, gate, i0, V_b, k, C.
 
 It applies the paper's equations with the mirror ratio k where the paper drops it (docs/numbers.md).
 For targets that cannot be met it names each missed limit and the nearest targets that meet it.
@@ -152,7 +152,7 @@ class Answer:
 
     @property
     def packet_v(self) -> Fraction:
-        """Packet voltage on the integration capacitor; with the direct interface both are k times larger."""
+        """Packet on the integration capacitor; both are k times larger with the direct interface."""
         return self.i0_a / self.f_clk_hz / self.c_int_f
 
     @property
@@ -232,7 +232,7 @@ class Answer:
         )
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
-        """Return rows of `RANGE_COLUMNS` from r_min to r_max, steps of equal ratio rounded to three digits.
+        """Return rows of `RANGE_COLUMNS` from r_min to r_max in steps of equal ratio, of three digits.
 
         dR and dF are the change of one code at that resistance; dF is constant.
         """
@@ -305,7 +305,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     if None not in (targets.k, targets.i0_a):
         x_full = v_bias / (r_min * targets.k * exact(targets.i0_a))
 
-    # Eq. (6) made exact: the gate in which full scale counts to the highest code, and no clock more.
+    # Eq. (6) made exact: the shortest gate in which full scale counts to the highest code.
     gate = targets.gate_clocks or math.ceil(code_max / min(x_full, HALF))
     rate = targets.frame_rate_hz
     frame_s = take("frame_s", 1 / exact(rate) if rate else base.timing.frame_s)
@@ -342,7 +342,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
-    """Return r_min, r_max, K_f; K_f stays that of the sensor if only one end of the range is given."""
+    """Return r_min, r_max, K_f; K_f is that of the sensor if only one end of the range is given."""
     k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
     if targets.k_force_n_ohm is not None:
         k_force = exact(targets.k_force_n_ohm)
@@ -362,7 +362,7 @@ def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fractio
 
 
 def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
-    """Return V_b: the target, or from the current, or the design's within the sensor's current limit."""
+    """Return V_b: the target, or from the current, or the design's within the current limit."""
     if targets.v_bias_v is not None:
         return exact(targets.v_bias_v)
     if targets.i_sensor_a is not None:
@@ -398,7 +398,7 @@ def _charge(
 
 
 def _slot_clocks(gate: int, settle: Fraction, base: Design) -> int:
-    """Return the clocks of a slot with this settling fraction; the row scanner sets the minimum (docs/rtl.md)."""
+    """Return the clocks of a slot; the row scanner sets the minimum (docs/rtl.md)."""
     return max(math.ceil(gate / (1 - settle)), gate + base.timing.break_clocks + 2)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Co-simulations side by side: one progress line, and the failure of one leaves the others alone."""
+"""Co-simulations in parallel: one progress line; the failure of one leaves the others alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Task = Callable[[Callable[[int], None]], Result]
 
 
 def run(label: str, tasks: Mapping[str, tuple[int, Task[Result]]]) -> dict[str, Result | SimulatorError]:
-    """Run tasks, each a number of row slots and a function; return the result or the failure of each.
+    """Run tasks, each with its row slots; return the result or the failure of each.
 
     Any other error ends all of them.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of docs/effects.md: the meaning of every effect, and its place in each engine, read from the engines."""
+"""Tables of docs/effects.md: every effect, and its place in each engine, read from the engines."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _topology(effect: Effect) -> str:
 def sample(
     name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
 ) -> Plan:
-    """Plan a small scene with one effect at its defaults, or without it `itself`; None for the bare scene.
+    """Plan a small scene with one effect at its defaults, or without it `itself`; None: no effect.
 
     Effects that it requires are on in both cases.
     """
@@ -89,7 +89,7 @@ def _value(value: Any) -> str:
 
 
 def deck(name: str) -> str:
-    """Return the additions of an effect to the SPICE deck: elements, and parameters of existing elements."""
+    """Return the additions of an effect to the SPICE deck: elements, parameters of other elements."""
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE

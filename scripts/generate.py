@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generates files from models/design.toml and rtl/dermis_registers.rdl: Verilog, SDC, SPICE, Python, C, docs.
+"""Generate Verilog, SDC, SPICE, Python, C and docs from design.toml and dermis_registers.rdl.
 
 ``check`` compares the files of the tree with the generated text and shows each difference.
 """
@@ -49,7 +49,7 @@ def verilog_header(design: Design) -> str:
 
 
 def spice_params(design: Design) -> str:
-    """Return spice/design.inc: every numeric value, stored and derived, as ``.param section_key = value``."""
+    """Return spice/design.inc: every number, stored and derived, as ``.param section_key = value``."""
     lines = [f"* {HEADER}", f"* Every design value as a parameter, named section_key. {ORIGIN}"]
     for title, values in (("stored in design.toml", design.stored()), ("derived", design.derived())):
         lines.append(f"* {title}")
@@ -77,7 +77,7 @@ def front_end_file(design: Design) -> str:
 
 
 def array_file(design: Design) -> str:
-    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors, as parameters."""
+    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors."""
     rows, cols = design.array.rows, design.array.cols
     text = [
         f"* {HEADER}",
@@ -271,7 +271,7 @@ def check(root: Path = ROOT) -> list[verdict.Row]:
 @click.command("generate")
 @click.option("--check", "only_check", is_flag=True, help="Write nothing; fail if a file is out of date.")
 def generate_command(only_check: bool) -> None:
-    """Write the Verilog header, clock periods, SPICE parameters, array netlist, registers and tables in docs."""
+    """Write Verilog header, clock periods, SPICE parameters, netlists, registers, tables in docs."""
     if only_check:
         rows = check()
         verdict.write_rows("gen-check", rows)

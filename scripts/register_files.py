@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generate Verilog, constants for Python and C, and the table in docs from rtl/dermis_registers.rdl.
+"""Generate Verilog, Python, C and the table in docs from rtl/dermis_registers.rdl.
 
 The SystemRDL compiler reads the map; this module writes Verilog-2005 with parameters.
 PeakRDL-regblock writes SystemVerilog packages and structs of a fixed size, which two of the three
@@ -355,7 +355,7 @@ def python_module(found: list[Entry]) -> str:
 
 
 def c_header(found: list[Entry]) -> str:
-    """Return rtl/dermis_registers.h: addresses as the SPI counts them, masks, shifts, reset values."""
+    """Return rtl/dermis_registers.h: addresses of the SPI, masks, shifts, reset values."""
     resets = ((f"{e.name}_RESET", e.reset, 4) for e in found if e.write_mask)
     constants = [
         (f"DERMIS_{name}", _number(value, digits)) for name, value, digits in (*_constants(found), *resets)

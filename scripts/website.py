@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build the documentation as a site: the pages of docs/, and pages made from commands, library, design, results."""
+"""Build the documentation as a site: docs/, and pages of commands, library, design, results."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def measured() -> dict[str, Measured]:
 
 
 def rows_table(section: str) -> str:
-    """Return the measured rows of a section of the datasheet, each with its file and the command behind it."""
+    """Return the measured rows of a section of the datasheet, each with its file and command."""
     found, limits = measured(), designs.spec()
     rows: list[tuple[str, ...]] = []
     for name, meaning in MEASURED[section].items():
@@ -280,7 +280,7 @@ def api_page() -> str:
 
 
 def _docstring(thing: object) -> list[str]:
-    """Return the summary of a docstring as text, and the rest, which numpy's style has in columns, as it is."""
+    """Return the summary of a docstring as text, and the rest as it is."""
     summary, _, rest = inspect.cleandoc(thing.__doc__ or "").partition("\n\n")
     return [summary, "", *(["```text", rest, "```", ""] if rest else [])]
 

@@ -81,7 +81,7 @@ class Bench:
 
 
 def body(name: str, **fields: object) -> str:
-    """Return the text of a deck of spice/characterise without comments, with its fields filled in."""
+    """Return a deck of spice/characterise without comments, with its fields filled in."""
     lines = (DECKS / f"{name}.sp").read_text(encoding="utf-8").splitlines(keepends=True)
     return "".join(line for line in lines if line[0] != "*").format_map(fields)
 
@@ -114,7 +114,7 @@ def deck(body: str, condition: Condition, options: str = "", blocks: Path | None
 
 
 def _finds(places: Sequence[float], nets: Mapping[str, str]) -> str:
-    """Return a `.meas` for each net at each place of a sweep, named by the net and the number of the place."""
+    """Return a `.meas` for each net at each place of a sweep, named by net and number of place."""
     return "\n".join(
         f".meas dc {name}{n} find {net} at={place:.9g}"
         for n, place in enumerate(places)
@@ -139,7 +139,7 @@ AMPLIFIER, AMPLIFIER_OFFSET = body("amplifier"), body("amplifier_offset")
 
 
 def amplifier(found: Found) -> dict[str, float]:
-    """Return the gain at 1 Hz, the frequency of gain one, and the distance of its phase from -180 degrees."""
+    """Return the gain at 1 Hz, the frequency of gain one, and the phase margin there."""
     return {
         "amplifier_gain_db": found["gain_db"],
         "amplifier_gbw_hz": found["gbw_hz"],
@@ -181,7 +181,7 @@ def _chain(k: int, mirror: str, pins: str = "") -> str:
 
 
 def chain_by_pins_body(k: int) -> str:
-    """Return the chain with the ratio chosen at the pins: 20, 40, 80, 160 are 0 .. 3 in the pins (d_k1 d_k0)."""
+    """Return the chain with the ratio chosen at the pins: 20, 40, 80, 160 are 0 .. 3."""
     choice = sky130.MIRROR_RATIOS.index(k)
     pins = f"vk0 logic_k0 0 {choice % 2}\nvk1 logic_k1 0 {choice // 2}\n"
     return _chain(k, f"d_k0 d_k1 ibias {RAILS} mirror", pins)
@@ -249,7 +249,7 @@ def _phase_margin_body() -> str:
 
 
 def phase_margin(found: Found) -> dict[str, float]:
-    """Return the phase of the conveyor's loop over -180 degrees at gain one, by load and capacitance."""
+    """Return the phase margin of the conveyor's loop, by load and capacitance."""
     return {f"phase_margin.{at}": 180.0 + degrees for at, degrees in found.items()}
 
 
@@ -302,7 +302,7 @@ def _vfc_body(side: str) -> str:
 
 
 def vfc(found: Found, side: str) -> dict[str, float]:
-    """Return preset, slope and packet; the preset is half a packet less the charge of the 99 ns after its release."""
+    """Return preset, slope and packet; the preset is corrected for the 99 ns after its release."""
     sign = _SIGN[side]
     slope = (found["v_0"] - found["v_1"]) / 0.8e-6 * sign
     packet = (found["v_2"] - found["v_1"]) * sign + slope * 0.4e-6
@@ -314,7 +314,7 @@ def vfc(found: Found, side: str) -> dict[str, float]:
 
 
 def density(found: Found, side: str) -> dict[str, float]:
-    """Return the distance of the middle of the range from the line through its ends, where a packet shrinks with rate.
+    """Return the bend of the middle of the range, where a packet shrinks with rate.
 
     With a packet q (1 + e x / (1/2)) the count is x (1 - 2 e x), whose distance from the line through 0 and x = 1/2 is
     e / 8 of a packet a clock at x = 1/4, 510 e / 8 codes; e is the difference of the two rhythms, over the 4/5 of the
@@ -327,7 +327,7 @@ def density(found: Found, side: str) -> dict[str, float]:
 
 
 def pulse(found: Found, side: str) -> dict[str, float]:
-    """Return the delay of the falling edge less that of the rising one, from d_charge to the gates of the pair."""
+    """Return the delay of the falling edge less that of the rising one, at the gates of the pair."""
     return {f"pulse_asymmetry.{side}": found["fall"] - found["rise"] - _PULSE_S}
 
 
@@ -342,7 +342,7 @@ def comparator_offset(found: Found) -> dict[str, float]:
 
 
 def start_up(found: Found) -> dict[str, float]:
-    """Return the time from enable to 99 % of the current of a packet, and that current off and at the end."""
+    """Return the time from enable to 99 % of the packet current, and that current off and at the end."""
     return {
         "start_up_s": found["low"] - 1e-6,
         "start_up_off_a": -found["off"],
@@ -354,7 +354,7 @@ def start_up(found: Found) -> dict[str, float]:
 
 
 def column(found: Found) -> dict[str, float]:
-    """Return the voltage of the column less its 3 mV before the first gate, at the end of two gates, and between."""
+    """Return the offset of the column before the first gate, at the end of two gates, and between."""
     return {
         "column_raw_offset_v": found["raw"] + 3e-3,
         "column_offset_v": max(found["first"], found["second"], key=abs),
@@ -366,7 +366,7 @@ SETTLING_NS = (1000, 2000, 3000, 5000, 8000, 11000, 14000)
 
 
 def settling(found: Found, side: str) -> dict[str, float]:
-    """Return the packets that settling adds to a gate at both clocks, and the voltages of the column meanwhile."""
+    """Return the packets that settling adds to a gate at both clocks, and the column's voltages."""
     lsb = {
         f"settling_lsb.{side}_{mhz}mhz": _lsb(found[name] / (510 / (mhz * 1e6)) - found["i_end"])
         for mhz, name in ((5, "slow"), (8, "fast"))
@@ -381,7 +381,7 @@ SUPPLY_BLOCKS = body("supply_blocks")
 
 
 def supply(found: Found, topology: str) -> dict[str, float]:
-    """Return a channel's current from vdd, and into vss less a taxel's; that of a chip to vss in its worst row.
+    """Return a channel's current from vdd and into vss, and a chip's to vss in its worst row.
 
     A sinking charge source takes its current from the 0 V rail to vss, so it is in the second alone.
     """
@@ -417,7 +417,7 @@ def noise(found: Found, at: str) -> dict[str, float]:
 
 # ---- all -----------------------------------------------------------------------------------------------------
 
-# With trtol 7 the edges of charge and preset cost a packet 0.31 codes at ss, -40 C, 0.9; with 1 it is 0.03.
+# With trtol 7 the edges cost a packet 0.31 codes at ss, -40 C, 0.9; with 1 it is 0.03.
 _EDGES_TRTOL = 1.0
 _UNITS = {
     "lsb": "lsb", "crosstalk": "lsb", "neighbour": "lsb", "error": "1", "ohm": "ohm", "v": "V", "a": "A", "s": "s",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table and the figures of docs/characterise.md: residual, input resistance, settling, mismatch."""
+"""Table and figures of docs/characterise.md: residual, input resistance, settling, mismatch."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def table(found: Sequence[Series], runs: Runs) -> str:
 def _corner_lines(
     axes: Any, outcomes: Outcomes, bench: str, across: Sequence[float], up: Callable[[Outcome], Any]
 ) -> bool:
-    """Draw a thin line a condition in the colour of its corner, and a thick one for typical; return True if any."""
+    """Draw a line a condition in the colour of its corner, thick for typical; return True if any."""
     drawn = False
     for job, outcome in outcomes.items():
         condition = job.condition

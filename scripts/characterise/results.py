@@ -114,13 +114,13 @@ def _measured(outcomes: Mapping[Job, Outcome]) -> dict[tuple[str, Condition], tu
 
 
 def _has_limit(name: str) -> bool:
-    """Return True if models/spec.toml limits this quantity or its group, such as `a.b` of `a.b.sink`."""
+    """Return True if models/spec.toml limits this quantity or its group, `a.b` of `a.b.sink`."""
     name = f"{PREFIX}.{name}"
     return name in spec() or name.rpartition(".")[0] in spec()
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
-    """Return every quantity over corners, at typical if limited there, over mismatch, its drift, and the numerics.
+    """Return every quantity over corners and mismatch, at typical, its drift, and the numerics.
 
     Corners of resistors and capacitors are among the others, unless there is a limit for them alone.
     Drift is the change over temperature at one corner and supply, after calibration at 27 C. Numerics is
@@ -164,7 +164,7 @@ def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
 
 
 def _moved(job: Job, other: Outcome, outcomes: Mapping[Job, Outcome]) -> tuple[float | None, str]:
-    """Return the largest difference in codes of a job solved in another way, or None and the reason."""
+    """Return the largest difference in codes of another way to solve, or None and the reason."""
     own = outcomes.get(Job(job.bench, job.condition))
     if own is None or other.fault or own.fault:
         return None, other.fault or ("not run as its bench says" if own is None else own.fault)

@@ -34,8 +34,8 @@ GUESS_S = 0.3
 
 _TRAN = re.compile(r"^(\.tran\s+)([\d.]+)([a-z]*)", re.MULTILINE | re.IGNORECASE)
 
-# The text of a bench, and options that replace its own, by the way to solve its transient. The step of .tran is the
-# largest that ngspice takes; half of everything is half of it and half of the tolerances that choose shorter ones.
+# The text of a bench, and options that replace its own, by the way to solve its transient. The step
+# of .tran is the largest that ngspice takes; half_step also halves the tolerances that choose it.
 NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]] = {
     "": lambda bench: (bench.body, {}),
     "half_step": lambda bench: (
@@ -50,7 +50,7 @@ NUMERICS: Mapping[str, Callable[[Bench], tuple[str, Mapping[str, float | str]]]]
 
 @dataclass(frozen=True)
 class Job:
-    """One run of ngspice: a bench at a condition, solved as it is or in another way (see NUMERICS)."""
+    """One run of ngspice: a bench at a condition, solved as it is or as NUMERICS says."""
 
     bench: str
     condition: Condition
@@ -81,7 +81,7 @@ def is_transient(bench: Bench) -> bool:
 
 
 def conditions(at: str | None = None) -> list[Condition]:
-    """Return all conditions with nominal passives, or those that a text such as "ss,-40,0.9" or "ss_low,*,1" names.
+    """Return all conditions with nominal passives, or those of a text: "ss,-40,0.9", "ss_low,*,1".
 
     Raises
     ------
@@ -119,7 +119,7 @@ def jobs_of(
     short: bool,
     ways: Sequence[str] = (),
 ) -> list[Job]:
-    """Return the runs that the options ask for: corners, mismatch, and other ways to solve the transients.
+    """Return the runs that the options ask for: corners, mismatch, other ways to solve transients.
 
     Of a condition by itself only the `ways` that are asked for.
     """

@@ -91,7 +91,7 @@ def visit(driver: Any, page: Path, fragment: str = "") -> None:
 
 
 def wrong_codes(driver: Any, folder: Path, frames: int = 1) -> int:
-    """Return the number of codes that differ between the page and engine event, for the scene that the page saves."""
+    """Return the number of codes that differ between page and engine event for the saved scene."""
     scene = folder / "pressed.toml"
     scene.write_text(driver.execute_script("return demo.toml()"))
     script = "const done = arguments[1]; demo.codes(arguments[0]).then(done)"
@@ -150,7 +150,7 @@ def _descendants(root: int) -> Sequence[int]:
 
 
 def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
-    """Return frames per second of processor time (of wall time where that is not known) and of wall time."""
+    """Return frames per second of processor time (wall time if not known) and of wall time."""
     design = load_design()
     frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
     script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
@@ -162,7 +162,7 @@ def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
 
 
 def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
-    """Return the violations that axe-core finds on the open page, and text smaller than `minimum_px`."""
+    """Return the violations that axe-core finds on the page, and text smaller than `minimum_px`."""
     import importlib.resources
 
     checker = importlib.resources.files("axe_playwright_python") / "axe.min.js"

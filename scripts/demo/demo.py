@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis demo`: build the web page with the chip, one HTML file that opens from disk, and measure it."""
+"""`dermis demo`: build and measure the web page with the chip, one HTML file."""
 
 from __future__ import annotations
 

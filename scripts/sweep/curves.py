@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, with both laws of the
-converter.
-"""
+"""Curves of `dermis sweep`: frequency against resistance from Verilog and ngspice, and both laws."""
 
 from __future__ import annotations
 
@@ -428,7 +426,7 @@ def judge_laws(curves: Sequence[Curve]) -> Row:
 
 
 def plain_ngspice(work: Path) -> list[Row]:
-    """Run a peer without Verilog and lock-step: a batch transient of ngspice, in `work`, with an XSPICE flip-flop."""
+    """Run a peer without Verilog: a batch transient of ngspice with an XSPICE flip-flop."""
     name, judged = "sweep.plain_ngspice_pulses_510", "sweep.rate_error_lsb.plain_ngspice"
     # A copy, because the runner writes next to the deck, and `.include` is relative to it.
     shutil.rmtree(work, ignore_errors=True)

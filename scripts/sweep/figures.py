@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Table and figures of `dermis sweep`: frequency and code against resistance and force, with both laws."""
+"""Table and figures of `dermis sweep`: frequency and code against resistance and force."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _marks(
     most: int | None = None,
     scale: Callable[[Floats], Floats] = np.asarray,
 ) -> None:
-    """Draw the points of each curve; with `most` so many of all curves, evenly along the axis, each its share.
+    """Draw the points of each curve; with `most`, that number of all curves, each its share.
 
     Curves that coincide would hide each other.
     """
@@ -152,7 +152,7 @@ def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
 
 
 def code_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw the paper's Fig. 9: code against force, the range near full scale enlarged, and residuals."""
+    """Draw the paper's Fig. 9: code against force, its end enlarged, and residuals."""
     figure = Figure(figsize=(10, 7.6), layout="constrained")
     (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
     first, k_force = curves[0], load_design().sensor.k_force_n_ohm
@@ -200,7 +200,7 @@ def code_figure(curves: Sequence[Curve], path: Path) -> None:
 
 
 def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
-    """Draw frequency against resistance with the law of charge balance, and what is left of a straight line."""
+    """Draw frequency against resistance, and its residual to a straight line."""
     figure = Figure(figsize=(10, 4.9), layout="constrained")
     whole, rest = figure.subplots(1, 2)
     low, high = (float(curves[0].resistance_ohm[end]) for end in (0, -1))
