@@ -8,9 +8,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,12 @@ from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.processes import cpu_time
 from dermis.records import Plan
-from dermis.report import figures, output, progress, verdict, waves
+from dermis.report import figures, output, verdict, waves
 from dermis.report.comparison import compare, fit_residual
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.scene import SCENES
+from scripts import cosims
 
 OUT = ROOT / "build" / "sim"
 
@@ -107,42 +109,26 @@ def frame_file_case(
     elif select in ("all", "first", "last"):
         write(select)
     else:
-        try:
-            numbers = [int(word) for word in select.split(",")]
-        except ValueError:
-            raise InputError(
-                "command line",
-                "--select",
-                select,
-                "spread, all, first, last, or frame numbers such as 0,10,20",
-            ) from None
-        if min(numbers) < 0:
-            raise InputError("command line", "--select", select, "frame numbers >= 0")
-        write(numbers)
+        if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", select, re.ASCII):
+            allowed = "spread, all, first, last, or frame numbers such as 0,10,20"
+            raise InputError("command line", "--select", select, allowed)
+        write([int(word) for word in select.split(",")])
     return Case("frame_file", scene, readback=unit == "codes")
 
 
 def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Row]:
     """Read one scene through the chip, write its files and figures, and judge it."""
     out = OUT / case.name
-    result = cosim.run(
-        made,
-        on_slots,
-        simulator=case.simulator,
-        sync_latch=case.sync_latch,
-        record=case.record,
-    )
-    expected = None
-    if case.readback:
-        expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int)
+    options = {"simulator": case.simulator, "sync_latch": case.sync_latch, "record": case.record}
+    result = cosim.run(made, on_slots, **options)
+    expected = np.round(made.timing.gate_clocks * made.duty_ideal()).astype(int) if case.readback else None
     certificate.certify(made, result)
     begin = cpu_time.cpu_used_s()
     rows = compare(made, result, case.name, expected)
     result.info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
     chip = f"{case.simulator}, {'flip-flop + latch' if case.sync_latch else 'flip-flop + flip-flop'}"
-    rows = [
-        {**row, "note": f"{row['note']}; {chip}" if row["status"] != "SKIP" else row["note"]} for row in rows
-    ]
+    for row in rows:
+        row["note"] += "" if row["status"] == "SKIP" else f"; {chip}"
 
     def draw(directory: Path) -> None:
         if case.record:
@@ -168,43 +154,22 @@ def draw_indenters() -> None:
 
 def run(cases: list[Case]) -> tuple[list[Row], bool]:
     """Run cases in parallel; return the rows in order, and True if a simulator failed."""
-    plans = [plan.load(case.scene, "cosim") for case in cases]
-    for made in plans:
+    plans = {case.name: plan.load(case.scene, "cosim") for case in cases}
+    for made in plans.values():
         engines.check(made)
+    tasks = {
+        case.name: (made.frames * made.rows, partial(run_case, case, made))
+        for case, made in zip(cases, plans.values(), strict=True)
+    }
     with contextlib.ExitStack() as places:
         for case in cases:
             places.enter_context(output.place(OUT / case.name))
-        return _run(cases, plans)
-
-
-def _run(cases: list[Case], plans: list[Plan]) -> tuple[list[Row], bool]:
-    done = [0] * len(cases)
-    failed = False
+        read = cosims.run("reading the array", tasks)
     rows: list[Row] = []
-    total = sum(made.frames * made.rows for made in plans)
-    with progress.slots("reading the array", total) as show, ThreadPoolExecutor(len(cases)) as pool:
-
-        def one(index: int) -> list[Row]:
-            def on_slots(slots: int) -> None:
-                done[index] = slots
-                left = [c.name for c, n, p in zip(cases, done, plans, strict=True) if n < p.frames * p.rows]
-                show(sum(done), ", ".join(left))
-
-            return run_case(cases[index], plans[index], on_slots)
-
-        futures = [pool.submit(one, i) for i in range(len(cases))]
-        try:
-            for case, future in zip(cases, futures, strict=True):
-                try:
-                    rows += future.result()
-                except SimulatorError as error:
-                    failed = True
-                    rows.append(verdict.error(f"frame.code_error_lsb.{case.name}", str(error)))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            cosim.end_all()
-            raise
-    return rows, failed
+    for name, found in read.items():
+        failed = isinstance(found, SimulatorError)
+        rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if failed else found
+    return rows, any(isinstance(found, SimulatorError) for found in read.values())
 
 
 @click.command("sim")
@@ -254,12 +219,10 @@ def sim_command(
     cases = list(CASES)
     if frames is not None:
         cases.append(frame_file_case(frames, select, unit, key, rows, cols))
-    if only:
-        known = [case.name for case in cases]
-        for name in only:
-            if name not in known:
-                raise InputError("command line", "--only", name, f"one of {', '.join(known)}")
-        cases = [case for case in cases if case.name in only]
+    known = [case.name for case in cases]
+    if unknown := [name for name in only if name not in known]:
+        raise InputError("command line", "--only", unknown[0], f"one of {', '.join(known)}")
+    cases = [case for case in cases if not only or case.name in only]
     verdicts, failed = run(cases)
     if not failed and set(INDENTERS.values()) <= {case.name for case in cases}:
         draw_indenters()
