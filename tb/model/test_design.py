@@ -84,8 +84,6 @@ def test_every_stored_value_has_a_marked_reason_and_nothing_else_has() -> None:
 def test_no_derived_value_is_stored() -> None:
     design = dd.load()
     assert set(design.stored()) & set(design.derived()) == set()
-    derived_keys = {name.rpartition(".")[2] for name in design.derived()}
-    assert derived_keys - {"swing_v"} <= dd._DERIVED_KEYS
 
 
 @pytest.mark.paper
@@ -97,21 +95,25 @@ def test_no_derived_value_is_stored() -> None:
         (
             "rows = 16",
             "rows = 16\nrow_pitch_mm = 5",
-            "array.row_pitch_mm = 5: unknown key; known here: rows, cols",
+            "array.row_pitch_mm = 5: unknown key; known here: c_column_f",
         ),
         ("frame_s = 2e-3", "frame_ms = 2", "timing.frame_ms = 2: unknown key"),
-        ("frame_s = 2e-3", "frame_s = '2 ms'", "timing.frame_s = '2 ms': a valid number"),
-        ("frame_s = 2e-3", "frame_s = true", "timing.frame_s = True: a valid number"),
+        ("frame_s = 2e-3", "frame_s = '2 ms'", 'timing.frame_s = "2 ms": a finite number > 0'),
+        ("frame_s = 2e-3", "frame_s = true", "timing.frame_s = True: a finite number > 0"),
         ("frame_s = 2e-3", "frame_s = nan", "timing.frame_s = nan: a finite number"),
         ("frame_s = 2e-3", "frame_s = inf", "timing.frame_s = inf: a finite number"),
-        ("frame_s = 2e-3", "frame_s = -2e-3", "timing.frame_s = -0.002: greater than 0"),
-        ("frame_s = 2e-3", "", "timing.frame_s = (absent): missing"),
+        ("frame_s = 2e-3", "frame_s = -2e-3", "timing.frame_s = -0.002: a finite number > 0"),
+        ("frame_s = 2e-3", "", "timing.frame_s = nothing: a finite number > 0"),
         ("frame_s = 2e-3", "frame_s = 2e-3\nslot_clocks = 625", "timing.slot_clocks = 625: derived"),
-        ("gate_clocks = 510", "gate_clocks = 510.0", "timing.gate_clocks = 510.0: a valid integer"),
-        ("rows = 16", "rows = true", "array.rows = True: a valid integer"),
-        ("rows = 16", "rows = 0", "array.rows = 0: greater than or equal to 1"),
+        ("gate_clocks = 510", "gate_clocks = 510.0", "timing.gate_clocks = 510.0: a whole number"),
+        ("rows = 16", "rows = true", "array.rows = True: a whole number 1..1024"),
+        ("rows = 16", "rows = 0", "array.rows = 0: a whole number 1..1024"),
         ("[ambient]", "[weather]", "weather = "),
-        ('topology = "conveyor_mirror"', 'topology = "magic"', "interface.topology = 'magic': 'direct'"),
+        (
+            'topology = "conveyor_mirror"',
+            'topology = "magic"',
+            'interface.topology = "magic": one of "direct"',
+        ),
         # cross-checks
         ("gate_clocks = 510", "gate_clocks = 625", "timing.gate_clocks = 625: at most 622 of the 625 clocks"),
         (
@@ -121,7 +123,11 @@ def test_no_derived_value_is_stored() -> None:
         ),
         ("code_bits = 8", "code_bits = 9", "at least 1022 clocks for 9 bits"),
         ("frame_s = 2e-3", "frame_s = 2.001e-3", "whole clocks, not of 625.3125"),
-        ("r_max_ohm = 64250.0", "r_max_ohm = 400.0", "sensor.r_max_ohm = 400.0: above r_min_ohm"),
+        (
+            "r_max_ohm = 64250.0",
+            "r_max_ohm = 400.0",
+            "sensor.r_max_ohm = 400.0: above sensor.r_min_ohm = 500.0",
+        ),
         (
             "[0.2, 1.0, 10.0, 100.0]",
             "[0.2, 1.0, 1.0, 100.0]",
@@ -200,10 +206,10 @@ ENTRY = 'max = 1\nunit = "lsb"\ngate = true\nconditions = "c"\ncommand = "make s
         (f'["a.b"]\n{ENTRY}["a.b"]\n{ENTRY}', "Cannot declare"),
         (f'["a.b"]\n{ENTRY}typ = 2\n', "a.b.typ = 2: unknown key"),
         (f'["a.b"]\n{ENTRY}'.replace("max = 1", "max = nan"), "a.b.max = nan: a finite number"),
-        (f'["a.b"]\n{ENTRY}'.replace("max = 1", "max = '1'"), "a.b.max = '1'"),
+        (f'["a.b"]\n{ENTRY}'.replace("max = 1", "max = '1'"), 'a.b.max = "1"'),
         (f'["a.b"]\n{ENTRY}'.replace("max = 1\n", ""), "at least one of them"),
         (f'["a.b"]\n{ENTRY}min = 2\n', "a.b.min = 2"),
-        (f'["a.b"]\n{ENTRY}'.replace('unit = "lsb"\n', ""), "a.b.unit = (absent)"),
+        (f'["a.b"]\n{ENTRY}'.replace('unit = "lsb"\n', ""), "a.b.unit = nothing"),
         (f"[a]\n{ENTRY}", "a quoted table name"),
         (f"[a.b]\n{ENTRY}", "a quoted table name"),
     ],

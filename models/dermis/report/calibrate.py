@@ -26,15 +26,13 @@ DRIFT_MIN = 0.005
 
 
 class _Array(Strict):
-    rows: int = entry(..., "Rows", "a whole number 1..256", ge=1, le=256)
-    cols: int = entry(..., "Columns", "a whole number 1..256", ge=1, le=256)
+    rows: int = entry(..., "Rows", ge=1, le=256)
+    cols: int = entry(..., "Columns", ge=1, le=256)
 
 
 class _Start(Strict):
     scene: str | None = entry(None, "Scene that the fit starts from", "a name or path of a scene")
-    law: Literal["linear", "power", "cubic", "table"] = entry(
-        "linear", "Law to fit", 'one of "linear", "power", "cubic", "table"'
-    )
+    law: Literal["linear", "power", "cubic", "table"] = entry("linear", "Law to fit")
 
 
 class _Current(Strict):
@@ -44,7 +42,7 @@ class _Current(Strict):
 
 class _Load(Strict):
     file: str = entry(..., "Codes under the load", "a file of codes")
-    name: str | None = entry(None, "Name of the load in messages", "text")
+    name: str | None = entry(None, "Name of the load in messages")
     force_n: float | str = entry(
         ..., "Force on every taxel in N: a number, or a file [rows, cols]", "a number >= 0, or a file"
     )
@@ -57,8 +55,8 @@ class _Cycle(Strict):
 
 
 class _Reference(Strict):
-    row: int = entry(..., "Row of a taxel of constant force", "a whole number >= 0", ge=0)
-    col: int = entry(..., "Its column", "a whole number >= 0", ge=0)
+    row: int = entry(..., "Row of a taxel of constant force", ge=0)
+    col: int = entry(..., "Its column", ge=0)
     force_n: float = entry(..., "Its force in N", "a number > 0", gt=0)
 
 
@@ -67,8 +65,8 @@ class SessionTable(Strict):
     session).
     """
 
-    array: _Array = entry(..., "Size of the array", "a table")
-    start: _Start = entry(_Start(), "What is known before", "a table")
+    array: _Array = entry(..., "Size of the array")
+    start: _Start = entry(_Start(), "What is known before")
     current: list[_Current] = entry([], "Test currents and dark frames", "tables")
     load: list[_Load] = entry([], "Known loads", "tables")
     cycle: Annotated[list[_Cycle], Field(max_length=1)] = entry([], "A load cycle", "at most one table")

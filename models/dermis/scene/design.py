@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from dermis.errors import InputError
 from dermis.places import ROOT
 from dermis.scene import schema
+from dermis.scene.schema import Strict, validate
 
 DESIGN_FILE = ROOT / "models" / "design.toml"
 SPEC_FILE = ROOT / "models" / "spec.toml"
@@ -31,10 +33,9 @@ ABSOLUTE_ZERO_C = -273.15
 # Relative tolerance of cross-checks: rounding of a value that was computed elsewhere in doubles.
 _ROUNDING = 1e-12
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Signed = Annotated[float, Field(allow_inf_nan=False)]
-RelativeError = Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+RelativeError = Annotated[float, Field(gt=-1, lt=1)]
 
 
 def exact(value: float | int | str | Fraction) -> Fraction:
@@ -44,11 +45,7 @@ def exact(value: float | int | str | Fraction) -> Fraction:
     return Fraction(repr(float(value)))
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class Array(_Strict):
+class Array(Strict):
     """The taxel array and the parameters of its deck."""
 
     rows: int = Field(ge=1, le=1024)
@@ -62,7 +59,7 @@ class Array(_Strict):
     r_floor_ohm: Positive
 
 
-class Sensor(_Strict):
+class Sensor(Strict):
     """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a
     sheet.
     """
@@ -70,10 +67,10 @@ class Sensor(_Strict):
     force_max_n: Positive
     r_min_ohm: Positive
     r_max_ohm: Positive
-    hysteresis: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    hysteresis: Annotated[float, Field(ge=0, lt=1)]
     creep_per_decade: NonNegative
-    spread: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
-    tc_per_k: Signed
+    spread: Annotated[float, Field(ge=0, lt=1)]
+    tc_per_k: float
     force_points_n: list[Positive] = Field(min_length=2)
     r_points_ohm: list[Positive] = Field(min_length=2)
     force_on_n: NonNegative
@@ -91,7 +88,7 @@ class Sensor(_Strict):
         return self.k_force_n_ohm / self.r_max_ohm
 
 
-class Interface(_Strict):
+class Interface(Strict):
     """The interface between a column and its converter."""
 
     topology: Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"]
@@ -100,7 +97,7 @@ class Interface(_Strict):
     k_options: list[Annotated[int, Field(ge=1, le=100_000)]] = Field(min_length=4, max_length=4)
 
 
-class Converter(_Strict):
+class Converter(Strict):
     """The synchronized voltage-to-frequency converter."""
 
     i0_a: Positive
@@ -130,7 +127,7 @@ class Converter(_Strict):
         return float(exact(self.f_clk_hz) / 2)
 
 
-class Timing(_Strict):
+class Timing(Strict):
     """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the
     rest.
     """
@@ -174,29 +171,29 @@ class Timing(_Strict):
         return 2**self.code_bits - 1
 
 
-class Supply(_Strict):
+class Supply(Strict):
     """Supplies; ground is mid rail, the virtual ground of the columns."""
 
     vdd_v: Positive
-    vss_v: float = Field(lt=0, allow_inf_nan=False)
+    vss_v: float = Field(lt=0)
     v_logic_v: Positive
 
 
-class Ripple(_Strict):
+class Ripple(Strict):
     """Ripple of the supply on the bias of the driven row."""
 
-    relative: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+    relative: Annotated[float, Field(ge=0, lt=1)]
     frequency_hz: Positive
 
 
-class Integrator(_Strict):
+class Integrator(Strict):
     """Amplifier, capacitor switch and clamp of the integrator."""
 
     gain_dc: Positive
     gbw_hz: Positive
-    v_offset_v: Signed
+    v_offset_v: float
     v_out_max_v: Positive
-    v_out_min_v: float = Field(lt=0, allow_inf_nan=False)
+    v_out_min_v: float = Field(lt=0)
     r_in_ohm: Positive
     r_preset_ohm: Positive
 
@@ -206,22 +203,22 @@ class Integrator(_Strict):
         return 1 / (2 * math.pi * self.gbw_hz)
 
 
-class Comparator(_Strict):
+class Comparator(Strict):
     """The comparator, decision level 0 V."""
 
     gain_dc: Positive
-    v_offset_v: Signed
+    v_offset_v: float
     v_hysteresis_v: NonNegative
     t_delay_s: NonNegative
     v_noise_v: NonNegative
     t_aperture_s: NonNegative
 
 
-class Conveyor(_Strict):
+class Conveyor(Strict):
     """Second-generation current conveyor."""
 
     r_x_ohm: NonNegative
-    v_offset_v: Signed
+    v_offset_v: float
     f_pole_hz: Positive
     r_z_ohm: Positive
     i_out_max_a: Positive
@@ -233,7 +230,7 @@ class Conveyor(_Strict):
         return 1 / (2 * math.pi * self.f_pole_hz)
 
 
-class Mirror(_Strict):
+class Mirror(Strict):
     """The asymmetrical k:1 current mirror."""
 
     ratio_error: RelativeError
@@ -249,15 +246,15 @@ class Mirror(_Strict):
         return 1 / (2 * math.pi * self.f_pole_hz)
 
 
-class RowDriver(_Strict):
+class RowDriver(Strict):
     """Switch resistance of a driven and of a grounded row."""
 
     r_on_ohm: NonNegative
     r_ground_ohm: NonNegative
-    i_leak_a: Signed
+    i_leak_a: float
 
 
-class Wires(_Strict):
+class Wires(Strict):
     """Metal and bond wires between blocks and the sheet."""
 
     r_pad_row_ohm: NonNegative
@@ -265,26 +262,26 @@ class Wires(_Strict):
     r_return_ohm: NonNegative
 
 
-class Charge(_Strict):
+class Charge(Strict):
     """The charge source."""
 
     packet_error: RelativeError
-    tc_per_k: Signed
+    tc_per_k: float
     flicker: NonNegative
 
 
-class Calibration(_Strict):
+class Calibration(Strict):
     """Currents that a chip calibrates itself with."""
 
     i_pedestal_a: Positive
     i_test_a: Positive
 
 
-class Ambient(_Strict):
+class Ambient(Strict):
     """Surroundings."""
 
-    temperature_c: float = Field(gt=-273.15, allow_inf_nan=False)
-    delta_k: Signed
+    temperature_c: float = Field(gt=-273.15)
+    delta_k: float
     noise_factor: NonNegative
 
     @property
@@ -293,7 +290,7 @@ class Ambient(_Strict):
         return self.temperature_c - ABSOLUTE_ZERO_C
 
 
-class Design(_Strict):
+class Design(Strict):
     """All of models/design.toml, plus derived values."""
 
     array: Array
@@ -314,72 +311,49 @@ class Design(_Strict):
     ambient: Ambient
 
     @model_validator(mode="after")
-    def _consistent(self) -> Design:
+    def _derive(self) -> Design:
         slot = exact(self.timing.frame_s) / self.array.rows
         clocks = slot * exact(self.converter.f_clk_hz)
-        timing, sensor, interface = self.timing, self.sensor, self.interface
+        self.timing._slot_clocks, self.timing._slot_s = round(clocks), float(slot)
+        self.timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
+        return self
+
+    def _contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield keys that contradict others, each with what it may hold."""
+        array, timing, sensor, converter = self.array, self.timing, self.sensor, self.converter
+        slot = exact(timing.frame_s) / array.rows * exact(converter.f_clk_hz)
+        clocks, full = timing.slot_clocks, timing.code_max
         # A clock such as 1/3 MHz has no exact double: whole to 1e-12 is whole.
-        if round(clocks) < 1 or abs(clocks - round(clocks)) > clocks * _ROUNDING:
-            said = f"a row slot frame_s / rows of whole clocks, not of {float(clocks)!r}"
-            _cross("timing.frame_s", timing.frame_s, said)
-        clocks = round(clocks)
-        timing._slot_clocks, timing._slot_s = clocks, float(slot)
-        timing._t_clk_s = 1 / exact(self.converter.f_clk_hz)
-        # The reader wants two clocks with the row on before the gate (docs/rtl.md); it would stretch a shorter slot.
-        if timing.settle_clocks < timing.break_clocks + 2:
-            most = clocks - timing.break_clocks - 2
-            _cross(
-                "timing.gate_clocks",
-                timing.gate_clocks,
-                f"at most {most} of the {clocks} clocks of a row slot",
-            )
-        if 2 * timing.code_max > timing.gate_clocks:
-            need = 2 * timing.code_max
-            _cross(
-                "timing.gate_clocks",
-                timing.gate_clocks,
-                f"at least {need} clocks for {timing.code_bits} bits",
-            )
-        forces, ohms = sensor.force_points_n, sensor.r_points_ohm
+        if clocks < 1 or abs(clocks - slot) > slot * _ROUNDING:
+            yield "timing.frame_s", f"a row slot frame_s / rows of whole clocks, not of {float(slot)!r}"
+        # The reader needs two clocks with the row on before the gate (docs/rtl.md); it would stretch a shorter slot.
+        most = clocks - timing.break_clocks - 2
+        if timing.gate_clocks > most:
+            yield "timing.gate_clocks", f"at most {most} of the {clocks} clocks of a row slot"
+        if timing.gate_clocks < 2 * full:
+            yield "timing.gate_clocks", f"at least {2 * full} clocks for {timing.code_bits} bits"
+        forces, ohms, options = sensor.force_points_n, sensor.r_points_ohm, self.interface.k_options
         if sorted(set(forces)) != forces:
-            _cross("sensor.force_points_n", forces, "forces that rise")
+            yield "sensor.force_points_n", "forces that rise"
         if sorted(set(ohms), reverse=True) != ohms or len(ohms) != len(forces):
-            _cross("sensor.r_points_ohm", ohms, f"{len(forces)} resistances that fall, one a force point")
+            yield "sensor.r_points_ohm", f"{len(forces)} resistances that fall, one a force point"
         if sensor.r_open_ohm <= ohms[0]:
-            _cross("sensor.r_open_ohm", sensor.r_open_ohm, f"above the first of r_points_ohm = {ohms[0]!r}")
-        if sensor.r_max_ohm <= sensor.r_min_ohm:
-            _cross("sensor.r_max_ohm", sensor.r_max_ohm, f"above r_min_ohm = {sensor.r_min_ohm!r}")
-        if self.array.r_floor_ohm >= sensor.r_min_ohm:
-            _cross(
-                "array.r_floor_ohm", self.array.r_floor_ohm, f"below sensor.r_min_ohm = {sensor.r_min_ohm!r}"
-            )
-        if sorted(set(interface.k_options)) != interface.k_options:
-            _cross("interface.k_options", interface.k_options, "four different ratios, rising")
-        if interface.k not in interface.k_options:
-            _cross("interface.k", interface.k, f"one of k_options = {interface.k_options}")
+            yield "sensor.r_open_ohm", f"above the first of r_points_ohm = {ohms[0]!r}"
+        if sorted(set(options)) != options:
+            yield "interface.k_options", "four different ratios, rising"
+        if self.interface.k not in options:
+            yield "interface.k", f"one of k_options = {options}"
         if self.duty(sensor.r_min_ohm) > 0.5 * (1 + _ROUNDING):
             low = self.resistance_full_scale_ohm
-            _cross("sensor.r_min_ohm", sensor.r_min_ohm, f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm")
-        if 2 * self.converter.t_edge_s >= self.converter.t_clk_s:
-            _cross(
-                "converter.t_edge_s",
-                self.converter.t_edge_s,
-                f"below half a clock of {self.converter.t_clk_s!r} s",
-            )
-        amplifier, supply = self.integrator, self.supply
-        if amplifier.v_out_max_v > supply.vdd_v:
-            _cross(
-                "integrator.v_out_max_v", amplifier.v_out_max_v, f"at most supply.vdd_v = {supply.vdd_v!r}"
-            )
-        if amplifier.v_out_min_v < supply.vss_v:
-            _cross(
-                "integrator.v_out_min_v", amplifier.v_out_min_v, f"at least supply.vss_v = {supply.vss_v!r}"
-            )
-        if self.converter.packet_v > self.swing_v * (1 + _ROUNDING):
-            _cross(
-                "converter.c_int_f", self.converter.c_int_f, f"a packet of at most {self.swing_v!r} V on it"
-            )
-        return self
+            yield "sensor.r_min_ohm", f"at least 2 v_bias_v / (k i0_a) = {low!r} ohm"
+        if 2 * converter.t_edge_s >= converter.t_clk_s:
+            yield "converter.t_edge_s", f"below half a clock of {converter.t_clk_s!r} s"
+        if converter.packet_v > self.swing_v * (1 + _ROUNDING):
+            yield "converter.c_int_f", f"a packet of at most {self.swing_v!r} V on it"
+        stored = self.stored()
+        for key, said, holds, other in _ORDER:
+            if not holds(stored[key], stored[other]):
+                yield key, f"{said} {other} = {stored[other]!r}"
 
     @property
     def swing_v(self) -> float:
@@ -414,11 +388,6 @@ class Design(_Strict):
     def _r_unit(self) -> Fraction:
         return exact(self.interface.v_bias_v) / (self.interface.k * exact(self.converter.i0_a))
 
-    @classmethod
-    def load(cls, path: str | Path | None = None) -> Design:
-        """Load and check a design file, as the function `load`."""
-        return load(path)
-
     def replace(self, **sections: dict[str, Any]) -> Design:
         """Return a checked copy with some values changed, e.g. ``replace(timing={"frame_s":
         4e-3})``.
@@ -437,19 +406,11 @@ class Design(_Strict):
 
     def derived(self) -> dict[str, float | int]:
         """Return the derived values as ``{"section.key": value}``."""
-        names = {
-            "sensor": ("k_force_n_ohm", "force_min_n"),
-            "converter": ("t_clk_s", "packet_c", "packet_v", "f_max_hz"),
-            "timing": ("slot_clocks", "settle_clocks", "code_max", "slot_s", "gate_s", "settle_s"),
-            "integrator": ("t_gbw_s",),
-            "conveyor": ("t_pole_s",),
-            "mirror": ("t_pole_s",),
-        }
-        values = {f"{s}.{k}": getattr(getattr(self, s), k) for s, keys in names.items() for k in keys}
-        values["integrator.v_preset_v"] = self.v_preset_v
-        values["converter.i0_direct_a"] = self.i0_direct_a
-        values["converter.c_direct_f"] = self.c_direct_f
-        values["converter.swing_v"] = self.swing_v
+        values = {}
+        for name in _DERIVED:
+            section, key = name.split(".")
+            part = getattr(self, section)
+            values[name] = getattr(part if hasattr(part, key) else self, key)
         return values
 
     @property
@@ -460,62 +421,30 @@ class Design(_Strict):
         return float(exact(self.converter.packet_v) / 2)
 
 
-class _Cross(ValueError):
-    def __init__(self, key: str, value: object, allowed: str) -> None:
-        super().__init__(allowed)
-        self.key, self.value, self.allowed = key, value, allowed
+_DERIVED = (
+    *("sensor.k_force_n_ohm", "sensor.force_min_n"),
+    *("converter.t_clk_s", "converter.packet_c", "converter.packet_v", "converter.f_max_hz"),
+    *("timing.slot_clocks", "timing.settle_clocks", "timing.code_max"),
+    *("timing.slot_s", "timing.gate_s", "timing.settle_s"),
+    *("integrator.t_gbw_s", "conveyor.t_pole_s", "mirror.t_pole_s", "integrator.v_preset_v"),
+    *("converter.i0_direct_a", "converter.c_direct_f", "converter.swing_v"),
+)
+"""Keys of the derived values: properties of their section, or of the whole design."""
 
-
-def _cross(key: str, value: object, allowed: str) -> None:
-    raise _Cross(key, value, allowed)
-
-
-_SAY = {
-    "extra_forbidden": "unknown key",
-    "missing": "missing, must be given",
-    "finite_number": "a finite number",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-}
-
-
-def _one_line(error: ValidationError, file: str, model: type[BaseModel]) -> InputError:
-    """Turn the first complaint of pydantic into the one line a user gets."""
-    found = error.errors(include_url=False)
-    # Report an unknown key first: it is often the misspelt form of a missing one.
-    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-    cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, _Cross):
-        return InputError(file, cause.key, repr(cause.value), cause.allowed)
-    path = [str(part) for part in first["loc"]]
-    value = "(absent)" if first["type"] == "missing" else repr(first["input"])
-    allowed = _SAY.get(first["type"]) or first["msg"].removeprefix("Input should be ").removeprefix(
-        "Value error, "
-    )
-    if first["type"] == "extra_forbidden":
-        level: Any = model
-        for part in path[:-1]:
-            field = getattr(level, "model_fields", {}).get(part)
-            level = field.annotation if field else None
-        known = ", ".join(getattr(level, "model_fields", {}))
-        if len(path) == 2 and path[1] in _DERIVED_KEYS:
-            allowed = "derived from other values, not to be written"
-        elif known:
-            allowed = f"unknown key; known here: {known}"
-    return InputError(file, ".".join(path), value, allowed)
-
-
-_DERIVED_KEYS = frozenset(
-    "k_force_n_ohm force_min_n t_clk_s packet_c packet_v f_max_hz slot_clocks settle_clocks code_max slot_s "
-    "gate_s settle_s t_gbw_s t_pole_s v_preset_v i0_direct_a c_direct_f swing_v".split()
+_ORDER = (
+    ("sensor.r_max_ohm", "above", operator.gt, "sensor.r_min_ohm"),
+    ("array.r_floor_ohm", "below", operator.lt, "sensor.r_min_ohm"),
+    ("integrator.v_out_max_v", "at most", operator.le, "supply.vdd_v"),
+    ("integrator.v_out_min_v", "at least", operator.ge, "supply.vss_v"),
 )
 
 
 def _validated(data: dict[str, Any], file: str) -> Design:
-    try:
-        return Design.model_validate(data)
-    except ValidationError as error:
-        raise _one_line(error, file, Design) from None
+    derived = dict.fromkeys(_DERIVED, "derived from other values, not to be written")
+    design: Design = validate(Design, data, file, refused=derived)
+    for key, allowed in design._contradictions():
+        raise InputError(file, key, design.stored()[key], allowed)
+    return design
 
 
 def shown(path: Path) -> str:
@@ -604,23 +533,15 @@ def reasons(path: str | Path | None = None) -> dict[str, Reason]:
     return found
 
 
-class Limit(_Strict):
+class Limit(Strict):
     """One row of models/spec.toml."""
 
-    min: float | None = Field(default=None, allow_inf_nan=False)
-    max: float | None = Field(default=None, allow_inf_nan=False)
+    min: float | None = Field(default=None)
+    max: float | None = Field(default=None)
     unit: str = Field(min_length=1)
     gate: bool
     conditions: str = Field(min_length=1)
     command: str = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _has_a_limit(self) -> Limit:
-        if self.min is None and self.max is None:
-            _cross("min, max", "(absent)", "at least one of them")
-        if self.min is not None and self.max is not None and self.min > self.max:
-            _cross("min", self.min, f"at most max = {self.max!r}")
-        return self
 
 
 def load_spec(path: str | Path) -> dict[str, Limit]:
@@ -638,11 +559,12 @@ def load_spec(path: str | Path) -> dict[str, Limit]:
             raise InputError(
                 shown(path), "name", repr(name), 'a quoted table name such as ["frame.code_error_lsb"]'
             )
-        try:
-            limits[name] = Limit.model_validate(entry)
-        except ValidationError as error:
-            line = _one_line(error, shown(path), Limit)
-            raise InputError(line.file, f"{name}.{line.key}", line.value, line.allowed) from None
+        limit: Limit = validate(Limit, entry, shown(path), name)
+        if limit.min is None and limit.max is None:
+            raise InputError(shown(path), f"{name}.min, max", "nothing", "at least one of them")
+        if limit.min is not None and limit.max is not None and limit.min > limit.max:
+            raise InputError(shown(path), f"{name}.min", limit.min, f"at most max = {limit.max!r}")
+        limits[name] = limit
     return limits
 
 

@@ -34,8 +34,8 @@ Effects = Mapping[str, Mapping[str, float]]
 
 class _Source(Strict):
     corner: str = entry(..., "Corner of the process", "one of those of sky130")
-    temperature_c: float = entry(..., "Temperature, in degrees Celsius", "a finite number")
-    models: str = entry(..., "Digest of the transistor models", "text")
+    temperature_c: float = entry(..., "Temperature, in degrees Celsius")
+    models: str = entry(..., "Digest of the transistor models")
     circuit: dict[str, str] = entry(..., "Digest of every file of spice/sky130", "a table of text")
 
 

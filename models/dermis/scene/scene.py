@@ -6,7 +6,6 @@ defaults.
 from __future__ import annotations
 
 import os
-import types
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from dermis.places import ROOT
 from dermis.scene import extracted
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
-from dermis.scene.schema import Strict, entry, read_toml, validate, write_toml
+from dermis.scene.schema import Strict, allowed_of, entry, models_of, read_toml, validate, write_toml
 from dermis.scene.sensor import SensorTable
 from dermis.scene.sensor import resolve as resolve_sensor
 from dermis.scene.stimulus import StimulusTable
@@ -32,21 +31,16 @@ from dermis.scene.views import resolve as resolve_views
 SCENES = ROOT / "models" / "scenes"
 """The scenes that come with the package."""
 
+_REMOVED = dict.fromkeys(
+    ("run.accuracy_lsb", "run.time_s"), "removed; use [effects] auto = {}, or auto = { budget_lsb = ... }"
+)
+
 
 class ArrayTable(Strict):
     """[array]: the size of the sheet."""
 
-    rows: int | None = entry(
-        None,
-        "Rows, read one after the other",
-        "a whole number 1..256",
-        default_from="array.rows",
-        ge=1,
-        le=256,
-    )
-    cols: int | None = entry(
-        None, "Columns, one converter each", "a whole number 1..256", default_from="array.cols", ge=1, le=256
-    )
+    rows: int | None = entry(None, "Rows, read one after the other", default_from="array.rows", ge=1, le=256)
+    cols: int | None = entry(None, "Columns, one converter each", default_from="array.cols", ge=1, le=256)
 
 
 class InterfaceTable(Strict):
@@ -58,7 +52,6 @@ class InterfaceTable(Strict):
         None,
         "direct: Fig. 3; conveyor_mirror: Fig. 5a; conveyor_mirror_inverted: Fig. 5b; "
         "multi_output_conveyor: Fig. 6",
-        'one of "direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"',
         default_from="interface.topology",
     )
     k: int | None = entry(
@@ -74,28 +67,13 @@ class InterfaceTable(Strict):
         "a list of interface.k_options, one a column; not for direct",
     )
     v_bias_v: float | None = entry(
-        None,
-        "Bias of the driven row, in V",
-        "a finite number > 0, at most 10",
-        default_from="interface.v_bias_v",
-        gt=0,
-        le=10,
+        None, "Bias of the driven row, in V", default_from="interface.v_bias_v", gt=0, le=10
     )
     i0_a: float | None = entry(
-        None,
-        "Reference current of a packet, before k, in A",
-        "a finite number from 1e-9 to 1",
-        default_from="converter.i0_a",
-        ge=1e-9,
-        le=1,
+        None, "Reference current of a packet, before k, in A", default_from="converter.i0_a", ge=1e-9, le=1
     )
     c_int_f: float | None = entry(
-        None,
-        "Integration capacitor, before k, in F",
-        "a finite number from 1e-15 to 1e-6",
-        default_from="converter.c_int_f",
-        ge=1e-15,
-        le=1e-6,
+        None, "Integration capacitor, before k, in F", default_from="converter.c_int_f", ge=1e-15, le=1e-6
     )
 
 
@@ -106,7 +84,6 @@ class RunTable(Strict):
         None,
         "closed: array solve and count formula; event: clock by clock; rtl: the real Verilog with real-number models; "
         "cosim: the real Verilog with ngspice",
-        'one of "closed", "event", "rtl", "cosim"',
         default_from="the cheapest that can do the scene",
     )
     seed: int = entry(0, "Random seed", "a whole number 0..2^32 - 1", ge=0, le=2**32 - 1)
@@ -123,14 +100,14 @@ class SceneTable(Strict):
     title: Annotated[str, Field(max_length=10_000)] = entry(
         "", "Title for reports", "text of at most 10000 characters"
     )
-    array: ArrayTable = entry(ArrayTable(), "Size of the sheet", "a table")
-    sensor: SensorTable = entry(SensorTable(), "Law between force and resistance", "a table")
+    array: ArrayTable = entry(ArrayTable(), "Size of the sheet")
+    sensor: SensorTable = entry(SensorTable(), "Law between force and resistance")
     stimulus: StimulusTable = entry(..., "Forces or resistances of the sheet", "a table with a kind")
-    interface: InterfaceTable = entry(InterfaceTable(), "Circuit between column and converter", "a table")
+    interface: InterfaceTable = entry(InterfaceTable(), "Circuit between column and converter")
     effects: EffectsTable = entry(  # type: ignore[valid-type]
         EffectsTable(), "Departures from the ideal; an effect that is not named is off", "a table of effects"
     )
-    run: RunTable = entry(RunTable(), "Engine, seed and views", "a table")
+    run: RunTable = entry(RunTable(), "Engine, seed and views")
 
 
 @dataclass(frozen=True)
@@ -219,7 +196,7 @@ def load(path: str | Path, design: Design | None = None) -> Scene:
 
 def from_data(data: dict[str, Any], path: Path, design: Design | None = None) -> Scene:
     """Make a scene from TOML data; `path` is named in errors, and file names are relative to it."""
-    return resolve(validate(SceneTable, data, path), path, design)
+    return resolve(validate(SceneTable, data, path, refused=_REMOVED), path, design)
 
 
 def with_effects(world: Scene, table: Any, engine: str | None) -> Scene:
@@ -349,7 +326,8 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
     own = [n for c in model.__mro__ if issubclass(c, BaseModel) for n in c.__annotations__]
     for name in sorted(model.model_fields, key=own.index):
         field = model.model_fields[name]
-        members = _members(field.annotation)
+        # Tables of a list are documented where they are alternatives of another key.
+        members = [] if typing.get_origin(field.annotation) is list else models_of(field.annotation)
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if members and not _other_than_tables(field.annotation):
             tagged = len(members) > 1
@@ -359,7 +337,7 @@ def _rows(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, str, str, 
             continue
         if members:
             inner.append((f"{prefix}{name}", members[0]))
-        yield prefix + name, _default(field, extra), str(extra.get("allowed", "")), field.description or ""
+        yield prefix + name, _default(field, extra), allowed_of(field), field.description or ""
     for name, member in inner:
         yield from _rows(name + ".", member)
 
@@ -378,11 +356,3 @@ def _default(field: Any, extra: dict[str, Any]) -> str:
     if field.default is None:
         return "off" if bool in typing.get_args(field.annotation) else "left out"
     return f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
-
-
-def _members(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) in (typing.Union, Annotated):
-        return [m for a in typing.get_args(annotation) for m in _members(a)]
-    return []

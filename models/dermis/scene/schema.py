@@ -12,11 +12,12 @@ import stat
 import tomllib
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic.fields import FieldInfo
 
 from dermis.errors import InputError, quoted
 
@@ -26,9 +27,6 @@ SCENE_BYTES_MAX = 1 << 20
 
 # Range of every quantity of the field; products and ratios of a few such numbers do not overflow.
 SIZE_MIN, SIZE_MAX = 1e-30, 1e30
-_GONE = dict.fromkeys(
-    ("run.accuracy_lsb", "run.time_s"), "removed; use [effects] auto = {}, or auto = { budget_lsb = ... }"
-)
 _SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
 
 
@@ -64,7 +62,7 @@ def _sized(value: Any) -> bool:
 def entry(
     default: Any,
     meaning: str,
-    allowed: str,
+    allowed: str = "",
     *,
     default_from: str = "",
     example: Any = None,
@@ -77,8 +75,10 @@ def entry(
     ----------
     default : object
         `...` for a required key; None with `default_from` for a value of design.toml.
-    meaning, allowed : str
-        One line each: for the table in docs/scenes.md and for the error that quotes what may stand there.
+    meaning : str
+        One line for the table in docs/scenes.md.
+    allowed : str
+        Allowed values, for that table and for errors, where type and limits alone do not say it.
     default_from : str
         Source of a default that is not a constant, such as "interface.k".
     example : object
@@ -90,6 +90,46 @@ def entry(
     """
     extra = {"allowed": allowed, "default_from": default_from, "example": example, "range": range}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
+
+
+def allowed_of(field: FieldInfo) -> str:
+    """Return the allowed values of a key in words: as declared, or from its type and limits."""
+    extra = field.json_schema_extra
+    said = extra.get("allowed") if isinstance(extra, dict) else ""
+    return str(said) if said else _in_words(field.annotation, field.metadata)
+
+
+def _in_words(kind: Any, metadata: Sequence[Any]) -> str:
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        return _in_words(parts[0], (*metadata, *parts[1:]))
+    if origin in (types.UnionType, typing.Union):
+        return ", or ".join(_in_words(part, metadata) for part in parts if part is not type(None))
+    if origin is typing.Literal:
+        return "one of " * (len(parts) > 1) + ", ".join(f'"{word}"' for word in parts)
+    if kind is int or kind is float:
+        return _number_in_words(kind, metadata)
+    return {bool: "true or false", str: "text", list: "a list"}.get(origin or kind, "a table")
+
+
+_LIMITS = {"ge": ">= ", "gt": "> ", "lt": "below ", "le": "at most "}
+
+
+def _number_in_words(kind: type, metadata: Sequence[Any]) -> str:
+    limits = [limit for item in metadata for limit in getattr(item, "metadata", [item])]
+    said = {
+        key: re.sub(r"e([+-])0", r"e\1", f"{getattr(limit, key):.12g}")
+        for limit in limits
+        for key in _LIMITS
+        if hasattr(limit, key)
+    }
+    infinite = any(getattr(limit, "allow_inf_nan", False) for limit in limits)
+    head = "a whole number" if kind is int else "a number" if infinite else "a finite number"
+    if said.keys() >= {"ge", "le"}:
+        tail = f" {said['ge']}..{said['le']}" if kind is int else f" from {said['ge']} to {said['le']}"
+    else:
+        tail = ",".join(f" {_LIMITS[key]}{said[key]}" for key in _LIMITS if key in said)
+    return head + tail + " (inf is legal)" * infinite
 
 
 def read_bytes(path: Path, limit: int, told_by: tuple[Path | str, str, Any] | None = None) -> bytes:
@@ -162,8 +202,26 @@ def _line_of(error: tomllib.TOMLDecodeError, text: str) -> str:
     return lines[-1] if lines else ""
 
 
-def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = "") -> Any:
-    """Build `model` from `data`; the first error becomes an InputError that names its key."""
+def validate(
+    model: type[BaseModel],
+    data: Any,
+    file: Path | str,
+    prefix: str = "",
+    refused: Mapping[str, str] | None = None,
+) -> Any:
+    """Build a model from data of a file.
+
+    Parameters
+    ----------
+    model, data : the model and its data
+    file, prefix : the file that errors name, and the table in it that holds `data`
+    refused : unknown keys -> what to do instead, for their errors
+
+    Raises
+    ------
+    InputError
+        The first error, with its key, value and what is allowed.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -171,9 +229,8 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
     except RecursionError:
         raise InputError(file, prefix or "scene", "nested too deeply", "a few levels of tables") from None
     except OverflowError:
-        place, value = next(
-            _too_large(data, (prefix,) if prefix else ()), ((prefix or "scene",), "an integer")
-        )
+        start = (prefix,) if prefix else ()
+        place, value = next(_too_large(data, start), ((prefix or "scene",), "an integer"))
         raise InputError(file, ".".join(place), value, _SIZES) from None
     # Report an unknown key first: it is often the misspelt form of a missing one.
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
@@ -181,7 +238,11 @@ def validate(model: type[BaseModel], data: Any, file: Path | str, prefix: str = 
     place = _place(data, first["loc"])
     inside = [e for e in found if _place(data, e["loc"])[: len(place)] == place]
     first = max(inside, key=lambda e: len(_place(data, e["loc"])))
-    raise _input_error(model, data, first, file, prefix)
+    key, value, allowed = _complaint(model, data, first)
+    key = ".".join(part for part in (prefix, key) if part) or "scene"
+    if first["type"] == "extra_forbidden":
+        allowed = (refused or {}).get(key, allowed)
+    raise InputError(file, key, value, allowed)
 
 
 def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], int]]:
@@ -206,79 +267,57 @@ def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(place)
 
 
-def _input_error(model: type[BaseModel], data: Any, error: Any, file: Path | str, prefix: str) -> InputError:
-    # The location also contains union tags; following the data skips them.
-    names: list[str] = [prefix] if prefix else []
+def _complaint(model: type[BaseModel], data: Any, error: Any) -> tuple[str, Any, str]:
+    """Return key, value and allowed values of an error of pydantic."""
+    kind, names, allowed = error["type"], [], ""
+    missing = kind == "missing"
     here: Any = data
     schema: Any = model
-    allowed = ""
-    missing = False
     for part in error["loc"]:
-        if isinstance(here, dict) and part in here:
+        in_table = isinstance(here, dict) and part in here
+        if in_table or (isinstance(here, list) and isinstance(part, int) and part < len(here)):
             here = here[part]
-        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
-            here = here[part]
-        elif error["type"] == "missing" and part == error["loc"][-1]:
-            missing = True
-        else:
-            schema = _pick(schema, part)
+        elif not (missing and part == error["loc"][-1]):  # the tag of an alternative
+            schema = _alternative(schema, part)
             continue
         names.append(str(part))
         if isinstance(part, str):
-            schema = _models_of(schema)
+            schema = models_of(schema)
             field = next((m.model_fields[part] for m in schema if part in m.model_fields), None)
             if field is not None:
-                extra = field.json_schema_extra
-                allowed = extra.get("allowed", "") if isinstance(extra, dict) else ""
-                schema = field.annotation
-    key = ".".join(names) or "scene"
-    if error["type"] == "extra_forbidden":
-        owner = _models_of(schema)
-        if key in _GONE:
-            return InputError(file, key, quoted(here), _GONE[key])
-        keys = sorted({k for m in owner for k in m.model_fields})
-        return InputError(file, key, quoted(here), "unknown key; known here: " + (", ".join(keys) or "none"))
-    if error["type"] == "union_tag_not_found":
+                allowed, schema = allowed_of(field), field.annotation
+    key = ".".join(names)
+    if kind == "extra_forbidden":
+        keys = sorted({k for m in models_of(schema) for k in m.model_fields})
+        return key, quoted(here), "unknown key; known here: " + (", ".join(keys) or "none")
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
         tag = str(error["ctx"]["discriminator"]).strip("'")
-        kinds = ", ".join(_tags(schema, tag))
-        return InputError(file, f"{key}.{tag}", "nothing", f"one of {kinds}")
-    if error["type"] == "union_tag_invalid":
-        tag = str(error["ctx"]["discriminator"]).strip("'")
-        return InputError(
-            file, f"{key}.{tag}", quoted(error["ctx"]["tag"]), f"one of {error['ctx']['expected_tags']}"
-        )
-    shown = "nothing" if missing else quoted(here)
-    if error["type"] == "value_error":
+        fields = [m.model_fields[tag] for m in models_of(schema) if tag in m.model_fields]
+        kinds = ", ".join(str(word) for field in fields for word in typing.get_args(field.annotation))
+        shown = quoted(error["ctx"]["tag"]) if "tag" in error["ctx"] else "nothing"
+        return f"{key}.{tag}", shown, f"one of {kinds}"
+    if kind == "value_error":
         allowed = f"{allowed}; {_SIZES}"
-    return InputError(file, key, shown, allowed or error["msg"])
+    return key, "nothing" if missing else quoted(here), allowed or error["msg"]
 
 
-def _models_of(annotation: Any) -> list[type[BaseModel]]:
+def models_of(annotation: Any) -> list[type[BaseModel]]:
     """Return every model that an annotation allows."""
-    if isinstance(annotation, list):
-        return [m for a in annotation for m in _models_of(a)]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is not None:
-        return [m for a in typing.get_args(annotation) for m in _models_of(a)]
-    return []
+    parts = annotation if isinstance(annotation, list) else typing.get_args(annotation)
+    return [m for a in parts for m in models_of(a)]
 
 
-def _pick(annotation: Any, tag: Any) -> Any:
-    """Narrow a tagged union to the member with `tag`."""
+def _alternative(annotation: Any, tag: Any) -> Any:
+    """Return the members of a tagged union with `tag`."""
     chosen = [
-        m for m in _models_of(annotation) for f in m.model_fields.values() if tag in _literals(f.annotation)
+        m
+        for m in models_of(annotation)
+        for f in m.model_fields.values()
+        if typing.get_origin(f.annotation) is typing.Literal and tag in typing.get_args(f.annotation)
     ]
     return chosen or annotation
-
-
-def _literals(annotation: Any) -> tuple[Any, ...]:
-    return typing.get_args(annotation) if typing.get_origin(annotation) is typing.Literal else ()
-
-
-def _tags(annotation: Any, key: str) -> list[str]:
-    found = [m.model_fields[key] for m in _models_of(annotation) if key in m.model_fields]
-    return [str(v) for f in found for v in _literals(f.annotation)]
 
 
 def write_toml(tables: dict[str, Any]) -> str:

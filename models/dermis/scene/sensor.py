@@ -37,12 +37,10 @@ class SensorTable(Strict):
         "inverse",
         'Force law; "inverse" is Force = K/R, the paper\'s; "power" is the measured curve of an FSR, a power law '
         "between points, open below its turn-on",
-        'one of "inverse", "power"',
     )
     k_force_n_ohm: float | None = entry(
         None,
         "law inverse: K of Force = K/R, in N.ohm",
-        "a finite number > 0",
         default_from="sensor.force_max_n * sensor.r_min_ohm",
         gt=0,
     )
@@ -59,11 +57,7 @@ class SensorTable(Strict):
         default_from="sensor.r_points_ohm",
     )
     force_on_n: float | None = entry(
-        None,
-        "law power: a smaller force leaves the taxel open, in N",
-        "a finite number >= 0",
-        default_from="sensor.force_on_n",
-        ge=0,
+        None, "law power: a smaller force leaves the taxel open, in N", default_from="sensor.force_on_n", ge=0
     )
     r_open_ohm: Annotated[float, Field(gt=0, allow_inf_nan=True)] | None = entry(
         None,

@@ -99,14 +99,13 @@ class _Timed(Strict):
         "none",
         "Stimulus between its frames, which the chip reads at its own frame time; none: one reading for each frame; "
         "hold: the newest frame; linear: conductance on a straight line from frame to frame",
-        'one of "none", "hold", "linear"',
     )
 
 
 class _Body(Strict):
     """A stiff body: its place, shape and force."""
 
-    shape: Shape = entry(..., "Pressure under the body: " + _PROFILES, _SHAPES)
+    shape: Shape = entry(..., "Pressure under the body: " + _PROFILES)
     force_n: Forces | None = entry(
         None,
         "Force in N on a taxel where the profile is 1; a list gives one frame for each force",
@@ -117,30 +116,25 @@ class _Body(Strict):
         "Force in N of the whole body, shared by the taxels it touches; a list gives one frame for each force",
         _FORCE + "; or force_n instead",
     )
-    width: float = entry(8.0, "Extent across the profile, in taxel pitches", "a finite number > 0", gt=0)
-    length: float = entry(
-        8.0, "Extent along the ridge or axis, in taxel pitches", "a finite number > 0", gt=0
-    )
+    width: float = entry(8.0, "Extent across the profile, in taxel pitches", gt=0)
+    length: float = entry(8.0, "Extent along the ridge or axis, in taxel pitches", gt=0)
     center_row: float | None = entry(
         None,
         "Row of the centre; 0 is the centre of the first row, fractions lie between rows",
-        "a finite number",
         default_from="(rows - 1) / 2",
     )
     center_col: float | None = entry(
-        None, "Column of the centre, as center_row", "a finite number", default_from="(cols - 1) / 2"
+        None, "Column of the centre, as center_row", default_from="(cols - 1) / 2"
     )
     angle_deg: float = entry(
         0.0,
         "Rotation of the width from the direction of rising columns towards rising rows, in degrees",
-        "a finite number from -360 to 360",
         ge=-360,
         le=360,
     )
     samples: int = entry(
         1,
         "1: a taxel feels the pressure at its centre; n: the mean over n x n points spread evenly over its pitch",
-        "a whole number 1..16",
         ge=1,
         le=16,
     )
@@ -162,39 +156,29 @@ class _Lasting(Strict):
 class IndenterTable(_Body, _Timed):
     """A stiff body pressed into the sheet; one frame for each force."""
 
-    kind: Literal["indenter"] = entry(..., "A body pressed into the sheet", '"indenter"')
+    kind: Literal["indenter"] = entry(..., "A body pressed into the sheet")
 
 
 class SlipTable(_Body, _Lasting):
     """A stiff body that slides over the sheet."""
 
-    kind: Literal["slip"] = entry(
-        ..., "A body that slides over the sheet, read at the chip's frame time", '"slip"'
-    )
+    kind: Literal["slip"] = entry(..., "A body that slides over the sheet, read at the chip's frame time")
     speed_pitch_per_s: float = entry(
-        ...,
-        "Speed in taxel pitches a second (100 mm/s on a pitch of 5 mm is 20)",
-        "a finite number >= 0",
-        ge=0,
+        ..., "Speed in taxel pitches a second (100 mm/s on a pitch of 5 mm is 20)", ge=0
     )
     direction_deg: float = entry(
         0.0,
         "Direction of the motion in degrees: 0 towards rising columns, 90 towards rising rows",
-        "a finite number from -360 to 360",
         ge=-360,
         le=360,
     )
-    start_s: float = entry(
-        0.0, "Start of the motion in s; until then the body rests at its centre", "a finite number >= 0", ge=0
-    )
+    start_s: float = entry(0.0, "Start of the motion in s; until then the body rests at its centre", ge=0)
 
 
 class TappingTable(_Body, _Lasting):
     """A stiff body that taps on the sheet."""
 
-    kind: Literal["tapping"] = entry(
-        ..., "A body that taps on the sheet, read at the chip's frame time", '"tapping"'
-    )
+    kind: Literal["tapping"] = entry(..., "A body that taps on the sheet, read at the chip's frame time")
     force_n: Forces | None = entry(
         None,
         "Highest force in N of a tap, on a taxel where the profile is 1; a list gives one tap for each force, repeated",
@@ -208,10 +192,8 @@ class TappingTable(_Body, _Lasting):
     frequency_hz: float = entry(
         ..., "Taps a second; the first begins at time 0", "a finite number > 0, at most 1e6", gt=0, le=1e6
     )
-    duty: float = entry(0.5, "Share of the period in contact", "a finite number > 0, at most 1", gt=0, le=1)
-    profile: Literal["half_sine", "square"] = entry(
-        "half_sine", "Force over the time of contact", 'one of "half_sine", "square"'
-    )
+    duty: float = entry(0.5, "Share of the period in contact", gt=0, le=1)
+    profile: Literal["half_sine", "square"] = entry("half_sine", "Force over the time of contact")
 
 
 class RampTable(_Body, _Lasting):
@@ -221,12 +203,9 @@ class RampTable(_Body, _Lasting):
         ...,
         "A force that runs along straight lines in time, read at the chip's frame time; with the effect motion it "
         "runs inside every gate as well",
-        '"ramp"',
     )
     shape: Shape | None = entry(
-        None,
-        "Without it, the same force on every taxel; else pressure under a body, as for an indenter",
-        _SHAPES,
+        None, "Without it, the same force on every taxel; else pressure under a body, as for an indenter"
     )
     force_n: Points | None = entry(
         None,
@@ -258,9 +237,7 @@ class UniformTable(_Timed):
     value.
     """
 
-    kind: Literal["uniform"] = entry(
-        ..., "The same on every taxel; give exactly one of force_n, code, r_ohm", '"uniform"'
-    )
+    kind: Literal["uniform"] = entry(..., "The same on every taxel; give exactly one of force_n, code, r_ohm")
     force_n: Forces | None = entry(None, "Force in N", _FORCE)
     code: Code | Annotated[list[Code], Field(min_length=1)] | None = entry(
         None,
@@ -302,7 +279,7 @@ class _Stored(_Timed):
 class FramesTable(_Stored):
     """Frames from a file."""
 
-    kind: Literal["frames"] = entry(..., "Frames from a file", '"frames"')
+    kind: Literal["frames"] = entry(..., "Frames from a file")
     file: str = entry(
         ...,
         "csv (one frame a line of rows x cols values, or one row a line, rows lines a frame), npy or npz "
@@ -317,9 +294,8 @@ class FramesTable(_Stored):
         ...,
         "codes: 0..255, each for the resistance with this ideal code (x = code / 510); "
         "newtons: force on the taxel",
-        'one of "codes", "newtons"',
     )
-    scale: float = entry(1.0, "Factor on every force, after the unit", "a finite number >= 0", ge=0)
+    scale: float = entry(1.0, "Factor on every force, after the unit", ge=0)
     select: Select = entry(
         "all",
         "Numbers of the frames to use, from 0, in this order",
@@ -330,7 +306,7 @@ class FramesTable(_Stored):
 class ResistanceTable(_Stored):
     """Resistances from a file."""
 
-    kind: Literal["resistance"] = entry(..., "Resistances from a file", '"resistance"')
+    kind: Literal["resistance"] = entry(..., "Resistances from a file")
     file: str = entry(
         ...,
         "csv, npy or npz laid out as for frames, in ohm; 0 is a short, inf is open; relative to the scene",
@@ -353,7 +329,7 @@ Part = Annotated[IndenterTable | SlipTable | TappingTable | RampTable, Field(dis
 class SeveralTable(Strict):
     """Several bodies at once; their forces add."""
 
-    kind: Literal["several"] = entry(..., "Several bodies at once; their forces add", '"several"')
+    kind: Literal["several"] = entry(..., "Several bodies at once; their forces add")
     parts: Annotated[list[Part], Field(min_length=1, max_length=64)] = entry(
         ...,
         "The bodies; one that ends before the others holds its last frame",

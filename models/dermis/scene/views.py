@@ -35,7 +35,7 @@ def _block(meaning: str) -> Any:
 class ViewsTable(Strict):
     """[run] views = { ... }: a view for each block, and the conditions of the transistors."""
 
-    default: View = entry("sky130", "View of every block that is not named", _VIEWS)
+    default: View = entry("sky130", "View of every block that is not named")
     row_driver: View | None = _block("View of the row switches")
     conveyor: View | None = _block("View of the conveyor and its mirror; no effect in the direct interface")
     integrator: View | None = _block("View of the integrator and its preset switch")
@@ -47,17 +47,9 @@ class ViewsTable(Strict):
         "a list of different whole numbers from 0, below array.cols",
         default_from="all of them",
     )
-    corner: Corner = entry("tt", "Process corner of the transistors", 'one of "tt", "ff", "ss", "sf", "fs"')
-    temperature_c: float = entry(
-        27.0,
-        "Temperature of the transistors, in degrees C",
-        "a finite number from -40 to 125",
-        ge=-40,
-        le=125,
-    )
-    supply_scale: float = entry(
-        1.0, "Factor on both supplies of the design", "a finite number from 0.9 to 1.1", ge=0.9, le=1.1
-    )
+    corner: Corner = entry("tt", "Process corner of the transistors")
+    temperature_c: float = entry(27.0, "Temperature of the transistors, in degrees C", ge=-40, le=125)
+    supply_scale: float = entry(1.0, "Factor on both supplies of the design", ge=0.9, le=1.1)
 
 
 @dataclass(frozen=True)
