@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import csv
 import datetime
-import html
 import json
 import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,18 +43,29 @@ RUNS_DRAWN = 8
 CSV_ROWS = 20_000
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 
-STYLE = Path(__file__).with_name("page.css")
+TEMPLATE, STYLE = Path(__file__).with_name("page.html"), Path(__file__).with_name("page.css")
+ORDER = ("ERROR", "FAIL", "SKIP", "PASS")
+"""Missed limits come first."""
 
 
-def available() -> None:
-    """Refuse early where the plots cannot be drawn.
+@dataclass
+class Part:
+    """One part of a page: heading, line of text with a command, table and plots; see page.html."""
 
-    Raises
-    ------
-    InputError
-        bokeh is not installed.
-    """
-    optional("bokeh", "report")
+    heading: str
+    level: int = 2
+    text: str = ""
+    code: str = ""
+    counts: Sequence[tuple[str, int]] = ()
+    heads: Sequence[str] = ()
+    rows: Sequence[Sequence[Any]] = ()
+    numbers: Sequence[int] = ()
+    """Places of the columns that hold numbers."""
+    plots: Sequence[Any] = ()
+
+
+def _bokeh(module: str) -> Any:
+    return optional(f"bokeh.{module}", "report")
 
 
 def write(
@@ -76,110 +87,86 @@ def write(
     data : csv files of numbers, drawn column by column
     command : the command that repeats it; that of this process by default
     """
-    body = _Body()
     command = ["dermis", *sys.argv[1:]] if command is None else command
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    body.text(
-        f"<h1>{_say(title)}</h1><p class='soft'>{now}. Repeat with: <code>{_say(shlex.join(command))}</code></p>"
-    )
-    for target, rows in tables.items():
-        _verdicts(body, target, rows, alone=len(tables) == 1)
+    parts = [Part(title, 1, f"{_utc()}. Repeat with:", shlex.join(command))]
+    parts += [_verdicts("Verdicts" if len(tables) == 1 else name, rows) for name, rows in tables.items()]
+    # Waves of one run are drawn: they are most of a page.
+    with_waves = next((directory for directory in runs if (directory / "waves.vcd").is_file()), None)
     for directory in runs[:RUNS_DRAWN]:
-        _run(body, directory, waves=directory == _with_waves(runs))
+        parts += _run(directory, waves=directory == with_waves)
     if runs[RUNS_DRAWN:]:
-        body.text("<h2>Further runs</h2>" + "".join(f"<p>{_say(str(d))}</p>" for d in runs[RUNS_DRAWN:]))
+        parts.append(Part("Further runs", heads=("directory",), rows=[(str(d),) for d in runs[RUNS_DRAWN:]]))
     for file in data:
-        _numbers(body, file)
-    body.text("<h2>Versions</h2>" + _table(("package", "version"), output.versions().items()))
-    write_atomic(path, body.page(title))
+        parts += _numbers(file)
+    parts.append(Part("Versions", heads=("package", "version"), rows=list(output.versions().items())))
+    write_atomic(path, _page(title, parts))
 
 
-class _Body:
-    """Parts of a page in their order: text, and plots that bokeh renders together at the end."""
-
-    def __init__(self) -> None:
-        self._parts: list[str | int] = []
-        self._plots: list[Any] = []
-
-    def text(self, part: str) -> None:
-        self._parts.append(part)
-
-    def plots(self, figures: Sequence[Any]) -> None:
-        if not figures:
-            return
-        self._parts.append("<div class='plots'>")
-        for figure in figures:
-            self._parts.append(len(self._plots))
-            self._plots.append(figure)
-        self._parts.append("</div>")
-
-    def page(self, title: str) -> str:
-        head = ""
-        if self._plots:
-            resources = optional("bokeh.resources", "report").Resources(mode="inline", components=["bokeh"])
-            script, places = optional("bokeh.embed", "report").components(self._plots)
-            head = resources.render() + script
-        parts = [places[p] if isinstance(p, int) else p for p in self._parts]
-        return (
-            f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{_say(title)}</title>'
-            '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-            f"<style>{STYLE.read_text()}</style>{head}</head><body><main>{''.join(parts)}</main></body></html>\n"
+def _page(title: str, parts: Sequence[Part]) -> str:
+    """Return the HTML of a page; bokeh renders all plots together."""
+    markup = optional("markupsafe", "report").Markup
+    script, places = "", {}
+    if plots := {plot.id: plot for part in parts for plot in part.plots}:
+        script, places = _bokeh("embed").components(plots)
+        script = _bokeh("resources").Resources(mode="inline", components=["bokeh"]).render() + script
+    jinja = optional("jinja2", "report")
+    # Every text becomes one line, and is escaped.
+    environment = jinja.Environment(
+        autoescape=True,
+        trim_blocks=True,
+        finalize=lambda said: said if isinstance(said, markup) else one_line(str(said), 400),
+    )
+    return str(
+        environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+            title=title,
+            parts=parts,
+            places={name: markup(place) for name, place in places.items()},
+            script=markup(script),
+            style=markup(STYLE.read_text(encoding="utf-8")),
+            marks=(*ORDER, "on"),
         )
+    )
 
 
-def _say(text: Any) -> str:
-    return html.escape(one_line(str(text), 400))
+def _utc(seconds: float | None = None) -> str:
+    """Return a moment in words: seconds since 1970, or now."""
+    utc = datetime.UTC
+    when = datetime.datetime.now(utc) if seconds is None else datetime.datetime.fromtimestamp(seconds, utc)
+    return when.strftime("%Y-%m-%d %H:%M UTC")
 
 
 def _number(value: Any) -> str:
     return "" if value is None else f"{value:.6g}"
 
 
-def _table(heads: Sequence[str], rows: Any, numbers: Sequence[int] = ()) -> str:
-    """Return a table; cells are text, already escaped where they come as `_Markup`."""
-
-    def cell(tag: str, place: int, value: Any) -> str:
-        kind = " class='number'" if place in numbers else ""
-        return f"<{tag}{kind}>{value if isinstance(value, _Markup) else _say(value)}</{tag}>"
-
-    def line(tag: str, cells: Sequence[Any]) -> str:
-        return "<tr>" + "".join(cell(tag, place, value) for place, value in enumerate(cells)) + "</tr>"
-
-    lines = line("th", heads) + "".join(line("td", tuple(row)) for row in rows)
-    # A wide table scrolls; the tab stop lets a keyboard scroll it.
-    return f"<div class='panel' tabindex='0'><table>{lines}</table></div>"
-
-
-class _Markup(str):
-    """HTML that is not to be escaped again."""
-
-
 # ---- verdicts ---------------------------------------------------------------------------------------------------
 
 
-def _verdicts(body: _Body, target: str, rows: Sequence[Row], alone: bool) -> None:
-    counts = {status: sum(row["status"] == status for row in rows) for status in verdict.COLOURS}
-    said = ", ".join(f"<span class='{s}'>{n} {s}</span>" for s, n in counts.items() if n)
-    body.text(f"<h2>{'Verdicts' if alone else _say(target)}</h2><p>{said or 'no rows'}</p>")
-    # Missed limits come first.
-    order = {"ERROR": 0, "FAIL": 1, "SKIP": 2, "PASS": 3}
+def _counts(rows: Sequence[Row], statuses: Sequence[str] = tuple(verdict.COLOURS)) -> list[tuple[str, int]]:
+    return [(status, sum(row["status"] == status for row in rows)) for status in statuses]
+
+
+def _verdicts(heading: str, rows: Sequence[Row]) -> Part:
     lines = [
         (
             row["name"],
-            _number(row["value"]),
-            _number(row["min"]),
-            _number(row["max"]),
+            *(_number(row[key]) for key in ("value", "min", "max")),
             row["unit"],
-            _Markup(f"<span class='{row['status']}'>{row['status']}</span>"),
+            row["status"],
             row["note"],
         )
-        for row in sorted(rows, key=lambda row: order[row["status"]])
+        for row in sorted(rows, key=lambda row: ORDER.index(row["status"]))
     ]
-    body.text(_table(("name", "value", "min", "max", "unit", "status", "note"), lines, numbers=(1, 2, 3)))
-    judged = [(row["name"], _share(row), row["status"]) for row in rows]
-    judged = [(name, share, status) for name, share, status in judged if share is not None]
-    if len(judged) > 2:
-        body.plots([_against_limits(judged)])
+    judged = [(row["name"], share, row["status"]) for row in rows if (share := _share(row)) is not None]
+    return Part(
+        heading,
+        text="" if rows else "no rows",
+        counts=[(status, number) for status, number in _counts(rows) if number],
+        heads=("name", "value", "min", "max", "unit", "status", "note"),
+        rows=lines,
+        numbers=(1, 2, 3),
+        plots=[_against_limits(judged)] if len(judged) > 2 else [],
+    )
 
 
 def _share(row: Row) -> float | None:
@@ -195,68 +182,53 @@ def _share(row: Row) -> float | None:
 
 
 def _against_limits(judged: Sequence[tuple[str, float, str]]) -> Any:
-    names = [name for name, _, _ in judged][::-1]
+    names, shares, statuses = zip(*reversed(judged), strict=True)
     source = {
         "name": names,
-        "share": [max(share, 1e-4) for _, share, _ in judged][::-1],
-        "colour": [GREEN if status == "PASS" else RED for _, _, status in judged][::-1],
+        "share": [max(share, 1e-4) for share in shares],
+        "colour": [GREEN if status == "PASS" else RED for status in statuses],
     }
     figure = _figure(
         "Value relative to its limit; the limit is at 1", width=1150, height=120 + 17 * len(names), y_range=names,
         x_axis_type="log", tooltips=[("", "@name"), ("share of the limit", "@share")],
     )  # fmt: skip
-    columns = optional("bokeh.models", "report").ColumnDataSource(source)
-    figure.scatter("share", "name", color="colour", size=8, source=columns)
-    _line_at(figure, "height", 1.0)
+    models = _bokeh("models")
+    figure.scatter("share", "name", color="colour", size=8, source=models.ColumnDataSource(source))
+    line = models.Span(location=1.0, dimension="height", line_color=GREY, line_dash="dashed")
+    figure.add_layout(line)
     return figure
 
 
-def _figure(title: str, **options: Any) -> Any:
+def _figure(title: str, x: str = "", y: str = "", **options: Any) -> Any:
     options = {"width": 560, "height": 360, "tools": "pan,box_zoom,wheel_zoom,reset,save,hover", **options}
-    figure = optional("bokeh.plotting", "report").figure(title=title, **options)
+    figure = _bokeh("plotting").figure(title=title, x_axis_label=x or None, y_axis_label=y or None, **options)
     figure.toolbar.logo = None
     return figure
-
-
-def _line_at(figure: Any, dimension: str, place: float) -> None:
-    span = optional("bokeh.models", "report").Span
-    figure.add_layout(span(location=place, dimension=dimension, line_color=GREY, line_dash="dashed"))
 
 
 # ---- a run --------------------------------------------------------------------------------------------------------
 
 
-def _with_waves(runs: Sequence[Path]) -> Path | None:
-    """Return the first run with waves: those of one run are drawn, for they are most of a page."""
-    return next((directory for directory in runs if (directory / "waves.vcd").is_file()), None)
-
-
-def _run(body: _Body, directory: Path, waves: bool) -> None:
+def _run(directory: Path, waves: bool) -> Iterator[Part]:
     summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    body.text(f"<h2>{_say(summary['title'] or directory.name)}</h2>")
-    scene = directory / "resolved.toml"
-    again = shlex.join(["dermis", "run", str(scene), "--engine", summary["engine"]])
+    engine, scene = summary["engine"], directory / "resolved.toml"
     frames = "1 frame" if summary["frames"] == 1 else f"{summary['frames']} frames"
-    body.text(
-        f"<p class='soft'>{frames} of {summary['rows']} x {summary['cols']}, engine "
-        f"{_say(summary['engine'])}, seed {summary['seed']}. Repeat with: <code>{_say(again)}</code></p>"
-    )
+    size = f"{frames} of {summary['rows']} x {summary['cols']}"
+    again = shlex.join(["dermis", "run", str(scene), "--engine", engine])
+    heading = summary["title"] or directory.name
+    text = f"{size}, engine {engine}, seed {summary['seed']}. Repeat with:"
     codes = np.load(directory / "codes.npy")
     try:
-        made = plan.load(scene, summary["engine"])
+        made = plan.load(scene, engine)
     except DermisError as error:  # a file of the scene is gone: the codes are there all the same
-        body.text(f"<p class='SKIP'>The scene cannot be read any more: {_say(error)}</p>")
-        body.plots([_map("Codes", codes[0].astype(float), "code")])
+        yield Part(heading, text=text, code=again, plots=[_map("Codes", codes[0].astype(float), "code")])
+        yield Part("Worst taxels", 3, f"unknown, because the scene cannot be read any more: {error}")
     else:
-        body.plots(_maps(made, codes))
-        body.text("<h3>Worst taxels</h3>" + _worst(made, codes))
-    body.text("<h3>Effects</h3>" + _effects(summary["effects"]))
+        yield Part(heading, text=text, code=again, plots=_maps(made, codes))
+        yield _worst(made, codes)
+    yield _effects(summary["effects"])
     if waves:
-        _waves(body, directory / "waves.vcd", codes)
-
-
-def _strongest(codes: NDArray[Any]) -> int:
-    return int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
+        yield from _waves(directory / "waves.vcd", codes)
 
 
 def _ideal(made: Plan) -> NDArray[np.int64]:
@@ -265,25 +237,27 @@ def _ideal(made: Plan) -> NDArray[np.int64]:
 
 
 def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
-    frame = _strongest(codes)
+    """Draw codes, forces and errors of the strongest frame, and code against force of all."""
+    frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     read = decode(made, codes[frame]).force_n
     off = codes[frame].astype(float) - _ideal(made)[frame]
-    plots = [_map(f"Code{which}", codes[frame].astype(float), "code")]
-    plots.append(_map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "force / N"))
     most = max(1.0, float(np.abs(off).max()))
-    plots.append(_map(f"Code less the ideal code{which}", off, "LSB", "RdBu11", (-most, most)))
+    plots = [
+        _map(f"Code{which}", codes[frame].astype(float), "code"),
+        _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "force / N"),
+        _map(f"Code less the ideal code{which}", off, "LSB", "RdBu11", (-most, most)),
+    ]
     if made.force_n is not None:
-        force, flat = made.force_n.ravel(), codes.ravel()
+        force = made.force_n.ravel()
         keep = np.isfinite(force) & (force <= 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max()))
         step = max(1, int(keep.sum()) // 5000)
         curve = _figure(
-            "Code against force", width=480, height=400, tooltips=[("force", "$x N"), ("code", "$y")]
-        )
-        curve.scatter(
-            force[keep][::step].astype(np.float32), flat[keep][::step].astype(np.float32), size=4, color=BLUE
-        )
-        curve.xaxis.axis_label, curve.yaxis.axis_label = "force on the taxel / N", "code"
+            "Code against force", "force on the taxel / N", "code", width=480, height=400,
+            tooltips=[("force", "$x N"), ("code", "$y")],
+        )  # fmt: skip
+        across, up = (values[keep][::step].astype(np.float32) for values in (force, codes.ravel()))
+        curve.scatter(across, up, size=4, color=BLUE)
         plots.append(curve)
     return plots
 
@@ -296,11 +270,11 @@ def _map(
     limits: tuple[float, float] | None = None,
 ) -> Any:
     rows, cols = values.shape
-    models = optional("bokeh.models", "report")
+    models = _bokeh("models")
     finite = values[np.isfinite(values)]
     low, high = limits or (0.0, float(finite.max()) if finite.size else 1.0)
     figure = _figure(
-        title, width=480, height=400, x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
+        title, "column", "row", width=480, height=400, x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
         tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")],
     )  # fmt: skip
     mapper = models.LinearColorMapper(palette=palette, low=low, high=high if high > low else low + 1)
@@ -308,22 +282,21 @@ def _map(
     figure.image([values.astype(np.float32)], x=-0.5, y=-0.5, dw=cols, dh=rows, color_mapper=mapper)
     figure.add_layout(models.ColorBar(color_mapper=mapper), "right")
     figure.grid.visible = False
-    figure.xaxis.axis_label, figure.yaxis.axis_label = "column", "row"
     return figure
 
 
-def _worst(made: Plan, codes: NDArray[Any]) -> str:
+def _worst(made: Plan, codes: NDArray[Any]) -> Part:
+    """Return the table of the codes that are farthest from those of an ideal read-out."""
     ideal = _ideal(made)
     off = codes.astype(int) - ideal
     if not off.any():
-        return f"<p>None: each of {off.size} codes is that of an ideal read-out.</p>"
-    order = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST]
+        return Part("Worst taxels", 3, f"None: each of {off.size} codes is that of an ideal read-out.")
     lines = []
-    for flat in order:
-        f, r, c = (int(i) for i in np.unravel_index(flat, off.shape))
-        force = "" if made.force_n is None else _number(float(made.force_n[f, r, c]))
-        ohm = _number(float(made.resistance_ohm[f, r, c]))
-        lines.append((f, r, c, force, ohm, int(codes[f, r, c]), int(ideal[f, r, c]), f"{off[f, r, c]:+d}"))
+    for flat in np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST]:
+        at = tuple(int(i) for i in np.unravel_index(flat, off.shape))
+        force = "" if made.force_n is None else _number(float(made.force_n[at]))
+        ohm = _number(float(made.resistance_ohm[at]))
+        lines.append((*at, force, ohm, int(codes[at]), int(ideal[at]), f"{off[at]:+d}"))
     heads = (
         "frame",
         "row",
@@ -334,111 +307,89 @@ def _worst(made: Plan, codes: NDArray[Any]) -> str:
         "ideal code",
         "difference / LSB",
     )
-    return _table(heads, lines, numbers=range(8))
+    return Part("Worst taxels", 3, heads=heads, rows=lines, numbers=range(8))
 
 
-def _effects(states: Sequence[Mapping[str, Any]]) -> str:
+def _effects(states: Sequence[Mapping[str, Any]]) -> Part:
     unnamed = [state["name"] for state in states if not state["on"] and state["reason"] == "not named"]
     lines = []
     for state in sorted(states, key=lambda state: not state["on"]):
-        if state["name"] in unnamed:
-            continue
-        bound = state.get("bound_lsb")
-        said = _Markup("<span class='PASS'>on</span>") if state["on"] else "off"
-        lines.append((state["name"], said, state["reason"], "" if bound is None else f"{bound:.3g}"))
-    rest = (
-        f"<p class='soft'>Off, because the scene does not name them: {html.escape(', '.join(unnamed))}.</p>"
-        if unnamed
-        else ""
+        if state["name"] not in unnamed:
+            bound = state.get("bound_lsb")
+            on = "on" if state["on"] else "off"
+            lines.append((state["name"], on, state["reason"], "" if bound is None else f"{bound:.3g}"))
+    rest = f"Off, because the scene does not name them: {', '.join(unnamed)}." if unnamed else ""
+    return Part(
+        "Effects", 3, rest, heads=("effect", "state", "reason", "bound / LSB"), rows=lines, numbers=(3,)
     )
-    return (_table(("effect", "state", "reason", "bound / LSB"), lines, numbers=(3,)) if lines else "") + rest
 
 
 # ---- waves --------------------------------------------------------------------------------------------------------
 
 
-def _waves(body: _Body, path: Path, codes: NDArray[Any]) -> None:
+def _waves(path: Path, codes: NDArray[Any]) -> Iterator[Part]:
     """Draw the slot of the strongest row: its columns' integrators, comparators and charge
     pulses.
     """
     file = vcd_file.read(path)
-    rows = file.get("chip.row_select")
-    if rows is None:
+    if "chip.row_select" not in file:
         return
     frame = codes[0].astype(int)
     row = int(np.argmax(frame.sum(axis=1)))
-    begin, end = _slot(rows, row)
-    columns = sorted(np.argsort(-frame[row], kind="stable")[:WAVE_COLUMNS].tolist())
-    body.text(
-        f"<h3>Waves of row {row}</h3><p class='soft'>Zoom with the wheel or a box; all share one time axis. "
-        f"The whole run is in <code>{_say(path)}</code>, for GTKWave.</p>"
-    )
+    time, words = file["chip.row_select"]
+    at = next((i for i, word in enumerate(words) if int(word) == 1 << row), 0)
+    begin, end = float(time[at]), float(time[at + 1] if at + 1 < time.size else time[-1])
     plots: list[Any] = []
-    for column in columns:
+    for column in sorted(np.argsort(-frame[row], kind="stable")[:WAVE_COLUMNS].tolist()):
         shared = {"x_range": plots[0].x_range} if plots else {}
-        figure = _figure(f"Column {column}, code {frame[row, column]}", width=1150, height=210, **shared)
-        time, volts = _cut(file[f"analog.v_int{column}"], begin, end, WAVE_POINTS)
-        figure.line(_us(time, begin), volts.astype(np.float32), color=BLUE, legend_label="integrator / V")
-        for net, place, colour in (("chip.comparator", -3.0, GREY), ("chip.charge", -4.4, ORANGE)):
-            time, words = _cut(file[net], begin, end, 1 << 30)
+        title = f"Column {column}, code {frame[row, column]}"
+        figure = _figure(title, "time in the slot / us", "V", width=1150, height=225, **shared)
+        time_us, volts = _cut(file[f"analog.v_int{column}"], begin, end, WAVE_POINTS)
+        figure.line(time_us, volts.astype(np.float32), color=BLUE, legend_label="integrator / V")
+        for net, place, colour in (("comparator", -3.0, GREY), ("charge", -4.4, ORANGE)):
+            time_us, words = _cut(file[f"chip.{net}"], begin, end, 1 << 30)
             bits = np.array([int(word) >> column & 1 for word in words], dtype=np.float32)
             kept = np.concatenate([[True], bits[1:] != bits[:-1]])
-            name = net.removeprefix("chip.")
-            figure.step(
-                _us(time[kept], begin), place + bits[kept], mode="after", color=colour, legend_label=name
-            )
-        figure.yaxis.axis_label = "V"
+            figure.step(time_us[kept], place + bits[kept], mode="after", color=colour, legend_label=net)
         figure.legend.orientation, figure.legend.label_text_font_size = "horizontal", "11px"
         plots.append(figure)
-    plots[-1].xaxis.axis_label = "time in the slot / us"
-    body.plots(plots)
-
-
-def _us(time_s: NDArray[np.float64], begin: float) -> NDArray[np.float32]:
-    return ((time_s - begin) * 1e6).astype(np.float32)
-
-
-def _slot(rows: tuple[NDArray[np.float64], NDArray[Any]], row: int) -> tuple[float, float]:
-    time, words = rows
-    at = next((i for i, word in enumerate(words) if int(word) == 1 << row), 0)
-    return float(time[at]), float(time[at + 1] if at + 1 < time.size else time[-1])
+    text = "Zoom with the wheel or a box; all share one time axis. The whole run is for GTKWave in"
+    yield Part(f"Waves of row {row}", 3, text, str(path), plots=plots)
 
 
 def _cut(
     wave: tuple[NDArray[np.float64], NDArray[Any]], begin: float, end: float, most: int
-) -> tuple[NDArray[np.float64], NDArray[Any]]:
+) -> tuple[NDArray[np.float32], NDArray[Any]]:
+    """Return at most `most` points of a wave between two times, with their times in us from the
+    first.
+    """
     time, values = wave
     first, last = np.searchsorted(time, [begin, end])
-    first = max(0, first - 1)  # what holds at the beginning
+    first = max(0, first - 1)  # the value at the beginning
     step = max(1, math.ceil((last - first) / most))
-    return np.maximum(time[first:last:step], begin), values[first:last:step]
+    time_us = (np.maximum(time[first:last:step], begin) - begin) * 1e6
+    return time_us.astype(np.float32), values[first:last:step]
 
 
 # ---- numbers ------------------------------------------------------------------------------------------------------
 
 
-def _numbers(body: _Body, path: Path) -> None:
+def _numbers(path: Path) -> Iterator[Part]:
     """Draw the columns of a csv file against its first one, where all are numbers."""
     with path.open(encoding="utf-8", newline="") as file:
-        lines = list(_lines(csv.reader(file)))
+        lines = [line for line in csv.reader(file) if line and not line[0].startswith("#")][: CSV_ROWS + 1]
+    lines = [line for line in lines if len(line) == len(lines[0])]
     if len(lines) < 3:
         return
     head, *rows = lines
     columns = [_floats([row[i] for row in rows]) for i in range(len(head))]
-    kinds = [i for i, column in enumerate(columns) if column is None]
-    x = next(
-        (i for i, column in enumerate(columns) if column is not None and np.unique(column).size > 2), None
-    )
-    if x is None:
+    different = [0 if column is None else np.unique(column).size for column in columns]
+    drawn = [i for i, number in enumerate(different) if number > 2]
+    if not drawn:
         return
-    body.text(f"<h2>{_say(path.name)}</h2>")
+    kinds = [i for i, column in enumerate(columns) if column is None]
     groups = [tuple(row[i] for i in kinds) for row in rows]
-    plots = []
-    for y, column in enumerate(columns):
-        if y == x or column is None or np.unique(column).size < 3:
-            continue
-        plots.append(_curves(head, columns, x, y, groups))
-    body.plots(plots[:12])
+    yield Part(path.name, plots=[_curves(head, columns, drawn[0], y, groups) for y in drawn[1:13]])
 
 
 def _curves(
@@ -447,10 +398,9 @@ def _curves(
     spread = columns[x][columns[x] > 0]
     log = bool(spread.size == columns[x].size and spread.max() > 100 * spread.min())
     figure = _figure(
-        f"{head[y]} against {head[x]}", x_axis_type="log" if log else "linear",
-        tooltips=[(head[x], "$x"), (head[y], "$y")],
+        f"{head[y]} against {head[x]}", _with_unit(head[x]), _with_unit(head[y]),
+        x_axis_type="log" if log else "linear", tooltips=[(head[x], "$x"), (head[y], "$y")],
     )  # fmt: skip
-    figure.xaxis.axis_label, figure.yaxis.axis_label = _with_unit(head[x]), _with_unit(head[y])
     paints = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", GREY)
     names = sorted(set(groups))[:14]
     for n, group in enumerate(names):
@@ -465,35 +415,11 @@ def _curves(
     return figure
 
 
-_UNITS = {
-    "a": "A",
-    "f": "F",
-    "hz": "Hz",
-    "j": "J",
-    "lsb": "LSB",
-    "n": "N",
-    "nj": "nJ",
-    "ohm": "ohm",
-    "s": "s",
-    "v": "V",
-}
-
-
 def _with_unit(name: str) -> str:
     """Return a quantity and its unit from a column name: `r_ohm` is `r / ohm`."""
+    units = {unit.lower(): unit for unit in ("A", "F", "Hz", "J", "LSB", "N", "nJ", "ohm", "s", "V")}
     quantity, _, unit = name.rpartition("_")
-    return f"{quantity.replace('_', ' ')} / {_UNITS[unit]}" if quantity and unit in _UNITS else name
-
-
-def _lines(reader: Iterator[list[str]]) -> Iterator[list[str]]:
-    width = None
-    for n, line in enumerate(reader):
-        if n > CSV_ROWS:
-            return
-        if line and not line[0].startswith("#"):
-            width = width or len(line)
-            if len(line) == width:
-                yield line
+    return f"{quantity.replace('_', ' ')} / {units[unit]}" if quantity and unit in units else name
 
 
 def _floats(cells: Sequence[str]) -> NDArray[np.float64] | None:
@@ -515,13 +441,13 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     InputError
         bokeh is missing, or the page cannot be written; known before the command runs.
     """
-    available()
+    optional("bokeh", "report")
     if path.is_dir() or not path.parent.is_dir():
         raise InputError("command line", "--html", str(path), "a file in a directory that is there")
     tables, runs = len(verdict.WRITTEN), len(output.WRITTEN)
     code = call()
     written = dict(verdict.WRITTEN[tables:])
-    done = sorted(set(output.WRITTEN[runs:]), key=output.WRITTEN.index)
+    done = list(dict.fromkeys(output.WRITTEN[runs:]))
     # run and sim leave codes; the other commands leave tables of their own.
     folders = [] if done else [BUILD / target for target in written]
     data = [file for folder in folders for file in sorted(folder.glob("*.csv"))]
@@ -537,25 +463,31 @@ def report_command(out: Path | None) -> int:
     """Collect the tables and runs of build/ into pages, with an index of what passed and what did
     not.
     """
-    available()
+    optional("bokeh", "report")
     out = BUILD / "report" if out is None else out
     out.mkdir(parents=True, exist_ok=True)
-    found = []
+    lines = []
     for table in sorted(BUILD.glob("*.json")):
-        rows = _rows(table)
-        if rows:
-            runs = sorted(path.parent for path in (BUILD / table.stem).glob("*/summary.json"))
-            data = [] if runs else sorted((BUILD / table.stem).glob("*.csv"))
-            write(
-                out / f"{table.stem}.html", table.stem, {table.stem: rows}, runs, data, ["dermis", table.stem]
-            )
-            found.append((table, rows))
-    if not found:
+        name, rows = table.stem, _rows(table)
+        if not rows:
+            continue
+        runs = sorted(path.parent for path in (BUILD / name).glob("*/summary.json"))
+        data = [] if runs else sorted((BUILD / name).glob("*.csv"))
+        write(out / f"{name}.html", name, {name: rows}, runs, data, ["dermis", name])
+        counts = dict(_counts(rows))
+        worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
+        link = {"href": f"{name}.html", "text": name}
+        lines.append((link, worst, *counts.values(), _utc(table.stat().st_mtime)))
+    if not lines:
         raise InputError(
             "build", "*.json", "nothing", "verdict tables; run a target first, such as `make sim`"
         )
-    write_atomic(out / "index.html", _index(found))
-    click.echo(f"{len(found)} pages, listed in {out / 'index.html'}")
+    lines.sort(key=lambda line: ORDER.index(line[1]))
+    heads = ("target", "", *verdict.COLOURS, "measured")
+    text = "Every verdict table of this checkout; those that missed come first."
+    index = Part("dermis", 1, text, heads=heads, rows=lines, numbers=(2, 3, 4, 5))
+    write_atomic(out / "index.html", _page("dermis: report", [index]))
+    click.echo(f"{len(lines)} pages, listed in {out / 'index.html'}")
     return 0
 
 
@@ -568,25 +500,3 @@ def _rows(path: Path) -> list[Row]:
     keys = {"name", "value", "unit", "min", "max", "status", "note"}
     good = isinstance(rows, list) and all(isinstance(row, dict) and keys <= row.keys() for row in rows)
     return rows if good else []
-
-
-def _index(found: Sequence[tuple[Path, Sequence[Row]]]) -> str:
-    body = _Body()
-    body.text(
-        "<h1>dermis</h1><p class='soft'>Every verdict table of this checkout; those that missed come first.</p><br>"
-    )
-    lines = []
-    for path, rows in found:
-        counts = [
-            sum(row["status"] == status for row in rows) for status in ("PASS", "FAIL", "ERROR", "SKIP")
-        ]
-        when = datetime.datetime.fromtimestamp(path.stat().st_mtime, datetime.UTC).strftime(
-            "%Y-%m-%d %H:%M UTC"
-        )
-        name = _Markup(f"<a href='{html.escape(path.stem)}.html'>{html.escape(path.stem)}</a>")
-        worst = "ERROR" if counts[2] else "FAIL" if counts[1] else "PASS"
-        lines.append((worst, (name, _Markup(f"<span class='{worst}'>{worst}</span>"), *counts, when)))
-    lines.sort(key=lambda line: line[0])
-    heads = ("target", "", "PASS", "FAIL", "ERROR", "SKIP", "measured")
-    body.text(_table(heads, [line for _, line in lines], numbers=(2, 3, 4, 5)))
-    return body.page("dermis: report")
