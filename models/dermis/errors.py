@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +46,13 @@ class InputError(DermisError):
     Parameters
     ----------
     file : path or str
-        Where it stands; "command line" for an option.
+        File of the value; "command line" for an option.
     key : str
         Dotted name, or the place in a table ("line 3, value 7").
     value : object
-        What was found there; text is shown as it is, so quote it first where it stands for text in a file.
+        The value found; text of a file must be `quoted` first.
     allowed : str
-        What may stand there.
+        Allowed values, or the remedy.
     """
 
     exit_code = 2
@@ -89,15 +91,31 @@ def optional(module: str, extra: str) -> Any:
         raise InputError("environment", name, "not installed", f"pip install 'dermis[{extra}]'") from None
 
 
+def package_directory(package: str, inside: str, remedy: str) -> Path:
+    """Return the directory of an installed package; raise InputError if `inside` is not in it."""
+    spec = importlib.util.find_spec(package)
+    for place in (spec.submodule_search_locations or []) if spec is not None else []:
+        if (Path(place) / inside).exists():
+            return Path(place)
+    raise InputError("environment", package, "not found", remedy)
+
+
+def tool_path(name: str, what: str) -> str:
+    """Return the path of a program; raise InputError if it is not on PATH."""
+    if (found := shutil.which(name)) is None:
+        raise InputError("PATH", name, "missing", f"{what}; `make setup` installs it")
+    return found
+
+
 class SimulatorError(DermisError):
     """A simulator failed.
 
     Parameters
     ----------
     what : str
-        What it was doing, with the time and node where they are known.
+        The failed step, with time and node if known.
     log : path or str, optional
-        Where its log is.
+        Its log.
     """
 
     exit_code = 3

@@ -1,4 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real circuit for the engines rtl and cosim: netlist, ngspice, Verilog builds and the
-lock-step bridge.
-"""
+"""The real circuit of engines rtl and cosim: netlist, ngspice, Verilog and their lock-step."""

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of an analog half of a co-simulation, and the exact one that needs no circuit
-simulator.
-"""
+"""Interface of an analog half of a co-simulation, and an exact one without a simulator."""
 
 from __future__ import annotations
 
@@ -23,9 +21,7 @@ class AnalogHalf(Protocol):
     """
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to `to` seconds with these edges on the way; return one sample a comparator,
-        high when > 0.
-        """
+        """Solve up to `to` seconds with these edges; return a sample a comparator, > 0 if high."""
 
     def close(self) -> None:
         """Release its resources."""
@@ -69,9 +65,7 @@ class ExactHalf:
         self._charge = np.array(levels[self._rows + 1 :])
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
-        """Solve up to `to` seconds; return w [cols] in packets, high when the comparator is (w >= 0
-        is made > 0).
-        """
+        """Solve up to `to` seconds; return w [cols] in packets, high when > 0."""
         span = to - self._now
         ramp = 0.5 * self._t_edge
         x = self._row @ self._x if self._row.any() else np.zeros(self._cols)
@@ -86,7 +80,7 @@ class ExactHalf:
             elif source == self._rows:
                 if level < self._preset:
                     self.w[:] = self._w_preset
-                    # the preset lets go at the first of its falling edge, as the switch in SPICE does
+                    # the preset ends at the start of its falling edge, as the switch in SPICE
                     span = to - time
                 self._preset = level
             else:

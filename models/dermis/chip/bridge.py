@@ -3,7 +3,7 @@
 clock by clock.
 
 Time is counted in clock edges on the digital side and in seconds on the analog side; edge n of a
-frame stands at n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a
+frame is at n / f_clk exactly, however the HDL simulator rounds its own period. Edge 0 of a
 frame is the one at which the first row is driven. Codes come as any user of the chip gets them: a
 host reads each frame through the SPI pins while the next one is scanned, on a clock of its own.
 """
@@ -24,22 +24,16 @@ from dermis.errors import SimulatorError
 from dermis.records import Timing
 
 START_CLOCKS = 64
-"""More than from enable to a frame's first edge, and from there to its first row but for the
-break.
-"""
+"""More than from enable to a frame's first edge, and from there to its first row without the break."""
 
 SPI_CLOCKS = 1.37
-"""Clocks of the chip in one of the host: no ratio of small numbers, so their edges meet in every
-way.
-"""
+"""Clocks of the chip in one of the host: no ratio of small numbers, so all phases occur."""
 
 WAIT_BYTES = 64
 """Longest answer without a token; the chip needs two or three clocks, and no clock is so slow."""
 
 SPI_SHARE = 0.5
-"""Share of a frame's time in which the host has read the frame before; with wide arrays that takes
-a faster clock.
-"""
+"""Share of a frame's time in which the host reads the frame before; it sets the clock of SPI."""
 
 
 @dataclass
@@ -58,9 +52,7 @@ class Trace:
 
 
 HalfFactory = Callable[[int, "list[float]"], AnalogHalf]
-"""(frame, source levels at the frame's first instant) -> analog half; sources are rows, preset,
-charge.
-"""
+"""(frame, levels of rows, preset and charge switches at its first instant) -> analog half."""
 
 
 def analog_s(timing: Timing, rows: int | None = None) -> float:
@@ -214,15 +206,13 @@ class Bridge:
             except SimTimeoutError:
                 self._host.require(frames)
             return self._host.codes(frames)
-        finally:  # another bridge may start from reset behind an abort of the analog half
+        finally:  # another bridge may start from reset after an abort of the analog half
             for task in (host, *watchers):
                 task.cancel()
             clock.stop()
 
     async def _watch(self, handle: Any) -> None:
-        """Record that a net changed. Polling is slower: these two nets are constant for hundreds of
-        clocks.
-        """
+        """Record a change of two nets that are constant for hundreds of clocks."""
         while True:
             await handle.value_change
             self._moved = True
@@ -269,9 +259,7 @@ class Bridge:
         return levels + [float(charge >> c & 1) for c in range(self._cols)]
 
     async def _frame(self, frame: int, half: AnalogHalf, levels: list[float]) -> None:
-        """Run one frame, from the edge that drives its first row (already passed) to the next
-        frame's first edge.
-        """
+        """Run one frame, from the edge of its first row (already passed) to that of the next."""
         from cocotb.handle import Immediate
 
         dut, timing, trace = self._dut, self._timing, self.trace
@@ -407,9 +395,7 @@ class _Host:
             dut.spi_cs_ni.value = 1
 
     async def _exchange(self, send: bytes) -> bytes:
-        """Send bytes and return those received meanwhile; COPI is constant if all bytes sent are
-        0.
-        """
+        """Send bytes and return those received; COPI is constant if all bytes sent are 0."""
         from cocotb.triggers import FallingEdge, RisingEdge
 
         dut, cipo = self._dut, self._dut.spi_cipo_o

@@ -28,9 +28,7 @@ Floats = NDArray[np.float64]
 DARK_GATES = 16
 """The dark slot is counted over this many normal gates: 1/32 LSB."""
 FULL_GATES = 16
-"""Number of gates up to the normal one for the test current: at most 0.12 LSB at duties of 0.41 to
-0.48.
-"""
+"""Gates for the test current: an error of at most 0.12 LSB at duties of 0.41 to 0.48."""
 # 2 % of mismatch and 10 % of the test resistor's sheet, 2.5 sigma from chip to chip.
 GAIN_LIMIT = 0.12
 """Largest gain error of a good column, relative."""
@@ -71,17 +69,13 @@ class Columns:
 
     @property
     def step_a(self) -> Floats:
-        """Column current of one code in ampere, [cols]; inf where the test current counts
-        nothing.
-        """
+        """Column current of one code in ampere, [cols]; inf if the test current gives code 0."""
         with np.errstate(divide="ignore"):
             return self.i_test_a / (self.gate_clocks * np.maximum(self.full - self.dark, 0.0))
 
     @property
     def start_code(self) -> Floats:
-        """Code without current, [cols]; fields of dermis.decode.calibration.Calibration of the same
-        names.
-        """
+        """Code without current, [cols]; fields as in dermis.decode.calibration.Calibration."""
         return self.gate_clocks * self.dark
 
 
@@ -123,9 +117,7 @@ def full_gates(gate: int) -> range:
 
 
 def duty(counts: Floats, gates: Sequence[int]) -> Floats:
-    """Return the middle of the duties that all counts allow, [gate, col] -> [col], between 0 and
-    1.
-    """
+    """Return the middle of the duties that all counts [gate, col] allow, [col], 0..1."""
     clocks = np.array(gates)[:, None]
     # The preset rounds: count c says c - 1/2 <= gate x < c + 1/2.
     low, high = np.max((counts - 0.5) / clocks, axis=0), np.min((counts + 0.5) / clocks, axis=0)

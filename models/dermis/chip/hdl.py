@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Builds of the Verilog for Icarus and Verilator, cached by content and safe to ask for from
-several processes.
-"""
+"""Builds of the Verilog for Icarus and Verilator, cached by content, for many processes."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from dermis.chip import spi_protocol
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
-from dermis.errors import InputError, SimulatorError, optional
+from dermis.errors import InputError, SimulatorError, optional, tool_path
 from dermis.files import locked
 from dermis.places import BUILD
 from dermis.processes import children
@@ -104,9 +102,7 @@ def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]
 
 @contextlib.contextmanager
 def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
-    """An empty directory for a run's files: `work`, or one in build/<name> that stays only after a
-    failure.
-    """
+    """Yield an empty directory: `work`, or one in build/<name> that stays after a failure."""
     if work is not None:
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
@@ -131,9 +127,8 @@ def prepare(simulator: str) -> str:
     if simulator not in SIMULATORS:
         raise InputError("command line", "simulator", simulator, f"one of {', '.join(SIMULATORS)}")
     if simulator == "icarus":
-        tool = shutil.which("iverilog")
-        if tool is None or shutil.which("vvp") is None:
-            raise InputError("PATH", "iverilog", "missing", "Icarus Verilog; `make setup` installs it")
+        tool = tool_path("iverilog", "Icarus Verilog")
+        tool_path("vvp", "Icarus Verilog")
         stat = Path(tool).stat()
         return f"{tool} {stat.st_size} {stat.st_mtime_ns}"
     root = verilator_root()
@@ -143,10 +138,7 @@ def prepare(simulator: str) -> str:
     rest = [p for p in os.environ["PATH"].split(os.pathsep) if p not in first]
     os.environ["PATH"] = os.pathsep.join(first + rest)
     for tool in ("g++", "make", "perl"):
-        if shutil.which(tool) is None:
-            raise InputError(
-                "PATH", tool, "missing", f"{tool}, which Verilator needs; `make setup` installs it"
-            )
+        tool_path(tool, f"{tool}, which Verilator needs")
     stat = (root / "bin" / "verilator_bin").stat()
     return f"{root} {stat.st_size} {stat.st_mtime_ns}"
 
@@ -272,9 +264,7 @@ def run_cocotb(
 
 
 PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-store-merging")
-"""For g++ 12, which else packs the bytes of flip-flops into words and back; see
-docs/rtl_engine.md.
-"""
+"""Options for g++ 12, which otherwise packs bytes of flip-flops (docs/rtl_engine.md)."""
 
 VERILATOR_ARGUMENTS = (
     "--x-assign fast --x-initial fast --no-assert --no-timing --threads 1 --converge-limit 10000000 -Wno-fatal -O3"
@@ -368,9 +358,7 @@ def program(
 
 
 def _whole(program: Path) -> bool:
-    """Return True if a build has made its program: on a full disk Icarus ends with 0 and a part of
-    it.
-    """
+    """Return True for a complete program: on a full disk Icarus ends with 0 and a part."""
     if not program.is_file():
         return False
     if program.suffix != ".vvp":
@@ -388,9 +376,7 @@ def _headers(includes: Sequence[Path]) -> list[Path]:
 def _cached(
     stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None], name: str
 ) -> Path:
-    """Directory named by the content of files and a key; `make(directory, log)` puts `name` there,
-    once.
-    """
+    """Return the directory of a build, named by its content; `make(directory, log)` fills it."""
     digest = hashlib.sha256()
     for path in content:
         digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")

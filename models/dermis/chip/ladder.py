@@ -2,10 +2,10 @@
 """Retries after ngspice gives up a circuit: an ordered ladder, each attempt reported, and advice
 after the last.
 
-There are two reasons to climb. Where no operating point is found, the next way to *start* is taken;
-where a transient stops half way, the next way to *step*. Nothing is switched on by ngspice itself:
-its own gmin stepping, source stepping and hidden transient are rungs here, so that a result says
-how it came about. docs/ladder.md has the table and shows a circuit for every rung.
+There are two ladders. If no operating point is found, the next method to *start* is tried; if a
+transient stops, the next method to *step*. ngspice switches nothing on by itself: its gmin stepping,
+source stepping and hidden transient are rungs here, so that a result names its method.
+docs/ladder.md has the table and shows a circuit for every rung.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Rung:
 
     Attributes
     ----------
-    name : what it is called in reports.
-    options : text of an `.options` line behind the deck's own, whose values it replaces; empty for none.
+    name : its name in reports.
+    options : text of an `.options` line after the deck's own, whose values it replaces; empty for none.
     optran : ngspice's command that says what it may do besides Newton's method for an operating point.
-    guess : its operating point is not to be believed but to be confirmed, as a nodeset, by Newton's method.
+    guess : Newton's method must confirm its operating point, as a nodeset.
     what : in words, for reports.
     error : what it may do to a result.
     """
@@ -98,9 +98,7 @@ STEPS = (
         f"{_NODES} method=gear maxord=2",
     ),
 )
-"""Ways to step, in the order in which they are tried. None loosens a tolerance (docs/ladder.md says
-why).
-"""
+"""Ways to step, in the order of trials; none loosens a tolerance (docs/ladder.md)."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +163,8 @@ class Retry:
 
     Attributes
     ----------
-    rung : where it stood
-    next : where the next attempt stands; None behind the last
+    rung : its rung
+    next : rung of the next attempt; None after the last
     said, time_s, node : as in Abort
     """
 
@@ -190,8 +188,8 @@ class Climb:
 
     Parameters
     ----------
-    what : how reports call the circuit ("frame 3")
-    level : where it begins
+    what : name of the circuit in reports ("frame 3")
+    level : first rung
     report : given one line for every retry
     """
 
@@ -207,7 +205,7 @@ class Climb:
         Raises
         ------
         SimulatorError
-            There is none: time, node, what was tried, what to try.
+            There is none: time, node, tried rungs and advice.
         """
         above = self.level.above(abort.phase)
         name = above.name if above else None
@@ -225,13 +223,13 @@ class Climb:
             self._report(f"ngspice, {self.what}, {retry}")
 
 
-def climb(attempt: Callable[[Level], T], way: Climb) -> T:
+def climb(attempt: Callable[[Level], T], rungs: Climb) -> T:
     """Attempt a circuit, one rung higher after each abort.
 
     Parameters
     ----------
     attempt : simulates from the beginning at a level, and raises Abort
-    way : where it begins; keeps and reports what was given up
+    rungs : begins at its level; keeps and reports failed attempts
 
     Raises
     ------
@@ -240,9 +238,9 @@ def climb(attempt: Callable[[Level], T], way: Climb) -> T:
     """
     while True:
         try:
-            return attempt(way.level)
+            return attempt(rungs.level)
         except Abort as abort:
-            way.up(abort)
+            rungs.up(abort)
 
 
 # ---- messages of ngspice -------------------------------------------------------------------------------------

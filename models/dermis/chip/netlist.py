@@ -68,10 +68,10 @@ HONOURS = frozenset(
 """Record fields that a deck can express; a field that is not named here is refused."""
 
 # Up to this part of a clock the delay of a comparator is the pole of its block: of a bend a clock ago 2e-9 is left.
-# Beyond, a pole makes bends round (3 % at 0.3 clock, beside a clamp 28 codes), so the block has none and its output is
-# looked at that much before the clock, on a time point (comparator_early_s, Deck.late_s). Nothing else in the block
-# knows of time, so a delay behind it is a delay before it. No transmission line: ngspice counts a limit of its steps
-# from the point before the last, and behind a step longer than the line that is below zero ("timestep too small").
+# Above it, a pole would round bends (3 % at 0.3 clock, 28 codes with a clamp), so the block has no pole and its output
+# is sampled that much earlier, on a time point (comparator_early_s, Deck.late_s). Nothing else in the block depends on
+# time, so its delay may be at its input or output. No transmission line: ngspice counts its limit of steps from the
+# point before the last, which is negative after a step longer than the line ("timestep too small").
 _DELAY_POLE_CLOCKS = 0.05
 
 OF_BLOCK = {
@@ -100,21 +100,22 @@ _OPTIONS_CLAMP = {"reltol": 1e-6, "vntol": 1e-9, "chgtol": 1e-16, "trtol": 3.0}
 # ("timestep too small").
 _ABSTOL_CLAMP = 4e-9
 
-# There an edge of a packet lasts this part of a clock (1 ps). A ramp of r clocks takes r / 2 of a packet out behind the
-# sample at its end and hands x^2 r / 2 of one to the clamp. Elsewhere that comes back; here what is left decides which
-# clock the next packet falls on: 3 codes by 1 ns at x = 0.495 and a range of -0.56 V.
+# With a clamp, an edge of a packet lasts this part of a clock (1 ps). A ramp of r clocks moves r / 2 of a packet past
+# the sample at its end and x^2 r / 2 into the clamp. Without a clamp the charge comes back; with it, the loss decides
+# the clock of the next packet: 3 codes by 1 ns at x = 0.495 and a range of -0.56 V.
 _EDGE_CLAMP_CLOCKS = 5e-6
 
 # Transistors. Newton's method has to be done with a node of an open-loop amplifier: abstol above the noise of a
 # megohm there (1 nA is 4e-5 of i0). chgtol is 2e-4 of a packet.
 OPTIONS_TRANSISTORS = {"reltol": 1e-3, "abstol": 1e-9, "vntol": 1e-6, "chgtol": 1e-15}
 
-# Row drivers by themselves: what a row is off by from clock to clock stays below dermis.chip.split.STILL_V.
+# Row drivers alone: the error of a row from clock to clock is below dermis.chip.split.STILL_V.
 _OPTIONS_ROWS = OPTIONS_TRANSISTORS | {"reltol": 1e-6, "vntol": 1e-9}
 
-# Steps behind an edge, in the time since it. Truncation control alone passes the transitions of a level shifter in one
-# step, whatever its tolerance: packets were 0.4 % too small at -40 C and 0.9 of the supply, a code 1.0 LSB too large.
-# With it codes are within 0.02 LSB of steps ten times as short (docs/views.md, test_the_steps_do_not_make_the_code).
+# Longest step after an edge, relative to the time since it. Truncation control alone takes the transitions of a level
+# shifter in one step, at any tolerance: packets were 0.4 % too small at -40 C and 0.9 of the supply, a code 1.0 LSB too
+# large. With it codes are within 0.02 LSB of steps ten times as short (docs/views.md,
+# test_the_steps_do_not_make_the_code).
 STEP_GROWTH_TRANSISTORS = 0.25
 
 
@@ -189,11 +190,10 @@ def refuses(plan: Plan) -> InputError | None:
 def parts(plan: Plan) -> tuple[tuple[int, ...], ...]:
     """Columns by the circuit that has them: circuits that may be solved apart, that of the row drivers without any.
 
-    Transistors cost by the device and by the step, and every column has its own instants to step
-    on. Columns behind conveyors stand at their virtual grounds, so a column sees of the others no
-    more than what they draw from the rows; lateral resistors and the direct interface tie them
-    together. Models by themselves are solved fastest together. Row drivers, a third of the transistors of a column's
-    circuit, step when a row is switched and not for every packet.
+    The cost of transistors grows with devices and steps, and every column needs time points of its
+    own. Columns of conveyors are at their virtual grounds, so they only share the current of the
+    rows; lateral resistors and the direct interface couple them. Models are solved fastest together.
+    Row drivers, a third of the transistors of a column's circuit, step only when a row is switched.
     """
     columns = range(plan.cols)
     heavy = [c for c in columns if plan.views.has_transistors(c, plan.topology)]
@@ -214,9 +214,7 @@ def _drivers_apart(plan: Plan) -> bool:
 
 
 def _channel_in_transistors(views: Views, topology: str) -> bool:
-    """Return True if the channel is in transistors: with its conveyor, or as one block if
-    direct.
-    """
+    """Return True if the channel is in transistors, with its conveyor or as one block."""
     blocks = views.in_transistors(topology)
     return ("conveyor" if topology != "direct" else "integrator") in blocks
 
@@ -291,9 +289,7 @@ def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> 
 
 
 def _late_s(plan: Plan) -> NDArray[np.float64]:
-    """Return the time before the clock at which each comparator is sampled, in s; 0 if its block
-    has the delay.
-    """
+    """Return how long before the clock each comparator is sampled, in s; 0 if delayed itself."""
     delay = np.broadcast_to(plan.converter.t_comp_delay_s, plan.cols)
     return np.where(delay > _early_s(plan), delay, 0.0)
 
@@ -501,9 +497,7 @@ def _far_column(plan: Plan, network: Network, column: int) -> Iterator[str]:
 
 
 def _bias(plan: Plan, frame: int, begin: int) -> str:
-    """The bias: a number, or a sine that runs on from frame to frame; `begin` is time zero in
-    clocks of the frame.
-    """
+    """Return the bias: a number, or a continuing sine; `begin` is time zero in clocks."""
     drive, level = plan.drive, plan.v_bias_v
     if not drive.ripple:
         return spice_number(level)
@@ -572,9 +566,7 @@ def integrator_node(column: int) -> str:
 
 
 def integrator_nodes(column: int) -> tuple[str, str]:
-    """Return the names of a column's integrator node: in most channels, and in the direct one in
-    transistors.
-    """
+    """Return the names of an integrator's node: of most channels, and of the direct one."""
     return f"xch{column}.xvfc.v_int", f"xch{column}.v_int"
 
 
@@ -607,7 +599,5 @@ def has_pole(plan: Plan) -> bool:
 
 
 def longest_step_s(drive: Drive) -> float:
-    """Return a fortieth of the ripple's period, for which the trapezoidal error is 0.2 %; inf
-    without ripple.
-    """
+    """Return 1/40 of the ripple's period (a trapezoidal error of 0.2 %), or inf."""
     return 1.0 / (40.0 * drive.f_ripple_hz) if drive.ripple and drive.f_ripple_hz else math.inf

@@ -13,7 +13,6 @@ import ctypes
 import hashlib
 import math
 import os
-import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from dermis.chip import ladder
 from dermis.chip.analog import Edge
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError, tool_path
 from dermis.places import BUILD
 
 SOURCE = Path(__file__).with_name("lockstep.c")
@@ -50,7 +49,7 @@ class Deck:
     longest_edge_s : nor may an edge of a source that is not abrupt.
     step_growth : nor than this share of the time since an edge began or ended; a tenth of an edge is always allowed. 0
         for no such limit.
-    late_s : of each probe, how long before the time of a sample it is looked at; empty for not at all.
+    late_s : time by which each probe is sampled earlier; empty for 0.
     """
 
     lines: tuple[str, ...]
@@ -65,16 +64,12 @@ class Deck:
 
 
 def library() -> Path:
-    """Return the compiled lock-step driver, compiling it when its source is newer than any copy in
-    build/.
-    """
+    """Return the compiled lock-step driver; compile it if its source has changed."""
     source = SOURCE.read_bytes()
     target = BUILD / "native" / f"liblockstep_{hashlib.sha256(source).hexdigest()[:16]}.so"
     if target.exists():
         return target
-    compiler = shutil.which(os.environ.get("CC", "cc"))
-    if compiler is None:
-        raise InputError("PATH", "cc", "missing", "a C compiler; `make setup` installs it")
+    compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = target.with_suffix(f".{os.getpid()}.tmp")
     command = [
@@ -251,9 +246,7 @@ class NgspiceHalf:
         raise ladder.Abort(phase, words, time_s, ladder.node_of(words) or ladder.node_of(said), self._log)
 
     def _guess(self) -> list[str]:
-        """Return nodesets from an unconfirmed operating point, none if there is no operating
-        point.
-        """
+        """Return nodesets from an unconfirmed operating point, none without one."""
         text = ctypes.create_string_buffer(_GUESS_BYTES)
         if _lib.lockstep_operating_point(text, _GUESS_BYTES):
             self._raise()
@@ -275,7 +268,9 @@ class NgspiceHalf:
         for late, probes in self._late:
             at = to - late
             if at < self._now - self._tiny and self._now > 0.0:
-                raise ValueError(f"a probe {late:g} s late, {to - self._now:g} s behind the last sample")
+                raise ValueError(
+                    f"a probe is {late:g} s late, but the last sample is {to - self._now:g} s ago"
+                )
             if at > self._now + self._tiny:
                 self._solve(at, [edge for edge in edges if edge[0] <= at])
                 edges = [edge for edge in edges if edge[0] > at]
@@ -319,13 +314,9 @@ class NgspiceHalf:
 
     @property
     def statistics(self) -> dict[str, int]:
-        """Accepted and rejected time points and source evaluations (about one per Newton iteration)
-        so far.
-        """
+        """Number of accepted and rejected time points and of source evaluations so far."""
         return {name: getattr(_lib, f"lockstep_{name}")() for name in ("accepted", "rejected", "loads")}
 
     def close(self) -> None:
-        """Release the circuit, so that this process can take another; only after the end of the
-        transient.
-        """
+        """Release the circuit after the end of its transient, for another one."""
         _lib.lockstep_close()

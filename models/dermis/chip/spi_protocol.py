@@ -30,9 +30,7 @@ SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 SPECIAL_SLOTS = (SLOT_INJECT, SLOT_DARK, SLOT_FULL_EVEN, SLOT_FULL_ODD)
 
 WAIT_LIMIT = 4096
-"""Wait bytes after which a chip counts as one without a clock: SCK may be 8000 times faster than
-f_clk.
-"""
+"""Most wait bytes before a chip counts as one without a clock: SCK at 8000 times f_clk."""
 
 Result = TypeVar("Result")
 Transaction = Generator[bytes, bytes, Result]
@@ -103,9 +101,7 @@ REFUSALS: dict[int, tuple[type[SpiError], str]] = {
 
 
 def crc8(data: Iterable[int], crc: int = 0) -> int:
-    """CRC-8/SMBUS: polynomial 0x07, start 0, most significant bit first; ``crc8(b"123456789") ==
-    0xF4``.
-    """
+    """CRC-8/SMBUS: polynomial 0x07, start 0, MSB first; ``crc8(b"123456789") == 0xF4``."""
     for byte in data:
         crc ^= byte
         for _ in range(8):
@@ -183,9 +179,7 @@ def read_register(address: int, wait_limit: int = WAIT_LIMIT) -> Transaction[int
 
 
 def read_frame_bytes(wait_limit: int = WAIT_LIMIT) -> Transaction[bytes]:
-    """Read the newest whole frame as the chip packed it, empty if there is none yet; `parse_frame`
-    takes it apart.
-    """
+    """Read the newest whole frame as packed, for `parse_frame`; empty if there is none."""
     yield from _exchanged(frame_command())
     yield from _token(TOKEN_DATA, wait_limit)
     high, low = yield from _exchanged(bytes(2))
@@ -222,9 +216,7 @@ def _token(wanted: int, wait_limit: int) -> Transaction[int]:
 
 
 def run(transaction: Transaction[Result], exchange: Callable[[bytes], bytes]) -> Result:
-    """Run a transaction over `exchange`, which keeps CS low; lower it before and raise it after
-    this call.
-    """
+    """Run a transaction over `exchange`; CS is low during this call."""
     try:
         send = next(transaction)
         while True:
@@ -250,7 +242,7 @@ class Frame:
     overflow : [n, cols] bool
         The count was above full scale.
     test, dark, fault : bool
-        A self-test frame; with a dark slot in front; a fault stands in a mask.
+        A self-test frame; with a dark slot first; a fault in a mask.
     pedestal_mode : int
         0 none, 1 registers, 2 latest dark slot.
     """

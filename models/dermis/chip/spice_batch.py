@@ -3,7 +3,7 @@
 `.meas`.
 
 The exit code of ngspice is no evidence: it is 0 when a `.meas` fails, and when a transient stops
-half way and its measurements look plausible.
+early and its measurements look plausible.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from __future__ import annotations
 import functools
 import math
 import re
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from dermis.chip import ladder
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError, tool_path
 from dermis.processes.children import output_of, run_child
 
 _MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
@@ -64,10 +63,7 @@ def find() -> str:
     InputError
         It is not installed.
     """
-    tool = shutil.which("ngspice")
-    if tool is None:
-        raise InputError("PATH", "ngspice", "missing", "ngspice 39 or later; `make setup` installs it")
-    return tool
+    return tool_path("ngspice", "ngspice 39 or later")
 
 
 @functools.cache
@@ -102,9 +98,9 @@ def run(
         ngspice stopped on every rung, took too long, or a measurement is missing.
     """
     tool = find()
-    way = ladder.Climb(deck.stem, level)
-    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level, partial), way)
-    return Measured(values, tuple(way.retries))
+    rungs = ladder.Climb(deck.stem, level)
+    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level, partial), rungs)
+    return Measured(values, tuple(rungs.retries))
 
 
 def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level, partial: bool) -> dict[str, float]:
@@ -184,9 +180,7 @@ def _guess(tool: str, deck: Path, text: str, extra: list[str], limit_s: float) -
 
 
 def _trouble(text: str, complaint: str) -> str:
-    """Return the complaint of ngspice with the time and node that it names, maybe on other
-    lines.
-    """
+    """Return the complaint of ngspice with its time and node."""
     parts = [complaint.strip()]
     for pattern in (r"time\s*=\s*[\d.e+-]+", r"trouble with [^\n;]+", r"singular matrix:[^\n]+"):
         found = re.search(pattern, text, re.IGNORECASE)

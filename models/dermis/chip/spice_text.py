@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How SPICE text is written: numbers, folded lines, and the array with every element that a scene
-may give it.
-"""
+"""SPICE text: numbers, folded lines, and the array with every element of a scene."""
 
 from __future__ import annotations
 
@@ -41,7 +39,7 @@ def array_subckt(
     """Write the taxel array as a subckt with the pins r0 r1 ... c0 c1 ...
 
     A taxel is a resistor ``rtaxel_r3c4`` between its row and its column; its inner electrode is the
-    column line. A lateral resistor ``rlat_r3c4`` stands between the inner electrodes of (3, 4) and
+    column line. A lateral resistor ``rlat_r3c4`` is between the inner electrodes of (3, 4) and
     (3, 5).
 
     With trace resistance the taxel (3, 4) joins the nodes ``u_r3c4`` of its row line and ``v_r3c4``
@@ -94,6 +92,14 @@ def array_subckt(
     def inner(r: int, c: int) -> str:
         return f"v_r{r}c{c}" if trace_column_ohm else f"c{c}"
 
+    def resistors(name: str, key: str, values: ArrayLike, step: tuple[int, int]) -> None:
+        """Add resistors from every inner electrode to the one a step away."""
+        down, right = step
+        for (r, c), ohm in _resistances(key, values, (rows - down, cols - right)):
+            if math.isfinite(ohm):
+                ends = f"{inner(r, c)} {inner(r + down, c + right)}"
+                elements.append(f"{name}_r{r}c{c} {ends} {spice_number(max(ohm, floor))}")
+
     cells = [(r, c) for r in range(rows) for c in range(cols)]
     if resistance_ohm is None:
         default = spice_number(design.sensor.r_max_ohm)
@@ -127,17 +133,9 @@ def array_subckt(
                 f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {{r_lateral_ohm}}" for c in range(cols - 1)
             ]
     elif lateral_ohm is not None:
-        for (r, c), ohm in _resistances("lateral_ohm", lateral_ohm, (rows, cols - 1)):
-            if math.isfinite(ohm):
-                elements.append(
-                    f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {spice_number(max(ohm, floor))}"
-                )
+        resistors("rlat", "lateral_ohm", lateral_ohm, (0, 1))
     if trace_column_ohm and lateral_column_ohm is not None:
-        for (r, c), ohm in _resistances("lateral_column_ohm", lateral_column_ohm, (rows - 1, cols)):
-            if math.isfinite(ohm):
-                elements.append(
-                    f"rlat_col_r{r}c{c} {inner(r, c)} {inner(r + 1, c)} {spice_number(max(ohm, floor))}"
-                )
+        resistors("rlat_col", "lateral_column_ohm", lateral_column_ohm, (1, 0))
     if trace_row_ohm:
         segment = spice_number(float(trace_row_ohm))
         for r, c in cells:
@@ -146,8 +144,8 @@ def array_subckt(
     if trace_column_ohm:
         segment = spice_number(float(trace_column_ohm))
         for r, c in cells:
-            behind = inner(r + 1, c) if r + 1 < rows else f"c{c}"
-            elements.append(f"rtrace_col_r{r}c{c} {inner(r, c)} {behind} {segment}")
+            after = inner(r + 1, c) if r + 1 < rows else f"c{c}"
+            elements.append(f"rtrace_col_r{r}c{c} {inner(r, c)} {after} {segment}")
 
     head = [f".subckt {name}"]
     head += _folded([f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)], 16)

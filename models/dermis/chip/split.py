@@ -36,7 +36,7 @@ class Workers:
     Parameters
     ----------
     log : Path
-        Where what they print goes: `log` with their number in its name. A worker that ends leaves its reason there.
+        File of their output, with their number in its name; a worker that ends leaves its reason there.
     """
 
     def __init__(self, log: Path) -> None:
@@ -72,7 +72,7 @@ class Workers:
         self._running.clear()
 
 
-# Change of a row's voltage that the columns are not told: 2e-6 of the bias, 1e-3 of a code at full scale.
+# Smaller changes of a row's voltage do not reach the columns: 2e-6 of the bias, 1e-3 of a code at full scale.
 STILL_V = 1e-6
 
 
@@ -161,8 +161,8 @@ class SplitHalf:
     def _drive(self, to: float, edges: Sequence[Edge]) -> list[Edge]:
         """Solve the row drivers up to `to`; return the changes of their rows, from the last call's time on.
 
-        Rows change in the preset, a hundred clocks before a gate, and stand in a few nanoseconds. So a ramp in place of
-        the way there is lost on the codes, and drivers at rest are left behind until a row is switched.
+        Rows change during the preset, a hundred clocks before a gate, and settle in nanoseconds. So a ramp in place of
+        their course does not change codes, and drivers at rest are not solved until a row is switched.
         """
         switched = [edge for edge in edges if edge[1] < self._shared - 1]
         if self._still and not switched:
@@ -230,7 +230,7 @@ def _serve(calls: IO[bytes], answers: IO[bytes]) -> None:
 
 
 if __name__ == "__main__":
-    # ngspice prints some words past its callbacks: they must not get between the answers.
+    # ngspice prints some lines itself: they must not mix with the answers.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as to_caller:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         _serve(sys.stdin.buffer, to_caller)

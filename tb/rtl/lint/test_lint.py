@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shutil
 import stat
@@ -12,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from dermis.chip import sources
 from dermis.errors import InputError
 from scripts import lint
 
@@ -259,10 +259,10 @@ def test_tool_that_gives_no_result_is_an_error_not_a_pass(
 @pytest.mark.parametrize("missing", ["iverilog", "yosys", "verilator"])
 def test_missing_tool_is_an_input_error_that_names_it(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
     which: Callable[[str], str | None] = shutil.which
-    find_spec = sources.importlib.util.find_spec
+    find_spec = importlib.util.find_spec
     monkeypatch.setattr(lint.shutil, "which", lambda name: None if name == missing else which(name))
     monkeypatch.setattr(
-        sources.importlib.util, "find_spec", lambda name: None if name == missing else find_spec(name)
+        importlib.util, "find_spec", lambda name: None if name == missing else find_spec(name)
     )
     with pytest.raises(InputError, match=f'environment: {missing} = "?not found"?: .*install') as caught:
         lint.run_lint()
