@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry of the command line, `dermis` and `python -m dermis`; handles Ctrl-C from its first line
-on.
-"""
+"""Entry of `dermis` and `python -m dermis`; handles Ctrl-C from its first line on."""
 
 import signal
 

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: parses, calls, and turns every end into its exit code (0 done, 1 missed, 2
-input, 3 simulator).
-"""
+"""The command line: parses, calls, and turns every end into its exit code."""
 
 from __future__ import annotations
 
@@ -21,39 +19,21 @@ from typing import Any
 
 import click
 
-from dermis import __version__, records
+from dermis import __version__
 from dermis.errors import DermisError, InputError, SimulatorError, one_line
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 
-# Commands of the package that are loaded only when they are called, so that each command starts
-# quickly.
+# Commands of the package that are imported only when they are called, so that each starts quickly.
 LATER = {
-    "calibrate": (
-        "dermis.report.calibrate",
-        "Fit a calibration to test currents, known loads and load cycles.",
-    ),
-    "report": (
-        "dermis.report.html",
-        "Collect the tables and runs of build/ into pages, with an index.",
-    ),
-    "read": (
-        "dermis.report.read",
-        "Read a recording with the chip: codes, and forces with time and intervals.",
-    ),
-    "ablate": (
-        "dermis.report.ablate",
-        "Measure the cost of each effect of a scene, in codes and time.",
-    ),
-    "plan": (
-        "dermis.report.plan_table",
-        "Show the effects of a scene, and the cells that auto decides without a walk.",
-    ),
+    "calibrate": ("dermis.report.calibrate", "Fit a calibration to test currents, loads and load cycles."),
+    "report": ("dermis.report.html", "Collect the tables and runs of build/ into pages, with an index."),
+    "read": ("dermis.report.read", "Read a recording with the chip: codes, and forces with intervals."),
+    "ablate": ("dermis.report.ablate", "Measure the cost of each effect of a scene, in codes and time."),
+    "plan": ("dermis.report.plan_table", "Show the effects of a scene, and which of them change codes."),
 }
 PROGRAMS = ROOT / "scripts" / "commands.toml"
-"""Commands of the checkout: programs that build or judge the chip. An installed package has none of
-them.
-"""
+"""Commands of the checkout, which an installed package does not have."""
 
 
 @functools.cache
@@ -182,45 +162,34 @@ def run(
     if made.scene.table.effects.auto is not None:
         plan_table.print_plan(made)
     target: str | Path = BUILD / "run" / path.stem if out is None else out
-    options: dict[str, Any] = {}
-    if simulator is not None:
-        if made.engine not in ("rtl", "cosim"):
-            raise InputError("command line", "--simulator", simulator, "engine rtl or cosim")
-        options["simulator"] = simulator
-    if waves:
-        if made.engine != "cosim":
-            raise InputError(
-                "command line", "--waves", made.engine, "engine cosim, the only one with waveforms"
-            )
-        options["record"] = True
+    for option, given, able in (("--simulator", simulator, ("rtl", "cosim")), ("--waves", waves, ("cosim",))):
+        if given and made.engine not in able:
+            raise InputError("command line", option, made.engine, f"engine {' or '.join(able)}")
     if scheduler is not None and (processes > 1 or waves):
         other = "--processes" if processes > 1 else "--waves"
         raise InputError("command line", f"--scheduler and {other}", scheduler, "one of the two")
-
-    def simulate(which: records.Plan) -> engines.Result:
-        begin = cpu_time.cpu_used_s()
-        with progress.slots(path.stem, which.frames * which.rows) as on_slots:
-            done = batch.run(
-                which, on_slots, processes=processes, scheduler=scheduler, certified=certify, **options
-            )
-        done.info["cpu_seconds"] = cpu_time.cpu_used_s() - begin - done.info.get("certify_cpu_s", 0.0)
-        return done
-
+    options: dict[str, Any] = {"simulator": simulator} if simulator else {}
+    options |= {"record": True} if waves else {}
     with output.place(target) as where:
-        start = time.perf_counter()
-        result = simulate(made)
-        result.info["seconds"] = time.perf_counter() - start
+        start, begin = time.perf_counter(), cpu_time.cpu_used_s()
+        with progress.slots(path.stem, made.frames * made.rows) as on_slots:
+            result = batch.run(
+                made, on_slots, processes=processes, scheduler=scheduler, certified=certify, **options
+            )
+        info = result.info
+        info["cpu_seconds"] = cpu_time.cpu_used_s() - begin - info.get("certify_cpu_s", 0.0)
+        info["seconds"] = time.perf_counter() - start
         rows = []
         if check is not None:
             begin = cpu_time.cpu_used_s()
             rows += comparison.first_frames(made, result, path.stem, check)
-            result.info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
+            info["check_cpu_s"] = cpu_time.cpu_used_s() - begin
         full = int((result.codes >= made.timing.code_max).sum())
         rows.append(verdict.report(f"run.taxels_at_full_scale.{path.stem}", full, "taxels"))
         for key in ("certify_cpu_s", "check_cpu_s"):
-            if key in result.info:
-                note = f"processor time; the run itself took {result.info['cpu_seconds']:.3g} s"
-                rows.append(verdict.report(f"run.{key}.{path.stem}", result.info[key], "s", note))
+            if key in info:
+                note = f"processor time; the run itself took {info['cpu_seconds']:.3g} s"
+                rows.append(verdict.report(f"run.{key}.{path.stem}", info[key], "s", note))
 
         def draw(directory: Path) -> None:
             fit = comparison.fit_residual(made, result.codes)
@@ -233,10 +202,10 @@ def run(
         # The table first: if it cannot be written, earlier results stay.
         verdict.write_rows("run", rows)
         output.write(where, made, result, rows, draw)
-    if "filter" in result.info:
-        plan_table.print_filter(made, result.info["filter"])
-    elif "masked" in result.info:
-        plan_table.print_rows(result.info["masked"])
+    if "filter" in info:
+        plan_table.print_filter(made, info["filter"])
+    elif "masked" in info:
+        plan_table.print_rows(info["masked"])
     elif made.on and made.engine in ("closed", "event"):
         plan_table.print_answer(made)
     verdict.print_rows(rows, f"{one_line(made.scene.table.title)} ({made.engine}, {made.frames} frames)")
@@ -246,15 +215,14 @@ def run(
 
 def main() -> None:
     """Run the command line and exit: 0 done, 1 check missed, 2 wrong input, 3 simulator failed."""
-    # Matrices are small: a second thread of OpenBLAS takes ten times the time. numpy, loaded later,
-    # reads this.
+    # Matrices are small: a second thread of OpenBLAS takes ten times the time. numpy reads this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Place of YoWASP's compiled Yosys, made by set-up; the default is the home directory.
     os.environ.setdefault("YOWASP_CACHE_DIR", str(Path(sys.prefix) / "share" / "yowasp"))
     with children.ending():
         code = _run()
-    # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT and ignores
-    # the exit code, even if the exception was caught. Another exec clears this.
+    # After a Ctrl-C inside exec of a string (as in a dataclass), Python ends by SIGINT, not with the
+    # exit code, even if the exception was caught. Another exec clears this.
     exec("")
     try:
         sys.stdout.flush()
@@ -268,9 +236,7 @@ def main() -> None:
 
 
 def _run() -> int:
-    """Run the command; return its exit code, with a line on standard error for every one but 0 and
-    1.
-    """
+    """Run the command; return its exit code, with a line on standard error from 2 on."""
     try:
         code = cli(standalone_mode=False)
         return code if isinstance(code, int) else 0

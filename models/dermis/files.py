@@ -21,9 +21,7 @@ _NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP)
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[IO[bytes]]:
-    """Give a file to write that becomes `path` at the end of the block, in one step; after an error
-    it is gone.
-    """
+    """Yield a file that becomes `path` at the end of the block; after an error it is gone."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     # The system takes the user's mask off: to ask for that mask is to set it, for every thread of the process.
@@ -40,9 +38,7 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write a temporary file next to the target and rename it; text gets LF line ends on every
-    system.
-    """
+    """Write a file whole or not at all; text gets LF line ends on every system."""
     with atomic(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 

@@ -42,28 +42,28 @@ TEXTS: dict[str, tuple[str, dict]] = {
     "time column": (text(",", None, lambda n: [f"{TIME[n]:.3f}"]), SIZE),
     "named time": (text(",", "time_s," + ",".join(NAMES), lambda n: [f"{TIME[n]:.3f}"]), {"rows": 4}),
     "milliseconds": (
-        text(",", "t," + ",".join(NAMES), lambda n: [f"{20 * n}"]), {**SIZE, "time_unit": "ms"},
+        text(",", "t," + ",".join(NAMES), lambda n: [f"{20 * n}"]), {**SIZE, "time_unit": "ms"}
     ),
     "ROS export": (
         text(
             ",", "%time,field.header.seq,field.header.frame_id," + ",".join(f"field.data{k}" for k in range(24)),
-            lambda n: [str(1_700_000_000_000_000_000 + 20_000_000 * n), str(n), "palm"],
-        ), SIZE,
+            lambda n: [str(1_700_000_000_000_000_000 + 20_000_000 * n), str(n), "palm"]
+        ), SIZE
     ),
     "skipped words": (text(",", None, lambda n: ["left", "palm"]), {**SIZE, "skip": 2, "rate_hz": 50.0}),
     "a row a line": (
-        "\n".join(",".join(f"{v:g}" for v in row) for frame in FRAMES for row in frame), {**SIZE, "rate_hz": 50.0},
+        "\n".join(",".join(f"{v:g}" for v in row) for frame in FRAMES for row in frame), {**SIZE, "rate_hz": 50.0}
     ),
     "comments and a last separator": (
-        "# recorded by hand\n# 50 frames a second\n" + text(",").replace("\n", ",\n"), {**SIZE, "rate_hz": 50.0},
+        "# recorded by hand\n# 50 frames a second\n" + text(",").replace("\n", ",\n"), {**SIZE, "rate_hz": 50.0}
     ),
     "a list in one column, and a date": (
         "time,data\n" + "".join(
             f'2026-01-01 10:00:00.{20 * n:03d},"[{", ".join(f"{v:g}" for v in frame.ravel())}]"\n'
             for n, frame in enumerate(FRAMES)
-        ), SIZE,
+        ), SIZE
     ),
-    "blank lines and a byte order mark": ("\ufeff" + text(",").replace("\n", "\r\n\r\n"), {**SIZE, "rate_hz": 50.0}),
+    "blank lines and a byte order mark": ("\ufeff" + text(",").replace("\n", "\r\n\r\n"), {**SIZE, "rate_hz": 50.0})
 }  # fmt: skip
 
 

@@ -111,11 +111,6 @@ def test_an_angle_turns_the_width_towards_rising_rows(write_scene: Write) -> Non
     assert np.argwhere(force).tolist() == [[i, i] for i in range(5, 11)]
 
 
-def test_a_list_of_forces_makes_one_frame_each(write_scene: Write) -> None:
-    text = '[stimulus]\nkind = "indenter"\nshape = "flat"\nforce_n = [0, 5, 15]\n'
-    assert forces(write_scene, text).max(axis=(1, 2)) == pytest.approx([0, 5, 15])
-
-
 def test_spherical_is_the_half_ellipsoid_of_hertz(write_scene: Write) -> None:
     more = "width = 10\nlength = 10\ncenter_row = 7\ncenter_col = 8\n"
     force = forces(write_scene, indenter("spherical", more))[0]
@@ -186,15 +181,6 @@ def test_a_slipping_body_moves_at_its_speed_in_its_direction(write_scene: Write)
     assert place[:, 1] == pytest.approx(7.5 + way * math.cos(math.radians(30)), abs=0.02)
     assert place[:, 0] == pytest.approx(7.5 + way * math.sin(math.radians(30)), abs=0.02)
     assert (force[:6] == force[0]).all()  # it rests until it starts
-
-
-@pytest.mark.paper
-def test_slip_by_whole_pitches_is_the_same_body_elsewhere(write_scene: Write) -> None:
-    force = forces(write_scene, slip("speed_pitch_per_s = 500\nframes = 9\n", "cylindrical"))
-    for n in range(7):
-        # The square root at the rim: a rounding of the place is 1e-8 of the peak.
-        assert force[n, :, n:] == pytest.approx(force[0, :, : 16 - n], abs=1e-6)
-    assert not force[8, :, :14].any()
 
 
 @pytest.mark.paper
@@ -322,8 +308,8 @@ def test_forces_of_several_bodies_add_and_the_shorter_holds(write_scene: Write) 
         (SEVERAL.replace("frames = 3", "frames = 3\nduration_s = 1"), "stimulus.parts.1", "exactly one of frames"),
         (SEVERAL.replace("force_n = 3.0", "total_force_n = 3.0\ncenter_row = 99"), "stimulus.parts.0.total_force_n",
          "touches no taxel"),
-        (SEVERAL.replace("force_n = 3.0", "force_n = 3.0\nt_frame_s = 1"), "stimulus.parts.1.t_frame_s", "the same"),
-    ],
+        (SEVERAL.replace("force_n = 3.0", "force_n = 3.0\nt_frame_s = 1"), "stimulus.parts.1.t_frame_s", "the same")
+    ]
 )  # fmt: skip
 def test_a_moving_body_that_is_none_is_one_line(
     text: str, key: str, allowed: str, write_scene: Write
@@ -504,22 +490,18 @@ def test_real_frames_read_one_a_line(gait_csv: Path, tmp_path: Path) -> None:
 
 WRONG_CSV = [
     ("", "lines", "at least one line"),
-    ("\n\n", "lines", "at least one line"),
     ("1,2,3,4\n", "line 1", "6 values"),
     ("1,2,3,4,5,6\n1,2,3\n", "line 2", "6 values, as"),
     ("1,2,3\n1,2,3\n4,5,6\n", "lines", "whole frames"),
     ("1,2,3,4,5,x\n", "line 1, value 6", "a number"),
-    ("1,2,3,4,5,\n", "line 1, value 6", "a number"),
     ("1,2,3,4,5,1_0\n", "line 1, value 6", "a number"),
     ("1;2;3;4;5;6\n", "line 1", "6 values"),
     ("1,2,3,4,5,nan\n", "frame 0, row 1, column 2", "0..255"),
-    ("1,2,3,4,5,inf\n", "frame 0, row 1, column 2", "0..255"),
     ("1,2,3,4,-1,6\n", "frame 0, row 1, column 1", "0..255"),
     ("1,2,3,4,5,6\n1,2,256,4,5,6\n", "frame 1, row 0, column 2", "0..255"),
     ("1,2,3,4,5,1.5\n", "frame 0, row 1, column 2", "whole number"),
     ("1,2,3,4,5,6\x00\n", "line 1, value 6", "a number"),
     ("1,2,3,4,5,٣\n", "byte 10", "numbers separated by commas"),
-    ("a,b,c,d,e,f\n1,2,3,4,5,6\n", "line 1, value 1", "a number"),
     ("1,2,3,4,5,.control\n", "line 1, value 6", "a number"),
 ]
 
@@ -570,7 +552,6 @@ def _pickled() -> bytes:
 WRONG_NUMPY = [
     ("npy", b"", "file", "readable npy"),
     ("npy", b"\x93NUMPY\x01\x00\xff\xff{", "file", "readable npy"),
-    ("npy", b"not numpy at all" * 10, "file", "readable npy"),
     ("npy", _claims_a_petabyte(), "shape", "at most"),
     ("npy", _claims_more_than_it_has(), "shape", "no more values than"),
     ("npy", _pickled(), "dtype", "integers or floating"),
@@ -578,7 +559,6 @@ WRONG_NUMPY = [
     ("npy", npy(CODES.astype(bool)), "dtype", "integers or floating"),
     ("npy", npy(CODES.astype("U3")), "dtype", "integers or floating"),
     ("npy", npy(np.zeros((2, 3, 2))), "shape", "[2, 3]"),
-    ("npy", npy(np.zeros((0, 2, 3))), "shape", "[2, 3]"),
     ("npy", npy(np.zeros(6)), "shape", "[2, 3]"),
     ("npy", npy(np.full((2, 3), np.nan)), "frame 0, row 0, column 0", "0..255"),
     ("npz", b"PK\x03\x04" + bytes(100), "file", "readable npz"),
@@ -624,15 +604,6 @@ def test_a_selection_beyond_the_file_is_refused(write_scene: Write) -> None:
     error = complaint(write_scene, frames(more="select = [0, 2]\n"), frames__csv="1,2,3,4,5,6\n1,2,3,4,5,6\n")
     assert (error.key, error.value) == ("stimulus.select", 2)
     assert "0..1" in error.allowed
-
-
-def test_files_that_are_no_files_are_refused(write_scene: Write, tmp_path: Path) -> None:
-    (tmp_path / "frames.csv").mkdir()
-    assert "regular file" in complaint(write_scene, frames()).allowed
-    (tmp_path / "huge.csv").touch()
-    with open(tmp_path / "huge.csv", "r+b") as stream:
-        stream.truncate(stimulus.FILE_BYTES_MAX + 1)
-    assert "at most" in complaint(write_scene, frames(file="huge.csv")).allowed
 
 
 def test_too_many_values_are_refused_before_they_are_made(write_scene: Write) -> None:

@@ -7,21 +7,18 @@ import datetime
 import math
 import random
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dermis import cli, engines
+from dermis import engines
 from dermis import plan as planning
 from dermis.errors import InputError, SimulatorError
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
-
-Write = Callable[..., Path]
 
 BODY = {"shape": "flat", "force_n": 1.0}
 BASES: dict[str, dict[str, Any]] = {
@@ -40,7 +37,7 @@ VALUES: list[Any] = [
     10**31, 10**400, 1e30, 1.1e30, 1e-30, 1e-31,
     0.0, -0.0, 0.5, 2.5, -2.5, 5e-324, 1e-12, 1e308, -1e308, [], [1.0], [1.0, 2.0], [2.0, 1.0], [math.nan],
     [1.0, math.nan], [-1.0, 1.0], [1.0, "x"], [1, True], [[1.0, 2.0]], [{}], {}, {"no_such_key": 1},
-    datetime.date(2024, 2, 29), datetime.datetime(2024, 2, 29, 1, 2),
+    datetime.date(2024, 2, 29), datetime.datetime(2024, 2, 29, 1, 2)
 ]  # fmt: skip
 
 _NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
@@ -211,19 +208,6 @@ def test_documentation_that_is_too_strict_is_found(kind: str, key: str, said: st
     assert findings(kind, ["stimulus", key], said, directory)[1]
 
 
-def test_the_oracle_can_tell() -> None:
-    """The same words, the other way round: a wrong documentation would be caught."""
-    assert legal("a finite number > 0", 0) is False
-    assert legal("a finite number > 0", 1e-12) is True
-    assert legal("a number >= 0 (inf is legal)", math.inf) is True
-    assert legal("a finite number from 0 to below 1", 1) is False
-    assert legal("a whole number 1..2^25; or duration_s instead", 2**25 + 1) is False
-    assert legal("a whole number 1..2^25", 2.0) is False
-    assert legal('one of "a", "b", or a list of frame numbers >= 0', [0, 1.5]) is False
-    assert legal("a finite number, or a list of them, one a column", [1.0, math.nan]) is False
-    assert legal("a finite number above -273.15", -273.15) is False
-
-
 def test_a_negative_zero_is_a_zero(directory: Path) -> None:
     data = {
         "array": {"rows": 3, "cols": 2},
@@ -373,33 +357,3 @@ def test_each_stimulus_comes_back_from_its_resolved_scene(kind: str, directory: 
             assert np.array_equal(plan.force_n, again.force_n)
             assert (plan.drive, plan.sensor) == (again.drive, again.sensor)
             assert again.resolved_toml(directory) == plan.resolved_toml(directory)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[stimulus]\nkind = 'uniform'\ncode = 256\n",
-        "[stimulus]\nkind = 'slip'\nshape = 'flat'\nforce_n = 1\nspeed_pitch_per_s = 1\n",
-        "[stimulus]\nkind = 'uniform'\ncode = 1\n[sensor]\nlaw = 'power'\nk_force_n_ohm = 1\n",
-        "[stimulus]\nkind = 'frames'\nunit = 'codes'\nfile = 'none.csv'\n",
-        "[stimulus]\nkind = 'uniform'\ncode = 1\n[effects]\nlateral = nan\n",
-        "no toml",
-    ],
-)
-def test_the_command_ends_with_two_one_line_and_no_out(
-    text: str,
-    write_scene: Write,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    out = tmp_path / "out"
-    monkeypatch.setattr(sys, "argv", ["dermis", "run", str(write_scene(text)), "--out", str(out)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    said = capfd.readouterr()
-    assert ended.value.code == 2
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert not out.exists()
-    assert "scene.toml" in said.err

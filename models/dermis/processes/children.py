@@ -39,9 +39,7 @@ _watchdog: subprocess.Popen[bytes] | None = None
 
 
 def guard() -> str:
-    """Return the mark of all processes that this one starts; a watchdog ends them once this process
-    is gone.
-    """
+    """Return the mark of this process's children; a watchdog ends them once it is gone."""
     global _watchdog
     with _lock:
         if _watchdog is None:
@@ -70,9 +68,7 @@ def _leave() -> None:
 
 
 def _forked() -> None:
-    """Forget the parent's watchdog in a forked copy, which would keep the pipe open and its
-    children nameless.
-    """
+    """Forget the parent's watchdog in a forked copy, which must not keep the pipe open."""
     global _watchdog, _lock
     _lock = threading.Lock()
     _running.clear()
@@ -111,9 +107,7 @@ class Child(subprocess.Popen[bytes]):
         return found | {process for pid in pids if (process := watchdog.identity(pid))}
 
     def end(self) -> None:
-        """End it, if it still runs, and all that it started: sby's solvers have process groups of
-        their own.
-        """
+        """End it and all that it started, also in process groups of their own (sby's solvers)."""
         watchdog.end(self.processes)
         self.wait()
 
@@ -138,9 +132,7 @@ _held = threading.local()
 
 @contextlib.contextmanager
 def holding(handle: int | None) -> Iterator[None]:
-    """Let children started in the block inherit an open file: a lock on it lasts until the last of
-    them ends.
-    """
+    """Let children of the block inherit an open file: its lock lasts until the last one ends."""
     before = getattr(_held, "handles", ())
     _held.handles = before if handle is None else (*before, handle)
     try:
@@ -269,10 +261,9 @@ def output_of(
 def tree(root: int) -> set[int]:
     """Return a process, those of its session and all their descendants, but no watchdogs."""
     parents: dict[int, tuple[int, int]] = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # gone meanwhile
-            fields = stat.read_text(errors="replace").rpartition(")")[2].split()
-            parents[int(stat.parent.name)] = int(fields[1]), int(fields[3])
+    for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
+        if fields := watchdog.status(pid):
+            parents[pid] = int(fields[1]), int(fields[3])
     found = {pid for pid, (_, session) in parents.items() if session == root}
     while more := {pid for pid, (parent, _) in parents.items() if parent in found} - found:
         found |= more
@@ -313,9 +304,7 @@ class Patience:
         self._looked = time.monotonic()
 
     def over(self, seen: Any, limit_s: float | None = None) -> bool:
-        """Return True if `seen`, which changes while there is progress, has not changed for longer
-        than the limit.
-        """
+        """Return True if `seen`, a measure of progress, is unchanged for longer than the limit."""
         now = time.monotonic()
         self._idle_s = 0.0 if seen != self._seen else self._idle_s + min(now - self._looked, self.LOOK_S)
         self._seen, self._looked = seen, now
@@ -326,14 +315,10 @@ SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 """Signals that end a command, and its exit code: 128 plus the number, as in a shell."""
 
 GRACE_S = 20.0
-"""How long a command may take to end once asked: to end its children, and to leave earlier results
-as they were.
-"""
+"""Longest time in which an interrupted command ends its children and leaves its earlier results."""
 
 TWICE_S = 1.0
-"""A further signal within this time is the same one, sent to the process and to its group; later,
-it is meant.
-"""
+"""A further signal within this time is the same one, sent to the process and to its group."""
 
 _asked_at: float | None = None
 
@@ -386,9 +371,7 @@ def ending() -> Iterator[None]:
 
 @contextlib.contextmanager
 def held() -> Iterator[None]:
-    """Defer signals that end a command until the end of a short block that must not be
-    interrupted.
-    """
+    """Defer signals that end a command to the end of a short block."""
     if threading.current_thread() is not threading.main_thread():
         yield  # the exception is raised in the main thread
         return

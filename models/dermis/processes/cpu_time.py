@@ -11,9 +11,7 @@ _AT_LEAST_S = 0.02
 
 
 def cpu_seconds(work: Callable[[], object]) -> float:
-    """Return the processor time of one call, children included, as a mean over enough calls to
-    resolve it.
-    """
+    """Return the processor time of one call, children included: the mean over enough calls."""
     calls = 0
     begin = cpu_used_s()
     while calls == 0 or cpu_used_s() - begin < _AT_LEAST_S:

@@ -23,10 +23,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any
 
 from dermis.errors import SimulatorError
+from dermis.processes import watchdog
 from dermis.processes.children import Child, Patience, ended
 
 ONE_THREAD = dict.fromkeys(
@@ -105,9 +105,7 @@ class Workers(Executor):
             self._drop(worker)
 
     def _worker(self) -> Child:
-        """Return the worker of this thread, started by its first call and again after it was
-        dropped.
-        """
+        """Return the worker of this thread; it is started by the first call after it was dropped."""
         worker: Child | None = getattr(self._own, "worker", None)
         if worker is None:
             with self._lock:
@@ -155,10 +153,7 @@ class Workers(Executor):
         return value
 
     def _limited(
-        self,
-        call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]],
-        limit_s: float,
-        fresh: bool,
+        self, call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]], limit_s: float, fresh: bool
     ) -> tuple[Any, list[str]]:
         value = self._call(call, limit_s)
         worker = self._worker()
@@ -189,9 +184,7 @@ class Workers(Executor):
         return pickle.loads(read(_LENGTH.unpack(read(_LENGTH.size))[0]))
 
     def _wait(self, worker: Child, pipe: int, event: int, until: float) -> None:
-        """Wait until a pipe is ready; raise _Late at the limit, or if the worker makes no
-        progress.
-        """
+        """Wait for a pipe; raise _Late at the limit, or if the worker makes no progress."""
         ready, patience = select.poll(), Patience(STALL_S)
         ready.register(pipe, event)
         while not ready.poll(1000 * max(0.0, min(LOOK_S, until - time.monotonic()))):
@@ -212,14 +205,7 @@ class _Late(Exception):
 
 def _used(worker: Child) -> int:
     """Return the processor time of a worker and its descendants, in ticks."""
-    ticks = 0
-    for pid, _ in worker.processes():
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
-        except OSError:  # gone meanwhile
-            continue
-        ticks += sum(map(int, fields[11:15]))
-    return ticks
+    return sum(sum(map(int, watchdog.status(pid)[11:15])) for pid, _ in worker.processes())
 
 
 def _packed(value: Any) -> bytes:

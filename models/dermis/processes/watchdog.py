@@ -18,27 +18,28 @@ import time
 from collections.abc import Callable
 
 VARIABLE = "DERMIS_MARK"
-"""Marks are paths: a command /a starts /a/1, which starts /a/1/b/2; so all that began with its
-first child has /a/1.
-"""
+"""Marks are paths: command /a starts /a/1, which starts /a/1/b/2; all of its tree has /a/1."""
 
 END_LIMIT_S = 10.0
-"""A killed process is gone at once unless the kernel holds it, in a system call that cannot be
-interrupted.
-"""
+"""Longest wait for killed processes, which the kernel may hold in a system call."""
 
 Process = tuple[int, int]
 """Process id and the time it was started at, in ticks since boot: ids are used again."""
 
 
-def identity(pid: int) -> Process | None:
-    """Return a live process by its id, None if it has ended."""
+def status(pid: int) -> list[bytes]:
+    """Return the fields of /proc/PID/stat from the state on; none for a process that is gone."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as file:
-            fields = file.read().rpartition(b")")[2].split()
+            return file.read().rpartition(b")")[2].split()
     except OSError:
-        return None
-    return None if fields[0] in (b"Z", b"X") else (pid, int(fields[19]))
+        return []
+
+
+def identity(pid: int) -> Process | None:
+    """Return a live process by its id, None if it has ended."""
+    fields = status(pid)
+    return None if not fields or fields[0] in (b"Z", b"X") else (pid, int(fields[19]))
 
 
 def marked(mark: str) -> set[Process]:
@@ -84,9 +85,7 @@ def _send(process: Process, number: signal.Signals) -> None:
 
 
 def main(mark: str) -> None:
-    """Wait until the other end of standard input is closed; then end all processes with the
-    mark.
-    """
+    """Wait until standard input is closed; then end all processes with the mark."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     while os.read(0, 1):

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Costs of the effects of a scene: all of them on, then one off at a time, in codes and processor
-time.
-"""
+"""Costs of the effects of a scene, one off at a time, in codes and processor time."""
 
 from __future__ import annotations
 
@@ -15,9 +13,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from dermis import engines, plan
 from dermis.errors import InputError
@@ -73,9 +68,7 @@ class Cost:
 
 
 def with_effects(world: Scene, on: Mapping[str, Strict], engine: str | None = None) -> Plan:
-    """Return the plan of a scene with exactly these effects, also where `auto` would choose
-    others.
-    """
+    """Return the plan of a scene with exactly these effects, also where it has `auto`."""
     effects = world.table.effects.model_copy(update={"auto": None})
     table = world.table.model_copy(update={"effects": effects})
     return plan.make(replace(world, table=table, effects=dict(on)), engine)
@@ -192,19 +185,6 @@ def docs_table(costs: list[Cost], title: str) -> str:
     return "\n".join(lines)
 
 
-def print_costs(costs: list[Cost], title: str) -> None:
-    """Print one line for each effect."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=150)
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in HEAD:
-        table.add_column(heading, justify="left" if heading in (HEAD[0], HEAD[-1]) else "right")
-    for cost in costs:
-        table.add_row(*cells(cost))
-    console.print(table)
-
-
 def figure(costs: list[Cost], title: str, path: Path) -> None:
     """Draw the costs as bars: codes on the left, time on the right."""
     order = costs[::-1]
@@ -218,7 +198,7 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
     )
     codes.set_xscale("symlog", linthresh=1.0)
     largest = max(c.code_max_lsb for c in order)
-    codes.set_xlim(0, 3 * max(largest, 1))  # room for what is written behind the longest bar
+    codes.set_xlim(0, 3 * max(largest, 1))  # room for the text after the longest bar
     codes.set_xticks([0, *(t for t in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if t <= max(largest, 1))])
     codes.xaxis.set_major_formatter("{x:g}")
     codes.xaxis.set_minor_locator(NullLocator())
@@ -227,10 +207,7 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
     codes.legend(frameon=False, fontsize=8, loc="lower right")
     for at, cost in zip(y, order, strict=True):
         codes.annotate(
-            f" {100 * cost.moved:.3g} %",
-            (max(cost.code_max_lsb, 0.02), at + 0.2),
-            fontsize=7,
-            va="center",
+            f" {100 * cost.moved:.3g} %", (max(cost.code_max_lsb, 0.02), at + 0.2), fontsize=7, va="center"
         )
     time.barh(y, [c.time_ratio for c in order], 0.5, color=figures.GREEN)
     time.axvline(1.0, color=figures.GREY, lw=0.8)
@@ -246,9 +223,7 @@ def figure(costs: list[Cost], title: str, path: Path) -> None:
     "--frames", type=click.IntRange(min=1), help=f"Largest number of frames; default {FRAMES}, cosim 1."
 )
 @click.option(
-    "--pairs",
-    type=click.IntRange(min=1),
-    help=f"Pairs of runs per time ratio; default {PAIRS}, cosim 1.",
+    "--pairs", type=click.IntRange(min=1), help=f"Pairs of runs per time ratio; default {PAIRS}, cosim 1."
 )
 @click.option("--docs", is_flag=True, help=f"Also write the table in {DOCS} and its figure.")
 def ablate_command(
@@ -268,7 +243,7 @@ def ablate_command(
     picture = BUILD / "ablate.png"
     figure(costs, title, picture)
     verdict.write_rows("ablate", rows)
-    print_costs(costs, title)
+    verdict.print_table(title, HEAD, map(cells, costs), HEAD[1:-1])
     click.echo(f"figure: {picture}")
     if docs:
         figure(costs, title, ROOT / PICTURE)

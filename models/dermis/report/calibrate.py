@@ -61,9 +61,7 @@ class _Reference(Strict):
 
 
 class SessionTable(Strict):
-    """A calibration session: what was measured, and where the files are (relative to the
-    session).
-    """
+    """A calibration session: measurements, and their files relative to the session."""
 
     array: _Array = entry(..., "Size of the array")
     start: _Start = entry(_Start(), "What is known before")

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparison of the codes of a run with a neighbouring engine and with a straight line over
-force.
-"""
+"""Comparison of codes with a neighbouring engine and with a straight line over force."""
 
 from __future__ import annotations
 
@@ -25,9 +23,7 @@ _EXACT = 1e-9
 
 
 def on_code(made: Plan) -> NDArray[np.bool_]:
-    """Return where rounding cannot change the code, [frames, rows, cols]: x = c / gate_clocks, or
-    full scale.
-    """
+    """Return where x = c / gate_clocks, or full scale: rounding cannot change these codes."""
     steps = made.timing.gate_clocks * made.duty_ideal()
     with np.errstate(invalid="ignore"):
         whole = np.abs(steps - np.round(steps)) <= _EXACT * np.maximum(steps, 1.0)
@@ -55,17 +51,13 @@ def fit_residual(made: Plan, codes: NDArray[Any]) -> tuple[float, float, NDArray
 
 
 def _reference(made: Plan) -> str | None:
-    """Return the engine to compare with: closed, or event if closed cannot do the plan; None for no
-    other.
-    """
+    """Return the engine to compare with, `closed` or `event`; None if neither can do the plan."""
     # Not engines.cheapest: an engine that refuses a value becomes a SKIP row with its reason.
     return next((e for e in ("closed", "event") if e != made.engine and not engines.refused(made, e)), None)
 
 
 def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
-    """Return rows for codes read in transistors: against ideal blocks, as read and with each column
-    calibrated.
-    """
+    """Return rows for transistors against ideal blocks, as read and after calibration."""
     ideal = replace(made, views=BEHAVIOURAL)
     reference = _reference(ideal)
     if reference is None:

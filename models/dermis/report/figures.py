@@ -23,9 +23,7 @@ COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "black", "#56B4E9", "#8B6F00", G
 DPI = 130
 
 POINTS_MAX = 5000
-"""Most points drawn one by one. Above it they are counted in bins, which takes 0.1 s for a
-million.
-"""
+"""Most points drawn one by one; more are counted in bins, in 0.1 s for a million."""
 _BINS = 200
 
 
@@ -58,9 +56,7 @@ def end_labels(axes: Any, curves: Sequence[tuple[float, float, str, str]], gap: 
 
 
 def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:
-    """Draw points, or their number in each cell of a grid where there are more than
-    `POINTS_MAX`.
-    """
+    """Draw points; more than `POINTS_MAX` as their number in each cell of a grid."""
     if x.size <= POINTS_MAX:
         axes.plot(x, y, ".", color=BLUE, ms=4, label=label)
         return
@@ -86,9 +82,7 @@ def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]
 
 
 def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
-    """Return codes on the colour scale, and the force or resistance that an ideal chip reads as
-    each.
-    """
+    """Return codes of the colour scale with the force, or resistance, of an ideal chip."""
     codes = [round(code_max * part / 4) for part in range(5)]
     duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
     if made.force_n is not None:

@@ -190,7 +190,7 @@ def _against_limits(judged: Sequence[tuple[str, float, str]]) -> Any:
     }
     figure = _figure(
         "Value relative to its limit; the limit is at 1", width=1150, height=120 + 17 * len(names), y_range=names,
-        x_axis_type="log", tooltips=[("", "@name"), ("share of the limit", "@share")],
+        x_axis_type="log", tooltips=[("", "@name"), ("share of the limit", "@share")]
     )  # fmt: skip
     models = _bokeh("models")
     figure.scatter("share", "name", color="colour", size=8, source=models.ColumnDataSource(source))
@@ -254,7 +254,7 @@ def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
         step = max(1, int(keep.sum()) // 5000)
         curve = _figure(
             "Code against force", "force on the taxel / N", "code", width=480, height=400,
-            tooltips=[("force", "$x N"), ("code", "$y")],
+            tooltips=[("force", "$x N"), ("code", "$y")]
         )  # fmt: skip
         across, up = (values[keep][::step].astype(np.float32) for values in (force, codes.ravel()))
         curve.scatter(across, up, size=4, color=BLUE)
@@ -275,7 +275,7 @@ def _map(
     low, high = limits or (0.0, float(finite.max()) if finite.size else 1.0)
     figure = _figure(
         title, "column", "row", width=480, height=400, x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
-        tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")],
+        tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")]
     )  # fmt: skip
     mapper = models.LinearColorMapper(palette=palette, low=low, high=high if high > low else low + 1)
     # From the first row down: the axis runs the other way.
@@ -328,9 +328,7 @@ def _effects(states: Sequence[Mapping[str, Any]]) -> Part:
 
 
 def _waves(path: Path, codes: NDArray[Any]) -> Iterator[Part]:
-    """Draw the slot of the strongest row: its columns' integrators, comparators and charge
-    pulses.
-    """
+    """Draw integrators, comparators and charge pulses in the slot of the strongest row."""
     file = vcd_file.read(path)
     if "chip.row_select" not in file:
         return
@@ -360,9 +358,7 @@ def _waves(path: Path, codes: NDArray[Any]) -> Iterator[Part]:
 def _cut(
     wave: tuple[NDArray[np.float64], NDArray[Any]], begin: float, end: float, most: int
 ) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Return at most `most` points of a wave between two times, with their times in us from the
-    first.
-    """
+    """Return at most `most` points of a wave between two times, as us from the first."""
     time, values = wave
     first, last = np.searchsorted(time, [begin, end])
     first = max(0, first - 1)  # the value at the beginning
@@ -399,7 +395,7 @@ def _curves(
     log = bool(spread.size == columns[x].size and spread.max() > 100 * spread.min())
     figure = _figure(
         f"{head[y]} against {head[x]}", _with_unit(head[x]), _with_unit(head[y]),
-        x_axis_type="log" if log else "linear", tooltips=[(head[x], "$x"), (head[y], "$y")],
+        x_axis_type="log" if log else "linear", tooltips=[(head[x], "$x"), (head[y], "$y")]
     )  # fmt: skip
     paints = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", GREY)
     names = sorted(set(groups))[:14]
@@ -460,9 +456,7 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Directory; default build/report."
 )
 def report_command(out: Path | None) -> int:
-    """Collect the tables and runs of build/ into pages, with an index of what passed and what did
-    not.
-    """
+    """Collect the tables and runs of build/ into pages, with an index of their verdicts."""
     optional("bokeh", "report")
     out = BUILD / "report" if out is None else out
     out.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the files of a run in OUT, all or none: codes, their bounds, summary, resolved scene and
-figure.
-"""
+"""Writes the files of a run: codes, their bounds, summary, resolved scene and figure."""
 
 from __future__ import annotations
 
@@ -44,9 +42,7 @@ WRITTEN: list[Path] = []
 """Directories that this process has filled with results of runs."""
 
 _PARTIAL, _COMPLETE = ".partial_", ".complete_"
-"""Prefixes of directories: with files being written, and with a complete set that is about to be
-moved.
-"""
+"""Prefixes of directories: files being written, and a complete set to be moved."""
 
 
 def prepare(out: str | Path) -> Path:
@@ -77,9 +73,7 @@ def _writing(out: Path) -> Iterator[None]:
 
 
 def _refuse_directories(out: Path) -> None:
-    """Refuse names that are directories, before the first file is moved: no file can replace a
-    directory.
-    """
+    """Refuse directories in place of files before the first file is moved."""
     for name in (*ALWAYS, *SOMETIMES):
         if (out / name).is_dir() and not (out / name).is_symlink():
             allowed = f"a directory in which {name} is a file, or is not there"
@@ -110,9 +104,7 @@ def place(out: str | Path) -> Iterator[Path]:
 
 
 def _tidy(out: Path) -> None:
-    """Clean up after a killed run: move a complete set of files into place, remove an incomplete
-    one.
-    """
+    """Clean up after a killed run: complete its move, or remove its partial files."""
     for base, prefix in ((out, _PARTIAL), (out.parent, f".{out.name}{_PARTIAL}")):
         for left in _beginning(base, prefix):
             with suppress(OSError), locked(left, wait=False) as free:  # removed meanwhile, or not ours
@@ -144,9 +136,7 @@ def _put(complete: Path, out: Path) -> None:
 
 @contextmanager
 def _scratch(out: Path) -> Iterator[Path]:
-    """Give a directory for writing on the disk of `out`; its lock keeps other runs from removing
-    it.
-    """
+    """Yield a locked directory for writing on the disk of `out`."""
     base, prefix = (out, _PARTIAL) if out.exists() else (out.parent, f".{out.name}{_PARTIAL}")
     base.mkdir(parents=True, exist_ok=True)
     while True:
@@ -240,9 +230,7 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
-    """Return the width of the certified codes and their margins (docs/auto.md); None without
-    certified codes.
-    """
+    """Return width and margins of certified codes (docs/auto.md); None without them."""
     if result.low is None or result.high is None:
         return None
     width = np.subtract(result.high, result.low, dtype=int)
@@ -259,18 +247,15 @@ def _json(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _npy(array: NDArray[Any]) -> bytes:
+def npy_bytes(array: NDArray[Any]) -> bytes:
+    """Return an array as the bytes of a npy file."""
     buffer = io.BytesIO()
     np.save(buffer, array)
     return buffer.getvalue()
 
 
 def write(
-    out: Path,
-    plan: Plan,
-    result: Result,
-    rows: Sequence[Row],
-    draw: Callable[[Path], None] | None = None,
+    out: Path, plan: Plan, result: Result, rows: Sequence[Row], draw: Callable[[Path], None] | None = None
 ) -> None:
     """Write the files of a run into `out`; those of an earlier run are replaced only after all are
     written.
@@ -287,13 +272,13 @@ def write(
         They cannot be written; those of an earlier run stay.
     """
     files: dict[str, bytes] = {
-        "codes.npy": _npy(result.codes),
+        "codes.npy": npy_bytes(result.codes),
         "codes.csv": codes_csv(result.codes).encode(),
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
     if result.low is not None and result.high is not None:
-        files |= {"codes_low.npy": _npy(result.low), "codes_high.npy": _npy(result.high)}
+        files |= {"codes_low.npy": npy_bytes(result.low), "codes_high.npy": npy_bytes(result.high)}
     with _writing(out):
         if out.exists():
             _refuse_directories(out)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a long command: done, rate, time left and what is running; a bar on a terminal, lines
-elsewhere.
-"""
+"""Progress of a long command: done, rate, time left; a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -76,9 +74,7 @@ class _Rate(ProgressColumn):
 
 @contextmanager
 def slots(what: str, total: int, unit: str = "row slots") -> Iterator[Tell]:
-    """Return a function that takes the number of row slots (or other units) done of `total` and the
-    current step.
-    """
+    """Yield a function that takes the number of units done of `total` and the current step."""
     if not sys.stderr.isatty():
         begin = said = time.monotonic()
 

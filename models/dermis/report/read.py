@@ -29,17 +29,13 @@ from dermis.skin import Skin
 Floats = NDArray[np.float64]
 
 CHIP = {"row_driver": True, "column_input": True, "lateral": True}
-"""Effects of the chip without --scene: the design's drivers, inputs and a sheet that couples
-columns.
-"""
+"""Effects of the chip without --scene: row drivers, column inputs and a coupled sheet."""
 SATURATED_MAX = 0.01
 """Share of the pressed readings that may be at full scale; more is a wrong unit, scale or k."""
 LEAST_CODE = 8
 """A recording whose largest code is below uses less than 5 of 8 bits: a wrong unit, scale or k."""
 COVERAGE_MIN = 0.99
-"""Share of forces in their interval; less is a calibration of another chip or sheet. Intervals hold
-99.9 %.
-"""
+"""Least share of forces in their 99.9 % interval; less is another chip or sheet."""
 THRESHOLD = 0.1
 """Onset: the total force passes this part of its largest value."""
 
@@ -134,18 +130,10 @@ def taxel_table(frames: Floats, time_s: Floats, kind: str) -> str:
     return out.getvalue()
 
 
-def _npy(array: NDArray[Any]) -> bytes:
-    out = io.BytesIO()
-    np.save(out, array)
-    return out.getvalue()
-
-
 def read_frames(
     skin: Skin, rec: recording.Recording, force: Floats
 ) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
-    """Send forces through the chip and back; return codes, decoded forces and the rows of the
-    verdict.
-    """
+    """Send forces through the chip and back; return codes, decoded forces and verdicts."""
     dt = np.diff(rec.time_s, prepend=rec.time_s[0])
     codes = skin.read(force, dt)
     found = skin.decode(codes, dt)
@@ -316,11 +304,11 @@ def write(
         "verdicts": rows,
     }
     files: dict[str, bytes | str] = {
-        "codes.npy": _npy(codes),
-        "forces_n.npy": _npy(found.force_n),
-        "forces_low_n.npy": _npy(found.low_n),
-        "forces_high_n.npy": _npy(found.high_n),
-        "time_s.npy": _npy(rec.time_s),
+        "codes.npy": output.npy_bytes(codes),
+        "forces_n.npy": output.npy_bytes(found.force_n),
+        "forces_low_n.npy": output.npy_bytes(found.low_n),
+        "forces_high_n.npy": output.npy_bytes(found.high_n),
+        "time_s.npy": output.npy_bytes(rec.time_s),
         "codes.csv": taxel_table(codes, rec.time_s, "d"),
         "forces_n.csv": taxel_table(found.force_n, rec.time_s, ".6g"),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",

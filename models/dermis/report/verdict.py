@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich import box
@@ -92,9 +92,7 @@ def aims_missed(rows: Sequence[Row]) -> list[Row]:
 
 
 def within(name: str, value: Any, unit: str, low: float | None, high: float | None, note: str = "") -> Row:
-    """Judge a value against limits that are not in models/spec.toml: PASS, FAIL, or ERROR if not
-    measured.
-    """
+    """Judge a value against limits that are not in models/spec.toml."""
     number = _number(value)
     if number is None:
         said = "not measured" if value is None else f"not a number: {value}"
@@ -121,9 +119,7 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
 
 
 def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
-    """Return the row of the median of several measurements, with the spread in the note and all
-    values in "runs".
-    """
+    """Return the row of the median of measurements: spread in the note, all in "runs"."""
     spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
     row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
     return row | {"runs": [float(value) for value in values]}
@@ -159,28 +155,38 @@ def _said(value: Any) -> str:
     return "" if value is None else f"{value:.6g}"
 
 
-def print_rows(rows: Sequence[Row], title: str = "") -> None:
-    """Print the rows as a table, and a line with the number of each outcome."""
+def print_table(
+    title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str]
+) -> Console:
+    """Print a table whose columns `numbers` are aligned to the right; return its console."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
     table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in ("name", "value", "min", "max", "unit", "status", "note"):
-        number = heading in ("value", "min", "max")
+    for heading in heads:
+        number = heading in numbers
         table.add_column(heading, justify="right" if number else "left", overflow="fold", no_wrap=number)
     for row in rows:
-        colour = COLOURS[row["status"]]
-        cells = [row["name"], _said(row["value"]), _said(row["min"]), _said(row["max"]), row["unit"]]
-        # rich would read brackets in a note as markup.
-        table.add_row(*cells, f"[{colour}]{row['status']}[/]", row["note"].replace("[", r"\["))
+        table.add_row(*row)
     console.print(table)
+    return console
+
+
+def print_rows(rows: Sequence[Row], title: str = "") -> None:
+    """Print the rows as a table, and a line with the number of each outcome."""
+    numbers = ("value", "min", "max")
+    lines = []
+    for row in rows:
+        status = f"[{COLOURS[row['status']]}]{row['status']}[/]"
+        # rich would read brackets in a note as markup.
+        note = row["note"].replace("[", r"\[")
+        lines.append((row["name"], *(_said(row[key]) for key in numbers), row["unit"], status, note))
+    console = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))
     console.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
 
 
 def exit_code(rows: Sequence[Row]) -> int:
-    """Return 0 if every row is PASS or SKIP, else 1; also 1 without rows, since nothing was
-    measured.
-    """
+    """Return 0 if there are rows and every one is PASS or SKIP, else 1."""
     return 0 if rows and all(row["status"] in ("PASS", "SKIP") for row in rows) else 1

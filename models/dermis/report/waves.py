@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waveforms of a recorded co-simulation: digital nets and integrator voltages in one VCD, with a
-GTKWave save file.
-"""
+"""Waveforms of a co-simulation: digital nets and integrator voltages as VCD, for GTKWave."""
 
 from __future__ import annotations
 
@@ -21,9 +19,7 @@ from dermis.records import Plan
 
 
 def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times [points] in seconds over all frames of a record, and integrator voltages [cols,
-    points].
-    """
+    """Return times [points] in seconds over all frames, and voltages [cols, points]."""
     times, volts = [], []
     frame = 0
     while f"wave{frame}_time_s" in record:
@@ -54,9 +50,7 @@ def _changes(values: list[int], t_clk_ps: float, delay_clocks: float) -> Iterato
 
 
 def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
-    """Write waves.vcd and waves.gtkw of the first chunk of frames into `out`; return the VCD's
-    path.
-    """
+    """Write waves.vcd and waves.gtkw of one part of a run into `out`; return the VCD's path."""
     vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
     record = result.info["records"][part]
     rows, cols = made.rows, made.cols

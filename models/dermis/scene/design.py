@@ -60,9 +60,7 @@ class Array(Strict):
 
 
 class Sensor(Strict):
-    """The paper's Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a
-    sheet.
-    """
+    """Force = k_force_n_ohm / R, the measured curve of an FSR, and the errors of a sheet."""
 
     force_max_n: Positive
     r_min_ohm: Positive
@@ -128,9 +126,7 @@ class Converter(Strict):
 
 
 class Timing(Strict):
-    """One frame, one row slot, one gate; the slot follows from frame, rows, clock; settling is the
-    rest.
-    """
+    """One frame, row slot and gate; the slot follows from frame, rows and clock."""
 
     frame_s: Positive
     gate_clocks: int = Field(ge=1, le=2**24)
@@ -357,9 +353,7 @@ class Design(Strict):
 
     @property
     def swing_v(self) -> float:
-        """Largest packet in volt: the stored charge stays within one packet either side of the
-        threshold.
-        """
+        """Largest packet in volt: the charge stays within one packet of the threshold."""
         return min(self.integrator.v_out_max_v, -self.integrator.v_out_min_v)
 
     @property
@@ -369,9 +363,7 @@ class Design(Strict):
 
     @property
     def i0_direct_a(self) -> float:
-        """Reference current of the direct interface in ampere: k times larger, since no mirror
-        divides.
-        """
+        """Reference current of the direct interface in ampere, k times larger."""
         return float(self.interface.k * exact(self.converter.i0_a))
 
     @property
@@ -415,9 +407,7 @@ class Design(Strict):
 
     @property
     def v_preset_v(self) -> float:
-        """Preset of the integrator in volt: half a packet, w = -1/2 (negative for the inverted
-        topology).
-        """
+        """Preset of the integrator in volt, half a packet (negative if inverted)."""
         return float(exact(self.converter.packet_v) / 2)
 
 
@@ -513,9 +503,7 @@ class Reason(NamedTuple):
 
 
 def reasons(path: str | Path | None = None) -> dict[str, Reason]:
-    """Return the comment above each key of a design file, split into its mark (P, C or S) and its
-    text.
-    """
+    """Return the comment above each key of a design file: its mark (P, C or S) and text."""
     found: dict[str, Reason] = {}
     section, comment = "", []
     for line in Path(path or DESIGN_FILE).read_text(encoding="utf-8").splitlines():

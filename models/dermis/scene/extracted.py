@@ -96,9 +96,7 @@ def stale(path: Path, circuit: Path = CIRCUIT) -> str:
 
 
 def text_of(corner: str, temperature_c: float, channels: Mapping[str, list[Measured]]) -> str:
-    """Return the text of a file: its sources, then the effects of each channel with their
-    measurements.
-    """
+    """Return the text of a file: sources, then the effects of each channel."""
     lines = [
         "# SPDX-License-Identifier: Apache-2.0",
         f"# What was measured of the chip in transistors at {corner}, {temperature_c:g} C, as the effects of a scene.",
@@ -172,7 +170,7 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
         raise InputError(file, key, path.stem, f"a condition that was extracted: {there}")
     for name, built in (("i0_a", design.converter.i0_a), ("c_int_f", design.converter.c_int_f)):
         if getattr(interface, name) != built:
-            allowed = f"{built:g} beside effects.extracted: the circuit that was measured has it"
+            allowed = f"{built:g} with effects.extracted: the measured circuit has this value"
             raise InputError(file, f"interface.{name}", getattr(interface, name), allowed)
     channels = channels_of(path)
     name = channel(interface.topology, interface.k)
@@ -183,8 +181,6 @@ def expanded(table: Any, interface: Any, design: Design, file: Path) -> Any:
     for effect in measured:
         given = getattr(table, effect)
         if given is not None and given is not False:
-            raise InputError(
-                file, f"effects.{effect}", "given", f"false or nothing beside {key}, which has it"
-            )
+            raise InputError(file, f"effects.{effect}", "given", f"false or nothing: {key} has this effect")
     left = {e: value for e, value in measured.items() if getattr(table, e) is not False}
     return table.model_copy(update={"extracted": None, **left})

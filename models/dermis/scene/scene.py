@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: array, sensor, stimulus, interface, effects and run, read strictly from TOML, with all
-defaults.
-"""
+"""The scene, read strictly from TOML, with all defaults."""
 
 from __future__ import annotations
 
@@ -209,7 +207,7 @@ def with_views(world: Scene, views: str) -> Scene:
     """Return the scene with every SPICE block in this view, at default conditions."""
     said = world.table.run.views
     if not isinstance(said, str):
-        allowed = "none beside the table run.views of the scene, which says it for every block"
+        allowed = "none, because the scene has a table run.views for its blocks"
         raise InputError("command line", "--views", views, allowed)
     run = world.table.run.model_copy(update={"views": views})
     return resolve(world.table.model_copy(update={"run": run}), world.path, world.design)
@@ -287,9 +285,7 @@ def _filled(table: Any, **defaults: Any) -> Any:
 
 
 def schema_rows() -> Iterator[tuple[str, str, str, str]]:
-    """Yield every key of a scene as (key, default, allowed values, meaning), in the order of the
-    schema.
-    """
+    """Yield (key, default, allowed values, meaning) of every key of a scene."""
     yield from _rows("", SceneTable)
 
 

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of a schema: strict models, keys with their documentation, strict reading and writing of
-TOML.
-"""
+"""Parts of a schema: strict models, documented keys, strict reading and writing of TOML."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -31,9 +30,7 @@ _SIZES = f"0 or a size from {SIZE_MIN:g} to {SIZE_MAX:g}"
 
 
 class Strict(BaseModel):
-    """A table of a scene; unknown keys, text for numbers, NaN, infinity and absurd sizes are
-    refused.
-    """
+    """A table; unknown keys, text for numbers, NaN, infinity and absurd sizes are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
@@ -51,9 +48,7 @@ def _unsigned(value: Any) -> Any:
 
 
 def _sized(value: Any) -> bool:
-    """Return True for 0, a number of sensible size or no number; keys check infinity and NaN
-    themselves.
-    """
+    """Return True for 0, a number of sensible size, infinity, NaN or no number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
         return True
     return (isinstance(value, float) and not math.isfinite(value)) or SIZE_MIN <= abs(value) <= SIZE_MAX
@@ -255,9 +250,7 @@ def _too_large(data: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, .
 
 
 def _place(data: Any, location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the part of an error's location that exists in the data, without names of
-    alternatives.
-    """
+    """Return the part of a location that exists in the data, without tags of unions."""
     place, here = [], data
     for part in location:
         in_table = isinstance(here, dict) and part in here
@@ -338,26 +331,14 @@ def write_toml(tables: dict[str, Any]) -> str:
 
 def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        if math.isinf(value):
-            return "inf" if value > 0 else "-inf"
+        return str(value).lower()
+    if isinstance(value, int | float):
         return repr(value)
-    if isinstance(value, str):
-        return '"' + "".join(_toml_character(c) for c in value) + '"'
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, str):  # TOML escapes as JSON does, and one more character
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(v) for v in value) + "]"
     if isinstance(value, dict):
         inner = ", ".join(f"{k} = {_toml_value(v)}" for k, v in value.items() if v is not None)
         return "{ " + inner + " }" if inner else "{}"
     raise TypeError(f"no TOML for {type(value).__name__}")
-
-
-def _toml_character(c: str) -> str:
-    if c in '"\\':
-        return "\\" + c
-    if c.isprintable():
-        return c
-    return f"\\u{ord(c):04x}" if ord(c) < 0x10000 else f"\\U{ord(c):08x}"

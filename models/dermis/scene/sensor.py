@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The taxel: resistance from force, force from resistance, and the spread of a sheet about that
-law.
-"""
+"""The taxel: resistance from force, force from resistance, and the spread of a sheet."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,18 +69,6 @@ _KEYS = {
     "inverse": ("k_force_n_ohm",),
     "power": ("force_points_n", "r_points_ohm", "force_on_n", "r_open_ohm"),
 }
-
-
-class Sensor(Protocol):
-    """A law without memory; `age` adds the memory of a sheet."""
-
-    def resistance_ohm(self, force_n: ArrayLike) -> Floats:
-        """Resistance in ohm of a force in newtons, any shape; F = inf gives 0."""
-
-    def force_n(self, resistance_ohm: ArrayLike) -> Floats:
-        """Force in newtons that a resistance in ohm means, any shape; R = 0 gives inf, R = inf
-        gives 0.
-        """
 
 
 @dataclass(frozen=True)
@@ -149,9 +135,7 @@ class PowerSensor:
         return np.where(force < self.force_on_n, self.r_open_ohm, np.minimum(ohm, self.r_open_ohm))
 
     def force_n(self, resistance_ohm: ArrayLike) -> Floats:
-        """F in newtons that a resistance means, any shape; 0 from r_open_ohm on, above 1e300 inf,
-        as for R = 0.
-        """
+        """F in newtons of a resistance; 0 from r_open_ohm on, inf above 1e300 and for R = 0."""
         ohm = np.asarray(resistance_ohm, dtype=float)
         points = np.array(self.r_points_ohm)
         at = np.maximum(np.searchsorted(-points, -ohm, side="right") - 1, 0)
@@ -163,10 +147,12 @@ class PowerSensor:
         return np.where(ohm >= self.r_open_ohm, 0.0, np.maximum(force, self.force_on_n))
 
 
+Sensor = InverseSensor | PowerSensor
+"""A law without memory; `age` adds the memory of a sheet."""
+
+
 def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> SensorTable:
-    """Fill in the keys of the law from the design; keys of another law and points without a curve
-    are refused.
-    """
+    """Fill in the keys of the law; refuse those of another law, and points without a curve."""
     for law, keys in _KEYS.items():
         for key in keys:
             if law != table.law and (value := getattr(table, key)) is not None:
@@ -188,7 +174,7 @@ def resolve(table: SensorTable, defaults: designs.Sensor, file: Path | str) -> S
     return table
 
 
-def make_sensor(table: SensorTable) -> InverseSensor | PowerSensor:
+def make_sensor(table: SensorTable) -> Sensor:
     """Make the sensor of a resolved [sensor] table."""
     given: dict[str, Any] = {key: getattr(table, key) for key in _KEYS[table.law]}
     if None in given.values():
@@ -205,7 +191,7 @@ class SensorState:
     Attributes
     ----------
     hysteresis : float
-        On the way back the resistance lies below that on the way up by up to this part of it, 0..1.
+        Largest relative decrease of the resistance while the force falls, 0..1.
     creep_per_decade : float
         Growth of the conductance with each factor of ten in time under load, relative.
     temperature_error : float
@@ -328,9 +314,7 @@ def creep_decades(loaded: NDArray[np.bool_], t_frame_s: float, start_s: float) -
 
 
 def creep_rates(start_s: float, longest_s: float) -> tuple[Floats, Floats]:
-    """Return the rates in 1/s and the weights in decades of the kernel of `creep_decades`, up to
-    longest_s.
-    """
+    """Return rates in 1/s and weights in decades of the kernel of `creep_decades`."""
     lowest, highest = 1e-10 / (start_s + longest_s), 45.0 / start_s
     rate = np.exp(np.arange(np.log(lowest), np.log(highest), _RATE_STEP))
     with np.errstate(under="ignore"):
@@ -338,8 +322,6 @@ def creep_rates(start_s: float, longest_s: float) -> tuple[Floats, Floats]:
 
 
 def spread_factor(draw: Floats, relative: float) -> Floats:
-    """Log-normal factors with mean 1 and standard deviation `relative`, from standard normal
-    draws.
-    """
+    """Return log-normal factors of mean 1 and deviation `relative` from normal draws."""
     sigma = np.sqrt(np.log1p(relative * relative))
     return np.exp(sigma * draw - sigma * sigma / 2)

@@ -233,9 +233,7 @@ class RampTable(_Body, _Lasting):
 
 
 class UniformTable(_Timed):
-    """The same on every taxel; exactly one of force_n, code, r_ohm. A list gives one frame for each
-    value.
-    """
+    """The same on every taxel: force_n, code or r_ohm; a list gives one frame each."""
 
     kind: Literal["uniform"] = entry(..., "The same on every taxel; give exactly one of force_n, code, r_ohm")
     force_n: Forces | None = entry(None, "Force in N", _FORCE)
@@ -267,6 +265,21 @@ class Given:
 class _Stored(_Timed):
     """Frames that are ready: in a file, or in memory."""
 
+    file: str = entry(
+        ...,
+        "csv (one frame a line of rows x cols values, or one row a line, rows lines a frame), npy or npz "
+        "([rows, cols] or [frames, rows, cols]); relative to the scene",
+        "the name of a csv, npy or npz file",
+        min_length=1,
+    )
+    key: str | None = entry(
+        None, "Name of the array in an npz file; optional if there is only one", "a name in the npz"
+    )
+    select: Select = entry(
+        "all",
+        "Numbers of the frames to use, from 0, in this order",
+        'one of "all", "first", "last", or a list of frame numbers >= 0',
+    )
     _given: Given | None = PrivateAttr(None)
 
     def given(self, values: NDArray[Any]) -> Self:
@@ -280,47 +293,18 @@ class FramesTable(_Stored):
     """Frames from a file."""
 
     kind: Literal["frames"] = entry(..., "Frames from a file")
-    file: str = entry(
-        ...,
-        "csv (one frame a line of rows x cols values, or one row a line, rows lines a frame), npy or npz "
-        "([rows, cols] or [frames, rows, cols]); relative to the scene",
-        "the name of a csv, npy or npz file",
-        min_length=1,
-    )
-    key: str | None = entry(
-        None, "Name of the array in an npz file; optional if there is only one", "a name in the npz"
-    )
     unit: Literal["codes", "newtons"] = entry(
         ...,
         "codes: 0..255, each for the resistance with this ideal code (x = code / 510); "
         "newtons: force on the taxel",
     )
     scale: float = entry(1.0, "Factor on every force, after the unit", ge=0)
-    select: Select = entry(
-        "all",
-        "Numbers of the frames to use, from 0, in this order",
-        'one of "all", "first", "last", or a list of frame numbers >= 0',
-    )
 
 
 class ResistanceTable(_Stored):
     """Resistances from a file."""
 
-    kind: Literal["resistance"] = entry(..., "Resistances from a file")
-    file: str = entry(
-        ...,
-        "csv, npy or npz laid out as for frames, in ohm; 0 is a short, inf is open; relative to the scene",
-        "the name of a csv, npy or npz file",
-        min_length=1,
-    )
-    key: str | None = entry(
-        None, "Name of the array in an npz file; optional if there is only one", "a name in the npz"
-    )
-    select: Select = entry(
-        "all",
-        "Numbers of the frames to use, from 0, in this order",
-        'one of "all", "first", "last", or a list of frame numbers >= 0',
-    )
+    kind: Literal["resistance"] = entry(..., "Resistances in ohm from a file; 0 is a short, inf is open")
 
 
 Part = Annotated[IndenterTable | SlipTable | TappingTable | RampTable, Field(discriminator="kind")]
@@ -465,9 +449,9 @@ def _body(table: _Body, about: Surroundings) -> Frames:
             said = f"one force, or one for each of the {count} frames"
             raise about.wrong(key, f"{forces.size} forces", said)
         time = np.arange(count) * about.t_frame_s
-        way = table.speed_pitch_per_s * np.maximum(time - table.start_s, 0.0)
+        path = table.speed_pitch_per_s * np.maximum(time - table.start_s, 0.0)
         turn = math.radians(table.direction_deg)
-        row, col = row + way * math.sin(turn), col + way * math.cos(turn)
+        row, col = row + path * math.sin(turn), col + path * math.cos(turn)
         forces = np.broadcast_to(forces, count)
     elif isinstance(table, TappingTable):
         time = np.arange(_count(table, about, None)) * about.t_frame_s
@@ -503,9 +487,7 @@ def _body(table: _Body, about: Surroundings) -> Frames:
 
 
 def _count(table: _Lasting, about: Surroundings, listed: int | None) -> int:
-    """Return the number of frames of a moving stimulus: from its keys, or the length of its list of
-    forces.
-    """
+    """Return the number of frames of a moving stimulus; `listed` is that of its forces."""
     both_ends = isinstance(table, RampTable)
     if listed is None or (table.frames is not None and table.duration_s is not None):
         _one_of(table, ("frames", "duration_s"), about)
@@ -545,9 +527,7 @@ def _held(values: Floats, count: int) -> Floats:
 
 
 def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> Frames:
-    """Return the frames that the chip reads of a stimulus with a rate of its own; see
-    `_Timed.resample`.
-    """
+    """Return the frames that the chip reads of a stimulus; see `_Timed.resample`."""
     if table.t_frame_s is None:
         raise ValueError("the [stimulus] table is not resolved: t_frame_s has no value")
     steps = about.t_frame_s / table.t_frame_s
@@ -576,18 +556,16 @@ def _in_time(table: _Timed, about: Surroundings, ohm: Floats, force: Floats) -> 
     share = (place - first)[:, np.newaxis, np.newaxis]
     # The rounding of the place, as above.
     share[share < 1e-9] = 0.0
-    before, behind = ohm[first], ohm[np.minimum(first + 1, frames - 1)]
+    before, after = ohm[first], ohm[np.minimum(first + 1, frames - 1)]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        between = 1.0 / ((1.0 - share) / before + share / behind)
-    kept = (share == 0) | (before == behind)
+        between = 1.0 / ((1.0 - share) / before + share / after)
+    kept = (share == 0) | (before == after)
     ohm = np.where(kept, before, between)
     return Frames(ohm, np.where(kept, force[first], about.sensor.force_n(ohm)), about.t_frame_s)
 
 
-def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Floats:
-    """Read and check the file of a table: [frames, rows, cols], finite (ohm may be inf) and 0 or
-    above.
-    """
+def read_frames(table: _Stored, about: Surroundings) -> Floats:
+    """Return the frames of a table's file, [frames, rows, cols], checked."""
     shown = table.file
     if table._given is not None:
         values = _shaped(np.asarray(table._given.values), shown, about)
@@ -609,7 +587,7 @@ def read_frames(table: FramesTable | ResistanceTable, about: Surroundings) -> Fl
     return values[_selected(table, values.shape[0], about)] + 0.0
 
 
-def _selected(table: FramesTable | ResistanceTable, frames: int, about: Surroundings) -> list[int] | slice:
+def _selected(table: _Stored, frames: int, about: Surroundings) -> list[int] | slice:
     if isinstance(table.select, str):
         return {"all": slice(None), "first": slice(0, 1), "last": slice(frames - 1, frames)}[table.select]
     for number in table.select:
@@ -620,7 +598,7 @@ def _selected(table: FramesTable | ResistanceTable, frames: int, about: Surround
     return list(table.select)
 
 
-def _check_values(values: Floats, shown: str, table: FramesTable | ResistanceTable) -> None:
+def _check_values(values: Floats, shown: str, table: _Stored) -> None:
     codes = isinstance(table, FramesTable) and table.unit == "codes"
     if isinstance(table, ResistanceTable):
         good, allowed = values >= 0, "a resistance >= 0 in ohm (inf is legal)"
@@ -681,9 +659,7 @@ def _read_csv(data: bytes, shown: str, about: Surroundings) -> Floats:
 
 
 def _numbers(block: list[tuple[int, str]], shown: str) -> Iterable[float]:
-    """Return the numbers of some lines, given with their own; the JSON parser rounds as float() does, in
-    a fifth of the time.
-    """
+    """Return the numbers of some lines; JSON parses as float() does, in a fifth of the time."""
     text = ",".join(line for _, line in block)
     if "true" not in text and "false" not in text:
         try:
@@ -704,9 +680,7 @@ def _number(cell: str, line: int, place: int, shown: str) -> float:
         raise InputError(shown, f"line {line}, value {place}", quoted(cell.strip()), "a number") from None
 
 
-def _read_numpy(
-    data: bytes, shown: str, suffix: str, table: FramesTable | ResistanceTable, about: Surroundings
-) -> Floats:
+def _read_numpy(data: bytes, shown: str, suffix: str, table: _Stored, about: Surroundings) -> Floats:
     try:
         array = npz_member(data, shown, table.key) if suffix == ".npz" else npy_array(data, shown)
     except (InputError, MemoryError):

@@ -19,9 +19,7 @@ View = Literal["behavioural", "sky130"]
 Corner = Literal["tt", "ff", "ss", "sf", "fs"]
 
 BLOCKS = ("row_driver", "conveyor", "integrator", "comparator", "charge_source")
-"""Blocks with a choice of view. The mirror follows its conveyor: both share a pedestal and a
-level.
-"""
+"""Blocks with a choice of view; the mirror has that of its conveyor."""
 
 CONVERTER = ("integrator", "comparator", "charge_source")
 
