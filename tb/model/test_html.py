@@ -60,6 +60,7 @@ def test_page_of_a_run_says_what_happened_and_asks_nothing_of_a_network(run: Pat
     assert "some.&lt;script&gt;" in text
     assert "bad &amp; worse" in text
     assert "row_driver" in text
+    assert "sensor_spread." in text, "the list of effects that are off is whole"
     body = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     assert body.index("some.&lt;script&gt;") < body.index("some.value_lsb")  # what missed comes first
 

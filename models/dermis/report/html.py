@@ -114,7 +114,7 @@ def _page(title: str, parts: Sequence[Part]) -> str:
     environment = jinja.Environment(
         autoescape=True,
         trim_blocks=True,
-        finalize=lambda said: said if isinstance(said, markup) else one_line(str(said), 400),
+        finalize=lambda said: said if isinstance(said, markup) else one_line(str(said), 2000),
     )
     return str(
         environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
