@@ -122,7 +122,7 @@ synth: setup ## gates, area, timing, equivalence [TECH=sky130|osu035] [SIZES=1: 
 gl: setup ## the tests of the top on the netlist that synth makes [TECH=sky130|osu035]
 	@$(dermis) gl $(if $(TECH),--tech '$(TECH)') $(ARGS)
 
-liberty: setup ## Liberty timing of the SKY130 cells in use, measured in ngspice
+liberty: setup ## Liberty timing of the SKY130 cells against ngspice, for a few cells [ARGS="--corner tt"]
 	@$(dermis) liberty $(ARGS)
 
 calc: setup ## design calculator: from range, array, frame time and bits to f_clk, i0, k, C

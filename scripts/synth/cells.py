@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dermis.errors import InputError
-from dermis.files import text_of
 from dermis.scene.design import ROOT
-from scripts.liberty.syntax import Group, parse, render
+from scripts.liberty import syntax
+from scripts.liberty.syntax import Group
 
 SYNTH = ROOT / "rtl" / "synth"
 OSU035 = Path("/usr/share/qflow/tech/osu035")
@@ -171,7 +171,7 @@ def cells(liberty: Path) -> dict[str, Cell]:
         It is not a Liberty file, or has no cells.
     """
     made: dict[str, Cell] = {}
-    for group in parse(text_of(liberty, "a Liberty file"), str(liberty)).of("cell"):
+    for group in syntax.read(liberty).of("cell"):
         state = next((g for g in group.groups if g.kind in ("ff", "latch")), None)
         pins = {g.name: g.attributes.get("direction", "").strip('"') for g in group.of("pin")}
         asynchronous = _pins_in(state, ("clear", "preset"))
@@ -208,8 +208,8 @@ def areas(technology: Technology, library: Mapping[str, Cell]) -> dict[str, floa
 
 def mapping_liberty(technology: Technology, liberty: Path, target: Path) -> Path:
     """Write the Liberty file for mapping, without the cells of `dont_use`."""
-    library = parse(text_of(liberty, "a Liberty file"), str(liberty))
+    library = syntax.read(liberty)
     unwanted = re.compile(technology.dont_use)
     library.groups = [g for g in library.groups if g.kind != "cell" or not unwanted.fullmatch(g.name)]
-    target.write_text(render(library, []), encoding="utf-8")
+    target.write_text(syntax.render(library), encoding="utf-8")
     return target
