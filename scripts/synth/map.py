@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import re
 import shutil
-import subprocess
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +17,8 @@ from typing import Any
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
 from dermis.errors import InputError, SimulatorError
-from dermis.processes.children import run_logged
+from dermis.files import locked
+from dermis.processes.children import output_of, run_logged
 from dermis.scene.design import ROOT
 from scripts.synth import cells as synth_cells
 from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
@@ -101,7 +100,12 @@ class Netlist:
     inferred_latches: int = 0
     unmapped: dict[str, int] = field(default_factory=dict)
     fanout: tuple[int, str] = (0, "")
-    blocks: dict[str, dict[str, float]] = field(default_factory=dict)
+    blocks: dict[str, Counter[str]] = field(default_factory=dict)
+
+    @property
+    def counts(self) -> Path:
+        """File with the number of latches that Yosys inferred."""
+        return self.json.with_name(f"{self.json.stem}_latches.txt")
 
 
 def tool(name: str, package: str | None = None) -> str:
@@ -175,14 +179,13 @@ def map_design(
     black_box_memory: bool = False,
     limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
-    """Synthesise and map; write the netlist and logs to `directory`.
+    """Synthesise module `top` and map it; write the netlist and logs to `directory`.
 
     Parameters
     ----------
     technology : the library
     parameters : of the top level
     directory : output, created if missing
-    top : module to synthesise
     hierarchical : keep the modules, for the area of each
     sources : Verilog files; default rtl/files.f
     black_box_memory : leave dermis_tech_ram out, like a memory macro
@@ -200,33 +203,24 @@ def map_design(
     constraint = directory / "abc.constr"
     constraint.write_text(f"set_driving_cell {technology.driver}\nset_load {technology.load_ff:g}\n")
     name = "hierarchical" if hierarchical else "netlist"
-    counts = directory / f"{name}_latches.txt"
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
-    for stale in (counts, netlist.verilog, netlist.json):
+    for stale in (netlist.counts, netlist.verilog, netlist.json):
         stale.unlink(missing_ok=True)
     abc = (
         "strash;ifraig;scorr;dc2;strash;&get,-n;&dch,-f;&nf;&put;"
         f"buffer,-p,-N,{technology.fanout};upsize,{{D}};dnsize,{{D}};stime,-p"
     )
-    script = [f"read_liberty -lib {liberty}", read_rtl(technology, sources)]
-    if black_box_memory:
-        script.append(f"blackbox {RAM}")
-    script += elaborate(parameters, top)
-    script += [] if hierarchical else ["flatten", "opt_clean", "check -assert"]
-    script += [
+    opt = "opt -nodffe -nosdff"
+    script = [
+        f"read_liberty -lib {liberty}",
+        read_rtl(technology, sources),
+        *([f"blackbox {RAM}"] if black_box_memory else []),
+        *elaborate(parameters, top),
+        *([] if hierarchical else ["flatten", "opt_clean", "check -assert"]),
         *WORDS_TO_FLOPS,
-        f"tee -q -o {counts} select -count t:$dlatch t:$adlatch t:$dlatchsr",
-        "opt -nodffe -nosdff",
-        "wreduce",
-        "peepopt",
-        "opt_clean",
-        "alumacc",
-        "share",
-        "opt -nodffe -nosdff",
-        "techmap",
-        "opt -nodffe -nosdff",
-        f"dfflibmap -liberty {choice}",
-        "opt -nodffe -nosdff",
+        f"tee -q -o {netlist.counts} select -count t:$dlatch t:$adlatch t:$dlatchsr",
+        *(opt, "wreduce", "peepopt", "opt_clean", "alumacc", "share", opt, "techmap", opt),
+        *(f"dfflibmap -liberty {choice}", opt),
         f"abc -liberty {choice} -constr {constraint} -D {DELAY_PS} -script +{abc}",
         "opt_clean",
     ]
@@ -245,12 +239,8 @@ def map_design(
         script.append(f"setparam -unset WORDS t:{RAM}")
     script += ["opt_clean -purge", f"write_verilog -noattr -noexpr -nohex {netlist.verilog}"]
     run_yosys(script, directory, name, limit_s)
-    if not netlist.json.is_file() or not netlist.verilog.is_file() or not counts.is_file():
+    if not netlist.json.is_file() or not netlist.verilog.is_file() or not netlist.counts.is_file():
         raise SimulatorError("Yosys wrote no netlist", directory / f"{name}.log")
-    inferred = re.fullmatch(r"(\d+) objects\.\s*", counts.read_text())
-    if not inferred:
-        raise SimulatorError("Yosys did not count latches", directory / f"{name}.log")
-    netlist.inferred_latches = int(inferred.group(1))
     read_netlist(netlist, top, library)
     return netlist
 
@@ -258,10 +248,8 @@ def map_design(
 @cache
 def _tools() -> str:
     """Return the version of Yosys and a hash of its ABC, which has no version."""
-    said = subprocess.run(
-        [tool("yosys"), "-V"], capture_output=True, text=True, timeout=20, check=False
-    ).stdout
-    return said + hashlib.sha256(Path(tool("berkeley-abc")).read_bytes()).hexdigest()
+    abc = hashlib.sha256(Path(tool("berkeley-abc")).read_bytes()).hexdigest()
+    return output_of([tool("yosys"), "-V"], 20.0)[1] + abc
 
 
 def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
@@ -297,12 +285,9 @@ def map_once(
         made = (hashlib.sha256(path.read_bytes()).hexdigest() for path in (netlist.verilog, netlist.json))
         return "\n".join([key, *made])
 
-    with (directory / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked(directory / "lock"):
         there = mark.is_file() and netlist.verilog.is_file() and netlist.json.is_file()
         if there and not fresh and mark.read_text() == content():
-            counts = re.match(r"\d+", (directory / "netlist_latches.txt").read_text())
-            netlist.inferred_latches = int(counts.group()) if counts else -1
             read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
             return netlist
         mark.unlink(missing_ok=True)
@@ -318,108 +303,72 @@ def _module_name(name: str) -> str:
 
 def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> None:
     """Count the contents of a netlist's JSON into the record."""
-    design = json.loads(netlist.json.read_text())
-    own = {
-        name: m for name, m in design["modules"].items() if not int(m["attributes"].get("blackbox", "0"), 2)
-    }
+    modules = json.loads(netlist.json.read_text())["modules"]
+    own = {name: m for name, m in modules.items() if not int(m["attributes"].get("blackbox", "0"), 2)}
     area = areas(netlist.technology, library)
-    totals: dict[str, Counter[str]] = {}
-
-    def below(name: str) -> Counter[str]:
-        if name not in totals:
-            counted: Counter[str] = Counter()
-            for cell in own[name]["cells"].values():
-                kind = cell["type"]
-                if kind in own:
-                    counted.update(below(kind))
-                else:
-                    counted[kind] += 1
-            totals[name] = counted
-        return totals[name]
-
     roots = [name for name in own if _module_name(name) == top]
     if len(roots) != 1:
         raise SimulatorError(f"the netlist holds {len(roots)} modules {top}", netlist.json)
-    kinds = below(roots[0])
-    netlist.kinds = kinds
-    black = {kind for kind in kinds if _module_name(kind) == RAM}
-    netlist.unmapped = {k: n for k, n in kinds.items() if k not in library and k not in black}
+    inferred = re.fullmatch(r"(\d+) objects\.\s*", netlist.counts.read_text())
+    if not inferred:
+        raise SimulatorError("Yosys did not count latches", netlist.counts)
+    netlist.inferred_latches = int(inferred.group(1))
+    netlist.unreset, netlist.blocks, netlist.fanout = 0, {}, (0, "")
 
-    def sums(counted: Mapping[str, int]) -> dict[str, float]:
-        known = {k: n for k, n in counted.items() if k in library}
-        return {
-            "cells": sum(known.values()),
-            "area_um2": sum(n * area[k] for k, n in known.items()),
-            "flops": sum(n for k, n in known.items() if library[k].flop),
-            "latches": sum(n for k, n in known.items() if library[k].latch),
-        }
-
-    all_of = sums(kinds)
-    netlist.cells, netlist.area_um2 = int(all_of["cells"]), all_of["area_um2"]
-    netlist.flops, netlist.latches = int(all_of["flops"]), int(all_of["latches"])
-    instances: Counter[str] = Counter({roots[0]: 1})
-    for name in _callers_first(own, roots[0]):
+    def visit(name: str) -> Counter[str]:
+        """Count one instance of a module and all instances below it."""
+        kinds: Counter[str] = Counter()
         for cell in own[name]["cells"].values():
-            if cell["type"] in own:
-                instances[cell["type"]] += instances[name]
-    netlist.blocks = {}
-    for name, number in instances.items():
-        block = netlist.blocks.setdefault(
-            _module_name(name), {"instances": 0, "cells": 0, "area_um2": 0.0, "flops": 0, "latches": 0}
-        )
-        block["instances"] += number
-        for key, value in sums(below(name)).items():
-            block[key] += number * value
-    netlist.unreset = 0
-    for name, number in instances.items():
-        netlist.unreset += number * _without_reset(own[name], library)
-    netlist.fanout = max((_largest_fanout(own[name], library) for name in instances), default=(0, ""))
+            kinds.update(visit(cell["type"]) if cell["type"] in own else [cell["type"]])
+        block = netlist.blocks.setdefault(_module_name(name), Counter())
+        block.update(instances=1, **_totals(kinds, library, area))
+        netlist.unreset += _without_reset(own[name], library)
+        netlist.fanout = max(netlist.fanout, _largest_fanout(own[name], library))
+        return kinds
+
+    netlist.kinds = visit(roots[0])
+    totals = _totals(netlist.kinds, library, area)
+    netlist.cells, netlist.area_um2 = int(totals["cells"]), totals["area_um2"]
+    netlist.flops, netlist.latches = int(totals["flops"]), int(totals["latches"])
+    known = {kind for kind in netlist.kinds if kind in library or _module_name(kind) == RAM}
+    netlist.unmapped = {kind: n for kind, n in netlist.kinds.items() if kind not in known}
 
 
-def _callers_first(own: Mapping[str, Any], root: str) -> list[str]:
-    order: list[str] = []
-    seen: set[str] = set()
-
-    def visit(name: str) -> None:
-        if name in seen:
-            return
-        seen.add(name)
-        for cell in own[name]["cells"].values():
-            if cell["type"] in own:
-                visit(cell["type"])
-        order.append(name)
-
-    visit(root)
-    return order[::-1]
+def _totals(
+    kinds: Mapping[str, int], library: Mapping[str, Cell], area: Mapping[str, float]
+) -> dict[str, float]:
+    known = {kind: n for kind, n in kinds.items() if kind in library}
+    return {
+        "cells": sum(known.values()),
+        "area_um2": sum(n * area[kind] for kind, n in known.items()),
+        "flops": sum(n for kind, n in known.items() if library[kind].flop),
+        "latches": sum(n for kind, n in known.items() if library[kind].latch),
+    }
 
 
 def _without_reset(module: Mapping[str, Any], library: Mapping[str, Cell]) -> int:
     """Return the number of flops of a module without a connected asynchronous pin."""
-    number = 0
-    for cell in module["cells"].values():
-        known = library.get(cell["type"])
-        if known is None or not known.flop:
-            continue
-        pins = [bit for pin in known.asynchronous for bit in cell["connections"].get(pin, [])]
-        number += not any(isinstance(bit, int) for bit in pins)
-    return number
+    flops = [cell for cell in module["cells"].values() if cell["type"] in library]
+    return sum(
+        not any(
+            isinstance(bit, int) for pin in known.asynchronous for bit in cell["connections"].get(pin, [])
+        )
+        for cell in flops
+        if (known := library[cell["type"]]).flop
+    )
 
 
 def _largest_fanout(module: Mapping[str, Any], library: Mapping[str, Cell]) -> tuple[int, str]:
+    """Return the largest number of inputs on a net other than clock and reset, and that net."""
     sinks: Counter[int] = Counter()
     ideal: set[int] = set()
     for cell in module["cells"].values():
         known = library.get(cell["type"])
-        for pin, bits in cell["connections"].items():
-            for bit in bits:
-                if not isinstance(bit, int) or known is None or pin not in known.inputs:
-                    continue
-                sinks[bit] += 1
-                if pin in known.asynchronous or ((known.flop or known.latch) and pin in known.clocks):
-                    ideal.add(bit)
-    data = [(number, bit) for bit, number in sinks.items() if bit not in ideal]
-    if not data:
-        return (0, "")
-    number, bit = max(data)
+        for pin in known.inputs & cell["connections"].keys() if known else ():
+            bits = [bit for bit in cell["connections"][pin] if isinstance(bit, int)]
+            sinks.update(bits)
+            if pin in known.asynchronous or pin in known.clocks:
+                ideal.update(bits)
+    number, bit = max(((n, bit) for bit, n in sinks.items() if bit not in ideal), default=(0, 0))
     names = [name for name, net in module["netnames"].items() if bit in net["bits"]]
-    return (number, min(names, key=len, default=str(bit)))
+    return number, min(names, key=len, default="")

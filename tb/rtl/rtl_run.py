@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cocotb_tools.check_results import get_results
-
 from dermis.chip import hdl
 from dermis.chip.sources import rtl_sources
+from dermis.errors import SimulatorError
 from dermis.scene.design import ROOT
+from scripts.cocotb_run import run_bench
 
 TRAPS = Path(__file__).resolve().parent / "traps"
 
@@ -76,25 +73,9 @@ def simulate(
         The build failed, the test failed or did not run; with the end of the log.
     """
     build = _build(simulator, toplevel, parameters or {}, trap, around)
-    runs = ROOT / "build" / "rtl" / "runs"
-    runs.mkdir(parents=True, exist_ok=True)
-    # A directory of its own: the same test may run twice at a time in one tree. Kept when the test
-    # fails.
-    work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=runs))
-    result, log = work / "result.json", work / "hdl.log"
     try:
-        environment = {"DERMIS_SCENARIO": json.dumps(scenario or {}), "DERMIS_RESULT": str(result)}
-        xml = hdl.run_cocotb(simulator, build, toplevel, bench, work, environment, testcase=testcase)
-        ran, failed = get_results(xml)
-        ended = "ended"
-    except (RuntimeError, SystemExit) as error:
-        ran, failed = 0, 0
-        ended = f"stopped ({error})"
-    if ran != 1 or failed:
-        end = log.read_text()[-6000:] if log.exists() else "no log"
-        raise AssertionError(
-            f"{bench}.{testcase} on {simulator} {ended}: {ran} ran, {failed} failed; {log}\n{end}"
-        )
-    reported = json.loads(result.read_text()) if result.exists() else None
-    shutil.rmtree(work)
-    return reported
+        return run_bench(simulator, build, toplevel, bench, testcase, scenario or {}, ROOT / "build" / "rtl")
+    except SimulatorError as error:
+        log = Path(error.log) if error.log else None
+        end = log.read_text()[-6000:] if log and log.exists() else "no log"
+        raise AssertionError(f"{error}\n{end}") from None

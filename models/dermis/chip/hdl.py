@@ -211,10 +211,15 @@ def build(
 
 
 def _execute(
-    commands: Sequence[Sequence[str]], directory: Path, log: Path, environment: Mapping[str, str]
+    commands: Sequence[Sequence[str]],
+    directory: Path,
+    log: Path,
+    environment: Mapping[str, str],
+    limit_s: float | None = None,
 ) -> None:
     for command in commands:
-        children.run_logged(command, directory, log, BUILD_LIMIT_S, Path(command[0]).name, environment)
+        what = Path(command[0]).name
+        children.run_logged(command, directory, log, limit_s or BUILD_LIMIT_S, what, environment)
 
 
 def run_cocotb(
@@ -226,6 +231,7 @@ def run_cocotb(
     environment: Mapping[str, str],
     *,
     testcase: str | None = None,
+    limit_s: float | None = None,
 ) -> Path:
     """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
 
@@ -236,17 +242,23 @@ def run_cocotb(
     work : directory of the run; hdl.log and results.xml are left there
     environment : what the test is told
     testcase : one test of the module instead of all
+    limit_s : time limit of the simulator; cocotb's own call has none
 
     Raises
     ------
     RuntimeError, SystemExit
         The simulator did not start or ended badly; cocotb's runner raises either.
+    SimulatorError
+        The same with a limit, or it ran longer.
     """
     get_runner = optional("cocotb_tools.runner", "chip").get_runner
 
     prepare(simulator)
-    results = work / "results.xml"
-    get_runner(simulator).test(
+    results, log = work / "results.xml", work / "hdl.log"
+    runner = get_runner(simulator)
+    if limit_s is not None:
+        runner._execute = lambda commands, cwd: _execute(commands, Path(cwd), log, runner.env, limit_s)
+    runner.test(
         test_module=module,
         hdl_toplevel=toplevel,
         hdl_toplevel_lang="verilog",
@@ -256,7 +268,7 @@ def run_cocotb(
         results_xml=str(results),
         seed=1,
         timescale=("1ns", "1ps"),
-        log_file=work / "hdl.log",
+        log_file=log,
         # Without the last, cocotb has pytest rewrite every module that is imported: 1.3 s.
         extra_env={"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_REWRITE_ASSERTION_FILES": "", **environment},
     )

@@ -96,7 +96,7 @@ def test_a_test_of_the_top_passes_and_with_a_fault_it_is_counted(netlist: Netlis
 @needs_osu035
 def test_a_simulation_that_does_not_end_is_an_error(netlist: Netlist) -> None:
     with pytest.raises(SimulatorError, match="took more than"):
-        gate_level.run_bench(
+        gate_level.run(
             gate_level.netlist_design(netlist),
             gate_level.PIN_BENCH,
             "reads_frames",

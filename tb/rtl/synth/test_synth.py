@@ -4,13 +4,9 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 import shutil
 import stat
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +22,7 @@ from scripts.synth import timing as synth_timing
 from scripts.synth.cells import TECHNOLOGIES, areas, cells, mapping_liberty
 from scripts.synth.equivalence import Proof, prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
+from scripts.synth.timing import Timing
 
 pytestmark = pytest.mark.timeout(240)
 OSU035 = TECHNOLOGIES["osu035"]
@@ -66,10 +63,6 @@ def status(rows: list[verdict.Row]) -> dict[str, str]:
 def judged(netlist: Netlist, latches: int = 0) -> dict[str, str]:
     size = Size(1, max(latches, 1), sync_latch=latches > 0)
     return status(synth.netlist_rows(netlist, size, "x", memory_bits=0))
-
-
-def added(text: str) -> Edit:
-    return lambda verilog: verilog.replace("endmodule", f"{text}\nendmodule")
 
 
 @pytest.fixture(scope="module")
@@ -130,24 +123,20 @@ def test_a_block_maps_to_sky130_and_is_proved_equal(
 
 
 @needs_osu035
-def test_an_inferred_latch_is_seen(tmp_path: Path) -> None:
-    fault = added("reg held; always @* if (gate_i) held = pulse_i; wire seen = held;")
-    fault_out = lambda text: fault(text).replace(  # noqa: E731
-        "assign count_o = count_q;", "assign count_o = count_q ^ {CODE_BITS{seen}};"
-    )
-    found = judged(block(tmp_path, edit=fault_out))
-    assert found["inferred_latches"] == "FAIL"
+@pytest.mark.parametrize(
+    ("stored", "row"),
+    [
+        ("always @* if (gate_i) stored = pulse_i;", "inferred_latches"),
+        ("always @(posedge clk_i) stored <= pulse_i;", "unreset_flop_error"),
+    ],
+)
+def test_a_latch_and_a_flop_without_reset_are_seen(tmp_path: Path, stored: str, row: str) -> None:
+    def fault(verilog: str) -> str:
+        used = "assign count_o = count_q ^ {CODE_BITS{stored}};"
+        changed = verilog.replace("assign count_o = count_q;", used)
+        return changed.replace("endmodule", f"reg stored; {stored}\nendmodule")
 
-
-@needs_osu035
-def test_a_flop_without_reset_is_seen(tmp_path: Path) -> None:
-    fault = added("reg late; always @(posedge clk_i) late <= pulse_i;")
-    fault_out = lambda text: fault(text).replace(  # noqa: E731
-        "assign count_o = count_q;", "assign count_o = count_q ^ {CODE_BITS{late}};"
-    )
-    made = block(tmp_path, edit=fault_out)
-    assert made.unreset == 1
-    assert judged(made)["unreset_flop_error"] == "FAIL"
+    assert judged(block(tmp_path, edit=fault))[row] == "FAIL"
 
 
 @needs_osu035
@@ -164,6 +153,14 @@ def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None
     )
     with pytest.raises(SimulatorError, match="check -assert"):
         block(tmp_path, edit=fault)
+
+
+@needs_osu035
+def test_with_its_hierarchy_kept_a_block_holds_all_instances_and_what_is_below(tmp_path: Path) -> None:
+    made = map_design(OSU035, {}, tmp_path, top="dermis_sync_ff", hierarchical=True)
+    flops, whole = made.blocks["dermis_tech_dff"], made.blocks["dermis_sync_ff"]
+    assert flops["instances"] == flops["flops"] == whole["flops"] == made.flops == 2
+    assert whole["area_um2"] == made.area_um2 > flops["area_um2"]
 
 
 @needs_osu035
@@ -284,21 +281,25 @@ def test_a_report_without_all_paths_is_an_error_and_no_pass(
     assert [row["status"] for row in rows] == ["ERROR"]
 
 
-def test_the_shortest_period_is_found_on_a_bent_line() -> None:
-    def slack(period: float) -> float:
-        return min(0.4 * period - 2.0, period - 8.0)
+def test_the_shortest_period_is_found_on_a_bent_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
 
-    search = synth_timing._Search(200.0)
-    for _ in range(10):
-        here = synth_timing.parse(PATH_TEXT.format(slack=f"{slack(search.period):.4f}", met="MET"))[
-            "clk", "max"
-        ]
-        search.take(here)
-        if search.found:
-            break
-    assert search.found
-    # OpenSTA reports slack with four decimals, and the search stops within 0.2 %.
-    assert search.found.period_ns == pytest.approx(8.0, rel=2e-3)
+    def worst(self: Timing, periods: dict[str, float]) -> dict[tuple[str, str], synth_timing.Path_]:
+        tried.append(periods["clk"])
+        # OpenSTA reports slack with four decimals.
+        slack = {clock: f"{min(0.4 * t - 2.0, t - 8.0):.4f}" for clock, t in periods.items()}
+        return {
+            (clock, "max"): synth_timing.parse(PATH_TEXT.format(slack=slack[clock], met="MET"))["clk", "max"]
+            for clock in periods
+        }
+
+    monkeypatch.setattr(Timing, "worst", worst)
+    timing = Timing(OSU035, "typical", Path(), Path())
+    for start in (200.0, 2.0):
+        found = timing.highest({"clk": start, "sck": 50.0})
+        # The search stops within 0.2 %.
+        assert [one.period_ns for one in found.values()] == pytest.approx([8.0, 8.0], rel=2e-3)
+    assert len(tried) < 25
 
 
 def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,57 +308,46 @@ def test_the_constraints_hold_the_design_s_clock(monkeypatch: pytest.MonkeyPatch
     assert [row["status"] for row in synth.constraint_rows()] == ["FAIL"]
 
 
-def periods() -> dict[str, float]:
-    return {f"{clock}_ns": period for clock, period in synth.sdc_periods().items()}
+def timing(chip: synth.Outcome, directory: Path, **other: object) -> Timing:
+    assert chip.flat is not None
+    about = {"technology": OSU035, "corner": "typical", "netlist": chip.flat.verilog, "directory": directory}
+    return Timing(**about | other)
 
 
 @pytest.mark.long
 @needs_osu035
 @needs_sta
 def test_a_crossing_that_takes_longer_than_a_period_is_seen(chip: synth.Outcome, tmp_path: Path) -> None:
-    assert chip.flat is not None
-    found = synth_timing.crossings(
-        OSU035, "typical", chip.flat.verilog, tmp_path, clk_ns=1.0, sck_ns=periods()["sck_ns"]
-    )
+    found = timing(chip, tmp_path).crossings(synth.sdc_periods() | {"clk": 1.0})
     assert found["clk"].slack_ns < 0 < found["sck"].slack_ns
     assert found["sck"].start.startswith("u_frame_buffer.")
     # Cut, as for the other rows, no path is left between the two.
     sdc = tmp_path / "cut.sdc"
     sdc.write_text(f"set cut_crossings 1\n{synth_timing.SDC.read_text()}")
     with pytest.raises(SimulatorError, match="no path into"):
-        synth_timing.crossings(OSU035, "typical", chip.flat.verilog, tmp_path, **periods(), sdc=sdc)
+        timing(chip, tmp_path, sdc=sdc).crossings(synth.sdc_periods())
 
 
 @pytest.mark.long
 @needs_osu035
 @needs_sta
-def test_a_liberty_that_changed_changes_the_slack(
+def test_a_liberty_that_changed_and_derates_change_the_slack(
     chip: synth.Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert chip.flat is not None
-    netlist, run = chip.flat.verilog, tmp_path / "run"
-    first = synth_timing.analyse(OSU035, "typical", netlist, run, **periods())
+    periods = synth.sdc_periods()
+    plain = timing(chip, tmp_path).worst(periods)
+    careful = dataclasses.replace(OSU035, early=0.5, late=2.0)
+    derated = timing(chip, tmp_path, technology=careful).worst(periods)
+    assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
     text = OSU035.liberty("typical").read_text()
     slower = re.sub(
         r"values \([^)]*\)", lambda m: re.sub(r"\d+\.\d+", lambda n: f"{2 * float(n[0]):g}", m[0]), text
     )
-    assert slower != text
     (tmp_path / "osu035_stdcells.lib").write_text(slower)
     monkeypatch.setattr(synth_cells, "OSU035", tmp_path)
-    second = synth_timing.analyse(OSU035, "typical", netlist, run, **periods())
-    assert second["sck", "max"].slack_ns < first["sck", "max"].slack_ns - 2
-    assert second["clk", "min"].slack_ns != first["clk", "min"].slack_ns
-
-
-@pytest.mark.long
-@needs_osu035
-@needs_sta
-def test_derates_take_slack_of_setup_and_of_hold(chip: synth.Outcome, tmp_path: Path) -> None:
-    assert chip.flat is not None
-    plain = synth_timing.analyse(OSU035, "typical", chip.flat.verilog, tmp_path, **periods())
-    careful = dataclasses.replace(OSU035, early=0.5, late=2.0)
-    derated = synth_timing.analyse(careful, "typical", chip.flat.verilog, tmp_path, **periods())
-    assert all(derated[key].slack_ns < plain[key].slack_ns - 0.1 for key in plain)
+    second = timing(chip, tmp_path).worst(periods)
+    assert second["sck", "max"].slack_ns < plain["sck", "max"].slack_ns - 2
+    assert second["clk", "min"].slack_ns != plain["clk", "min"].slack_ns
 
 
 def test_only_the_tables_made_here_are_derated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -382,7 +372,6 @@ def test_a_netlist_is_taken_again_only_if_all_it_was_made_from_is_the_same(
         technology: synth_cells.Technology, parameters: dict[str, int], directory: Path, limit_s: float
     ) -> Netlist:
         made.append(technology.name)
-        (directory / "netlist_latches.txt").write_text("3 objects.\n")
         for name in ("netlist.v", "netlist.json"):
             (directory / name).write_text("{}")
         return Netlist(technology, directory, directory / "netlist.v", directory / "netlist.json")
@@ -397,7 +386,6 @@ def test_a_netlist_is_taken_again_only_if_all_it_was_made_from_is_the_same(
 
     assert again() == 1
     assert again() == 0
-    assert map_once(sky130, {"ROWS": 2}, tmp_path).inferred_latches == 3
     assert again(fresh=True) == 1
     assert again(rows=3) == 1
     for change in ({"dont_use": "x"}, {"fanout": 5}, {"load_ff": 99.0}):
@@ -408,27 +396,6 @@ def test_a_netlist_is_taken_again_only_if_all_it_was_made_from_is_the_same(
     monkeypatch.setattr(synth_map, "_tools", lambda: "another Yosys")
     assert again() == 1
     assert again() == 0
-
-
-def test_a_command_that_is_ended_ends_its_tool(tmp_path: Path) -> None:
-    program = """
-import sys
-from pathlib import Path
-from dermis.processes.children import run_logged
-from dermis.processes.children import ending
-tool = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
-with ending():
-    run_logged([sys.executable, "-c", tool], Path.cwd(), Path("log"), 60.0, "tool")
-"""
-    command = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path)
-    log = tmp_path / "log"
-    until = time.monotonic() + 30
-    while not (log.exists() and log.read_text().strip()) and time.monotonic() < until:
-        time.sleep(0.05)
-    command.terminate()
-    assert command.wait(10) == 143
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(log.read_text()), 0)
 
 
 # ---- libraries --------------------------------------------------------------------------------------------------
@@ -458,12 +425,12 @@ def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> N
 
 
 def test_a_pin_that_nothing_constrains_is_listed_unless_it_is_argued(tmp_path: Path) -> None:
-    log = tmp_path / "sta_typical.log"
+    at, log = Timing(OSU035, "typical", tmp_path, tmp_path), tmp_path / "sta_typical.log"
     said = "Warning: There is 1 unclocked register/latch pin.\n  u_spi.begun_q_reg/CLK\n"
     log.write_text(f"...\nsetup check\n{said}sta ended\n")
-    assert synth_timing.unargued(OSU035, "typical", tmp_path) == []
+    assert at.untimed() == []
     log.write_text(f"...\nsetup check\n{said}  u_packer.index_q_reg/CLK\nsta ended\n")
-    assert synth_timing.unargued(OSU035, "typical", tmp_path) == ["u_packer.index_q_reg/CLK"]
+    assert at.untimed() == ["u_packer.index_q_reg/CLK"]
     log.write_text(said)
     with pytest.raises(SimulatorError):
-        synth_timing.unargued(OSU035, "typical", tmp_path)
+        at.untimed()

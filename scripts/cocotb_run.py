@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run one cocotb test with a time limit, and hand back what it reports."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cocotb_tools.check_results import get_results
+
+from dermis.chip import hdl
+from dermis.errors import SimulatorError
+
+LIMIT_S = 600.0
+
+
+def run_bench(
+    simulator: str,
+    build: Path,
+    toplevel: str,
+    bench: str,
+    testcase: str,
+    scenario: Mapping[str, Any],
+    place: Path,
+    limit_s: float = LIMIT_S,
+) -> Any:
+    """Run one cocotb test on a build in a new directory below `place`; return what it reported.
+
+    The directory stays if the test fails.
+
+    Raises
+    ------
+    SimulatorError
+        The test failed, did not run, or timed out; with its log.
+    """
+    (place / "runs").mkdir(parents=True, exist_ok=True)
+    # A directory of its own: the same test may run twice at a time in one tree.
+    work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=place / "runs"))
+    result, log, name = work / "result.json", work / "hdl.log", f"{bench}.{testcase} on {simulator}"
+    environment = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
+    try:
+        xml = hdl.run_cocotb(
+            simulator, build, toplevel, bench, work, environment, testcase=testcase, limit_s=limit_s
+        )
+        ran, failed = get_results(xml)
+    except SimulatorError as error:
+        raise SimulatorError(f"{name}: {error.what}", log) from None
+    except (RuntimeError, SystemExit, OSError) as error:
+        raise SimulatorError(f"{name} stopped ({error})", log) from None
+    if ran != 1 or failed:
+        raise SimulatorError(f"{name}: {ran} ran, {failed} failed", log)
+    reported = json.loads(result.read_text()) if result.exists() else None
+    shutil.rmtree(work)
+    return reported
