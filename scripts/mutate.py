@@ -141,6 +141,14 @@ _OPERATORS: Sequence[tuple[str, str, str]] = (
     ("0 to 1", r"\b(1'[bd]0)\b", "1'b1"),
     ("1 to 0", r"\b(1'[bd]1)\b", "1'b0"),
 )
+# Comments, code for simulation only and declarations become blanks, which keeps the positions.
+_BLANKS = (
+    r"//[^\n]*",
+    r"^`ifdef .*?^`else$",
+    r"^ *(?:localparam|parameter|integer|genvar|input|output)\b[^;]*;",
+    r"^ *(?:reg|wire)\b[^;=]*;",
+)
+_WIDTHS = re.compile(r"\[[^\]\n]*\]|\{\([^()]*(?:\([^()]*\))?[^()]*\)\{")
 _PIN = re.compile(r"\.(\w+_n?i)\s*\((\w+)\)")
 _CONSTANT = re.compile(r"\b(\d+)'([dh])([0-9A-Fa-f]+)\b")
 _CONDITION = re.compile(r"\bif (\()")
@@ -162,29 +170,11 @@ def mutants(module: str, text: str) -> list[Mutant]:
     stay.
     """
     body = text.index(");\n", text.index("module ")) + 2
-    # Comments, declarations and code for simulation only become blanks, which keeps the positions.
-    plain = re.sub(r"//[^\n]*", lambda m: " " * len(m.group()), text)
-    plain = re.sub(
-        r"^`ifdef .*?^`else$",
-        lambda m: re.sub(r"\S", " ", m.group()),
-        plain,
-        flags=re.MULTILINE | re.DOTALL,
-    )
-    plain = re.sub(
-        r"^ *(?:localparam|parameter|integer|genvar|input|output)\b[^;]*;",
-        lambda m: re.sub(r"\S", " ", m.group()),
-        plain,
-        flags=re.MULTILINE,
-    )
-    plain = re.sub(
-        r"^ *(?:reg|wire)\b[^;=]*;", lambda m: re.sub(r"\S", " ", m.group()), plain, flags=re.MULTILINE
-    )
+    plain = text
+    for pattern in _BLANKS:
+        plain = re.sub(pattern, lambda m: re.sub(r"\S", " ", m[0]), plain, flags=re.MULTILINE | re.DOTALL)
     # Bit ranges and replication counts too: lint checks widths.
-    plain = re.sub(
-        r"\[[^\]\n]*\]|\{\([^()]*(?:\([^()]*\))?[^()]*\)\{",
-        lambda m: m.group()[0] + " " * (len(m.group()) - 2) + m.group()[-1],
-        plain,
-    )
+    plain = _WIDTHS.sub(lambda m: m[0][0] + " " * (len(m[0]) - 2) + m[0][-1], plain)
     found: list[tuple[str, int, int, str]] = []
     for what, pattern, new in _OPERATORS:
         found += [(what, m.start(1), m.end(1), new) for m in re.finditer(pattern, plain)]
@@ -196,14 +186,8 @@ def mutants(module: str, text: str) -> list[Mutant]:
         size, base, digits = int(m.group(1)), m.group(2), m.group(3)
         if size > 1:
             value = (int(digits, 16 if base == "h" else 10) + 1) % (1 << size)
-            found.append(
-                (
-                    "constant + 1",
-                    m.start(),
-                    m.end(),
-                    f"{size}'{base}{value:X}" if base == "h" else f"{size}'d{value}",
-                )
-            )
+            new = f"{size}'h{value:X}" if base == "h" else f"{size}'d{value}"
+            found.append(("constant + 1", m.start(), m.end(), new))
     for m in _CONDITION.finditer(plain):
         end = _closing(text, m.start(1))
         if text[m.start(1) : end + 1] != "(!rst_ni)":
@@ -256,18 +240,10 @@ def judges(module: str, rtl: Path) -> str:
     return text.hexdigest()[:16]
 
 
-def _run(
-    command: list[str], directory: Path, log: Path, limit_s: float, environment: dict[str, str] | None = None
-) -> int | None:
-    """Run a command with a new log."""
-    log.unlink(missing_ok=True)
-    return children.run_child(command, directory, log, limit_s, environment)
-
-
 def _compiles(source: Path, rtl: Path, work: Path) -> bool | None:
     command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
     command += [str(rtl / f"{module}.v") for module in below(source.stem, rtl)]
-    code = _run(command, work, work / "compile.log", COMPILE_LIMIT_S)
+    code = children.run_child(command, work, work / "compile.log", COMPILE_LIMIT_S)
     return None if code is None else code == 0
 
 
@@ -306,22 +282,11 @@ def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, b
 
 def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | None:
     """Run the tests on the sources of `tree`; return their exit code, None after a timeout."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-p",
-        "scripts.mutate_plugin",
-        "-x",
-        "-q",
-        "-m",
-        "",
-        "-k",
-        "not verilator",
-        *(str(ROOT / "tb" / "rtl" / test) for test in block.tests),
-    ]
+    command = [sys.executable, "-m", "pytest", "-p", "scripts.mutate_plugin"]
+    command += ["-x", "-q", "-m", "", "-k", "not verilator"]
+    command += [str(ROOT / "tb" / "rtl" / test) for test in block.tests]
     environment = {"DERMIS_MUTANT_RTL": str(tree), "DERMIS_MUTANT_WORK": str(work)}
-    return _run(command, ROOT, work / "pytest.log", limit_s, environment)
+    return children.run_child(command, ROOT, work / "pytest.log", limit_s, environment)
 
 
 def control(module: str, rtl: Path) -> float:
@@ -356,76 +321,36 @@ def _noticed_by_test(block: Block, tree: Path, work: Path, limit_s: float) -> tu
     return f"test {failed[0] if failed else '?'}", True
 
 
-def _ports(rtl: Path, module: str, block: Block, work: Path) -> dict[str, dict[str, Any]]:
-    """Return the ports of the module at the sizes of the equivalence check, from Yosys.
-
-    Raises
-    ------
-    SimulatorError
-        Yosys fails on the unchanged module, or takes too long.
-    """
-    sizes = " ".join(f"-chparam {k} {v}" for k, v in block.parameters.items())
-    sources = " ".join(str(rtl / f"{m}.v") for m in (module, *below(module, rtl)))
-    out = work / "ports.json"
-    script = f"read_verilog -I{rtl} {sources}; hierarchy -top {module} {sizes}; proc; write_json {out}"
-    log = work / "ports.log"
-    code = _run(["yosys", "-q", "-p", script], work, log, COMPILE_LIMIT_S)
-    if code != 0:
-        said = f"takes more than {COMPILE_LIMIT_S:g} s" if code is None else f"ends with exit code {code}"
-        raise SimulatorError(f"Yosys {said} reading {module}", log)
-    made = json.loads(out.read_text())["modules"]
-    return next(
-        iter(value for name, value in made.items() if module in name and value["attributes"].get("top"))
-    )["ports"]
-
-
-def _equal_checker(ports: Mapping[str, Mapping[str, Any]], block: Block, module: str) -> str:
-    def width(port: Mapping[str, Any]) -> str:
-        return f"[{len(port['bits']) - 1}:0] " if len(port["bits"]) > 1 else ""
-
-    inputs = {name: port for name, port in ports.items() if port["direction"] == "input"}
-    outputs = {name: port for name, port in ports.items() if port["direction"] != "input"}
-    clock = "global" if block.multiclock else "clk_i"
-    lines = ["module check_equal (", ",\n".join(f"input wire {width(p)}{n}" for n, p in inputs.items()), ");"]
-    sizes = ", ".join(f".{k} ({v})" for k, v in block.parameters.items())
-    for side in ("right", "wrong"):
-        lines += [f"wire {width(p)}{side}_{n};" for n, p in outputs.items()]
-        pins = [f".{n} ({n})" for n in inputs] + [f".{n} ({side}_{n})" for n in outputs]
-        name = module if side == "right" else f"{module}_mutant"
-        lines.append(f"{name} {f'#({sizes}) ' if sizes else ''}u_{side} ({', '.join(pins)});")
-    if block.multiclock:
-        lines.append("(* gclk *) reg global;")
-    if block.clocked:
-        lines += ["reg started_q = 1'b0;", f"always @(posedge {clock}) started_q <= 1'b1;"]
-    same = " && ".join(f"right_{n} == wrong_{n}" for n in outputs)
-    lines.append("always @* begin")
-    if block.clocked:
-        lines.append("if (!started_q) assume (!rst_ni);")
-    lines += [f"same: assert ({same});", "end", "endmodule", ""]
-    return "\n".join(lines)
+_AFTER_RESET = """
+  reg started_q = 1'b0;
+  always @(posedge {clock}) started_q <= 1'b1;
+  always @* if (!started_q) assume (!rst_ni);
+endmodule"""
 
 
 def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
     """Return True if module and mutant have equal outputs at all times after a reset; None after a
     timeout.
     """
-    checker = work / "check_equal.v"
-    checker.write_text(_equal_checker(_ports(rtl, module, block, work), block, module))
-    mutant = work / f"{module}_mutant.v"
-    mutant.write_text(
-        re.sub(rf"\bmodule {module}\b", f"module {module}_mutant", (tree / f"{module}.v").read_text())
-    )
-    sources = [checker, mutant, *(rtl / f"{m}.v" for m in (module, *below(module, rtl)))]
+    sizes = " ".join(f"-chparam {k} {v}" for k, v in block.parameters.items())
+    files = [rtl / f"{other}.v" for other in below(module, rtl)]
+    script = []
+    for side, source in (("right", rtl), ("wrong", tree)):
+        text = re.sub(rf"\bmodule {module}\b", f"module {side}", (source / f"{module}.v").read_text())
+        if side == "right" and block.multiclock:
+            text = text.replace("endmodule", "(* gclk *) reg global;\nendmodule")
+        if side == "right" and block.clocked:
+            clock = "global" if block.multiclock else "clk_i"
+            text = text.replace("endmodule", _AFTER_RESET.format(clock=clock))
+        (work / f"{side}.v").write_text(text)
+        script += [f"read -formal {name}" for name in (f"{side}.v", *(file.name for file in files))]
+        script += [f"hierarchy -check -top {side} {sizes}", "proc", "flatten", f"design -stash {side}"]
+    script += ["design -copy-from right right", "design -copy-from wrong wrong"]
+    script += ["miter -equiv -make_assert -flatten right wrong equal", "prep -flatten -top equal"]
     lines = ["[options]", "mode prove", "aigsmt z3", f"timeout {EQUAL_LIMIT_S}"]
     lines += ["multiclock on"] if block.multiclock else []
-    lines += ["[engines]", "abc scorr; pdr", "[script]", *(f"read -formal {s.name}" for s in sources)]
-    lines += [
-        "prep -flatten -top check_equal",
-        "chtype -set $shift t:$shiftx",
-        "[files]",
-        *map(str, sources),
-        str(rtl / "dermis_design.vh"),
-    ]
+    lines += ["[engines]", "abc scorr; pdr", "[script]", *script, "chtype -set $shift t:$shiftx", "[files]"]
+    lines += map(str, [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"])
     job = work / "equal.sby"
     job.write_text("\n".join(lines) + "\n")
     outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
@@ -493,23 +418,23 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
     return {**asdict(mutant), "fate": end, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
 
 
-def _rate(results: Sequence[Mapping[str, Any]]) -> tuple[float | None, str]:
-    """Return the killed share of the mutants that are not equivalent, and the counts; undecided
-    counts as alive.
+def _count(results: Sequence[Mapping[str, Any]]) -> tuple[Counter[str], float | None]:
+    """Return the numbers of mutants by fate, of the killed also by "proof" and "test", and the
+    killed share of those that are not equivalent; undecided counts as alive.
     """
     count = Counter(result["fate"] for result in results)
+    count.update(str(result["by"]).split()[0] for result in results if result["fate"] == "killed")
     judged = count["killed"] + count["survives"] + count["undecided"]
-    by_test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in results)
-    note = f"{len(results)} tried: {count['killed']} killed ({by_test} by tests), {count['equivalent']} equivalent, "
-    note += (
-        f"{count['survives']} survive, {count['undecided']} undecided, {count['stillborn']} do not compile"
+    return count, count["killed"] / judged if judged else None
+
+
+def _note(results: Sequence[Mapping[str, Any]]) -> str:
+    count, _ = _count(results)
+    return (
+        f"{len(results)} tried: {count['killed']} killed ({count['test']} by tests), "
+        f"{count['equivalent']} equivalent, {count['survives']} survive, {count['undecided']} undecided, "
+        f"{count['stillborn']} do not compile"
     )
-    return count["killed"] / judged if judged else None, note
-
-
-def _row(module: str, results: Sequence[Mapping[str, Any]]) -> verdict.Row:
-    rate, note = _rate(results)
-    return verdict.report(f"mutate.{module}", rate, "ratio", note)
 
 
 BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
@@ -525,28 +450,23 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
     lines.append("|---|---|---|---|---|---|---|---|---|")
     left: list[str] = []
     alike: list[str] = []
-    for module, count in every.items():
+    for module, number in every.items():
         mine = [r for r in results if r["module"] == module and r["fate"] != "stillborn"]
-        proof = sum(r["fate"] == "killed" and str(r["by"]).startswith("proof") for r in mine)
-        test = sum(r["fate"] == "killed" and str(r["by"]).startswith("test") for r in mine)
-        same = sum(r["fate"] == "equivalent" for r in mine)
-        over = [r for r in mine if r["fate"] in ("survives", "undecided")]
-        open_ = sum(r["fate"] == "undecided" for r in mine)
-        judged = proof + test + len(over)
-        rate = f"{100 * (proof + test) / judged:.0f} %" if judged else "not run"
-        lines.append(
-            f"| {module} | {count} | {len(mine)} | {proof} | {test} | {same} | {len(over) - open_} | {open_} | {rate} |"
-        )
+        count, rate = _count(mine)
+        cells = [module, number, len(mine)]
+        cells += [count[fate] for fate in ("proof", "test", "equivalent", "survives", "undecided")]
+        cells.append("not run" if rate is None else f"{100 * rate:.0f} %")
+        lines.append(f"| {' | '.join(map(str, cells))} |")
         size = ", ".join(f"{k} {v}" for k, v in BLOCKS[module].parameters.items()) or "only size"
-        alike += [
-            f"- `rtl/{module}.v:{r['line']}` ({size}, {r['what']}): `{r['shown']}`"
-            for r in mine
-            if r["fate"] == "equivalent"
-        ]
-        left += [f"- `rtl/{module}.v:{r['line']}` ({r['fate']}, {r['what']}): `{r['shown']}`" for r in over]
-    killed = sum(r["fate"] == "killed" for r in results)
-    judged = killed + sum(r["fate"] in ("survives", "undecided") for r in results)
-    lines += ["", f"{killed} of {judged} mutants that are not equivalent are killed."]
+        for r in mine:
+            where, change = f"- `rtl/{module}.v:{r['line']}`", f"{r['what']}): `{r['shown']}`"
+            if r["fate"] == "equivalent":
+                alike.append(f"{where} ({size}, {change}")
+            elif r["fate"] != "killed":
+                left.append(f"{where} ({r['fate']}, {change}")
+    count, _ = _count(results)
+    judged = count["killed"] + count["survives"] + count["undecided"]
+    lines += ["", f"{count['killed']} of {judged} mutants that are not equivalent are killed."]
     lines += ["", "Not killed:", "", *left] if left else []
     lines += ["", "Equivalent, decided at the size given:", "", *alike] if alike else []
     return "\n".join(lines).rstrip()
@@ -650,7 +570,7 @@ def mutate_command(
     rows = []
     for name in chosen:
         results = [known[m.key] for m in wanted if m.module == name and m.key in known]
-        rows.append(_row(name, results))
+        rows.append(verdict.report(f"mutate.{name}", _count(results)[1], "ratio", _note(results)))
         missing = sum(m.module == name and m.key not in known for m in wanted)
         if missing:
             why = failed.get(name, "call again to continue")
@@ -662,8 +582,8 @@ def mutate_command(
                     f"{result['fate']}: rtl/{name}.v:{result['line']}: {result['what']}: {result['shown']}"
                 )
     every_one = [known[m.key] for m in wanted if m.key in known]
-    rate, note = _rate(every_one)
-    whole = verdict.judge("mutate.killed", rate, f"{len(chosen)} of {len(BLOCKS)} modules, {note}")
+    note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every_one)}"
+    whole = verdict.judge("mutate.killed", _count(every_one)[1], note)
     rows.append({**whole, "status": "ERROR"} if len(every_one) < len(wanted) else whole)
     if docs:
         texts = {name: (source / f"{name}.v").read_text() for name in chosen}

@@ -7,21 +7,21 @@ import os
 import sys
 from pathlib import Path
 
-from dermis.chip import hdl
-from scripts import lint
+from dermis.chip import hdl, sources
+from dermis.scene.design import ROOT
 
 TREE = Path(os.environ["DERMIS_MUTANT_RTL"])
 WORK = Path(os.environ["DERMIS_MUTANT_WORK"])
 
-_sources = lint.rtl_sources
+_sources = sources.rtl_sources
 
 
-def _mutated(root: Path = lint.ROOT) -> list[Path]:
+def _mutated(root: Path = ROOT) -> list[Path]:
     return [TREE / path.name for path in _sources(root)]
 
 
 # Before a test imports them by name.
-lint.rtl_sources = _mutated
+sources.rtl_sources = _mutated
 hdl.rtl_sources = _mutated
 hdl.BUILD = WORK / "build"
 

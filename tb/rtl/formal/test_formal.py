@@ -99,11 +99,6 @@ def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is
     assert not [pid for pid in tree if runs(pid)]
 
 
-def test_what_runs_too_long_is_ended_and_has_no_exit_code(tmp_path: Path) -> None:
-    assert children.run_child(["sleep", "600"], tmp_path, tmp_path / "log", 0.2) is None
-    assert children.run_child(["false"], tmp_path, tmp_path / "log", 10.0) == 1
-
-
 def test_each_checker_belongs_to_a_proof() -> None:
     found = {path.stem for path in (ROOT / formal.PLACE).glob("check_*.v")}
     assert found == {proof.check for proof in PROOFS.values()}
@@ -166,15 +161,3 @@ def test_a_name_that_no_proof_has_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="counter") as caught:
         formal.chosen(["nonsense"])
     assert "\n" not in str(caught.value)
-
-
-def test_the_table_says_proved_of_nothing_else_and_shows_a_fault_that_is_not_seen() -> None:
-    row = {"name": "formal.counter.counts_edges", "value": 1.0, "status": "PASS"}
-    seen = {"name": "formal.counter.fault.wraps", "value": 1.0, "status": "PASS"}
-    made = formal.table([row, seen]).splitlines()
-    (line,) = [line for line in made if line.startswith("| counts_edges ")]
-    assert "| proved |" in line
-    assert "wraps," in line
-    assert "not_cleared (NOT SEEN)" in line
-    assert "proved" not in formal.table([{**row, "status": "ERROR"}])
-    assert "NOT PROVED" in formal.table([{**row, "status": "ERROR"}])
