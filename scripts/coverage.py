@@ -219,14 +219,10 @@ def uncovered(result: Result, root: Path = ROOT) -> list[str]:
 
 
 def benches(root: Path = ROOT) -> list[Path]:
-    """Return the directories of tb/rtl with cocotb benches, without those on the mapped netlist."""
-    return sorted(
-        {path.parent for path in (root / "tb" / "rtl").glob("*/bench_*.py")} - _other_netlists(root)
-    )
-
-
-def _other_netlists(root: Path) -> set[Path]:
-    return {root / "tb" / "rtl" / "gate_level"}
+    """Return the directories of tb/rtl with tests in both simulators of the right modules."""
+    tests = (root / "tb" / "rtl").glob("*/test_*.py")
+    found = {path.parent for path in tests if "(simulator: str" in path.read_text()}
+    return sorted(path for path in found if path.name != "traps")
 
 
 def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:

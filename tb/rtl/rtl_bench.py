@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,15 @@ async def fall(dut: Any) -> None:
     await Timer(1, "ns")
     dut.clk_i.value = 0
     await Timer(HALF_NS - 1, "ns")
+
+
+async def reset(dut: Any, inputs: Iterable[str]) -> None:
+    """Hold reset with the clock and these inputs low for 10 ns, then let half a clock pass."""
+    for name in ("clk_i", "rst_ni", *inputs):
+        getattr(dut, name).value = 0
+    await Timer(10, "ns")
+    dut.rst_ni.value = 1
+    await fall(dut)
 
 
 def everything(rows: int) -> dict[str, int]:

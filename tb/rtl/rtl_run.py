@@ -15,6 +15,8 @@ from dermis.scene.design import ROOT
 from scripts.cocotb_run import run_bench
 
 TRAPS = Path(__file__).resolve().parent / "traps"
+# Not moved with ROOT by scripts/mutate_plugin.py: a seeded fault is one of the right module.
+RTL = ROOT / "rtl"
 
 
 def _build(
@@ -79,3 +81,35 @@ def simulate(
         log = Path(error.log) if error.log else None
         end = log.read_text()[-6000:] if log and log.exists() else "no log"
         raise AssertionError(f"{error}\n{end}") from None
+
+
+def play(
+    simulator: str,
+    module: str,
+    steps: Sequence[Mapping[str, int]],
+    outputs: Sequence[str],
+    parameters: Mapping[str, int] | None = None,
+    trap: Path | None = None,
+) -> list[tuple[dict[str, int], dict[str, int]]]:
+    """Drive the inputs of a module clock by clock from a reset; return its outputs behind each
+    rising and each falling edge.
+    """
+    ports = list(steps[0])
+    scenario = {"ports": ports, "outputs": outputs, "steps": [[step[p] for p in ports] for step in steps]}
+    seen = simulate(simulator, "bench_unit", module, "play", parameters, scenario, trap=trap)
+    return [tuple(dict(zip(outputs, values, strict=True)) for values in edges) for edges in seen]
+
+
+def changed(tmp_path: Path, module: str, *changes: tuple[str, str], more: str = "") -> Path:
+    """Return a copy of a module with seeded faults, each a text that occurs once and its
+    replacement; `more` is put behind it.
+    """
+    # Without the comments at its head: the first "module" has to be the keyword.
+    lines = (RTL / f"{module}.v").read_text().splitlines()
+    text = "\n".join(line for line in lines if not line.startswith("//"))
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = tmp_path / f"wrong_{module}.v"
+    path.write_text(f"{text}\n{more}")
+    return path

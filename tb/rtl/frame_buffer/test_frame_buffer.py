@@ -6,9 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rtl_run import simulate
-
-from dermis.scene.design import ROOT
+from rtl_run import changed, simulate
 
 SYNC_RANDOM = Path(__file__).parent / "sync_random.v"
 SIZE = {"BANK_BYTES": 20}
@@ -62,19 +60,10 @@ FAULTS = {
 }
 
 
-def changed(tmp_path: Path, changes: list[tuple[str, str]]) -> Path:
-    text = (ROOT / "rtl" / "dermis_frame_buffer.v").read_text()
-    for right, wrong in changes:
-        assert text.count(right) == 1, right
-        text = text.replace(right, wrong)
-    path = tmp_path / "dermis_frame_buffer.v"
-    path.write_text(text + LATE)
-    return path
-
-
 @pytest.mark.long
 def test_a_cs_that_is_seen_late_lets_go_of_nothing(tmp_path: Path) -> None:
-    assert whole_frames("icarus", 0, changed(tmp_path, [LATE_CS]))["different"] > 20
+    trap = changed(tmp_path, "dermis_frame_buffer", LATE_CS, more=LATE)
+    assert whole_frames("icarus", 0, trap)["different"] > 20
 
 
 def both(trap: Path) -> None:
@@ -84,6 +73,6 @@ def both(trap: Path) -> None:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
-    trap = changed(tmp_path, FAULTS[fault])
+    trap = changed(tmp_path, "dermis_frame_buffer", *FAULTS[fault], more=LATE)
     with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
         both(trap)

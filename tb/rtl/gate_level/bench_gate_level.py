@@ -3,21 +3,20 @@
 
 from __future__ import annotations
 
-import json
-import os
 import random
-from pathlib import Path
 from typing import Any
 
 import cocotb
 from cocotb.triggers import Timer
+from rtl_bench import report, scenario
+from spi_client import Pins
 
 from dermis.chip import register_map, spi_protocol
 
 HALF_NS = 100
 # SPI edges fall 7 ns beside multiples of 20 ns, clock edges upon one: crossings are seen alike with
 # and without delays.
-SPI_HALF_NS = 40
+SPI_PERIOD_PS = 80_000
 SPI_OFFSET_NS = 7
 PINS = (
     "row_select_o",
@@ -46,9 +45,8 @@ class Bench:
 
     async def power_up(self) -> None:
         dut = self.dut
-        for pin in ("clk_i", "enable_i", "comp_async_i", "row_sense_i", "spi_sck_i", "spi_copi_i"):
+        for pin in ("clk_i", "enable_i", "comp_async_i", "row_sense_i"):
             getattr(dut, pin).value = 0
-        dut.spi_cs_ni.value = 1
         dut.rst_ni.value = 0
         await Timer(HALF_NS, "ns")
         self._look()
@@ -71,51 +69,20 @@ class Bench:
             await Timer(20, "ns")
             self.clocks += 1
 
+    def known(self, name: str) -> int:
+        """Return the level of a pin; count it, and return 0, if it is unknown."""
+        value = getattr(self.dut, name).value
+        if value.is_resolvable:
+            return int(value)
+        self.unknown += 1
+        self.first_unknown = self.first_unknown or f"{name} = {value} at clock {self.clocks}"
+        return 0
+
     def _look(self) -> None:
         word = 0
         for name in PINS:
-            value = getattr(self.dut, name).value
-            if not value.is_resolvable:
-                self.unknown += 1
-                self.first_unknown = self.first_unknown or f"{name} = {value} at clock {self.clocks}"
-                continue
-            word = word << len(getattr(self.dut, name)) | int(value)
+            word = word << len(getattr(self.dut, name)) | self.known(name)
         self.pins.append(word)
-
-    async def transaction(self, steps: Any) -> Any:
-        """Run a transaction of dermis.chip.spi_protocol."""
-        dut = self.dut
-        dut.spi_cs_ni.value = 0
-        await Timer(2 * SPI_HALF_NS, "ns")
-        try:
-            send = next(steps)
-            while True:
-                send = steps.send(await self._exchange(send))
-        except StopIteration as done:
-            return done.value
-        finally:
-            dut.spi_cs_ni.value = 1
-            await Timer(20 * HALF_NS, "ns")
-
-    async def _exchange(self, data: bytes) -> bytes:
-        dut = self.dut
-        back = bytearray()
-        for byte in data:
-            got = 0
-            for bit in range(7, -1, -1):
-                dut.spi_copi_i.value = byte >> bit & 1
-                await Timer(SPI_HALF_NS, "ns")
-                level = dut.spi_cipo_o.value
-                if not level.is_resolvable:
-                    self.unknown += 1
-                    self.first_unknown = self.first_unknown or f"spi_cipo_o = {level} at clock {self.clocks}"
-                got = got << 1 | (int(level) if level.is_resolvable else 0)
-                dut.spi_sck_i.value = 1
-                await Timer(SPI_HALF_NS, "ns")
-                dut.spi_sck_i.value = 0
-            back.append(got)
-        await Timer(SPI_HALF_NS, "ns")
-        return bytes(back)
 
     async def until_ready(self, limit: int) -> None:
         for _ in range(limit):
@@ -125,42 +92,56 @@ class Bench:
         raise AssertionError(f"no frame after {limit} clocks")
 
 
+class _Cipo:
+    """CIPO for the SPI client, which takes integers."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+
+    @property
+    def value(self) -> int:
+        return self.bench.known("spi_cipo_o")
+
+
 @cocotb.test()
 async def reads_frames(dut: Any) -> None:
     """Set short slots, scan, read frames, take a self-test frame; hand back every byte and every pin."""
-    scenario = json.loads(os.environ["DERMIS_SCENARIO"])
-    bench = Bench(dut, scenario["seed"])
+    s = scenario()
+    bench = Bench(dut, s["seed"])
+    host = Pins(dut, SPI_PERIOD_PS)
+    host.cipo = _Cipo(bench)
     await bench.power_up()
     frames: list[str] = []
 
     async def write(register: str, value: int) -> None:
-        await bench.transaction(spi_protocol.write_register(getattr(register_map, register), value))
+        await host.run(spi_protocol.write_register(getattr(register_map, register), value))
 
     async def read(register: str) -> int:
-        return await bench.transaction(spi_protocol.read_register(getattr(register_map, register)))
+        return await host.run(spi_protocol.read_register(getattr(register_map, register)))
 
     # Before any frame was stored the memory is unknown: nothing of it may show.
-    frames.append((await bench.transaction(spi_protocol.read_frame_bytes())).hex())
+    frames.append((await host.run(spi_protocol.read_frame_bytes())).hex())
     registers = [await read("ID"), await read("GEOMETRY"), await read("FORMAT")]
-    await write("SETTLE", scenario["settle"])
-    await write("GATE", scenario["gate"])
+    await write("SETTLE", s["settle"])
+    await write("GATE", s["gate"])
     dut.enable_i.value = 1
-    for frame in range(scenario["frames"]):
+    for frame in range(s["frames"]):
         if frame == 1:
             await write("CONTROL", 1 | 1 << 3)  # with a dark slot
         if frame == 2:
             await write("CONTROL", 1 | 1 << 2)  # and a self-test frame
-        await bench.until_ready(scenario["limit"])
-        data = await bench.transaction(spi_protocol.read_frame_bytes())
+        await bench.until_ready(s["limit"])
+        data = await host.run(spi_protocol.read_frame_bytes())
         spi_protocol.parse_frame(data)
         frames.append(data.hex())
     registers += [await read("STATUS"), await read("FRAME_NUMBER"), await read("LOST")]
-    result = {
-        "frames": frames,
-        "registers": registers,
-        "unknown": bench.unknown,
-        "first_unknown": bench.first_unknown,
-        "clocks": bench.clocks,
-        "pins": [f"{word:x}" for word in bench.pins],
-    }
-    Path(os.environ["DERMIS_RESULT"]).write_text(json.dumps(result))
+    report(
+        {
+            "frames": frames,
+            "registers": registers,
+            "unknown": bench.unknown,
+            "first_unknown": bench.first_unknown,
+            "clocks": bench.clocks,
+            "pins": [f"{word:x}" for word in bench.pins],
+        }
+    )

@@ -7,7 +7,7 @@ from typing import Any
 
 import cocotb
 from cocotb.triggers import Timer
-from rtl_bench import fall, report, rise, scenario
+from rtl_bench import fall, report, reset, rise, scenario
 
 ROW_PORTS = ("slot_i", "first_i", "last_i", "test_frame_i", "dark_frame_i", "gate_clocks_i", "fault_i")
 
@@ -21,17 +21,7 @@ async def rows(dut: Any) -> None:
     """
     s = scenario()
     code_bits = len(dut.count_i) - 1
-    dut.clk_i.value = 0
-    dut.rst_ni.value = 0
-    dut.row_valid_i.value = 0
-    dut.count_i.value = 0
-    dut.pedestal_i.value = 0
-    dut.pedestal_mode_i.value = 0
-    for port in ROW_PORTS:
-        getattr(dut, port).value = 0
-    await Timer(10, "ns")
-    dut.rst_ni.value = 1
-    await fall(dut)
+    await reset(dut, ("row_valid_i", "count_i", "pedestal_i", "pedestal_mode_i", *ROW_PORTS))
     frames, columns, busy, numbers = [], [], [], []
     frame: list[int] | None = None
     for row in s["rows"]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import ROOT, simulate
+from rtl_run import changed, simulate
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -218,10 +218,7 @@ SEEDED = {
 @pytest.mark.parametrize("fault", SEEDED)
 def test_the_reference_finds_a_seeded_fault(fault: str, tmp_path: Path) -> None:
     module, old, new = SEEDED[fault]
-    right = (ROOT / "rtl" / f"{module}.v").read_text()
-    assert right.count(old) == 1, fault
-    wrong = tmp_path / "wrong.v"
-    wrong.write_text(right.replace(old, new))
+    wrong = changed(tmp_path, module, (old, new))
     rows = random_rows(5, 10, 40, seed=11)
     try:
         frames = run("icarus", rows, 5, 10, trap=wrong)["frames"]

@@ -6,9 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rtl_run import simulate
-
-from dermis.scene.design import ROOT
+from rtl_run import changed, simulate
 
 SYNC_RANDOM = Path(__file__).parents[1] / "frame_buffer" / "sync_random.v"
 
@@ -44,11 +42,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
     right, wrong = FAULTS[fault]
-    text = (ROOT / "rtl" / "dermis_register_port.v").read_text()
-    assert text.count(right) == 1
-    trap = tmp_path / "dermis_register_port.v"
-    trap.write_text(
-        text.replace(right, wrong).replace("  reg         ack_q;", "  reg         ack_q;\n  reg late_q;")
-    )
+    late = ("  reg         ack_q;", "  reg         ack_q;\n  reg late_q;")
+    trap = changed(tmp_path, "dermis_register_port", (right, wrong), late)
     with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
         requests("icarus", trap)

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Mapping
 from typing import Any
 
 import cocotb
 from cocotb.triggers import Timer
-from rtl_bench import HALF_NS, fall, report, rise, scenario
+from rtl_bench import HALF_NS, report, scenario
 
 from tb.reference.chip import AnalogColumns
 
@@ -158,77 +157,3 @@ async def asked_again(dut: Any) -> None:
                 break
         ended.append(ends)
     report(ended)
-
-
-UNIT_INPUTS = (
-    "test_i",
-    "test_pending_i",
-    "row_valid_i",
-    "first_i",
-    "test_frame_i",
-    "end_i",
-    "row_fault_i",
-    "column_valid_i",
-    "column_i",
-    "column_count_i",
-    "column_slot_i",
-    "test_count_i",
-    "dark_max_i",
-    "full_min_i",
-)
-
-
-@cocotb.test(timeout_time=1, timeout_unit="sec")
-async def random_columns(dut: Any) -> None:
-    """dermis_self_test alone: rows and columns of random frames; report inputs and outputs of each edge."""
-    rng = random.Random(12)
-    cols, rows, bits = len(dut.dark_fault_o), len(dut.row_fault_o), len(dut.column_count_i)
-    inputs = dict.fromkeys(UNIT_INPUTS, 0)
-    dut.clk_i.value = 0
-    dut.rst_ni.value = 0
-    for name in UNIT_INPUTS:
-        getattr(dut, name).value = 0
-    await Timer(10, "ns")
-    dut.rst_ni.value = 1
-    await fall(dut)
-    seen = []
-
-    async def clock(**now: int) -> None:
-        for name, value in (inputs | now).items():
-            getattr(dut, name).value = value
-        await Timer(1, "ns")
-        await rise(dut)
-        outputs = (*(getattr(dut, name) for name in MASKS), dut.fault_o, dut.done_o)
-        seen.append([inputs | now, [int(output.value) for output in outputs]])
-        await fall(dut)
-
-    def near(limit: int) -> int:
-        return min(max(limit + rng.choice([-1, 0, 0, 1]), 0), 2**bits - 1)
-
-    for _ in range(40):
-        test = int(rng.random() < 0.4)
-        slots = [0xF0, 0xF1, 0xF2, 0xF3] if test else rng.choice([[], [0xF1]])
-        slots = [*slots, *range(rng.randint(0 if slots else 1, rows))]
-        inputs["test_frame_i"] = test
-        inputs["test_count_i"] = rng.getrandbits(bits)
-        inputs["dark_max_i"] = rng.choice([rng.getrandbits(bits), rng.getrandbits(16)])
-        inputs["full_min_i"] = rng.choice([rng.getrandbits(bits), rng.getrandbits(16)])
-        if rng.random() < 0.3:
-            await clock(test_i=1)
-        for n, slot in enumerate(slots):
-            inputs |= {"first_i": int(n == 0), "column_slot_i": slot}
-            fault = rng.getrandbits(rows) if rng.random() < 0.1 else 0
-            pending = int(rng.random() < 0.2)
-            await clock(
-                row_valid_i=1, row_fault_i=fault, test_i=int(rng.random() < 0.03), test_pending_i=pending
-            )
-            for column in range(cols):
-                limit = rng.choice(["test_count_i", "dark_max_i", "full_min_i"])
-                await clock(
-                    column_valid_i=int(rng.random() < 0.98 or column == cols - 1),
-                    column_i=column,
-                    column_count_i=near(inputs[limit]),
-                    row_fault_i=rng.getrandbits(rows),
-                )
-        await clock(end_i=int(rng.random() < 0.9))
-    report(seen)

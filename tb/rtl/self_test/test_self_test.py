@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import ROOT, simulate
+from rtl_run import changed, play, simulate
+
+from scripts.lint import header_values
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -37,9 +40,9 @@ FAULTS: list[tuple[dict[str, Any], dict[str, list[int]]]] = [
 
 
 def self_test(
-    simulator: str, x: Any, faults: list[Any], trap: Path | None = None, case: str = "faults"
+    simulator: str, x: Any, faults: list[Any], trap: Path | None = None, case: str = "faults", **more: Any
 ) -> Any:
-    scenario = {"x": x, "faults": faults, "settings": SETTINGS, "limit": (ROWS + 4) * 68 + 60}
+    scenario = {"x": x, "faults": faults, "settings": SETTINGS, "limit": (ROWS + 4) * 68 + 60} | more
     return simulate(
         simulator, "bench_self_test", "self_test_chain", case, {}, scenario, trap=trap, around=[CHAIN]
     )
@@ -85,16 +88,13 @@ BROKEN = {
 @pytest.mark.parametrize("how", BROKEN)
 def test_a_broken_counter_is_named(how: str, tmp_path: Path) -> None:
     old, new, wanted = BROKEN[how]
-    text = (ROOT / "rtl" / "dermis_reader.v").read_text()
-    assert text.count(old) == 1
-    text = text.replace(old, new).replace(
+    flops = (
         "  genvar c;\n",
         "  reg [1:0] clocks_q;\n  reg late_q;\n  always @(posedge clk_i or negedge rst_ni)\n"
         "    if (!rst_ni) {clocks_q, late_q} <= 3'd0;\n"
         "    else {clocks_q, late_q} <= {clocks_q + 2'd1, gate_count};\n  genvar c;\n",
     )
-    wrong = tmp_path / "reader_broken_counter.v"
-    wrong.write_text(text)
+    wrong = changed(tmp_path, "dermis_reader", (old, new), flops)
     [found] = self_test("icarus", NO_SENSOR, [{}], trap=wrong)
     assert found == wanted
 
@@ -110,17 +110,7 @@ def asked_again(simulator: str, trap: Path | None = None) -> list[int]:
     frame = (ROWS + 4) * 68
     # Before the frame begins, in its first slot, in its middle, while its last row is packed.
     later = [1, 40, 100, frame // 2, frame - 20, frame - 1, frame + 3, frame + 8]
-    scenario = {"x": NO_SENSOR, "settings": SETTINGS, "limit": frame + 60, "later": later}
-    return simulate(
-        simulator,
-        "bench_self_test",
-        "self_test_chain",
-        "asked_again",
-        {},
-        scenario,
-        trap=trap,
-        around=[CHAIN],
-    )
+    return self_test(simulator, NO_SENSOR, [], trap, "asked_again", limit=frame + 60, later=later)
 
 
 def test_a_test_is_done_when_the_frame_that_was_asked_for_last_is_readable(simulator: str) -> None:
@@ -136,22 +126,18 @@ def test_a_test_is_done_when_the_frame_that_was_asked_for_last_is_readable(simul
     ],
 )
 def test_a_done_of_an_earlier_frame_is_noticed(old: str, new: str, tmp_path: Path) -> None:
-    right = (ROOT / "rtl" / "dermis_self_test.v").read_text()
-    assert right.count(old) == 1
-    wrong = tmp_path / "wrong.v"
-    wrong.write_text(right.replace(old, new))
-    assert asked_again("icarus", wrong) != [2] * 8
+    assert asked_again("icarus", changed(tmp_path, "dermis_self_test", (old, new))) != [2] * 8
 
 
 COLUMNS, ROW_LINES = 5, 4
 
 
-def masks_by_the_words(seen: list[Any]) -> list[list[int]]:
+def masks_by_the_words(steps: list[dict[str, int]]) -> list[list[int]]:
     """Outputs behind each edge, from the table of docs/rtl.md."""
     inject, dark, full, rows = set(), set(), set(), 0
     latest = done = 0
     wanted = []
-    for i, _ in seen:
+    for i in steps:
         begins = i["row_valid_i"] and i["first_i"] and i["test_frame_i"]
         if begins:
             inject, dark, full, rows = set(), set(), set(), 0
@@ -179,16 +165,63 @@ def masks_by_the_words(seen: list[Any]) -> list[list[int]]:
     return wanted
 
 
-def random_columns(simulator: str, trap: Path | None = None) -> list[Any]:
+UNIT_INPUTS = """test_i test_pending_i row_valid_i first_i test_frame_i end_i row_fault_i column_valid_i column_i
+    column_count_i column_slot_i test_count_i dark_max_i full_min_i""".split()
+UNIT_OUTPUTS = "inject_fault_o dark_fault_o full_fault_o row_fault_o fault_o done_o".split()
+
+
+def random_columns() -> list[dict[str, int]]:
+    """Inputs of dermis_self_test in each clock of random frames, with counts at and near every limit."""
+    rng, bits = random.Random(12), header_values()["DERMIS_CODE_BITS"] + 1
+    inputs = dict.fromkeys(UNIT_INPUTS, 0)
+    steps: list[dict[str, int]] = []
+
+    def clock(**now: int) -> None:
+        steps.append(inputs | now)
+
+    def near(limit: int) -> int:
+        return min(max(limit + rng.choice([-1, 0, 0, 1]), 0), 2**bits - 1)
+
+    for _ in range(40):
+        test = int(rng.random() < 0.4)
+        slots = [0xF0, 0xF1, 0xF2, 0xF3] if test else rng.choice([[], [0xF1]])
+        slots = [*slots, *range(rng.randint(0 if slots else 1, ROW_LINES))]
+        inputs["test_frame_i"] = test
+        inputs["test_count_i"] = rng.getrandbits(bits)
+        inputs["dark_max_i"] = rng.choice([rng.getrandbits(bits), rng.getrandbits(16)])
+        inputs["full_min_i"] = rng.choice([rng.getrandbits(bits), rng.getrandbits(16)])
+        if rng.random() < 0.3:
+            clock(test_i=1)
+        for n, slot in enumerate(slots):
+            inputs |= {"first_i": int(n == 0), "column_slot_i": slot}
+            fault = rng.getrandbits(ROW_LINES) if rng.random() < 0.1 else 0
+            pending = int(rng.random() < 0.2)
+            again = int(rng.random() < 0.03)
+            clock(row_valid_i=1, row_fault_i=fault, test_i=again, test_pending_i=pending)
+            for column in range(COLUMNS):
+                limit = rng.choice(["test_count_i", "dark_max_i", "full_min_i"])
+                clock(
+                    column_valid_i=int(rng.random() < 0.98 or column == COLUMNS - 1),
+                    column_i=column,
+                    column_count_i=near(inputs[limit]),
+                    row_fault_i=rng.getrandbits(ROW_LINES),
+                )
+        clock(end_i=int(rng.random() < 0.9))
+    return steps
+
+
+def masks_of(simulator: str, steps: list[dict[str, int]], trap: Path | None = None) -> list[list[int]]:
     p = {"ROWS": ROW_LINES, "COLS": COLUMNS}
-    return simulate(simulator, "bench_self_test", "dermis_self_test", "random_columns", p, trap=trap)
+    seen = play(simulator, "dermis_self_test", steps, UNIT_OUTPUTS, p, trap)
+    return [list(outputs.values()) for outputs, _ in seen]
 
 
 def test_masks_follow_the_table_at_counts_around_every_limit(simulator: str) -> None:
-    seen = random_columns(simulator)
-    assert [outputs for _, outputs in seen] == masks_by_the_words(seen)
+    steps = random_columns()
+    seen = masks_of(simulator, steps)
+    assert seen == masks_by_the_words(steps)
     for mask, lines in enumerate((COLUMNS, COLUMNS, COLUMNS, ROW_LINES)):
-        levels = [outputs[mask] for _, outputs in seen]
+        levels = [outputs[mask] for outputs in seen]
         assert all({v >> n & 1 for v in levels} == {0, 1} for n in range(lines))
 
 
@@ -203,14 +236,10 @@ SEEDED = {
 @pytest.mark.long
 @pytest.mark.parametrize("fault", SEEDED)
 def test_faults_and_table_find_a_seeded_one_in_the_self_test(fault: str, tmp_path: Path) -> None:
-    right = (ROOT / "rtl" / "dermis_self_test.v").read_text()
-    old, new = SEEDED[fault]
-    assert right.count(old) == 1, fault
-    wrong = tmp_path / "wrong.v"
-    wrong.write_text(right.replace(old, new))
+    wrong = changed(tmp_path, "dermis_self_test", SEEDED[fault])
     cases = [f for f, _ in FAULTS]
     found = self_test("icarus", NO_SENSOR, cases, trap=wrong)
     later = self_test("icarus", NO_SENSOR, [{"comparators_high": [1]}], trap=wrong, case="over_time")
     assert (found, later) != ([w for _, w in FAULTS], [{}, {"dark": [1]}, {}, {"dark": [1]}, {}])
-    seen = random_columns("icarus", wrong)
-    assert [outputs for _, outputs in seen] != masks_by_the_words(seen)
+    steps = random_columns()
+    assert masks_of("icarus", steps, wrong) != masks_by_the_words(steps)

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import simulate
+from rtl_run import changed, simulate
 
-from dermis.scene.design import ROOT
 from tb.reference.chip import SHORT, Duty
 
 pytestmark = pytest.mark.timeout(170)
@@ -156,9 +155,6 @@ FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
     module, right, wrong, testcase, scenario = FAULTS[fault]
-    text = (ROOT / "rtl" / f"{module}.v").read_text()
-    assert text.count(right) == 1
-    trap = tmp_path / f"{module}.v"
-    trap.write_text(text.replace(right, wrong))
+    trap = changed(tmp_path, module, (right, wrong))
     with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
         run("icarus", testcase, trap=trap, **scenario)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import ROOT, simulate
+from rtl_run import changed, simulate
 
 from scripts.lint import header_values
 from tb.programs.hard.converter_inputs import scanner_that_presets_once
@@ -48,15 +48,6 @@ def read(
         **more,
     }
     return simulate(simulator, "bench_reader", "dermis_reader", "frames", p, scenario, trap=trap)
-
-
-def changed(tmp_path: Path, module: str, old: str, new: str) -> Path:
-    """A copy of a module with one thing changed."""
-    text = (ROOT / "rtl" / f"{module}.v").read_text()
-    assert text.count(old) == 1, old
-    wrong = tmp_path / f"wrong_{module}.v"
-    wrong.write_text(text.replace(old, new))
-    return wrong
 
 
 # The counter of a code of 7 bits has 8, with no bit to spare for a pedestal.
@@ -220,12 +211,8 @@ def test_preset_of_one_clock_charges_the_next_slot_for_the_last_sample(
     simulator: str, tmp_path: Path, sync_latch: int, counts_of_60: list[int]
 ) -> None:
     """A scanner that opens the gate with the row: the packet of a one in the last sample falls behind preset."""
-    wrong = changed(
-        tmp_path,
-        "dermis_row_scanner",
-        "clocks_q     <= settle_q;",
-        "clocks_q     <= gate_q - 1'b1; preset_q <= 1'b0;",
-    )
+    opens = ("clocks_q     <= settle_q;", "clocks_q     <= gate_q - 1'b1; preset_q <= 1'b0;")
+    wrong = changed(tmp_path, "dermis_row_scanner", opens)
     # Duty 1/40: ones at samples 20, 60, 100... of a slot that starts from the preset.
     x: list[list[Duty]] = [[(1, 40)]]
     p = {"SYNC_LATCH": sync_latch}
