@@ -277,8 +277,7 @@ def _outcome(text: str, seconds: float, work: Path) -> Outcome:
 
 
 def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> verdict.Row:
-    row = {"name": name, "value": round(seconds, 1), "unit": "s", "min": None, "max": limit_s}
-    return {**row, "status": status, "note": note}
+    return verdict.within(name, round(seconds, 1), "s", None, limit_s, note) | {"status": status}
 
 
 def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
@@ -316,29 +315,20 @@ def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal", depth: 
     wanted = labels(source, "cover")
     never = [label for label in labels(source, "assert") if label.startswith("never_")]
     depth = depth or proof.option("cover: depth")
-    reached, notes, seconds, error = 0, [], 0.0, not wanted and not never
+    outcomes, reached, missed = [], 0, []
     if wanted:
-        outcome = run(proof, "cover", depth=depth, rtl=rtl, where=where)
-        seconds += outcome.seconds
-        reached += len(wanted) if outcome.status == "PASS" else outcome.covered
-        error |= outcome.status not in ("PASS", "FAIL")
-        notes += [outcome.note] if outcome.note else []
+        outcomes.append(run(proof, "cover", depth=depth, rtl=rtl, where=where))
+        reached += len(wanted) if outcomes[0].status == "PASS" else outcomes[0].covered
     for label in never:
-        outcome = run(proof, "search", [label], depth=depth, rtl=rtl, where=where, suffix=f"_{label}")
-        seconds += outcome.seconds
-        reached += outcome.status == "FAIL" and label in outcome.failed
-        error |= outcome.status not in ("PASS", "FAIL")
-        notes += [f"{label}: {outcome.status.lower()} {outcome.note}"] if outcome.status != "FAIL" else []
-    every = len(wanted) + len(never)
-    row = {
-        "name": f"formal.{proof.name}.covers",
-        "value": reached,
-        "unit": "covers",
-        "min": every,
-        "max": None,
-    }
-    status = "ERROR" if error else "PASS" if reached == every else "FAIL"
-    return [{**row, "status": status, "note": "; ".join([f"within {depth} steps, {seconds:.1f} s", *notes])}]
+        outcomes.append(run(proof, "search", [label], depth=depth, rtl=rtl, where=where, suffix=f"_{label}"))
+        found = outcomes[-1].status == "FAIL" and label in outcomes[-1].failed
+        reached += found
+        missed += [] if found else [f"{label}: {outcomes[-1].status.lower()}"]
+    seconds, every = sum(outcome.seconds for outcome in outcomes), len(wanted) + len(never)
+    notes = [f"within {depth} steps, {seconds:.1f} s", *missed, *(o.note for o in outcomes if o.note)]
+    row = verdict.within(f"formal.{proof.name}.covers", reached, "covers", every, None, "; ".join(notes))
+    undecided = any(outcome.status not in ("PASS", "FAIL") for outcome in outcomes)
+    return [row | {"status": "ERROR"} if undecided or not every else row]
 
 
 def break_it(
@@ -352,10 +342,8 @@ def break_it(
     elif outcome.status == "PASS":
         status, note = "FAIL", "the fault is not detected"
     elif outcome.status == "FAIL":
-        status, note = (
-            "FAIL",
-            f"{', '.join(outcome.failed) or 'an unnamed assertion'} fails, not {fault.breaks}",
-        )
+        said = ", ".join(outcome.failed) or "an unnamed assertion"
+        status, note = "FAIL", f"{said} fails, not {fault.breaks}"
     else:
         status, note = "ERROR", f"{outcome.status.lower()}: {outcome.note}"
     name = f"formal.{proof.name}.fault.{fault.name}"
