@@ -19,13 +19,12 @@ from dermis import engines, plan
 from dermis.chip.ngspice import NgspiceHalf
 from dermis.converter.vfc import count_exact
 from dermis.effects import AutoTable
-from dermis.engines import cosim
 from dermis.errors import InputError, SimulatorError
 from dermis.scene import scene
 from tb.programs.accuracy import chip, command, converter, frames
+from tb.programs.accuracy.points import Method, Outcome, Point, from_csv, measure, pareto, points_csv
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench import measure
-from tb.programs.bench.measure import Method, Outcome, Point, from_csv, pareto, random_plan, to_csv
+from tb.programs.bench.measure import random_plan
 from tb.reference import frame as exact
 
 
@@ -163,15 +162,15 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
     effects = {"integrator_bandwidth": {"gbw_hz": 1e6}} if circuit.t_gbw_s else {}
     duty = np.full((1, 1, 1), float(circuit.duty))
     made = chip.plan_at(duty, effects, circuit.f_clk_hz, 60, 9e-6)
-    result, output, charge = converter.probed(made, "icarus", tmp_path / "run")
-    assert abs(int(result.codes[0, 0, 0]) - int(charge.sum())) <= 1, "the last packet may not have begun"
+    codes, output, charge = converter.probed(made, "icarus", tmp_path / "run")
+    assert abs(int(codes[0, 0]) - int(charge.sum())) <= 1, "the last packet may not have begun"
     # Packets of this engine have no ramps.
-    exact_v = circuits.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge[0, 0])
+    exact_v = circuits.exact_voltage(replace(circuit, settle_clocks=0, t_edge_s=1e-30), charge)
     # 60 roundings of 0.1 V.
-    assert -circuit.packet_v * output[0, 0] == pytest.approx(exact_v[1:], abs=1e-13)
+    assert -circuit.packet_v * output == pytest.approx(exact_v[1:], abs=1e-13)
     # With the ramps of the circuit they are off by half of one while a packet runs, and by nothing else.
-    ramped = circuits.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])
-    off = np.max(np.abs(-circuit.packet_v * output[0, 0] - ramped[1:]))
+    ramped = circuits.exact_voltage(replace(circuit, settle_clocks=0), charge)
+    off = np.max(np.abs(-circuit.packet_v * output - ramped[1:]))
     assert off == pytest.approx(0.5 * circuit.t_edge_s * circuit.f_clk_hz * circuit.packet_v, rel=0.01), (
         "an amplifier of 1 MHz takes less than a hundredth of it away by the end of the clock"
     )
@@ -179,84 +178,42 @@ def test_the_integrators_of_engine_rtl_follow_the_exact_solution(name: str, tmp_
 
 @pytest.mark.long
 @pytest.mark.paper
-def test_integrators_of_a_frame_are_held_against_fifty_digits(tmp_path: Path) -> None:
-    """Event at the end of the gates, cosim at every clock, with ngspice's own options and with worse ones."""
-    made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)
-    truth = exact.frame(made)
-    w_end = np.asarray(engines.run(made).info["w_end"])[0]
-    assert frames.charge_error_v(made, w_end, truth) < 1e-11, "510 roundings of 1 V"
-    assert frames.charge_error_v(made, w_end + 3.0 * (1.0 + made.converter.packet_error), truth) < 1e-11, (
-        "whole packets are the code's"
-    )
-    assert frames.charge_error_v(made, w_end + 1e-6, truth) == pytest.approx(1e-6, rel=1e-3), (
-        "1e-6 of a packet of 1 V beside 1e-11 V"
-    )
-    one = replace(made, engine="cosim")
-
-    steps = []
-
-    def error_v(solver: cosim.Solver) -> float:
-        result = engines.run(one, solver=solver, record=True)
-        steps.append(result.info["steps"]["accepted"])
-        assert (result.codes[0] == truth.codes).all()
-        volts, told = frames.recorded(one, result.info["records"][0])
-        return frames.output_error_v(one, volts, told, solver.t_edge_s, truth)
-
-    shipped = error_v(cosim.Solver())
-    backward_euler = error_v(cosim.Solver(options=converter.tolerances(1e-4, method="gear", maxord="1")))
-    assert shipped < 1e-3, "a thousandth of a packet: 2e-4 V where all of 16 x 16 are looked at"
-    assert backward_euler > 3.0 * shipped, "the options reach ngspice, and the error is seen"
-    error_v(cosim.Solver(options=converter.tolerances(1e-2)))
-    assert steps[2] < 0.6 * steps[0], (
-        "those that the deck has as well are replaced: 1107 steps in place of 2978"
-    )
+def test_the_options_of_a_solver_reach_ngspice(tmp_path: Path) -> None:
+    made = replace(random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS), engine="cosim")
+    runs = [engines.run(made, solver=solver) for solver in frames.SOLVERS.values()]
+    assert (runs[0].codes[0] == exact.frame(made).codes).all()
+    shipped, loose, _ = (run.info["steps"]["accepted"] for run in runs)
+    assert loose < 0.6 * shipped, "tolerances that the deck has as well are replaced: 1107 steps, not 2978"
 
 
-def test_a_failure_is_an_error_row_and_nothing_certified_is_no_pass(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> dict[str, Outcome]:
+def test_a_failure_is_an_error_row_and_nothing_certified_is_no_pass(tmp_path: Path) -> None:
+    def broken() -> Outcome:
         raise SimulatorError("it fell over")
 
-    points, rows = measure.measure("frames, x", [Method("cosim", "s", broken)], 1, lambda words: None)
+    points, rows = measure("frames, x", [Method("cosim", "s", broken)], 1, lambda words: None)
     assert points == []
     assert [(row["name"], row["status"], row["note"]) for row in rows] == [
         ("accuracy.frames.x.cosim.s", "ERROR", "it fell over")
     ]
-    made = random_plan(tmp_path, 1, "event", 2, **frames.EFFECTS)
-    monkeypatch.setattr(frames, "random_plan", lambda *_, **__: made)
-    monkeypatch.setattr(frames.Frames, "methods", lambda *_: [Method("event", "s", broken)])
-    _, rows = frames.measured(tmp_path, 1, True, lambda words: None)
-    assert {row["name"]: row["status"] for row in rows} == {
-        "accuracy.frames.eight_effects.event.s": "ERROR",
-        "accuracy.outside_certified": "ERROR",
-    }
-    monkeypatch.setattr(frames, "channel_plan", broken)
-    assert frames.channel(tmp_path, lambda words: None)[1][0]["status"] == "ERROR"
-
-    def missing(*_: object) -> None:
-        raise InputError("PATH", "ngspice", "missing", "ngspice")
-
-    monkeypatch.setattr(frames, "channel_plan", missing)
-    assert frames.channel(tmp_path, lambda words: None)[1][0]["status"] == "SKIP"
+    assert frames.Frames(tmp_path).outside_row()["status"] == "ERROR"
 
 
 def test_methods_run_in_turns_and_slow_ones_once() -> None:
     order: list[str] = []
 
     def method(name: str, slow: bool) -> Method:
-        def run() -> dict[str, Outcome]:
+        def run() -> Outcome:
             order.append(name)
-            return {"w": Outcome(1e-3, 1.0, float(len(order))), "v": Outcome(2.0, 1.0, 0.5, "LSB")}
+            return Outcome(1e-3, 1.0, float(len(order)))
 
         return Method(name, "s", run, slow)
 
-    points, rows = measure.measure("w", [method("a", False), method("b", True)], 3, lambda words: None)
+    points, rows = measure("w", [method("a", False), method("b", True)], 3, lambda words: None)
     assert rows == []
     assert order == ["a", "b", "a", "a"]
-    assert {(p.work, p.method, len(p.seconds), p.unit) for p in points} == {
-        ("w", "a", 3, "V"), ("v", "a", 3, "LSB"), ("w", "b", 1, "V"), ("v", "b", 1, "LSB"),
-    }  # fmt: skip
+    assert [(p.method, p.seconds, p.least_s, p.most_s, p.runs) for p in points] == [
+        ("a", 3.0, 1.0, 4.0, 3), ("b", 2.0, 2.0, 2.0, 1),
+    ]  # fmt: skip
 
 
 @pytest.mark.long
@@ -267,13 +224,13 @@ def test_certified_codes_bound_what_a_budget_leaves_out(tmp_path: Path) -> None:
         AutoTable(budget_lsb=3.0),
     )
     everything = engines.run(plan.whole(made.scene, "event")).codes[0].astype(int)
-    truth = exact.Frame(everything, np.zeros(everything.shape), np.zeros(everything.shape))
-    every = frames.Frames(tmp_path, truth)
+    every = frames.Frames(tmp_path)
+    every.truth = everything
     every.bound(made)
     assert (every.certified, every.outside) == (1, 0)
-    wrong = frames.Frames(tmp_path, exact.Frame(everything + 100, truth.w_end, truth.x))
-    wrong.bound(made)
-    assert wrong.outside == everything.size, "a code outside its bound is counted"
+    every.truth = everything + 100
+    every.bound(made)
+    assert every.outside == everything.size, "a code outside its bound is counted"
 
 
 def test_the_exact_voltage_behind_a_pole_solves_its_equation() -> None:
@@ -335,16 +292,34 @@ def test_a_later_option_replaces_the_earlier_one() -> None:
     assert line.endswith("method=gear")
 
 
-def point(time: float, error: float) -> Point:
-    return Point("work", "method", f"{time}", error, "V", 0.0, (time,))
+def point(time: float, error: float, method: str = "method") -> Point:
+    return Point("converter, no pole", method, f"{time}", error, "V", 0.0, time, time, time, 1)
 
 
 def test_the_front_holds_what_nothing_beats() -> None:
     points = [point(1.0, 0.5), point(2.0, 0.6), point(3.0, 0.1), point(0.5, 0.9), point(4.0, 0.1)]
-    assert [p.time_s for p in pareto(points)] == [0.5, 1.0, 3.0]
-    text = to_csv([p.columns() for p in points])
-    assert text.count("\n") == 6
-    assert pareto(from_csv(text))[0].time_s == 0.5
+    assert [p.seconds for p in pareto(points)] == [0.5, 1.0, 3.0]
+    assert from_csv(points_csv(points)) == points
+
+
+def test_engines_are_compared_with_the_best_peer() -> None:
+    ours = [point(1.0, 1e-3, "cosim, icarus, step"), point(10.0, 1e-9, "cosim, icarus, step")]
+    points = [
+        *ours,
+        point(0.1, 1e-3, "rtl, verilator"),
+        point(5.0, 1e-3, "peer: x"),
+        point(40.0, 1e-9, "peer: y"),
+    ]
+    rows = {row["name"].removeprefix("accuracy."): row["value"] for row in command.ratios(points)}
+    assert rows == pytest.approx(
+        {
+            "speed_at_equal_error.no_pole.best_peer": 4.0,
+            "error_at_equal_time.no_pole.best_peer": 1.0,
+            "speed_at_equal_error.no_pole.any_engine.best_peer": 4.0,
+            "error_at_equal_time.no_pole.any_engine.best_peer": 1.0,
+            "step_ratio.no_pole": 1e6,
+        }
+    )
 
 
 def test_between_two_methods_no_setting_is_made_up() -> None:
@@ -364,21 +339,13 @@ def test_between_two_methods_no_setting_is_made_up() -> None:
         ("--docs --only order", "--docs = with --quick or --only"),
         ("--docs --quick", "--docs = with --quick or --only"),
         ("--quick --repeat 2", "--quick and --repeat = 2"),
-        ("--quick --only sky130", "--only sky130 = with --quick"),
     ],
 )
 def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
     words: str, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """--docs would write a quick run's figures, or nothing, and both ended with 0."""
-    for place, name in (
-        (command, "draw"),
-        (converter, "order_row"),
-        (converter, "measured"),
-        (frames, "measured"),
-        (frames, "channel"),
-        (command, "write_between"),
-    ):
+    for place, name in ((command, "draw"), (converter, "order_row"), (command, "_measured")):
         monkeypatch.setattr(place, name, pytest.fail)
     refused = CliRunner().invoke(command.accuracy_command, words.split())
     assert isinstance(refused.exception, InputError), refused
@@ -389,7 +356,7 @@ def test_options_that_would_be_ignored_are_refused_before_anything_is_measured(
 def test_what_an_option_is_for_goes_through(words: str, done: str, monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[str] = []
     monkeypatch.setattr(command, "draw", lambda *_: steps.append("drawn"))
-    monkeypatch.setattr(command, "_copy_figures", lambda: steps.append("copied"))
+    monkeypatch.setattr(command, "_copy_figures", lambda *_: steps.append("copied"))
     went = CliRunner().invoke(command.accuracy_command, words.split(), standalone_mode=False)
     assert went.exception is None
     assert " and ".join(steps) == done

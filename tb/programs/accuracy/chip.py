@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import shutil
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,15 +25,11 @@ from dermis import plan as planning
 from dermis.converter.vfc import LONGEST_GATE, count
 from dermis.decode.force import taxels_alone
 from dermis.engines import closed, event
-from dermis.errors import DermisError
-from dermis.files import write_atomic, write_between
-from dermis.places import ROOT
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import Design
-from tb.programs.bench.measure import markdown, to_csv
 
 Floats = NDArray[np.float64]
 
@@ -51,37 +46,31 @@ SEEDS = (1, 2, 3)
 # Forces lie in this part of the range: errors of gain and pedestals must not saturate a code.
 RANGE = (0.002, 0.9)
 
-NOISE: dict[str, Any] = dict.fromkeys(
-    ("comparator_noise", "metastability", "clock_jitter", "thermal_noise", "shot_noise", "ktc_noise"), True
-)
-DRIFT: dict[str, Any] = {"flicker_noise": True}
-BENDS: dict[str, Any] = dict.fromkeys(
-    (
-        "integrator_gain",
-        "integrator_bandwidth",
-        "comparator_offset",
-        "comparator_hysteresis",
-        "comparator_delay",
-        "charge_packet",
-        "preset_error",
-        "mirror_ratio",
-        "mirror_output",
-    ),
-    True,
-)
-RANGE_SWITCH: dict[str, Any] = {"range_switch": True}
 
-STEPS: dict[str, dict[str, Any]] = {}
+def _on(*names: str) -> dict[str, Any]:
+    return dict.fromkeys(names, True)
+
+
+NOISE = _on("comparator_noise", "metastability", "clock_jitter", "thermal_noise", "shot_noise", "ktc_noise")
+DRIFT = _on("flicker_noise")
+BENDS = _on("integrator_gain", "integrator_bandwidth", "comparator_offset", "comparator_hysteresis")
+BENDS |= _on("comparator_delay", "charge_packet", "preset_error", "mirror_ratio", "mirror_output")
+QUANTISED, SLOW_NOISE = "quantisation", "+ slow noise of the reference"
+STRAIGHT, SETTLED = "+ non-linearity of the converter", "+ settling of the mirror"
+FULL = "+ range switch"
+"""The curve with all effects."""
+_ADDED = {
+    QUANTISED: {},
+    "+ noise": NOISE,
+    SLOW_NOISE: DRIFT,
+    STRAIGHT: BENDS,
+    SETTLED: _on("mirror_lag"),
+    FULL: _on("range_switch"),
+}
+STEPS = dict(zip(_ADDED, itertools.accumulate(_ADDED.values(), operator.or_), strict=True))
 """Effects of each curve; each adds to the one before."""
-for _name, _more in (
-    ("quantisation", {}),
-    ("+ noise", NOISE),
-    ("+ slow noise of the reference", DRIFT),
-    ("+ non-linearity of the converter", BENDS),
-    ("+ settling of the mirror", {"mirror_lag": True}),
-    ("+ range switch", RANGE_SWITCH),
-):
-    STEPS[_name] = (list(STEPS.values())[-1] if STEPS else {}) | _more
+SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31.25e-6}
+"""Row slots of 16 rows: the paper's, and two for robots."""
 
 
 class Resolution(NamedTuple):
@@ -126,11 +115,11 @@ def gate_of(bits: int) -> int:
     return 2 * (2**bits - 1)
 
 
-def design_at(f_clk_hz: float, base: Design | None = None) -> Design:
+def design_at(f_clk_hz: float) -> Design:
     """Return the design at another clock; the capacitor keeps a packet at its voltage, as in
     `dermis calc`.
     """
-    base = base or design_module.load()
+    base = design_module.load()
     slot_s = base.timing.slot_clocks / f_clk_hz
     return base.replace(
         converter={"f_clk_hz": f_clk_hz, "c_int_f": base.converter.i0_a / f_clk_hz / base.converter.packet_v},
@@ -195,8 +184,8 @@ def counts(made: Plan) -> Floats:
 def measured(
     curve: str,
     effects: Mapping[str, Any],
-    f_clk_hz: float,
     gate_clocks: int,
+    f_clk_hz: float = PAPER_HZ,
     settle_s: float = SETTLE_S,
     seeds: Sequence[int] = SEEDS,
     read: Callable[[Plan], Floats] = counts,
@@ -210,11 +199,10 @@ def measured(
         found.append(judge(duty, read(made)))
     found.sort(key=lambda r: r.bits)
     middle = found[len(found) // 2]
-    full_n = design_module.load().sensor.force_max_n
-    return Point(
-        curve, "event", f_clk_hz, gate_clocks, settle_s,
-        middle.bits, found[0].bits, found[-1].bits, middle.newtons(full_n),
-    )  # fmt: skip
+    spread = (middle.bits, found[0].bits, found[-1].bits)
+    newtons = middle.newtons(design_module.load().sensor.force_max_n)
+    engine = "closed" if read in EXACT_READERS else "event"
+    return Point(curve, engine, f_clk_hz, gate_clocks, settle_s, *spread, newtons)
 
 
 def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
@@ -265,20 +253,6 @@ def with_residue(bits: int) -> Callable[[Plan], Floats]:
     return read
 
 
-def by_period(made: Plan) -> Floats:
-    """Count the clocks from the first pulse to the last: an error of one clock, whatever the rate.
-
-    Pulse k comes at the first clock n with n x >= k + 1/2 (the ideal converter, noise apart), so
-    the clocks are those of the closed formula; engine event has no trace of single pulses.
-    """
-    x = made.duty_ideal()
-    clocks = made.timing.gate_clocks
-    ones = count(x, clocks)
-    first = np.ceil(HALF / x)
-    last = np.ceil((ones - HALF) / x)
-    return np.where(ones > 1, (ones - 1) / np.maximum(last - first, 1), ones / clocks)
-
-
 def without_preset(made: Plan) -> Floats:
     """Read with an integrator that continues from slot to slot: it starts anywhere in its
     packet.
@@ -288,85 +262,53 @@ def without_preset(made: Plan) -> Floats:
     return count(x, made.timing.gate_clocks, w0=start) / made.timing.gate_clocks
 
 
-def ways(gates: Sequence[int]) -> Iterator[Point]:
-    """Yield the plain counter at the paper's clock, and readers with a higher resolution in the
-    same gate.
-    """
-    noise = NOISE | DRIFT
-    for gate in gates:
-        yield measured("counter, preset (adopted)", {}, PAPER_HZ, gate)
-        yield measured("counter, preset, with noise", noise, PAPER_HZ, gate)
-        # Engines carry no state from slot to slot, so these two use the exact count
-        # formula.
-        for name, read in (("counter without preset", without_preset), ("period of whole pulses", by_period)):
-            yield replace(measured(name, {}, PAPER_HZ, gate, read=read), engine="closed")
-        for bits in (2, 4, 6):
-            yield measured(f"counter + residue of {bits} bits", {}, PAPER_HZ, gate, read=with_residue(bits))
-        yield measured("counter + residue of 4 bits, with noise", noise, PAPER_HZ, gate, read=with_residue(4))
+def exact_counts(made: Plan) -> Floats:
+    """Return readings of engine closed as duties."""
+    return closed.run(made).codes / made.timing.gate_clocks
 
 
-LOSSES: dict[str, Any] = {"row_driver": True, "column_input": True}
+def corrected_counts(made: Plan) -> Floats:
+    """Return these readings with the droop of the rows corrected."""
+    return taxels_alone(made, exact_counts(made))
 
 
-def droop(gates: Sequence[int]) -> Iterator[Point]:
-    """Yield 16x16 frames with the design's drivers and inputs, as read and with
-    `decode.taxels_alone`.
-    """
+EXACT_READERS = (without_preset, exact_counts, corrected_counts)
+"""Readers by the count formula: engines carry no state from slot to slot."""
+
+READINGS: dict[str, tuple[dict[str, Any], Callable[[Plan], Floats]]] = {
+    "counter, preset (adopted)": ({}, counts),
+    "counter, preset, with noise": (NOISE | DRIFT, counts),
+    "counter without preset": ({}, without_preset),
+    **{f"counter + residue of {bits} bits": ({}, with_residue(bits)) for bits in (2, 4, 6)},
+    "counter + residue of 4 bits, with noise": (NOISE | DRIFT, with_residue(4)),
+}
+"""Effects and reader: the plain counter, and readers with a higher resolution in the same gate."""
+
+LOSSES = _on("row_driver", "column_input")
+DROOP: dict[str, tuple[dict[str, Any], Callable[[Plan], Floats]]] = {
+    "no series resistance": ({}, exact_counts),
+    "as read": (LOSSES, exact_counts),
+    "row droop corrected": (LOSSES, corrected_counts),
+}
+"""Effects and reader of 16x16 frames with the design's drivers and inputs."""
+
+
+def readings(gates: Sequence[int]) -> list[Point]:
+    """Return the curves of `READINGS`."""
+    return [measured(name, on, gate, read=read) for gate in gates for name, (on, read) in READINGS.items()]
+
+
+def droop(gates: Sequence[int]) -> list[Point]:
+    """Return the curves of `DROOP`."""
 
     def frames(seed: int) -> Floats:
         return random_duty(seed, frames=4, rows=16, cols=16)
 
-    def read(corrected: bool) -> Callable[[Plan], Floats]:
-        def reader(made: Plan) -> Floats:
-            x = closed.run(made).codes / made.timing.gate_clocks
-            return taxels_alone(made, x) if corrected else x
-
-        return reader
-
-    for gate in gates:
-        for name, effects, corrected in (
-            ("no series resistance", {}, False),
-            ("as read", LOSSES, False),
-            ("row droop corrected", LOSSES, True),
-        ):
-            point = measured(name, effects, PAPER_HZ, gate, read=read(corrected), duty_of=frames)
-            yield replace(point, engine="closed")
-
-
-PEDESTAL = 0.05
-"""Fraction of full scale, by which the top of the range shrinks."""
-
-
-def pedestal(times_s: Sequence[float], gate: int = 510) -> Iterator[Point]:
-    """Yield light rows through a slow mirror with and without a bias, against the time to settle.
-
-    The pedestal is a current into every column, ahead of the mirror, which flows whether a row is
-    driven or not.
-    """
-    full_a = design_module.load().interface.v_bias_v / design_module.load().sensor.r_min_ohm
-    for name, q_c in (("fast mirror (50 fC)", 50e-15), ("slow mirror (500 fC)", 500e-15)):
-        for what, bias in (("", {}), (", pedestal", {"mux_leakage": {"i_a": PEDESTAL * full_a}})):
-            for settle_s in times_s:
-                effects = {"mirror_lag": {"q_c": q_c}} | bias
-                yield measured(
-                    name + what, effects, PAPER_HZ, gate, settle_s, read=light_rows, duty_of=light_duty
-                )
-
-
-def light_duty(seed: int) -> Floats:
-    """Return duties of light touches, a fiftieth of the range."""
-    return 0.02 * random_duty(seed, rows=4)
-
-
-def light_rows(made: Plan) -> Floats:
-    """Read light rows, each after a random one, whose remainder an offset calibration cannot
-    remove.
-    """
-    light = made.duty_ideal()
-    heavy = np.random.default_rng([made.seed, 7]).uniform(0.0, 0.45, light.shape)
-    between = np.stack([heavy, light], axis=2).reshape(light.shape[0], -1, light.shape[2])
-    timing = replace(made.timing, rows=between.shape[1])
-    return counts(replace(made, resistance_ohm=made.ohm_of_duty(between), timing=timing))[:, 1::2]
+    return [
+        measured(name, on, gate, read=read, duty_of=frames)
+        for gate in gates
+        for name, (on, read) in DROOP.items()
+    ]
 
 
 # --- frame rates -----------------------------------------------------------------------------------------------------
@@ -381,16 +323,15 @@ def split() -> Iterator[Point]:
     """Yield the slots of `SLOTS_S` divided between settling and gate, at three clocks, with two
     mirrors.
     """
-    straight = STEPS["+ non-linearity of the converter"]
     for (name, q_c), (rate, slot_s), f_clk_hz in itertools.product(
         (("fast mirror", 50e-15), ("slow mirror", 500e-15)), SLOTS_S.items(), (5e6, 20e6, 50e6)
     ):
+        effects = STEPS[STRAIGHT] | {"mirror_lag": {"q_c": q_c}}
+        curve = f"{rate}, {1e-6 * f_clk_hz:g} MHz, {name}"
         # From two clocks to a slot with a gate of 14.
         for settle_s in np.geomspace(4 / f_clk_hz, slot_s - gate_of(3) / f_clk_hz, 9):
             gate = int((slot_s - settle_s) * f_clk_hz)
-            effects = straight | {"mirror_lag": {"q_c": q_c}}
-            curve = f"{rate}, {1e-6 * f_clk_hz:g} MHz, {name}"
-            yield measured(curve, effects, f_clk_hz, gate, float(settle_s), seeds=SEEDS[:1])
+            yield measured(curve, effects, gate, f_clk_hz, float(settle_s), seeds=SEEDS[:1])
 
 
 # --- energy ----------------------------------------------------------------------------------------------------------
@@ -425,7 +366,7 @@ def channel_current() -> ChannelCurrent:
 
     bench = benches.BENCHES[SUPPLY_BENCH]
     corners = (benches.Condition(), benches.Condition("ss", -40.0, 0.9), benches.Condition("ff", 125.0, 1.1))
-    found = [bench.values(runs.measured(bench.body, at))[SUPPLY_QUANTITY] for at in corners]
+    found = [bench.values(runs.measured(bench.body, corner))[SUPPLY_QUANTITY] for corner in corners]
     return ChannelCurrent(found[0], min(found), max(found))
 
 
@@ -443,34 +384,25 @@ def energy_j(slot_s: float, channel_a: float | None = None, duty: float = 0.25) 
 
 
 def energy_rows(points: Sequence[Point], current: ChannelCurrent | None, reason: str) -> list[verdict.Row]:
-    """Return the energy of a conversion and of a bit at the paper's point, and the lowest energy of
-    a step.
-    """
+    """Return the energy of a conversion and of a bit at the paper's point."""
     name = "accuracy_chip.energy"
-    note = "one conversion of 125 us at a quarter of the clock rate, declared currents only"
-    slot_s = SETTLE_S + gate_of(PAPER_BITS) / PAPER_HZ
-    floor = verdict.report(f"{name}_floor_nj", 1e9 * energy_j(slot_s), "nJ", note)
-    rest = (("_nj", "nJ"), ("_per_bit_nj", "nJ"), ("_per_step_pj", "pJ"))
     if current is None:
-        return [floor, *(verdict.skip(name + end, reason, unit) for end, unit in rest)]
-    own = [p for p in points if p.curve == FULL and p.f_clk_hz == PAPER_HZ]
+        return [verdict.skip(f"{name}{end}", reason, "nJ") for end in ("_nj", "_per_bit_nj")]
     paper = at(points, FULL, gate_of(PAPER_BITS))
-    whole = 1e9 * energy_j(paper.slot_s, current.typical)
-    ends = [1e9 * energy_j(paper.slot_s, amps) for amps in (current.least, current.most)]
+    whole, least, most = (
+        1e9 * energy_j(paper.slot_s, amps) for amps in (current.typical, current.least, current.most)
+    )
     d = design_module.load()
     sensor = 0.25 * d.interface.k * d.converter.i0_a * (d.supply.vdd_v - d.supply.vss_v) * paper.slot_s
-    note = f"{1e11 * sensor / whole:.0f} % of it for the sensor; {SUPPLY_QUANTITY}"
+    note = "one conversion of 125 us at a quarter of the clock rate; "
+    note += f"{1e11 * sensor / whole:.0f} % of it for the sensor; {SUPPLY_QUANTITY}"
     note += f" {1e6 * current.typical:.0f} uA (ngspice, SKY130; ss -40 C to ff 125 C"
-    note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {ends[0]:.0f} .. {ends[1]:.0f} nJ)"
-    best = min(own, key=lambda p: energy_j(p.slot_s, current.typical) / 2.0**p.bits)
-    step = 1e12 * energy_j(best.slot_s, current.typical) / 2.0**best.bits
+    note += f" {1e6 * current.least:.0f} .. {1e6 * current.most:.0f} uA: {least:.0f} .. {most:.0f} nJ)"
+    each = f"the same over its {paper.bits:.2f} bits"
     return [
-        floor,
-        verdict.report(f"{name}_nj", whole, "nJ", f"one conversion of 125 us at a quarter of the clock rate; {note}"),
-        verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", f"the same over its {paper.bits:.2f} bits"),
-        verdict.report(f"{name}_per_step_pj", step, "pJ",
-                       f"lowest energy over 2^bits: {best.gate_clocks} clocks, {best.bits:.2f} bits"),
-    ]  # fmt: skip
+        verdict.report(f"{name}_nj", whole, "nJ", note),
+        verdict.report(f"{name}_per_bit_nj", whole / paper.bits, "nJ", each),
+    ]
 
 
 def cells(point: Point, channel_a: float | None) -> dict[str, Any]:
@@ -490,58 +422,47 @@ def cells(point: Point, channel_a: float | None) -> dict[str, Any]:
 
 # --- the study -------------------------------------------------------------------------------------------------------
 
-FULL = "+ range switch"
-"""The curve with all effects."""
-SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31.25e-6}
-"""Row slots of 16 rows: the paper's, and two for robots."""
-
 
 def gate_points(bits: Sequence[int] = BITS) -> list[Point]:
     """Return resolution against gate length: each step at the paper's clock, all effects at the
     others.
     """
-    found = [measured(name, on, PAPER_HZ, gate_of(n)) for name, on in STEPS.items() for n in bits]
+    found = [measured(name, on, gate_of(n)) for name, on in STEPS.items() for n in bits]
     others = [f for f in CLOCKS_HZ if f != PAPER_HZ]
-    found += [measured(FULL, STEPS[FULL], f, gate_of(n), seeds=SEEDS[:1]) for f in others for n in bits]
-    return found
+    return found + [measured(FULL, STEPS[FULL], gate_of(n), f, seeds=SEEDS[:1]) for f in others for n in bits]
+
+
+def curve_of(points: Sequence[Point], curve: str, f_clk_hz: float = PAPER_HZ) -> list[Point]:
+    """Return the points of a curve at a clock, the shortest gate first."""
+    own = [p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)]
+    return sorted(own, key=lambda p: p.gate_clocks)
 
 
 def waiting_ends(points: Sequence[Point], f_clk_hz: float) -> Point:
     """Return the longest gate with all effects whose last doubling still gained a quarter of a
     bit.
     """
-    curve = sorted(
-        (p for p in points if p.curve == FULL and p.f_clk_hz == f_clk_hz), key=lambda p: p.gate_clocks
-    )
-    best = curve[0]
-    for before, here in itertools.pairwise(curve):
-        if here.bits < before.bits + 0.25:
-            break
-        best = here
-    return best
+    curve = curve_of(points, FULL, f_clk_hz)
+    short = (a for a, b in itertools.pairwise(curve) if b.bits < a.bits + 0.25)
+    return next(short, curve[-1])
 
 
-def gate_for(points: Sequence[Point], curve: str, bits: float, f_clk_hz: float = PAPER_HZ) -> float | None:
+def gate_for(points: Sequence[Point], curve: str, bits: float) -> float | None:
     """Return the clocks in which a curve reaches `bits`, interpolated in the logarithm; None if
     never.
     """
-    own = sorted(
-        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
-    )
-    for before, here in itertools.pairwise(own):
+    for before, here in itertools.pairwise(curve_of(points, curve)):
         if before.bits <= bits <= here.bits:
             share = (bits - before.bits) / (here.bits - before.bits)
             return before.gate_clocks * (here.gate_clocks / before.gate_clocks) ** share
     return None
 
 
-def bits_at(points: Sequence[Point], curve: str, gate_clocks: float, f_clk_hz: float = PAPER_HZ) -> float:
+def bits_at(points: Sequence[Point], curve: str, gate_clocks: float) -> float:
     """Return the bits of a curve at a gate between its points."""
-    own = sorted(
-        (p for p in points if (p.curve, p.f_clk_hz) == (curve, f_clk_hz)), key=lambda p: p.gate_clocks
-    )
-    at_log = np.interp(math.log(gate_clocks), [math.log(p.gate_clocks) for p in own], [p.bits for p in own])
-    return float(at_log)
+    own = curve_of(points, curve)
+    gates = np.log([p.gate_clocks for p in own])
+    return float(np.interp(math.log(gate_clocks), gates, [p.bits for p in own]))
 
 
 def at(points: Sequence[Point], curve: str, gate_clocks: int, f_clk_hz: float = PAPER_HZ) -> Point:
@@ -551,94 +472,32 @@ def at(points: Sequence[Point], curve: str, gate_clocks: int, f_clk_hz: float = 
 
 def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence[Point]) -> list[verdict.Row]:
     """Return the results of the study, and its checks."""
-    paper = gate_of(PAPER_BITS)
-    name = "accuracy_chip."
-    white = [p for p in gates if p.curve == "+ slow noise of the reference"]
+    paper, name = gate_of(PAPER_BITS), "accuracy_chip."
+    white = curve_of(gates, SLOW_NOISE)
     apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks).bits) for p in white)
-    lost = at(drooping, "no series resistance", paper).bits - at(drooping, "row droop corrected", paper).bits
+
+    def bits(points: Sequence[Point], curve: str) -> float:
+        return at(points, curve, paper).bits
+
+    whole = bits(drooping, "no series resistance")
+    residue = bits(reading, "counter + residue of 4 bits, with noise")
+    # The limits: 512 random forces give their mean square to 4 %, 0.03 bit; the formula leaves out
+    # that flicker and quantisation are not independent at 16 counts; and the other fifteen codes of
+    # a row are rounded too, so that each contributes its share of the droop, some per cent.
     rows = [
-        # 512 random forces give their mean square to 4 %, 0.03 bit, and the mean of a sawtooth over
-        # them no better
-        verdict.within(f"{name}paper_point_bits.ideal", at(gates, "quantisation", paper).bits, "bits", 7.9, 8.1,
+        verdict.within(f"{name}paper_point_bits.ideal", bits(gates, QUANTISED), "bits", 7.9, 8.1,
                        "510 clocks at 5 MHz, quantisation alone"),
-        verdict.report(f"{name}paper_point_bits.all", at(gates, FULL, paper).bits, "bits", "everything on"),
-        # as above, and the formula leaves out that flicker and quantisation are not independent at
-        # 16 counts
+        verdict.report(f"{name}paper_point_bits.all", bits(gates, FULL), "bits", "everything on"),
         verdict.within(f"{name}formula_difference_bits", apart, "bits", None, 0.3,
                        "quantisation and noise: simulation against formula, largest over 2^4 .. 2^16 clocks"),
-        # the other fifteen codes are rounded too: each contributes its share of the droop, some per
-        # cent
-        verdict.within(f"{name}droop_left_bits", lost, "bits", None, 0.25,
+        verdict.within(f"{name}droop_left_bits", whole - bits(drooping, "row droop corrected"), "bits", None, 0.25,
                        "16x16 behind 1 and 0.5 ohm, 510 clocks: bits lost with the correction of decode"),
-        verdict.report(f"{name}droop_cost_bits",
-                       at(drooping, "no series resistance", paper).bits - at(drooping, "as read", paper).bits,
-                       "bits", "the same without it"),
-        verdict.report(f"{name}residue_gain_bits",
-                       at(reading, "counter + residue of 4 bits, with noise", paper).bits
-                       - at(reading, "counter, preset, with noise", paper).bits,
-                       "bits", "510 clocks, noise on: gain of a ramp of 16 clocks"),
+        verdict.report(f"{name}droop_cost_bits", whole - bits(drooping, "as read"), "bits", "the same without it"),
+        verdict.report(f"{name}residue_gain_bits", residue - bits(reading, "counter, preset, with noise"), "bits",
+                       "510 clocks, noise on: gain of a ramp of 16 clocks"),
     ]  # fmt: skip
     for f in CLOCKS_HZ:
-        end = waiting_ends(gates, f)
+        end, clock = waiting_ends(gates, f), f"{1e-6 * f:g}mhz"
         note = f"{end.bits:.2f} bits; twice as long gains less than a quarter of a bit"
-        rows.append(
-            verdict.report(f"{name}waiting_ends_clocks.{1e-6 * f:g}mhz", end.gate_clocks, "clocks", note)
-        )
+        rows.append(verdict.report(f"{name}waiting_ends_clocks.{clock}", end.gate_clocks, "clocks", note))
     return rows
-
-
-DOCS = ROOT / "docs" / "accuracy.md"
-BEGIN, END = "<!-- begin: chip (written by dermis accuracy-chip --docs) -->", "<!-- end: chip -->"
-SHOWN = (
-    *(f"accuracy_chip.{name}" for name in ("paper_point_bits", "formula_difference_bits", "droop_cost_bits")),
-    *(f"accuracy_chip.{name}" for name in ("residue_gain_bits", "waiting_ends_clocks.5mhz")),
-    *(f"accuracy_chip.energy{name}" for name in ("_nj", "_per_bit_nj")),
-)
-"""Rows of the table in the documentation; build/accuracy_chip.json has all."""
-FIGURES = ("chip_resolution.png", "chip_frame_rates.png", "chip_without_time.png", "chip_energy.png")
-
-
-def run(out: Path) -> list[verdict.Row]:
-    """Make every curve, the csv of each and the figures in a directory; return the rows."""
-    from tb.programs.accuracy import figures
-
-    out.mkdir(parents=True, exist_ok=True)
-    current, reason = None, ""
-    try:
-        current = channel_current()
-    except DermisError as error:
-        reason = f"no supply current was measured: {error}"
-    every = [gate_of(n) for n in BITS]
-    gates, reading, drooping = gate_points(), list(ways(every)), list(droop(every))
-    settled = list(pedestal(np.geomspace(1e-6, 100e-6, 9)))
-    for name, points in (
-        ("gate", gates), ("ways", reading), ("droop", drooping), ("pedestal", settled), ("split", list(split())),
-    ):  # fmt: skip
-        text = to_csv([cells(p, current and current.typical) for p in points])
-        write_atomic(out / f"chip_{name}.csv", text)
-    resolution, frame_rates, without_time, energy = (out / name for name in FIGURES)
-    figures.resolution(gates, resolution)
-    figures.frame_rates(gates, frame_rates)
-    figures.without_time(reading, drooping, settled, without_time)
-    figures.energy(gates, current, energy)
-    return rows_of(gates, reading, drooping) + energy_rows(gates, current, reason)
-
-
-@click.command("accuracy-chip")
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Directory for csv and figures; default build/accuracy."
-)
-@click.option("--docs", is_flag=True, help="Also write the table and the figures of docs/accuracy.md.")
-def accuracy_chip_command(out: Path | None, docs: bool) -> int:
-    """Measure resolution against conversion time on the chip: curves, csv and figures."""
-    out = ROOT / "build" / "accuracy" if out is None else out
-    rows = run(out)
-    verdict.write_rows("accuracy_chip", rows)
-    verdict.print_rows(rows, "Conversion time against resolution")
-    if docs:
-        write_between(DOCS, BEGIN, END, markdown(rows, SHOWN))
-        for name in FIGURES:
-            target = ROOT / "docs" / "figures" / f"accuracy_{name}"
-            if target.exists():  # the pages show some of them
-                shutil.copyfile(out / name, target)
-    return verdict.exit_code(rows)

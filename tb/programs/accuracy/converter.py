@@ -2,10 +2,10 @@
 """One converter: error of the integrator's voltage at the clock edges against processor time a
 clock; peers too.
 
-Two circuits: without a pole, where the reference is exact rationals, and with the amplifier's pole
-of 1 MHz, where it is the closed form in 50 digits. The reference takes the charge pulses of the
-method's own digital side, so the error is one of the analog solution; a wrong count is reported as
-LSB. Pulses of the reference rise and fall in 1 ns.
+Two circuits, without a pole and with the amplifier's pole of 1 MHz; the reference is the exact
+solution in 50 digits. It takes the charge pulses of the method's own digital side, so the error is
+one of the analog solution; a wrong count is reported as LSB. Pulses of the reference rise and fall
+in 1 ns.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from numpy.typing import NDArray
 from dermis.chip import netlist
 from dermis.chip.analog import Edge
 from dermis.chip.ngspice import NgspiceHalf
-from dermis.engines import Result, rtl
+from dermis.engines import rtl
 from dermis.errors import SimulatorError
 from dermis.records import Plan
 from dermis.report import verdict
 from dermis.report.verdict import Row
-from scripts import workers
 from tb.programs.accuracy import chip
+from tb.programs.accuracy.points import Method, Outcome
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench import measure, peers
+from tb.programs.bench import peers
 from tb.programs.bench.circuit import CHARGE, Circuit, Job
-from tb.programs.bench.measure import Method, Outcome, Point, cpu_once
+from tb.programs.bench.measure import cpu_once
 
 RUN_LIMIT_S = 120.0
 CLOCKS = 400
@@ -68,7 +68,6 @@ def tolerances(reltol: float, **other: str) -> str:
     others.
     """
     share = reltol / 1e-4  # at 1e-4 they are those of netlist.py
-    # Every tolerance keeps its ratio to reltol, as in the deck of an engine.
     moved = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
     return options_with(POLE, reltol=reltol, **moved, **other)
 
@@ -79,13 +78,13 @@ def step_words(seconds: float) -> str:
     return f"{1e9 * seconds:g} ns" if seconds < 1e-6 else f"{1e6 * seconds:g} us"
 
 
-def _ours(simulator: str, step: float, options: str, circuit: Circuit, where: Path) -> Outcome:
-    done = circuits.measure(Job(circuit, 1, step, simulator, keep=True, options=options), where, RUN_LIMIT_S)
-    return Outcome(done.error_v(circuit), done.miscount(circuit), done.cpu_per_clock_s(circuit))
+def _cosim(simulator: str, step_s: float, options: str, circuit: Circuit, where: Path) -> Outcome:
+    done = circuits.measure(Job(circuit, step_s, simulator, keep=True, options=options), where, RUN_LIMIT_S)
+    return Outcome(done.error_v, done.miscount, done.cpu_per_clock_s)
 
 
 def extrapolated(
-    simulator: str, step: float, cuts: tuple[int, ...], circuit: Circuit, where: Path
+    simulator: str, step_s: float, cuts: tuple[int, ...], circuit: Circuit, where: Path
 ) -> Outcome:
     """Solve the pulses of a run again with every step divided by 2, 3, ... and extrapolate to a
     step of zero.
@@ -95,40 +94,38 @@ def extrapolated(
     comparator used that of the first run.
     """
     weights = [math.prod(n * n / (n * n - m * m) for m in cuts if m != n) for n in cuts]
-    job = Job(circuit, 1, step, simulator, keep=True, options=EXACT, cuts=cuts[0])
+    job = Job(circuit, step_s, simulator, keep=True, options=EXACT, cuts=cuts[0])
     runs = [circuits.measure(job, where, RUN_LIMIT_S)]
-    assert runs[0].charge is not None
     for cut in cuts[1:]:
-        again = replace(job, cuts=cut, simulator=None, charge=runs[0].charge[0])
+        again = replace(job, cuts=cut, simulator=None, charge=runs[0].charge)
         runs.append(circuits.measure(again, where.with_name(f"{where.name}_{cut}"), RUN_LIMIT_S))
-    better = sum(weight * done.voltage[0] for weight, done in zip(weights, runs, strict=True))
-    error = circuits.edge_error_v(circuit, better, runs[0].charge[0])
-    seconds = sum(done.cpu_per_clock_s(circuit) for done in runs)
-    return Outcome(error, runs[0].miscount(circuit), seconds)
+    better = sum(weight * done.voltage for weight, done in zip(weights, runs, strict=True))
+    error_v = replace(runs[0], voltage=better).error_v
+    return Outcome(error_v, runs[0].miscount, sum(done.cpu_per_clock_s for done in runs))
 
 
-_PROBE = '  always @(posedge clk_i) $display("integrator %m %b %b %.17g", d_preset, d_charge, v_c);\n'
-_SAID = re.compile(rb"^integrator (\S+) ([01]) ([01]) (\S+)$", re.MULTILINE)
+_PROBE = '  always @(posedge clk_i) $display("integrator %b %b %.17g", d_preset, d_charge, v_c);\n'
+_SAID = re.compile(rb"^integrator ([01]) ([01]) (\S+)$", re.MULTILINE)
 
 
-def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.float64], NDArray[np.int64]]:
-    """Run the first frame of a plan in engine rtl, with a line in its models that prints the
-    integrators.
+def probed(
+    made: Plan, simulator: str, work: Path
+) -> tuple[NDArray[np.uint16], NDArray[np.float64], NDArray[np.int64]]:
+    """Run the first frame of a plan of one converter in engine rtl, with a line in its models that
+    prints the integrator.
 
     Returns
     -------
-    Result
-        Result of the first frame.
-    output : ndarray
-        [rows, cols, gate clocks] output of each integrator in packets at every clock of its gate after the opening,
-        just before the events of that clock.
-    charge : ndarray of 0 and 1
-        [rows, cols, gate clocks] state of the charge switch at the clocks from the opening of the gate on.
+    codes : ndarray
+        Codes of the frame.
+    output : [gate clocks] output of the integrator in packets at every clock of the gate after the
+        opening, just before the events of that clock.
+    charge : [gate clocks] state of the charge switch, 0 or 1, at the clocks from the opening of the gate on.
 
     Raises
     ------
     SimulatorError
-        The simulator failed, or did not write all gates.
+        The simulator failed, or did not write the whole gate.
     """
     work.mkdir(parents=True)
     place = Path(shutil.copytree(rtl.MODELS, work / "models"))
@@ -137,27 +134,14 @@ def probed(made: Plan, simulator: str, work: Path) -> tuple[Result, NDArray[np.f
         raise ValueError(f"{place / 'vfc.sv'} is not one module")
     (place / "vfc.sv").write_text(text.replace("endmodule", f"{_PROBE}endmodule"))
     result = rtl.run(made.part(0, 1), simulator=simulator, work=work / "run", models=place)
-    log = work / "run" / "simulator.log"
-    said = _SAID.findall(log.read_bytes())
-    names = sorted(
-        {name for name, *_ in said}, key=lambda name: int((re.findall(rb"\[(\d+)\]", name) or [b"0"])[-1])
-    )
-    if len(names) != made.cols:
-        raise SimulatorError(f"{len(names)} integrators were printed, not {made.cols}", log)
-    gate = made.timing.gate_clocks
-    output = np.empty((made.rows, made.cols, gate))
-    charge = np.empty((made.rows, made.cols, gate), dtype=np.int64)
-    for column, name in enumerate(names):
-        held, told, volts = np.array([[float(v) for v in line[1:]] for line in said if line[0] == name]).T
-        # The first clock that is not held ends the first clock of a gate: the one before it is its
-        # opening.
-        opens = np.flatnonzero((held[:-1] == 1) & (held[1:] == 0))[: made.rows]
-        if opens.size < made.rows or opens[-1] + gate >= volts.size:
-            raise SimulatorError(f"column {column}: gates are missing", log)
-        for row, begin in enumerate(opens):
-            output[row, column] = volts[begin + 1 : begin + gate + 1]
-            charge[row, column] = told[begin + 1 : begin + gate + 1]
-    return result, output, charge
+    log, gate = work / "run" / "simulator.log", made.timing.gate_clocks
+    held, charge, output = np.array(_SAID.findall(log.read_bytes()), dtype=float).reshape(-1, 3).T
+    # The first clock that is not held ends the first clock of the gate: the one before it is its opening.
+    begin = np.flatnonzero((held[:-1] == 1) & (held[1:] == 0))
+    if not begin.size or begin[0] + gate >= output.size:
+        raise SimulatorError("the gate is missing", log)
+    inside = slice(begin[0] + 1, begin[0] + gate + 1)
+    return result.codes[0], output[inside], charge[inside].astype(np.int64)
 
 
 _RTL_FRAMES = {"verilator": 4000, "icarus": 40}
@@ -174,12 +158,12 @@ def _rtl(simulator: str, circuit: Circuit, where: Path) -> Outcome:
     settle_s = (circuit.settle_clocks + circuit.break_clocks) / circuit.f_clk_hz
     duty = np.full((_RTL_FRAMES[simulator], 1, 1), float(circuit.duty))
     made = chip.plan_at(duty, effects, circuit.f_clk_hz, circuit.gate_clocks, settle_s)
-    seen, output, charge = probed(made, simulator, where)
-    exact = circuits.exact_voltage(replace(circuit, settle_clocks=0), charge[0, 0])[1:]
-    error = float(np.max(np.abs(-circuit.packet_v * output[0, 0] - exact)))
+    codes, output, charge = probed(made, simulator, where)
+    exact = circuits.exact_voltage(replace(circuit, settle_clocks=0), charge)[1:]
+    error = float(np.max(np.abs(-circuit.packet_v * output - exact)))
     rtl.run(made.part(0, 1), simulator=simulator)  # builds, so that it is not timed
     result, seconds = cpu_once(partial(rtl.run, made, simulator=simulator))
-    if not np.array_equal(result.codes[:1], seen.codes):
+    if not np.array_equal(result.codes[0], codes):
         raise SimulatorError("the models with a probe give other codes")
     miscount = float(np.max(np.abs(result.codes.astype(int) - circuit.pulses)))
     return Outcome(error, miscount, seconds / (len(duty) * made.timing.slot_clocks))
@@ -190,13 +174,12 @@ def _rtl(simulator: str, circuit: Circuit, where: Path) -> Outcome:
 _FEW, _LEAST_S, _ATTEMPTS = 40, 5e-3, 5
 
 
-def _peer(name: str, step: float, options: str, circuit: Circuit, where: Path) -> Outcome:
-    program = peers.xspice if name == "xspice" else peers.GUESTS[name]
+def _peer(program: Callable[..., peers.PeerRun], step_s: float, options: str, circuit: Circuit, where: Path):
     for attempt in range(_ATTEMPTS):
-        place = where.with_name(f"{where.name}_{attempt}")
-        run = partial(program, circuit, step, limit_s=RUN_LIMIT_S, options=options)
         (done, seconds), (_, start) = (
-            cpu_once(partial(run, clocks=clocks, where=place.with_name(f"{place.name}_{clocks}")))
+            cpu_once(
+                partial(program, circuit, step_s, clocks, where / f"{attempt}_{clocks}", RUN_LIMIT_S, options)
+            )
             for clocks in (CLOCKS, _FEW)
         )
         if seconds - start > _LEAST_S:
@@ -211,15 +194,12 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[tuple[str, str, Run]]:
     for simulator in ("icarus",) if quick else ("icarus", "verilator"):
         yield f"rtl, {simulator}", "exact between edges, no ramps", partial(_rtl, simulator)
         for step in steps if simulator == "icarus" else few:
-            run = partial(_ours, simulator, step, EXACT)
+            run = partial(_cosim, simulator, step, EXACT)
             yield f"cosim, {simulator}, step", f"trap, step {step_words(step)}", run
     if circuit.t_gbw_s:
         for method, reltol in itertools.product(("trap", "gear"), RELTOLS[1::2] if quick else RELTOLS):
-            run = partial(_ours, "icarus", 1e-6, tolerances(reltol, method=method, maxord="2"))
+            run = partial(_cosim, "icarus", 1e-6, tolerances(reltol, method=method, maxord="2"))
             yield f"cosim, icarus, {method}, reltol", f"{method}, reltol {reltol:g}", run
-        for chgtol in () if quick else (1e-13, 1e-15, 1e-17):
-            run = partial(_ours, "icarus", 1e-6, options_with(POLE, chgtol=chgtol))
-            yield "cosim, icarus, trap, chgtol", f"trap, chgtol {chgtol:g}", run
         for step, cuts in itertools.product((100e-9,) if quick else EXTRAPOLATED_S, CUTS):
             words = f"step {step_words(step)} over {', '.join(str(cut) for cut in cuts)}"
             yield "cosim, verilator, extrapolated", words, partial(extrapolated, "verilator", step, cuts)
@@ -227,32 +207,25 @@ def methods(circuit: Circuit, quick: bool) -> Iterator[tuple[str, str, Run]]:
     # larger.
     for words, options in (("", EXACT), (", truncation control", POLE)):
         for step in few:
-            run = partial(_peer, "xspice", step, options)
+            run = partial(_peer, peers.xspice, step, options)
             yield "peer: ngspice XSPICE", f"trap, step {step_words(step)}{words}", run
-    for peer, step in itertools.product(peers.GUESTS, few):
+    for (peer, program), step in itertools.product(peers.GUESTS.items(), few):
         if peers.missing(peer) is None:
-            yield f"peer: {peer}", f"exchange, step {step_words(step)}", partial(_peer, peer, step, EXACT)
+            run = partial(_peer, program, step, EXACT)
+            yield f"peer: {peer}", f"exchange, step {step_words(step)}", run
 
 
-def measured(
-    work: Path, repeat: int, quick: bool, tell: Callable[[str], None]
-) -> tuple[list[Point], list[Row]]:
-    """Run every method on both circuits, `repeat` times in turns; return points, and ERROR rows of
-    failures.
-    """
-    points: list[Point] = []
-    failed: list[Row] = []
+def batches(work: Path, quick: bool) -> dict[str, list[Method]]:
+    """Return the methods of both circuits by work, each run in a new directory."""
     number = itertools.count()
-    for name, circuit in CIRCUITS.items():
 
-        def once(run: Run, name: str = name, circuit: Circuit = circuit) -> dict[str, Outcome]:
-            return {name: run(circuit, work / f"run_{next(number):04d}")}
+    def once(run: Run, circuit: Circuit) -> Outcome:
+        return run(circuit, work / f"run_{next(number):04d}")
 
-        chosen = [Method(who, how, partial(once, run)) for who, how, run in methods(circuit, quick)]
-        more, wrong = measure.measure(name, chosen, repeat, tell)
-        points += more
-        failed += wrong
-    return points, failed
+    return {
+        name: [Method(who, how, partial(once, run, circuit)) for who, how, run in methods(circuit, quick)]
+        for name, circuit in CIRCUITS.items()
+    }
 
 
 # ---- order of convergence -----------------------------------------------------------------------------------------
@@ -261,14 +234,14 @@ ORDER_STEPS_S = (100e-9, 50e-9, 25e-9, 12.5e-9)
 ORDER_CLOCKS = 60
 
 
-def loop_error_v(circuit: Circuit, step: float, options: str, log: Path) -> float:
+def loop_error_v(circuit: Circuit, step_s: float, options: str, log: Path) -> float:
     """Return the largest error at the clock edges of the converter closed over two flip-flops
     written here.
     """
     half = NgspiceHalf(
         circuits.deck(circuit, options=options),
         t_edge_s=circuit.t_edge_s,
-        t_max_step_s=step,
+        t_max_step_s=step_s,
         t_stop_s=circuit.clocks / circuit.f_clk_hz,
         log=log,
         use_ic=True,
@@ -298,16 +271,11 @@ def orders(work: Path, options: str = EXACT) -> tuple[list[float], list[float]]:
         ngspice failed, or its process.
     """
     circuit = replace(IDEAL, gate_clocks=ORDER_CLOCKS, t_gbw_s=T_GBW_S)
-    # A process each: libngspice holds one circuit.
-    tasks = [
-        workers.Task(loop_error_v, (circuit, step, options, work / "ngspice.log"), RUN_LIMIT_S)
-        for step in ORDER_STEPS_S
+    errors = [
+        # A process each: libngspice holds one circuit.
+        circuits.in_process(loop_error_v, circuit, step_s, options, work / "ngspice.log", limit_s=RUN_LIMIT_S)
+        for step_s in ORDER_STEPS_S
     ]
-    errors = [math.nan] * len(tasks)
-    for number, outcome in workers.run(tasks, 1):
-        if outcome.fault:
-            raise SimulatorError(outcome.fault)
-        errors[number] = outcome.value
     return errors, (np.diff(np.log(errors)) / np.diff(np.log(ORDER_STEPS_S))).tolist()
 
 

@@ -6,17 +6,18 @@ the chip.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import EngFormatter, FuncFormatter, NullLocator
 
-from dermis.report.figures import BLUE, COLOURS, GREY, RED, end_labels, save
+from dermis.report.figures import COLOURS, GREY, RED, end_labels, save
 from dermis.scene import design
 from tb.programs.accuracy import chip
-from tb.programs.bench.measure import Point, pareto
+from tb.programs.accuracy.points import Point, pareto
 
 _MARKERS = "osD^vP*X<>"
 
@@ -24,64 +25,61 @@ _MARKERS = "osD^vP*X<>"
 # ---- the simulator ----------------------------------------------------------------------------------------------
 
 
-def work_precision(
-    points: Sequence[Point],
-    path: Path,
-    *,
-    title: str,
-    time_label: str,
-    error_label: str,
-    lsb: float,
-    floor: float,
-    floor_words: str,
-    wanted: float | None = None,
-) -> None:
-    """Draw error against time of the points of one work, with the Pareto front.
+@dataclass(frozen=True)
+class Scale:
+    """What a work-precision diagram says of its axes.
 
-    Parameters
+    Attributes
     ----------
-    points : points of one work; peers have open markers
-    path : file of the PNG
-    title, time_label, error_label : texts, labels with their units
+    unit_of_time : clock or frame
+    error : label of the error, with its unit
     lsb : one LSB in the unit of the error
     floor : value at which error 0 is drawn, above the reference's own error
     floor_words : meaning of the floor
     wanted : an error in LSB; the subtitle gives its time, and the error at a tenth of that time
     """
+
+    unit_of_time: str
+    error: str
+    lsb: float
+    floor: float
+    floor_words: str
+    wanted: float | None = None
+
+
+def work_precision(points: Sequence[Point], scale: Scale, path: Path) -> None:
+    """Draw error against time of the points of one work, with the Pareto front; peers have open
+    markers.
+    """
     figure = Figure(figsize=(11.5, 6.2), layout="constrained")
     axes = figure.add_subplot()
+    floor, lsb, wanted = scale.floor, scale.lsb, scale.wanted
     for i, name in enumerate(dict.fromkeys(p.method for p in points)):
         own = [p for p in points if p.method == name]
         axes.plot(
-            [p.time_s for p in own], [max(p.error, floor) for p in own], _MARKERS[i % len(_MARKERS)],
+            [p.seconds for p in own], [max(p.error, floor) for p in own], _MARKERS[i % len(_MARKERS)],
             color=COLOURS[i % len(COLOURS)], ms=7, mfc="none" if name.startswith("peer") else None, label=name,
         )  # fmt: skip
     front = pareto(points)
     steps = {"drawstyle": "steps-post", "color": "#444444", "linewidth": 6, "alpha": 0.18, "zorder": 0}
-    axes.plot([p.time_s for p in front], [max(p.error, floor) for p in front], label="Pareto front", **steps)
-    for share, words in (
-        (1.0, "1 LSB"),
-        (0.5, "1/2 LSB"),
-        *([(wanted, f"{wanted:g} LSB")] if wanted else []),
-    ):
-        colour = RED if share == wanted else GREY
+    axes.plot([p.seconds for p in front], [max(p.error, floor) for p in front], label="Pareto front", **steps)
+    at_edge = {"transform": axes.get_yaxis_transform(), "fontsize": 8}
+    lines = [(1.0, "1 LSB", GREY), (0.5, "1/2 LSB", GREY)]
+    for share, words, colour in [*lines, *([(wanted, f"{wanted:g} LSB", RED)] if wanted else [])]:
         axes.axhline(share * lsb, color=colour, linewidth=0.9, linestyle=":")
-        place = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "bottom", "fontsize": 9}
-        axes.text(0.995, share * lsb, words, color=colour, **place)
+        axes.text(0.995, share * lsb, words, color=colour, ha="right", va="bottom", **at_edge)
     axes.set_xscale("log")
     axes.set_yscale("log")
     least = min(p.error for p in points)
     bottom = floor / 6 if least < 30 * floor else least / 10
     if bottom < floor:
         axes.axhspan(floor / 10, floor, color="#DDDDDD", alpha=0.6, zorder=-1)
-        place = {"transform": axes.get_yaxis_transform(), "va": "top", "fontsize": 8, "color": "#444444"}
-        axes.text(0.005, 0.7 * floor, f"0: {floor_words}", **place)
+        axes.text(0.005, 0.7 * floor, f"0: {scale.floor_words}", va="top", color="#444444", **at_edge)
     axes.set_ylim(bottom, max(4 * lsb, 4 * max(p.error for p in points)))
-    axes.set_xlabel(time_label)
-    axes.set_ylabel(error_label)
-    axes.set_title(
-        "\n".join([title, *(_tenth(front, wanted, lsb) if wanted else [])]), fontsize=10, loc="left"
-    )
+    axes.set_xlabel(f"processor time a {scale.unit_of_time} / s")
+    axes.set_ylabel(scale.error)
+    title = [f"Error against time: {points[0].work}", *(_tenth(front, wanted, lsb) if wanted else [])]
+    axes.set_title("\n".join(title), fontsize=10, loc="left")
     axes.grid(which="major", linewidth=0.4, alpha=0.6)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False)
     save(figure, path)
@@ -96,18 +94,17 @@ def _tenth(front: Sequence[Point], wanted: float, lsb: float) -> list[str]:
         enough = [p for p in front if p.error <= error]
         if enough:
             took = enough[0]
-            within = [p for p in front if p.time_s <= took.time_s / 10.0]
+            within = [p for p in front if p.seconds <= took.seconds / 10.0]
             left = f"{within[-1].error / lsb:.2g} LSB" if within else "no method is so fast"
-            said.append(f"{words}: {seconds_words(took.time_s)} ({took.setting}); in a tenth of that: {left}")
+            said.append(
+                f"{words}: {seconds_words(took.seconds)} ({took.setting}); in a tenth of that: {left}"
+            )
     return said
 
 
 def seconds_words(seconds: float) -> str:
     """Return a time in two digits, in s, ms, us or ns."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
-        if seconds >= size:
-            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
-    return f"{float(f'{seconds / 1e-9:.2g}'):g} ns"
+    return EngFormatter("s", places=None)(float(f"{seconds:.2g}")).replace("\N{MICRO SIGN}", "u")
 
 
 # ---- the chip ---------------------------------------------------------------------------------------------------
@@ -187,11 +184,10 @@ def resolution(points: Sequence[chip.Point], path: Path) -> None:
 def _gates(points: Sequence[chip.Point], wanted: float) -> list[str]:
     """Return the gate for `wanted` bits, and the error with a tenth of it."""
     said = []
-    straight = list(chip.STEPS)[list(chip.STEPS).index(chip.FULL) - 1]
-    for words, curve in (("without the range switch", straight), ("all effects", chip.FULL)):
+    for words, curve in (("without the range switch", chip.SETTLED), ("all effects", chip.FULL)):
         gate = chip.gate_for(points, curve, wanted)
         if gate is None:
-            best = max(p.bits for p in points if (p.curve, p.f_clk_hz) == (curve, chip.PAPER_HZ))
+            best = max(p.bits for p in chip.curve_of(points, curve))
             said.append(f"0.1 LSB, {words}: never; at best {2.0 ** (chip.PAPER_BITS - best):.2f} LSB")
             continue
         lsb = 2.0 ** (chip.PAPER_BITS - chip.bits_at(points, curve, gate / 10.0))
@@ -205,9 +201,7 @@ def frame_rates(points: Sequence[chip.Point], path: Path) -> None:
     figure = Figure(figsize=(15, 5), layout="constrained")
     full_n = design.load().sensor.force_max_n
     for axes, f in zip(figure.subplots(1, 3, sharey=True), (5e6, 20e6, 50e6), strict=True):
-        curve = sorted(
-            (p for p in points if p.curve == chip.FULL and p.f_clk_hz == f), key=lambda p: p.slot_s
-        )
+        curve = chip.curve_of(points, chip.FULL, f)
         for colour, size in zip(COLOURS, chip.SIZES, strict=False):
             rate = [chip.frame_hz(size, p.slot_s) for p in curve]
             axes.plot(rate, [p.bits for p in curve], color=colour, label=f"{size}x{size}", linewidth=1.3)
@@ -226,66 +220,4 @@ def frame_rates(points: Sequence[chip.Point], path: Path) -> None:
     right.yaxis.set_minor_locator(NullLocator())
     right.set_yticks([1, 0.3, 0.1, 0.03, 0.01])
     right.yaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:g}"))
-    save(figure, path)
-
-
-def without_time(
-    reading: Sequence[chip.Point], drooping: Sequence[chip.Point], settled: Sequence[chip.Point], path: Path
-) -> None:
-    """Draw gains of accuracy without more time: other readings, correction of row droop, a
-    pedestal.
-    """
-    figure = Figure(figsize=(19, 5.2), layout="constrained")
-    for axes, points, title in zip(
-        figure.subplots(1, 3),
-        (reading, drooping, settled),
-        (
-            "One converter, 5 MHz",
-            "16x16 with 1 ohm drivers, 0.5 ohm inputs",
-            "Light rows after others, 510 clocks",
-        ),
-        strict=True,
-    ):
-        axes.set_xscale("log", base=10 if points is settled else 2)
-        _curves(axes, points, (lambda p: 1e6 * p.settle_s) if points is settled else lambda p: p.gate_clocks)
-        axes.set_xlabel("time to settle / us" if points is settled else "gate / clocks")
-        axes.set_title(title, fontsize=10, loc="left")
-    save(figure, path)
-
-
-def energy(points: Sequence[chip.Point], current: chip.ChannelCurrent | None, path: Path) -> None:
-    """Draw energy of a conversion and of a bit against gate length, and of a step of the quantiser
-    against bits.
-    """
-    figure = Figure(figsize=(13.5, 5.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    own = sorted(
-        (p for p in points if p.curve == chip.FULL and p.f_clk_hz == chip.PAPER_HZ),
-        key=lambda p: p.gate_clocks,
-    )
-    gates, bits = [p.gate_clocks for p in own], np.array([p.bits for p in own])
-    kinds = [("declared currents only: lower bound", None, GREY)]
-    if current is not None:
-        kinds.append((f"with the channel's {1e6 * current.typical:.0f} uA, measured", current.typical, BLUE))
-    for words, channel_a, colour in kinds:
-        joule = np.array([chip.energy_j(p.slot_s, channel_a) for p in own])
-        style = {"color": colour, "ms": 4}
-        left.plot(gates, 1e9 * joule, "o-", label=f"a conversion, {words}", **style)
-        left.plot(gates, 1e9 * joule / bits, "s-", mfc="none", label=f"a bit, {words}", **style)
-        right.plot(bits, 1e12 * joule / 2.0**bits, "o-", label=words, **style)
-    left.set_xscale("log", base=2)
-    left.set_xlabel("gate / clocks at 5 MHz (23 us to settle before it)")
-    left.set_ylabel("energy / nJ")
-    right.set_xlabel("effective resolution with all effects / bits")
-    right.set_ylabel("energy over 2^bits / pJ")
-    source = "not measured" if current is None else "measured in ngspice, SKY130 transistors"
-    left.set_title(
-        f"One column at a quarter of the clock rate; supply current {source}", fontsize=9, loc="left"
-    )
-    right.set_title("Energy of a step", fontsize=9, loc="left")
-    for axes, paper in ((left, chip.gate_of(chip.PAPER_BITS)), (right, chip.PAPER_BITS)):
-        axes.set_yscale("log")
-        axes.axvline(paper, color=RED, linestyle=":", label="the paper")
-        axes.grid(True, alpha=0.3)
-        axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     save(figure, path)

@@ -2,19 +2,17 @@
 """One converter: dermis_top with one column in lock-step with a circuit whose exact solution is
 known.
 
-A job runs in a separate process, in a directory with job.pickle, and writes result.pickle or
-error.txt, and logs. The HDL simulator loads this module again as the cocotb test; a job without a
-simulator drives ngspice alone.
+A job runs in a process of its own. The HDL simulator loads this module again as the cocotb test; a
+job without a simulator drives ngspice alone.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
-import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -31,8 +29,8 @@ from dermis.chip.spice_text import spice_number
 from dermis.converter.vfc import count_rational
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
-from dermis.processes import children
 from dermis.records import Timing
+from scripts import workers
 
 Floats = NDArray[np.float64]
 
@@ -176,8 +174,10 @@ def deck(
     return Deck(tuple(lines), names, tuple(levels), abrupt, ("comp0", "xvfc.v_int"))
 
 
+@mp.workdps(50)
 def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -> Floats:
-    """Return the integrator voltage at the clocks first, first + 1, ... of the exact solution.
+    """Return the integrator voltage at the clocks first, first + 1, ... of the exact solution, in 50
+    digits.
 
     Parameters
     ----------
@@ -190,40 +190,20 @@ def exact_voltage(circuit: Circuit, charge: NDArray[Any], late_s: float = 0.0) -
 
     Notes
     -----
-    v(n) = v_start - packet (n x - sum of whole clocks charged + (t_edge / 2 + late) / T while a packet is running):
-    equal ramps up and down make every finished packet whole.
-    """
-    if circuit.t_gbw_s:
-        return _exact_with_pole(circuit, charge, late_s)
-    told = np.asarray(charge, dtype=float)
-    before = np.concatenate([[0.0], told])  # in the clock that ends here
-    whole = np.concatenate([[0.0], np.cumsum(told)])
-    running = (0.5 * circuit.t_edge_s + late_s) * circuit.f_clk_hz * before
-    clocks = np.array([float(n * circuit.duty) for n in range(whole.size)])
-    return circuit.v_start_v - circuit.packet_v * (clocks - (whole - running))
-
-
-@mp.workdps(50)
-def _exact_with_pole(circuit: Circuit, charge: NDArray[Any], late_s: float) -> Floats:
-    """Return `exact_voltage` with the amplifier's pole, in 50 digits: t v' = u - v with u the
-    voltage without the pole.
-
-    u is a parabola while the charge switch moves and a straight line elsewhere. Of u = a + b s + c s^2 follows
-    v = p(s) + (v(0) - p(0)) exp(-s / t) with p = u - t u' + t^2 u''.
+    The voltage u without the pole is a parabola u = a + b s + c s^2 while the charge switch moves, and a
+    straight line elsewhere. With the pole t v' = u - v, so v = p(s) + (v(0) - p(0)) exp(-s / t) with
+    p = u - t u' + t^2 u''.
     """
     t_clk, t = 1 / mpf(repr(circuit.f_clk_hz)), mpf(repr(circuit.t_gbw_s))
     ramp, late = mpf(repr(circuit.t_edge_s)), mpf(repr(late_s))
     fall = mpf(repr(circuit.i_in_a)) / mpf(repr(circuit.c_int_f))
     rise = mpf(repr(circuit.i0_a)) / mpf(repr(circuit.c_int_f))
+    spans = (late, ramp, t_clk - late - ramp)
+    decay = {span: mp.exp(-span / t) if t else mpf(0) for span in spans}
     u = v = mpf(circuit.v_start_v)
-    decay = {span: mp.exp(-span / t) for span in (late, ramp, t_clk - late - ramp)}
     found, before = [v], 0
     for told in [int(bit) for bit in charge]:
-        for span, level, change in (
-            (late, before, 0),
-            (ramp, before, told - before),
-            (t_clk - late - ramp, told, 0),
-        ):
+        for span, level, change in zip(spans, (before, before, told), (0, told - before, 0), strict=True):
             if not span:
                 continue
             b, c = rise * level - fall, rise * change / (2 * span)
@@ -277,66 +257,80 @@ def walk(half: AnalogHalf, circuit: Circuit, charge: Sequence[int]) -> None:
 
 @dataclass(frozen=True)
 class Job:
-    """Job of the child: `frames` runs of the circuit.
+    """One run of the circuit.
 
     `simulator` None drives ngspice alone with the charge bits `charge`; `keep` returns the bits and
     voltages at the bridge. `options` is the deck's line of options; `cuts` as for `NgspiceHalf`.
 
-    The last two are seeded faults for a test: packets in ngspice are too large by
-    `packet_error`, or the 50th switching of the charge is late by `late_s`.
+    The last two are seeded faults for a test: packets in ngspice are too large by `packet_error`,
+    or the 50th switching of the charge is late by `late_s`.
     """
 
     circuit: Circuit
-    frames: int
     t_max_step_s: float = 1e-6
     simulator: str | None = "icarus"
     keep: bool = False
     charge: NDArray[Any] | None = None
-    packet_error: float = 0.0
-    late_s: float = 0.0
     options: str = OPTIONS
     cuts: int = 0
+    packet_error: float = 0.0
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a job, one entry or row per frame; bits and voltages only if the job keeps them.
+    """Result of a job; bits and voltages only if the job keeps them.
 
-    `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge`
-    [frames, clocks] is the state of the charge switch at clocks 1.., `voltage` [frames, clocks + 1]
-    the integrator at clocks 0.. (without a preset, ngspice gives none at 0).
+    `seconds` and `cpu_seconds` count from the first instant of the circuit to its last; `charge` is
+    the state of the charge switch at clocks 1, 2, ..., `voltage` the integrator at clocks 0, 1, ...
+    (without a preset, ngspice gives none at 0); `code` is None without an HDL simulator.
     """
 
-    codes: NDArray[Any]
-    seconds: Floats
-    cpu_seconds: Floats
+    circuit: Circuit
+    code: int | None
+    seconds: float
+    cpu_seconds: float
     charge: NDArray[Any] | None = None
     voltage: Floats | None = None
 
-    def rate(self, circuit: Circuit) -> float:
-        """Clocks per second, median of the frames."""
-        return float(np.median(circuit.clocks / self.seconds))
+    @property
+    def rate(self) -> float:
+        """Clocks per second."""
+        return self.circuit.clocks / self.seconds
 
-    def cpu_per_clock_s(self, circuit: Circuit) -> float:
-        """Processor seconds per clock, median of the frames."""
-        return float(np.median(self.cpu_seconds)) / circuit.clocks
+    @property
+    def cpu_per_clock_s(self) -> float:
+        """Processor seconds per clock."""
+        return self.cpu_seconds / self.circuit.clocks
 
-    def miscount(self, circuit: Circuit) -> int:
-        """Largest difference of a code from the exact count."""
-        return int(np.max(np.abs(self.codes - circuit.pulses))) if len(self.codes) else 0
+    @property
+    def miscount(self) -> int:
+        """Difference of the code from the exact count."""
+        return 0 if self.code is None else abs(self.code - self.circuit.pulses)
 
-    def error_v(self, circuit: Circuit) -> float:
-        """Largest error of the integrator in the first frame of a job that keeps its voltages."""
+    @property
+    def error_v(self) -> float:
+        """Largest error of the integrator; the job keeps its voltages."""
         assert self.voltage is not None
         assert self.charge is not None
-        return edge_error_v(circuit, self.voltage[0], self.charge[0])
+        return edge_error_v(self.circuit, self.voltage, self.charge)
 
 
 class _Watched:
     """An analog half that measures the time from its first answer to its end."""
 
-    def __init__(self, inner: Any, job: Job) -> None:
-        self._inner, self._job, self._switched = inner, job, 0
+    def __init__(self, job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0)) -> None:
+        circuit = job.circuit
+        self._inner = NgspiceHalf(
+            deck(circuit, levels, job.packet_error, job.options),
+            t_edge_s=circuit.t_edge_s,
+            t_max_step_s=job.t_max_step_s,
+            t_stop_s=bridge.analog_s(circuit.timing),
+            log=where / "ngspice.log",
+            use_ic=not circuit.preset,
+            cuts=job.cuts,
+        )
+        self._job, self._switched = job, 0
         self.voltage: list[float] = []
         self.seconds = self.cpu_seconds = 0.0
 
@@ -351,86 +345,49 @@ class _Watched:
         return sample
 
     def _with_fault(self, edges: Sequence[Edge]) -> list[Edge]:
-        heard = []
+        late = []
         for now, source, level in edges:
             self._switched += source == CHARGE
-            late = self._job.late_s if source == CHARGE and self._switched == 50 else 0.0
-            heard.append((now + late, source, level))
-        return heard
+            fault = self._job.late_s if source == CHARGE and self._switched == 50 else 0.0
+            late.append((now + fault, source, level))
+        return late
 
     def close(self) -> None:
         self.seconds = time.perf_counter() - self._start[0]
         self.cpu_seconds = time.process_time() - self._start[1]
         self._inner.close()
 
-
-def _half(job: Job, where: Path, levels: Sequence[float] = (1.0, 1.0, 0.0)) -> _Watched:
-    circuit = job.circuit
-    inner = NgspiceHalf(
-        deck(circuit, levels, job.packet_error, job.options),
-        t_edge_s=circuit.t_edge_s,
-        t_max_step_s=job.t_max_step_s,
-        t_stop_s=bridge.analog_s(circuit.timing),
-        log=where / "ngspice.log",
-        use_ic=not circuit.preset,
-        cuts=job.cuts,
-    )
-    return _Watched(inner, job)
+    def run(self, code: int | None, charge: Any) -> Run:
+        """Return the result of the job after `close`."""
+        kept = (np.asarray(charge), np.array(self.voltage)) if self._job.keep else (None, None)
+        return Run(self._job.circuit, code, self.seconds, self.cpu_seconds, *kept)
 
 
-def _run(codes: Any, halves: Sequence[_Watched], charge: Any) -> Run:
-    voltage = None if charge is None else np.array([half.voltage for half in halves])
-    seconds, cpu = (np.array([getattr(half, n) for half in halves]) for n in ("seconds", "cpu_seconds"))
-    return Run(np.asarray(codes), seconds, cpu, None if charge is None else np.asarray(charge), voltage)
-
-
-async def _frames(dut: Any, job: Job, where: Path) -> Run:
+async def _frame(dut: Any, job: Job, where: Path) -> Run:
     halves: list[_Watched] = []
 
-    def make_half(frame: int, levels: list[float]) -> Any:
-        halves.append(_half(job, where, levels))
+    def make_half(frame: int, levels: list[float]) -> _Watched:
+        halves.append(_Watched(job, where, levels))
         return halves[-1]
 
     chip = bridge.Bridge(dut, job.circuit.timing, 1, trace=job.keep)
-    codes = await chip.run(job.frames, make_half)
-    charge = None
+    codes = await chip.run(1, make_half)
+    bits = None
     if chip.trace is not None:
-        bits = chip.trace.charge
-        charge = [bits[begin : begin + job.circuit.clocks] for begin in chip.trace.begins]
-    return _run(codes.ravel(), halves, charge)
+        bits = chip.trace.charge[chip.trace.begins[0] :][: job.circuit.clocks]
+    return halves[0].run(int(codes.item()), bits)
 
 
-def _alone(job: Job, where: Path) -> Run:
-    assert job.charge is not None
-    halves = [_half(job, where) for _ in range(job.frames)]
-    for half in halves:
+def _run(job: Job, build: Path | None, where: Path) -> Run:
+    """Run a job in this process, or in an HDL simulator that it starts."""
+    if build is None:
+        assert job.charge is not None
+        half = _Watched(job, where)
         walk(half, job.circuit, job.charge.tolist())
         half.close()
-    return _run([], halves, [job.charge] * job.frames if job.keep else None)
-
-
-def _leave(where: Path, name: str, value: Any) -> None:
-    write_atomic(where / name, pickle.dumps(value))
-
-
-def main(where: Path) -> None:
-    """Run the job of a directory and write result.pickle or error.txt there."""
-    job, build = pickle.loads((where / "job.pickle").read_bytes())
-    try:
-        if job.simulator is None:
-            _leave(where, "result.pickle", _alone(job, where))
-        else:
-            hdl.run_cocotb(
-                job.simulator,
-                build,
-                "dermis_top",
-                "tb.programs.bench.circuit",
-                where,
-                {JOB_VARIABLE: str(where)},
-            )
-    except (SimulatorError, RuntimeError, SystemExit) as error:
-        if not (where / "error.txt").exists():
-            write_atomic(where / "error.txt", f"{error}\n")
+        return half.run(None, job.charge)
+    (where / "job.pickle").write_bytes(pickle.dumps(job))
+    return cocotb_result(str(job.simulator), build, "dermis_top", __name__, JOB_VARIABLE, where)
 
 
 if JOB_VARIABLE in os.environ:
@@ -438,50 +395,53 @@ if JOB_VARIABLE in os.environ:
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the frames of the job; a failure is written to error.txt for the parent."""
+        """Run the job."""
         where = Path(os.environ[JOB_VARIABLE])
-        try:
-            job, _ = pickle.loads((where / "job.pickle").read_bytes())
-            _leave(where, "result.pickle", await _frames(dut, job, where))
-        except Exception as error:
-            write_atomic(where / "error.txt", f"{type(error).__name__}: {error}\n")
-            (where / "traceback.log").write_text(traceback.format_exc())
-            raise
+        job = pickle.loads((where / "job.pickle").read_bytes())
+        await leave_result(where, _frame(dut, job, where))
 
 
-def call(
-    command: Sequence[str | Path], where: Path, limit_s: float, log: str = "console.log", **environment: str
-) -> int:
-    """Run a command in a directory, its output into a log there, and return its exit code.
-
-    Raises
-    ------
-    SimulatorError
-        It exceeded its time limit and was ended, with its children.
-    """
-    (where / log).unlink(missing_ok=True)
-    words = [str(word) for word in command]
-    environment = {"OPENBLAS_NUM_THREADS": "1", **environment}
-    code = children.run_child(words, where, where / log, limit_s, environment)
-    if code is None:
-        raise SimulatorError(f"{Path(command[0]).name} took more than {limit_s:g} s", where / log)
-    return code
-
-
-def result(where: Path) -> Any:
-    """Return the result that a child wrote to a directory.
-
-    Raises
-    ------
-    SimulatorError
-        It wrote an error, or no result.
-    """
-    if (where / "error.txt").exists():
-        raise SimulatorError((where / "error.txt").read_text().strip(), where)
+async def leave_result(where: Path, work: Awaitable[Any]) -> None:
+    """Write the result of a cocotb test, or the words of its failure, for `cocotb_result`."""
     try:
-        return pickle.loads((where / "result.pickle").read_bytes())
+        value = await work
+    except Exception as error:
+        (where / "traceback.log").write_text(traceback.format_exc())
+        value = f"{type(error).__name__}: {error}"
+    write_atomic(where / "result.pickle", pickle.dumps(value))
+
+
+def cocotb_result(simulator: str, build: Path, top: str, module: str, variable: str, where: Path) -> Any:
+    """Run the cocotb test of a module, which finds its directory in an environment variable; return
+    what it left.
+
+    Raises
+    ------
+    SimulatorError
+        The test failed or left no result.
+    """
+    hdl.run_cocotb(simulator, build, top, module, where, {variable: str(where)})
+    try:
+        value = pickle.loads((where / "result.pickle").read_bytes())
     except OSError:
-        raise SimulatorError("the process ended without a result", where) from None
+        raise SimulatorError("the HDL simulator ended without a result", where) from None
+    if isinstance(value, str):
+        raise SimulatorError(value, where)
+    return value
+
+
+def in_process(function: Callable[..., Any], *arguments: Any, limit_s: float) -> Any:
+    """Call a function in a process of its own and return its value.
+
+    Raises
+    ------
+    SimulatorError
+        It failed, or took longer than `limit_s` and was ended with all that it started.
+    """
+    [(_, outcome)] = workers.run([workers.Task(function, arguments, limit_s)], 1)
+    if outcome.fault:
+        raise SimulatorError(outcome.fault)
+    return outcome.value
 
 
 def measure(job: Job, where: Path, limit_s: float) -> Run:
@@ -490,16 +450,8 @@ def measure(job: Job, where: Path, limit_s: float) -> Run:
     Raises
     ------
     SimulatorError
-        It failed, took longer than `limit_s` or wrote no result.
+        It failed, took longer than `limit_s` or left no result.
     """
     where.mkdir(parents=True)
-    build = None
-    if job.simulator is not None:
-        build = hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
-    _leave(where, "job.pickle", (job, build))
-    # Not -m: the classes of the pickle belong to this module by its name.
-    program = (
-        "import sys, pathlib; from tb.programs.bench import circuit; circuit.main(pathlib.Path(sys.argv[1]))"
-    )
-    call([sys.executable, "-c", program, where], where, limit_s)
-    return result(where)
+    build = job.simulator and hdl.build(job.simulator, "dermis_top", job.circuit.parameters)
+    return in_process(_run, job, build, where, limit_s=limit_s)

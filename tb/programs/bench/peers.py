@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The converter of the benchmark in other mixed-signal simulators; none of their code is in this
-tree.
+"""The converter of the benchmark in other mixed-signal simulators, and the array solve in
+badcrossbar; none of their code is in this tree.
 
-Each gets the same circuit, flip-flops and solver options, and is compared with the same exact
-solution for the charge pulses of its own digital side. XSPICE comes with ngspice; the
-other two are measured if they are installed.
+Each simulator gets the same circuit, flip-flops and solver options, and is compared with the same
+exact solution for the charge pulses of its own digital side. XSPICE comes with ngspice; the others
+are measured if they are installed.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import json
+import logging
 import os
-import pickle
 import re
 import shutil
-import sys
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,97 +26,94 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import hdl
+from dermis.array.array import Network
 from dermis.chip.sources import rtl_sources
 from dermis.converter.vfc import count_rational
 from dermis.errors import InputError, SimulatorError
-from dermis.files import write_atomic
+from dermis.processes import children
 from tb.programs.bench import circuit as circuits
-from tb.programs.bench.circuit import Circuit, Floats
+from tb.programs.bench.circuit import OPTIONS, Circuit, Floats
+from tb.programs.bench.measure import cpu_once
 
 AMS_VARIABLE = "DERMIS_BENCH_AMS"
 
-PIP = {"spicebind": "spicebind==0.0.2", "cocotbext_ams": "cocotbext-ams==0.1.0"}
+PIP = {
+    "spicebind": "spicebind==0.0.2",
+    "cocotbext_ams": "cocotbext-ams==0.1.0",
+    "badcrossbar": "badcrossbar==1.1.0 pathvalidate",
+}
 """Versions measured; `pip install --no-deps` adds them to .venv."""
+
+T_GATE_S = 1e-12
+"""The shortest delay of XSPICE; a clock edge takes three of them to the ramp of the charge."""
 
 
 @dataclass(frozen=True)
 class PeerRun:
-    """Voltage error in volt, |pulses - exact|, and wall time of the clocks; NaN seconds if not
-    timed.
-    """
+    """Voltage error in volt, |pulses - exact|, and wall time of the clocks in seconds."""
 
     error_v: float
     count_error: int
     clocks: int
-    seconds: float = np.nan
-
-    @property
-    def rate(self) -> float:
-        """Clocks a second."""
-        return self.clocks / self.seconds
+    seconds: float
 
 
-def missing(name: str) -> str | None:
+def missing(peer: str) -> str | None:
     """Return the reason why a peer cannot be measured here, or None."""
-    module = {"spicebind": "spicebind", "cocotbext_ams": "cocotbext.ams"}[name]
     try:
-        found = importlib.util.find_spec(module)
+        found = importlib.util.find_spec(peer.replace("_", "."))
     except ModuleNotFoundError:
         found = None
-    if found is None:
-        return f"not installed; to measure it here: .venv/bin/pip install --no-deps {PIP[name]}"
-    return None
+    if found is not None and found.origin:  # a removed package may leave a folder, which has none
+        return None
+    return f"not installed; to measure it here: .venv/bin/pip install --no-deps {PIP[peer]}"
 
 
-def short(circuit: Circuit, clocks: int) -> Circuit:
-    """Return the circuit without clocks before the gate, for a peer."""
+def _tool(name: str) -> str:
+    tool = shutil.which(name)
+    if tool is None:
+        raise InputError("PATH", name, "missing", f"{name}; `make setup` installs it")
+    return tool
+
+
+def _short(circuit: Circuit, clocks: int) -> Circuit:
+    """Return the circuit without clocks before the gate."""
     return dataclasses.replace(circuit, settle_clocks=0, gate_clocks=clocks, preset=False)
 
 
-def _judge(
-    circuit: Circuit, time_s: Floats, voltage: Floats, told: NDArray[Any], late_s: float
-) -> tuple[float, int]:
-    """Compare a waveform and the switch states at clocks 0.. with the exact solution and the exact
-    count.
+def _judged(
+    circuit: Circuit, seconds: float, time_s: Floats, voltage: Floats, told: NDArray[Any], late_s: float = 0.0
+) -> PeerRun:
+    """Compare a waveform, and the switch states at clocks 0, 1, ..., with the exact solution and
+    the exact count.
     """
-    if (
-        time_s.size < told.size
-        or time_s[-1] < told.size / circuit.f_clk_hz
-        or not set(np.unique(told)) <= {0, 1}
-    ):
-        raise SimulatorError(
-            f"the waveform ends at {time_s[-1] if time_s.size else 0:g} s, or its pulses are not bits"
-        )
-    at_edges = np.interp(np.arange(1, told.size + 1) / circuit.f_clk_hz, time_s, voltage)
+    clocks = circuit.gate_clocks
+    end_s = time_s[-1] if time_s.size else 0.0
+    if told.size < clocks or end_s < clocks / circuit.f_clk_hz or not set(np.unique(told)) <= {0, 1}:
+        raise SimulatorError(f"a waveform to {end_s:g} s and {told.size} pulses of {clocks} clocks")
+    told = told[:clocks]
+    at_edges = np.interp(np.arange(1, clocks + 1) / circuit.f_clk_hz, time_s, voltage)
     error = np.abs(at_edges - circuits.exact_voltage(circuit, told, late_s)[1:])
     # A decision reaches the switch one clock later, and none can fall on clock 0.
-    return float(error.max()), abs(int(told.sum()) - count_rational(circuit.duty, told.size - 2))
+    miscount = abs(int(told.sum()) - count_rational(circuit.duty, clocks - 2))
+    return PeerRun(float(error.max()), miscount, clocks, seconds)
 
 
 # ---- ngspice with XSPICE ----------------------------------------------------------------------------------------
 
-# The shortest delay of XSPICE; a clock edge takes three of them to the ramp of the charge.
-_T_GATE_S = 1e-12
-
 
 def xspice(
-    circuit: Circuit,
-    t_max_step_s: float,
-    clocks: int,
-    where: Path,
-    limit_s: float,
-    options: str = circuits.OPTIONS,
+    circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
     """Run plain ngspice: bridges, two d_dff and a gate as event-driven code models, clock from a
-    d_source file.
+    d_source file; the time is that of the transient.
     """
     where.mkdir(parents=True)
-    circuit = short(circuit, clocks)
+    circuit = _short(circuit, clocks)
     t_clk = 1.0 / circuit.f_clk_hz
     ticks = [f"{n * t_clk:.12e} 1s\n{(n + 0.5) * t_clk:.12e} 0s\n" for n in range(1, clocks + 2)]
     (where / "clock.txt").write_text("0.0 0s\n" + "".join(ticks))
-    delays = " ".join(f"{name}={_T_GATE_S}" for name in ("rise_delay", "fall_delay"))
+    delays = f"rise_delay={T_GATE_S} fall_delay={T_GATE_S}"
     lines = [
         "one converter with event-driven code models",
         *circuits.blocks(circuit, options=options),
@@ -131,14 +128,14 @@ def xspice(
         f".model gate d_and({delays})",
         "asample sample_d clk null null sample null flop",
         "apulse sample clk null null pulse null flop",
-        f".model flop d_dff(clk_delay={_T_GATE_S} ic=0 {delays})",
+        f".model flop d_dff(clk_delay={T_GATE_S} ic=0 {delays})",
         "adac [pulse] [d_charge] dac",
         f".model dac dac_bridge(out_low=0 out_high=1 t_rise={circuit.t_edge_s} t_fall={circuit.t_edge_s})",
         ".save v(xvfc.v_int) v(d_charge)",
         ".control",
         "set numdgt=15",
         "shell date +BENCH_%s.%N",
-        f"tran {circuit.t_edge_s} {(clocks + 0.75) * t_clk:.12e} 0 {t_max_step_s} uic",
+        f"tran {circuit.t_edge_s} {(clocks + 0.75) * t_clk:.12e} 0 {step_s} uic",
         "shell date +BENCH_%s.%N",
         "wrdata waves.dat v(xvfc.v_int) v(d_charge)",
         "quit",
@@ -146,25 +143,23 @@ def xspice(
         ".end",
     ]
     (where / "deck.cir").write_text("\n".join(lines) + "\n")
-    tool = shutil.which("ngspice")
-    if tool is None:
-        raise InputError("PATH", "ngspice", "missing", "ngspice; `make setup` installs it")
-    circuits.call([tool, "-b", "deck.cir"], where, limit_s)
+    log = where / "console.log"
+    children.run_logged([_tool("ngspice"), "-b", "deck.cir"], where, log, limit_s, "ngspice")
     try:
-        begin, end = (float(t) for t in re.findall(r"BENCH_(\d+\.\d+)", (where / "console.log").read_text()))
+        begin, end = (float(t) for t in re.findall(r"BENCH_(\d+\.\d+)", log.read_text()))
         time_s, v_int, _, charge = np.loadtxt(where / "waves.dat").T
     except (OSError, ValueError) as error:
         raise SimulatorError(f"ngspice wrote no waveform: {error}", where) from None
-    middles = (np.arange(clocks) + 0.5) * t_clk
-    told = np.round(np.interp(middles, time_s, charge), 6)
-    error_v, count_error = _judge(circuit, time_s, v_int, told, late_s=2 * _T_GATE_S)
-    return PeerRun(error_v, count_error, clocks, end - begin)
+    told = np.round(np.interp((np.arange(clocks) + 0.5) * t_clk, time_s, charge), 6)
+    return _judged(circuit, end - begin, time_s, v_int, told, late_s=2 * T_GATE_S)
 
 
-# ---- SpiceBind --------------------------------------------------------------------------------------------------
+# ---- Icarus with SpiceBind or cocotbext-ams ---------------------------------------------------------------------
 
 # The flip-flops are the project's. Reset ends after clock 1, whose decision is 0 in any case, so
-# that the level that the plug-in has not yet driven is not sampled.
+# that the level that the plug-in has not yet driven is not sampled. Icarus 11 does not carry a value
+# that is forced, as by cocotbext-ams, through ports and assignments; a process sees it
+# (NO_INSTANCE).
 _VERILOG = """`timescale 1ns/1ps
 `ifndef NO_INSTANCE
 module bench_analog(input wire d_charge, output wire comp);
@@ -206,109 +201,75 @@ endmodule
 """
 
 
-def _compile(circuit: Circuit, clocks: int, where: Path, *options: str) -> Path:
+def _compiled(circuit: Circuit, where: Path, *options: str) -> Path:
+    """Return the test bench built by Icarus in a new directory."""
     if circuit.f_clk_hz != 1e6:
         raise ValueError("the test bench has a clock of 1 MHz")
+    where.mkdir(parents=True)
     (where / "bench_peer.v").write_text(_VERILOG)
-    tool = shutil.which("iverilog")
-    if tool is None:
-        raise InputError("PATH", "iverilog", "missing", "Icarus Verilog; `make setup` installs it")
     needed = [path for path in rtl_sources() if path.stem in ("dermis_sync_ff", "dermis_tech_dff")]
-    options = (f"-Pbench_peer.CLOCKS={clocks}", *options)
-    command = [tool, "-g2012", "-s", "bench_peer", *options, "-o", "sim.vvp", "bench_peer.v", *needed]
-    circuits.call(command, where, 60, "compile.log")
-    if not (where / "sim.vvp").exists():
-        raise SimulatorError("Icarus does not build the test bench", where / "compile.log")
+    command = [_tool("iverilog"), "-g2012", "-s", "bench_peer", f"-Pbench_peer.CLOCKS={circuit.gate_clocks}"]
+    command += [*options, "-o", "sim.vvp", "bench_peer.v", *map(str, needed)]
+    children.run_logged(command, where, where / "compile.log", 60, "Icarus")
     return where / "sim.vvp"
 
 
-def _judged(
-    circuit: Circuit, clocks: int, where: Path, seconds: float, wave: tuple[Floats, Floats] | None
-) -> PeerRun:
-    """Compare the waveform of a run, and the pulses that the test bench wrote, with the exact
-    solution; without a waveform only time it.
+def _pulses(where: Path) -> NDArray[Any]:
+    """Return the switch states from clock 0 on: each that the test bench wrote is that at the next
+    clock.
     """
     try:
-        # Switch states from clock 0 on: each line is the state at the next clock.
-        told = np.array([int(line) for line in (where / "told.txt").read_text().split()])
+        return np.array([int(line) for line in (where / "told.txt").read_text().split()])
     except (OSError, ValueError) as error:
         raise SimulatorError(f"the test bench wrote no pulses: {error}", where) from None
-    if told.size < clocks:
-        raise SimulatorError(f"the run ended after {told.size} of {clocks} clocks", where)
-    if wave is None:
-        return PeerRun(np.nan, 0, clocks, seconds)
-    error_v, count_error = _judge(circuit, *wave, told[:clocks], late_s=0.0)
-    return PeerRun(error_v, count_error, clocks, seconds)
 
 
 def _raw(path: Path, node: str) -> tuple[Floats, Floats]:
     """Return time and one voltage of a binary ngspice raw file."""
     try:
-        content = path.read_bytes()
+        head, _, body = path.read_bytes().partition(b"Binary:\n")
     except OSError as error:
         raise SimulatorError(f"no waveform: {error}", path.parent) from None
-    head, _, body = content.partition(b"Binary:\n")
-    text = head.decode(errors="replace")
-    names = [line.split()[1] for line in text.partition("Variables:\n")[2].strip().splitlines()]
+    listed = head.decode(errors="replace").partition("Variables:\n")[2]
+    names = [line.split()[1] for line in listed.strip().splitlines()]
     values = np.frombuffer(body, "<f8")
     values = values[: values.size // len(names) * len(names)].reshape(-1, len(names))
     return values[:, 0], values[:, next(i for i, name in enumerate(names) if node in name)]
 
 
 def spicebind(
-    circuit: Circuit,
-    t_max_step_s: float,
-    clocks: int,
-    where: Path,
-    limit_s: float,
-    waves: bool = True,
-    options: str = circuits.OPTIONS,
+    circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
-    """Run SpiceBind: Icarus with its VPI plug-in; its wall time is from start to end of the
-    process.
-    """
+    """Run SpiceBind: Icarus with its VPI plug-in; the time is that of the process."""
     import spicebind as package
 
-    where.mkdir(parents=True)
-    circuit = short(circuit, clocks)
-    program = _compile(circuit, clocks, where)
+    circuit = _short(circuit, clocks)
+    program = _compiled(circuit, where)
     lines = [
         "one converter",
         *circuits.blocks(circuit, options=options),
         *circuits.start_lines(circuit),
         "vd_charge d_charge 0 external",
         "bcomp comp 0 v = v(comp0) > 0 ? 1 : 0",
-        f".tran {circuit.t_edge_s} {(clocks + 2) / circuit.f_clk_hz:.12e} 0 {t_max_step_s} uic",
+        f".tran {circuit.t_edge_s} {(clocks + 2) / circuit.f_clk_hz:.12e} 0 {step_s} uic",
         ".end",
     ]
     (where / "deck.cir").write_text("\n".join(lines) + "\n")
-    environment = {"SPICE_NETLIST": "deck.cir", "HDL_INSTANCE": "bench_peer.u_analog", "VCC": "1.0"}
-    if waves:
-        environment["SPICE_DUMP_RAW"] = "1"
-    plugin = Path(package.__file__).parent
+    environment = {"SPICE_NETLIST": "deck.cir", "HDL_INSTANCE": "bench_peer.u_analog"}
+    environment |= {"VCC": "1.0", "SPICE_DUMP_RAW": "1"}
+    command = ["vvp", "-M", str(Path(package.__file__).parent), "-m", "spicebind_vpi", str(program)]
     begin = time.perf_counter()
-    circuits.call(["vvp", "-M", plugin, "-m", "spicebind_vpi", program], where, limit_s, **environment)
+    children.run_child(command, where, where / "console.log", limit_s, environment)
     seconds = time.perf_counter() - begin
-    return _judged(circuit, clocks, where, seconds, _raw(where / "dump.raw", "v_int") if waves else None)
-
-
-# ---- cocotbext-ams ----------------------------------------------------------------------------------------------
+    return _judged(circuit, seconds, *_raw(where / "dump.raw", "v_int"), _pulses(where))
 
 
 def cocotbext_ams(
-    circuit: Circuit,
-    t_max_step_s: float,
-    clocks: int,
-    where: Path,
-    limit_s: float,
-    waves: bool = True,
-    options: str = circuits.OPTIONS,
+    circuit: Circuit, step_s: float, clocks: int, where: Path, limit_s: float, options: str = OPTIONS
 ) -> PeerRun:
-    """Run cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every t_max_step_s."""
-    where.mkdir(parents=True)
-    circuit = short(circuit, clocks)
-    # Icarus 11 does not carry a forced value through ports and assignments; a process sees it.
-    _compile(circuit, clocks, where, "-DNO_INSTANCE")
+    """Run cocotbext-ams: its bridge in a cocotb test on Icarus, exchanging every step_s."""
+    circuit = _short(circuit, clocks)
+    _compiled(circuit, where, "-DNO_INSTANCE")
     # It needs a subckt with the pins in its own order, and writes the sources itself.
     inner = [
         ".subckt bench_analog d_charge comp vdd_unused vss_unused",
@@ -318,37 +279,30 @@ def cocotbext_ams(
         ".ends",
     ]
     (where / "analog.sp").write_text("\n".join(inner) + "\n")
-    starts = ["v_int"] + (["xintegrator.v_amp"] if circuit.t_gbw_s else [])
-    told = {
-        "step_s": t_max_step_s,
-        "end_s": (clocks + 2) / circuit.f_clk_hz,
-        "waves": waves,
-        "lines": [f".ic v(x1.xvfc.{node})={circuit.v_start_v!r}" for node in starts] + [options],
-    }
-    write_atomic(where / "limits.json", json.dumps(told))
-    command = [sys.executable, "-m", "tb.programs.bench.peers", where]
-    circuits.call(command, where, limit_s, **{AMS_VARIABLE: str(where)})
-    time_s, v_int, seconds = circuits.result(where)
-    return _judged(circuit, clocks, where, seconds, (time_s, v_int) if waves else None)
+    outer = [
+        *(line for line in circuits.blocks(circuit) if line.startswith(".include")),
+        ".save v(x1.xvfc.v_int)",
+        *(line.replace("v(xvfc", "v(x1.xvfc") for line in circuits.start_lines(circuit) if line[0] == "."),
+        options,
+    ]
+    settings = {"step_s": step_s, "end_s": (clocks + 2) / circuit.f_clk_hz, "lines": outer}
+    (where / "settings.json").write_text(json.dumps(settings))
+    arguments = ("icarus", where, "bench_peer", __name__, AMS_VARIABLE, where)
+    seconds, waves = circuits.in_process(circuits.cocotb_result, *arguments, limit_s=limit_s)
+    return _judged(circuit, seconds, *waves.T, _pulses(where))
 
 
-def _ams_main(where: Path) -> None:
-    hdl.run_cocotb("icarus", where, "bench_peer", "tb.programs.bench.peers", where, {})
-
-
-async def _ams_run(dut: Any, where: Path) -> None:
+async def _ams_run(dut: Any, where: Path) -> tuple[float, Floats]:
+    """Return the wall time in seconds, and [points, 2] times and voltages."""
     import cocotbext.ams as ams
     from cocotbext.ams import _bridge
 
-    told = json.loads((where / "limits.json").read_text())
-    step = told["step_s"]
-    write = _bridge.generate_netlist
-
-    def without_dc(**options: Any) -> list[str]:
-        # `dc 0 external` crashes libngspice 39.
-        return [re.sub(r" dc \S+ external", " external", line) for line in write(**options)]
-
-    _bridge.generate_netlist = without_dc
+    settings = json.loads((where / "settings.json").read_text())
+    write, points = _bridge.generate_netlist, []
+    # `dc 0 external` crashes libngspice 39.
+    _bridge.generate_netlist = lambda **told: [
+        re.sub(r" dc \S+ external", " external", line) for line in write(**told)
+    ]
     block = ams.AnalogBlock(
         name="bench_analog",
         spice_file=where / "analog.sp",
@@ -359,84 +313,65 @@ async def _ams_run(dut: Any, where: Path) -> None:
         },
         vdd=1.65,
         vss=-1.65,
-        tran_step=f"{step * 1e9:g}n",
-        extra_lines=[
-            f'.include "{circuits.netlist.SPICE / "design.inc"}"',
-            f'.include "{circuits.netlist.SPICE / "behavioural" / "blocks.inc"}"',
-            ".save v(x1.xvfc.v_int)",
-            *told["lines"],
-        ],
+        tran_step=f"{settings['step_s'] * 1e9:g}n",
+        extra_lines=settings["lines"],
     )
-    chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=step * 1e9)
-    points: list[tuple[float, float]] = []
+    chip = ams.MixedSignalBridge(dut, [block], max_sync_interval_ns=settings["step_s"] * 1e9)
+    make = chip._create_simulator
 
-    class Watch:
-        """Replacement for its waveform writer."""
+    class Writer:
+        """Replacement for its waveform writer, which calls it with keywords."""
 
-        # Called with keywords.
         def write_values(self, sim_time: float, analog_values: dict[str, float], digital_values: Any) -> None:
-            names = ("v(x1.xvfc.v_int)", "x1.xvfc.v_int")
-            found = next((analog_values[name] for name in names if name in analog_values), np.nan)
-            points.append((sim_time, found))
+            points.append((sim_time, next(v for name, v in analog_values.items() if "v_int" in name)))
 
         def close(self) -> None:
             pass
 
-    make = chip._create_simulator
-
     def watched(kind: str) -> Any:
         simulator = make(kind)
-        simulator._vcd_writer = Watch()
+        simulator._vcd_writer = Writer()
         return simulator
 
-    if told["waves"]:
-        chip._create_simulator = watched
+    chip._create_simulator = watched
     begin = time.perf_counter()
-    await chip.start(duration_ns=told["end_s"] * 1e9)
-    seconds = time.perf_counter() - begin
-    table = np.array(points).reshape(-1, 2)
-    write_atomic(where / "result.pickle", pickle.dumps((table[:, 0], table[:, 1], seconds)))
+    await chip.start(duration_ns=settings["end_s"] * 1e9)
+    return time.perf_counter() - begin, np.array(points).reshape(-1, 2)
 
 
-if AMS_VARIABLE in os.environ and __name__ != "__main__":
+if AMS_VARIABLE in os.environ:
     import cocotb
 
     @cocotb.test()
     async def converter(dut: Any) -> None:
-        """Run the converter; a failure is written to error.txt for the parent."""
+        """Run the converter."""
         where = Path(os.environ[AMS_VARIABLE])
-        try:
-            await _ams_run(dut, where)
-        except Exception as error:
-            write_atomic(where / "error.txt", f"{type(error).__name__}: {error}\n")
-            raise
+        await circuits.leave_result(where, _ams_run(dut, where))
 
 
 GUESTS: dict[str, Callable[..., PeerRun]] = {"spicebind": spicebind, "cocotbext_ams": cocotbext_ams}
-"""Peers other than XSPICE: (circuit, t_max_step_s, clocks, where, limit_s, waves) -> PeerRun; no
-waves, no error.
-"""
+"""Simulators that are measured if they are installed."""
 
 
-def rate(
-    peer: str, circuit: Circuit, t_max_step_s: float, place: Callable[[], Path], limit_s: float
-) -> float:
-    """Return clocks per second from the difference of a long and a short run, without start and end
-    of the process.
+# ---- badcrossbar ------------------------------------------------------------------------------------------------
+
+
+def badcrossbar(network: Network, limit_s: float, repeat: int) -> tuple[float, Floats]:
+    """Return processor seconds of badcrossbar for all rows of a frame, and its column currents
+    [rows, cols], in its fastest form: all rows at once, output currents only.
     """
-    few, clocks = 100, 400
-
-    def seconds(clocks: int) -> float:
-        return GUESTS[peer](circuit, t_max_step_s, clocks, place(), limit_s, waves=False).seconds
-
-    short_s = seconds(few)
-    # The ends of processes differ by about 10 ms, so the difference must be far longer.
-    while (more_s := seconds(clocks) - short_s) < 0.6:
-        clocks *= 4
-        if clocks > 200_000:
-            raise SimulatorError(f"{peer}: {clocks} clocks are too short to time")
-    return (clocks - few) / more_s
+    return circuits.in_process(_badcrossbar, network, repeat, limit_s=limit_s)
 
 
-if __name__ == "__main__":
-    _ams_main(Path(sys.argv[1]))
+def _badcrossbar(network: Network, repeat: int) -> tuple[float, Floats]:
+    import badcrossbar as package
+
+    logging.disable(logging.CRITICAL)
+    applied = network.v_bias_v * np.eye(len(network.g_taxel_s))
+    words = {"r_i_word_line": network.r_trace_row_ohm, "r_i_bit_line": network.r_trace_column_ohm}
+    words |= {"node_voltages": False, "all_currents": False}
+    taken = []
+    for _ in range(1 + repeat):
+        found, seconds = cpu_once(lambda: package.compute(applied, 1.0 / network.g_taxel_s, **words))
+        taken.append(seconds)
+    return statistics.median(taken[1:]), np.asarray(found.currents.output)
