@@ -26,7 +26,7 @@ def test_an_ideal_quantiser_is_worth_its_bits(bits: int) -> None:
     # Gain and offset are a calibration's, and are not counted.
     read = 1.03 * (np.floor(duty / step) + 0.5) * step - 0.01
     # The mean square of 10 240 errors spread evenly is known to 1 %: 0.01 bit; at 3 bits the line bends into the steps.
-    assert chip.judge(duty, read).bits == pytest.approx(bits, abs=0.05)
+    assert chip.judge(duty, read) == pytest.approx(bits, abs=0.05)
 
 
 @pytest.mark.paper
@@ -53,9 +53,9 @@ def test_noise_by_formula_is_noise_by_simulation() -> None:
     duty = chip.random_duty(1)
     made = chip.plan_at(duty, {"flicker_noise": {"relative": 5e-3}}, gate_clocks=PAPER, seed=1)
     power = 1 / 12 + (design.charge.flicker * duty * PAPER) ** 2
-    expected = chip.Resolution(float(np.sqrt(np.mean(power))) / PAPER / chip.HALF)
+    expected = chip.bits_of(float(np.sqrt(np.mean(power))) / PAPER / chip.HALF)
     # 512 draws know their power to 6 %: 0.05 bit; two and a half of that
-    assert chip.judge(duty, chip.counts(made)).bits == pytest.approx(expected.bits, abs=0.12)
+    assert chip.judge(duty, chip.counts(made)) == pytest.approx(expected, abs=0.12)
 
 
 def bits(read: object, gate: int = 126, effects: dict | None = None) -> float:
@@ -88,7 +88,7 @@ def test_residue_holds_with_noise_at_the_threshold() -> None:
 
 def test_droop_is_put_back() -> None:
     gate = 2046
-    points = {p.curve: p.bits for p in chip.droop([gate])}
+    points = {p.curve: p.bits for p in chip.read_points(chip.DROOP, [gate], chip.frame_duty)}
     assert points["as read"] < points["no series resistance"] - 1.5
     # the roundings of fifteen others each pass on a per cent
     assert points["row droop corrected"] == pytest.approx(points["no series resistance"], abs=0.1)
@@ -96,7 +96,7 @@ def test_droop_is_put_back() -> None:
 
 def test_the_end_of_waiting_is_found() -> None:
     flat = [8.0, 9.0, 10.0, 10.2, 10.3]
-    points = [chip.Point(chip.FULL, "event", 1e6, 2**k, 0.0, b, b, b, 0.0) for k, b in enumerate(flat, 4)]
+    points = [chip.Point(chip.FULL, "event", 1e6, 2**k, 0.0, b, b, b) for k, b in enumerate(flat, 4)]
     assert chip.waiting_ends(points, 1e6).gate_clocks == 2**6
 
 
@@ -126,7 +126,7 @@ def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
     assert chip.energy_j(125e-6, 500e-6) == pytest.approx(3.3 * (1e-3 + 0.5e-3 / 80 + 25e-6) * 125e-6)
     bits = {14: 3.0, PAPER: 8.0, 65534: 10.0}
     points = [
-        chip.Point(chip.FULL, "event", chip.PAPER_HZ, gate, chip.SETTLE_S, b, b, b, 0.0)
+        chip.Point(chip.FULL, "event", chip.PAPER_HZ, gate, chip.SETTLE_S, b, b, b)
         for gate, b in bits.items()
     ]
     rows = {row["name"]: row for row in chip.energy_rows(points, None, "no models here")}
@@ -145,8 +145,7 @@ def test_energy_takes_a_measured_current_or_says_why_there_is_none() -> None:
 
 def test_the_gate_for_an_accuracy_lies_between_its_points() -> None:
     points = [
-        chip.Point("c", "event", chip.PAPER_HZ, 2**k, 0.0, b, b, b, 0.0)
-        for k, b in ((4, 3.0), (6, 5.0), (8, 5.5))
+        chip.Point("c", "event", chip.PAPER_HZ, 2**k, 0.0, b, b, b) for k, b in ((4, 3.0), (6, 5.0), (8, 5.5))
     ]
     assert chip.gate_for(points, "c", 4.0) == pytest.approx(2**5)
     assert chip.gate_for(points, "c", 6.0) is None

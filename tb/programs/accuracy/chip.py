@@ -13,10 +13,11 @@ from __future__ import annotations
 import itertools
 import math
 import operator
+import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,19 +74,9 @@ SLOTS_S = {"500 frames/s": 125e-6, "1000 frames/s": 62.5e-6, "2000 frames/s": 31
 """Row slots of 16 rows: the paper's, and two for robots."""
 
 
-class Resolution(NamedTuple):
-    """Root mean square error of calibrated readings over full scale, in bits and newtons."""
-
-    error: float
-
-    @property
-    def bits(self) -> float:
-        """Bits of the ideal quantiser with the same error."""
-        return -math.log2(math.sqrt(12.0) * self.error) if self.error > 0 else math.inf
-
-    def newtons(self, full_n: float) -> float:
-        """Step of that quantiser in newtons."""
-        return math.sqrt(12.0) * self.error * full_n
+def bits_of(error: float) -> float:
+    """Return the bits of the ideal quantiser with a root mean square error over full scale."""
+    return -math.log2(math.sqrt(12.0) * error) if error > 0 else math.inf
 
 
 @dataclass(frozen=True)
@@ -100,12 +91,16 @@ class Point:
     bits: float
     bits_least: float
     bits_most: float
-    newtons: float
 
     @property
     def slot_s(self) -> float:
         """Time of one row."""
         return self.settle_s + self.gate_clocks / self.f_clk_hz
+
+    @property
+    def newtons(self) -> float:
+        """Step of the ideal quantiser in newtons."""
+        return design_module.load().sensor.force_max_n / 2.0**self.bits
 
 
 def gate_of(bits: int) -> int:
@@ -169,11 +164,11 @@ def random_duty(seed: int, frames: int = 2, rows: int = 8, cols: int = 32) -> Fl
     return np.random.default_rng([seed, 5]).uniform(*(HALF * r for r in RANGE), (frames, rows, cols))
 
 
-def judge(duty: Floats, read: Floats) -> Resolution:
-    """Return the resolution of readings after a straight line has removed gain and offset."""
+def judge(duty: Floats, read: Floats) -> float:
+    """Return the bits of readings after a straight line has removed gain and offset."""
     slope, offset = np.polyfit(duty.ravel(), read.ravel(), 1)
     miss = (read.ravel() - offset) / slope - duty.ravel()
-    return Resolution(float(np.sqrt(np.mean(miss**2))) / HALF)
+    return bits_of(float(np.sqrt(np.mean(miss**2))) / HALF)
 
 
 def counts(made: Plan) -> Floats:
@@ -197,16 +192,14 @@ def measured(
         duty = duty_of(seed)
         made = plan_at(duty, effects, f_clk_hz, gate_clocks, settle_s, seed)
         found.append(judge(duty, read(made)))
-    found.sort(key=lambda r: r.bits)
-    middle = found[len(found) // 2]
-    spread = (middle.bits, found[0].bits, found[-1].bits)
-    newtons = middle.newtons(design_module.load().sensor.force_max_n)
+    spread = (statistics.median(found), min(found), max(found))
     engine = "closed" if read in EXACT_READERS else "event"
-    return Point(curve, engine, f_clk_hz, gate_clocks, settle_s, *spread, newtons)
+    return Point(curve, engine, f_clk_hz, gate_clocks, settle_s, *spread)
 
 
-def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
-    """Add quantisation, white noise and slow noise of the reference as powers, by their formulas.
+def formula(f_clk_hz: float, gate_clocks: int) -> float:
+    """Return the bits that quantisation, white noise and slow noise of the reference leave, added as
+    powers.
 
     In counts: quantisation 1/12; at a count m, jitter 2 j^2 m, shot noise 2 q (gate x + m) /
     packet, the comparator at the last decision, and the reference r m.
@@ -219,15 +212,13 @@ def formula(f_clk_hz: float, gate_clocks: int) -> Resolution:
     preset_v2 = 1.380649e-23 * d.ambient.temperature_k / d.converter.c_int_f
     power = 1 / 12 + (2 * jitter**2 + 2 * shot) * m + comparator**2
     power = power + preset_v2 / d.converter.packet_v**2 + (d.charge.flicker * m) ** 2
-    return Resolution(float(np.sqrt(np.mean(power))) / gate_clocks / HALF)
+    return bits_of(float(np.sqrt(np.mean(power))) / gate_clocks / HALF)
 
 
-def drifted(delta_k: float) -> Resolution:
-    """Return the resolution of a reference that was calibrated `delta_k` kelvin away, by
-    formula.
-    """
+def drifted(delta_k: float) -> float:
+    """Return the bits of a reference that was calibrated `delta_k` kelvin away, by formula."""
     share = np.linspace(*RANGE, 200)
-    return Resolution(design_module.load().charge.tc_per_k * delta_k * float(np.sqrt(np.mean(share**2))))
+    return bits_of(design_module.load().charge.tc_per_k * delta_k * float(np.sqrt(np.mean(share**2))))
 
 
 # --- accuracy without time ---------------------------------------------------------------------------------
@@ -275,39 +266,40 @@ def corrected_counts(made: Plan) -> Floats:
 EXACT_READERS = (without_preset, exact_counts, corrected_counts)
 """Readers by the count formula: engines carry no state from slot to slot."""
 
-READINGS: dict[str, tuple[dict[str, Any], Callable[[Plan], Floats]]] = {
+Curves = dict[str, tuple[dict[str, Any], Callable[[Plan], Floats]]]
+"""Effects and reader by curve."""
+
+READINGS: Curves = {
     "counter, preset (adopted)": ({}, counts),
     "counter, preset, with noise": (NOISE | DRIFT, counts),
     "counter without preset": ({}, without_preset),
     **{f"counter + residue of {bits} bits": ({}, with_residue(bits)) for bits in (2, 4, 6)},
     "counter + residue of 4 bits, with noise": (NOISE | DRIFT, with_residue(4)),
 }
-"""Effects and reader: the plain counter, and readers with a higher resolution in the same gate."""
+"""The plain counter, and readers with a higher resolution in the same gate."""
 
 LOSSES = _on("row_driver", "column_input")
-DROOP: dict[str, tuple[dict[str, Any], Callable[[Plan], Floats]]] = {
+DROOP: Curves = {
     "no series resistance": ({}, exact_counts),
     "as read": (LOSSES, exact_counts),
     "row droop corrected": (LOSSES, corrected_counts),
 }
-"""Effects and reader of 16x16 frames with the design's drivers and inputs."""
+"""16x16 frames with the design's drivers and inputs."""
 
 
-def readings(gates: Sequence[int]) -> list[Point]:
-    """Return the curves of `READINGS`."""
-    return [measured(name, on, gate, read=read) for gate in gates for name, (on, read) in READINGS.items()]
+def frame_duty(seed: int) -> Floats:
+    """Return the duties of 16x16 frames."""
+    return random_duty(seed, frames=4, rows=16, cols=16)
 
 
-def droop(gates: Sequence[int]) -> list[Point]:
-    """Return the curves of `DROOP`."""
-
-    def frames(seed: int) -> Floats:
-        return random_duty(seed, frames=4, rows=16, cols=16)
-
+def read_points(
+    curves: Curves, gates: Sequence[int], duty_of: Callable[[int], Floats] = random_duty
+) -> list[Point]:
+    """Return all curves at the paper's clock."""
     return [
-        measured(name, on, gate, read=read, duty_of=frames)
+        measured(name, on, gate, read=read, duty_of=duty_of)
         for gate in gates
-        for name, (on, read) in DROOP.items()
+        for name, (on, read) in curves.items()
     ]
 
 
@@ -474,7 +466,7 @@ def rows_of(gates: Sequence[Point], reading: Sequence[Point], drooping: Sequence
     """Return the results of the study, and its checks."""
     paper, name = gate_of(PAPER_BITS), "accuracy_chip."
     white = curve_of(gates, SLOW_NOISE)
-    apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks).bits) for p in white)
+    apart = max(abs(p.bits - formula(p.f_clk_hz, p.gate_clocks)) for p in white)
 
     def bits(points: Sequence[Point], curve: str) -> float:
         return at(points, curve, paper).bits

@@ -250,7 +250,8 @@ def chip_rows(out: Path) -> list[Row]:
     except DermisError as error:
         reason = f"no supply current was measured: {error}"
     every = [chip.gate_of(n) for n in chip.BITS]
-    gates, reading, drooping = chip.gate_points(), chip.readings(every), chip.droop(every)
+    gates, reading = chip.gate_points(), chip.read_points(chip.READINGS, every)
+    drooping = chip.read_points(chip.DROOP, every, chip.frame_duty)
     curves = {"gate": gates, "ways": reading, "droop": drooping, "split": list(chip.split())}
     for name, points in curves.items():
         text = to_csv([chip.cells(p, current and current.typical) for p in points])

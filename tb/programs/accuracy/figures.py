@@ -156,13 +156,13 @@ def resolution(points: Sequence[chip.Point], path: Path) -> None:
     right.set_xscale("log")
     _curves(left, [p for p in points if p.f_clk_hz == chip.PAPER_HZ], lambda p: p.gate_clocks)
     gates = [chip.gate_of(n) for n in chip.BITS]
-    by_formula = [chip.formula(chip.PAPER_HZ, g).bits for g in gates]
+    by_formula = [chip.formula(chip.PAPER_HZ, g) for g in gates]
     left.plot(gates, by_formula, "x", color=GREY, ms=5)
     left.text(gates[-1], 2.8, "x: quantisation and noise by formula", fontsize=8, color=GREY, ha="right")
     wanted = chip.PAPER_BITS + np.log2(10.0)
     for bits, words, colour in (
         (wanted, "0.1 LSB of 8 bits", RED),
-        *((chip.drifted(k).bits, f"reference {k} K off its calibration (formula)", GREY) for k in (1, 30)),
+        *((chip.drifted(k), f"reference {k} K off its calibration (formula)", GREY) for k in (1, 30)),
     ):
         left.axhline(bits, color=colour, linestyle=":", linewidth=1)
         left.text(14, bits + 0.08, words, fontsize=8, color=colour)
