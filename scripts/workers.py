@@ -6,6 +6,7 @@ outcome.
 from __future__ import annotations
 
 import itertools
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -32,6 +33,11 @@ class Outcome:
     value: Any = None
     fault: str = ""
     seconds: float = 0.0
+
+
+def busy() -> float:
+    """Return the number of processes per core, at least 1: a task takes this factor longer."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator[tuple[int, Outcome]]:

@@ -16,7 +16,8 @@ import pytest
 from dermis.chip import ladder, ngspice, spice_batch
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
-from tb.programs.hard import circuits
+from tb.programs.hard import decks
+from tb.reference import ladder_circuits as circuits
 
 
 def apart(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -26,13 +27,13 @@ def apart(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def climbed(lines: tuple[str, ...], probe: str = "b") -> tuple[float, list[ladder.Retry], ladder.Level]:
-    samples, way = circuits.lockstep(lines, [probe], [1e-8], t_max_step_s=1e-9)
-    return float(samples[-1, 0]), way.retries, way.level
+    samples, way = circuits.lockstep(lines, probe, [1e-8])
+    return float(samples[-1]), way.retries, way.level
 
 
-def converter(size: int) -> tuple[int, list[ladder.Retry], list[str]]:
+def converter(size: int, foot: int = 0) -> tuple[int, list[ladder.Retry], list[str]]:
     lines: list[str] = []
-    way = ladder.Climb(f"size {size}", report=lines.append)
+    way = ladder.Climb(f"size {size}", ladder.Level(0, foot), report=lines.append)
     return (
         ladder.climb(functools.partial(circuits.count_pulses, circuits.transistor_converter(size)), way),
         way.retries,
@@ -69,6 +70,17 @@ def test_a_start_and_a_step_may_both_be_needed() -> None:
     assert [retry.next for retry in retries] == ["gmin_stepping", "gmin_stepping and capacitance"]
 
 
+@pytest.mark.long
+def test_every_size_counts_exactly_and_those_that_abort_are_known() -> None:
+    for size in range(14):
+        pulses, retries, _ = apart(converter, size)
+        assert pulses == circuits.DUTY * circuits.GATE
+        assert ("capacitance" in str(retries)) == (size in circuits.ABORTING), size
+    gear = [rung.name for rung in ladder.STEPS].index("gear")
+    for size in circuits.ABORTING[::3]:
+        assert apart(converter, size, gear)[0] == circuits.DUTY * circuits.GATE
+
+
 def leap(foot: int) -> tuple[float, list[str | None]]:
     way = ladder.Climb("leap", ladder.Level(0, foot), report=lambda line: None)
     deck = Deck(("leap", *circuits.LEAP), (), (), (), ("leap",))
@@ -97,9 +109,9 @@ def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear()
 
 
 def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
-    effects = circuits.BENDS if poles else None
-    made = circuits.chip("conveyor_mirror", effects=effects, ohms=(500.0, 1275.0, 7.5e3, 1e6))
-    codes, way = circuits.read_frame(made, begin=ladder.Level(0, steps))
+    effects = decks.BENDS if poles else None
+    made = decks.chip("conveyor_mirror", effects=effects, ohms=(500.0, 1275.0, 7.5e3, 1e6))
+    codes, way = decks.read_frame(made, begin=ladder.Level(0, steps))
     return codes.ravel().tolist(), way.retries
 
 
@@ -140,7 +152,7 @@ def test_every_rung_that_changes_a_result_says_by_how_much() -> None:
 
 def exhausted(lines: tuple[str, ...]) -> SimulatorError:
     with pytest.raises(SimulatorError) as caught:
-        circuits.lockstep(lines, ["c"], [1e-6, 2e-6])
+        circuits.lockstep(lines, "c", [1e-6, 2e-6])
     return caught.value
 
 
@@ -228,8 +240,8 @@ def again() -> tuple[str, float]:
         circuits.count_pulses(circuits.transistor_converter(2), ladder.PLAIN)
     except ladder.Abort as abort:
         said = abort.phase
-    samples, way = circuits.lockstep(("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n"), ["b"], [1e-6])
-    return said + way.level.name, float(samples[0, 0])
+    samples, way = circuits.lockstep(("v1 a 0 1", "r1 a b 1k", "c1 b 0 1n"), "b", [1e-6])
+    return said + way.level.name, float(samples[0])
 
 
 def test_a_process_can_have_another_circuit_behind_an_abort_and_without_its_capacitors() -> None:

@@ -11,7 +11,9 @@ import sys
 import time
 
 from dermis.errors import SimulatorError
-from tb.programs.hard import Measured
+from tb.programs.faults.bench import Bench
+from tb.programs.faults.trials import Trial
+from tb.programs.hard.case import Measured
 
 SLEEP = "DERMIS_SEEDED_SLEEP"
 """Environment variable with the seconds that a left process sleeps; unique to a test, so that it finds its own."""
@@ -24,7 +26,7 @@ def long_s() -> str:
 
 def right() -> Measured:
     """Give a right answer."""
-    return Measured(0.0, "as it should be", seconds=0.25)
+    return Measured(0.0, "as it should be")
 
 
 def off_by_one() -> Measured:
@@ -99,3 +101,18 @@ def forked() -> Measured:
         time.sleep(float(long_s()))
         os._exit(0)
     return Measured(0.0)
+
+
+class SeededTrial(Trial):
+    """A trial of `make faults` that ends as its name says; a right one leaves a file."""
+
+    def run(self, bench: Bench) -> tuple[list[str], str]:
+        """End as the name says."""
+        if self.what == ["broken"]:
+            raise RuntimeError("not measured")
+        if self.what == ["closed"]:
+            raise PermissionError("mount")
+        if self.what == ["faulty"]:
+            return ["a fault"], "exit 3"
+        (bench.tree / "ran").touch()
+        return [], "exit 0"

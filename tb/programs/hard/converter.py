@@ -3,118 +3,60 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
-from tb.programs.hard import converter_inputs, converter_runs
-from tb.programs.hard.case import Case, Measured, case, texts
-from tb.programs.hard.converter_runs import GATE, World
+import mpmath
 
-GROUP = "converter"
+from tb.programs.hard import converter_runs as runs
+from tb.programs.hard.case import Case, Measured
+from tb.programs.hard.converter_runs import GATE, World
+from tb.reference import exact
 
 _WALK = "walk through every clock in integers (tb.reference.exact.count), from x at its binary value"
 _DIGITS = "walk through every clock in 50 digits (tb.reference.exact.cell_of), from the circuit's values"
 _ROUNDING = (
-    "a code is right or wrong; where a level lies within what an engine rounds (a sum a clock, {0}), both "
-    "neighbours are right"
+    "a code is right or wrong; where a level lies within what an engine rounds (6e-14 packets in a gate of "
+    "sums, 1e-12 with exponentials, ngspice 1e-5: spec.toml cosim.edge_error_v), both neighbours are right"
 )
-_IDEAL = _ROUNDING.format("6e-14 packets in a gate; ngspice 1e-5 packets, spec.toml cosim.edge_error_v")
-_BENT = _ROUNDING.format(
-    "1e-12 packets with the exponentials of a clock; ngspice 1e-5 packets, spec.toml cosim.edge_error_v"
-)
-_SURE = "a code is right or wrong: no level is near, or the arithmetic is exact in doubles"
-_TYPED = "0: an error names the key; 1: it does not"
-
-_NO_LEAK = {"closed": "a formula of straight lines without state inside a clock, so no {0}"}
-_LATER = {"verilator": "a build of 20 s for this alone; Icarus runs the same Verilog"}
-_ANALOG = {"cosim": "ngspice places a crossing to 1e-5 packets, which is wider than this"}
-_BELOW_SCENES = {
-    "icarus": "its inputs come from scenes, which do not go there",
-    "verilator": "its inputs come from scenes, which do not go there",
-    "cosim": "its inputs come from scenes, which do not go there",
-}
+_EDGES = "edges in rationals (tb.reference.exact.plateau), counts by the recursion in 50 digits"
 
 ALL = ("closed", "event", "icarus", "verilator", "cosim")
 EXACT = ALL[:-1]
-LOOPS = ("event", "icarus", "verilator", "cosim")
+LOOPS = ALL[1:]
+
+_NOT = {
+    "closed": "a formula of straight lines, without state inside a clock",
+    "event": "runs in the Verilog alone",
+    "icarus": "its inputs come from scenes, which do not go there",
+    "verilator": "a build of 20 s for this alone; Icarus runs the same Verilog",
+    "cosim": "ngspice places a crossing to 1e-5 packets, wider than this, or reads the same elsewhere",
+}
 
 
 def _case(
     name: str,
-    world: World,
-    engines: Sequence[str],
-    *,
-    analog: World | None = None,
-    certificate: float | None = None,
-    limit_s: float = 10.0,
+    why: str,
+    expected: str,
+    run: Mapping[str, Callable[[], Measured]],
+    source: str,
+    tolerance: str = _ROUNDING,
+    refused: Mapping[str, str] | None = None,
     **other: Any,
 ) -> Case:
-    """Return a case with the same duties for every engine; `analog` has fewer of them for
-    ngspice.
-    """
-    runs: dict[str, Callable[[], Measured]] = {
-        engine: functools.partial(
-            converter_runs.codes, engine, analog if engine == "cosim" and analog is not None else world
-        )
-        for engine in engines
-    }
-    if certificate is not None:
-        runs["certificate"] = functools.partial(converter_runs.certificate, analog or world, certificate)
-    text = texts().get(name, {})
-    if "tolerance" not in text:
-        other = {"tolerance": _BENT if world.effects else _IDEAL} | other
-    if "source" not in text:
-        other = {"source": _DIGITS if world.effects else _WALK} | other
-    # ngspice, cocotb and Icarus start in 2.5 s on an idle machine, and in 10 s with seven other
-    # runs.
-    limit_s = max(limit_s, 30.0) if "cosim" in runs else limit_s
-    return case(GROUP, name, runs, limit_s=limit_s, **other)
+    """Return a case of a measurement; an engine without a run has its reason of `_NOT`."""
+    reasons = {e: why for e, why in {**_NOT, **(refused or {})}.items() if e not in run}
+    return Case(name, "converter", why, expected, run, source, tolerance, refused=reasons, **other)
 
 
-def _measured(name: str, runs: Mapping[str, Callable[[], Measured]], **other: Any) -> Case:
-    if "tolerance" not in texts().get(name, {}):
-        other = {"tolerance": _SURE} | other
-    return case(GROUP, name, runs, **other)
-
-
-def cases() -> list[Case]:
-    """Return every case of this module."""
-    return [
-        *_of_duty(),
-        *_of_ties(),
-        *_of_leak(),
-        *_of_levels(),
-        *_of_scale(),
-        *_of_time(),
-        *_of_traps(),
-        *_of_refusals(),
-    ]
-
-
-def prepare(chosen: Sequence[Case]) -> None:
-    """Compile the loops and build the Verilog of the cases by one run of each engine except
-    ngspice.
-    """
-    for one in chosen:
-        for engine, run in one.runs.items():
-            if engine not in ("event", "verilator") or not isinstance(run, functools.partial):
-                continue
-            if run.func is converter_runs.codes:
-                converter_runs.ENGINES[engine](run.args[1])
-            elif run.func is converter_inputs.locking:
-                converter_inputs.locking((2,), Fraction(1, 2), 10, 0.1)
-            elif run.func in (converter_inputs.ripple, converter_inputs.cells, converter_inputs.jitter):
-                run()
-            elif run.func is converter_runs.many_clocks:
-                converter_runs.many_clocks(
-                    "event", 10**5, (0.1,)
-                )  # a gate of this length has a separate loop
-
-
-# ---- duties --------------------------------------------------------------------------------------------------
+def _gates(name: str, why: str, *worlds: World, engines: Sequence[str] = ALL, **other: Any) -> Case:
+    """Return a case of the same duties in several engines."""
+    run = {engine: partial(runs.codes, engine, *worlds) for engine in engines}
+    source = _DIGITS if worlds[0].effects else _WALK
+    return _case(name, why, other.pop("expected", "the count of the walk"), run, source, **other)
 
 
 def _around(values: Sequence[float]) -> tuple[float, ...]:
@@ -122,537 +64,442 @@ def _around(values: Sequence[float]) -> tuple[float, ...]:
     return tuple(v for x in values for v in (math.nextafter(x, -math.inf), x, math.nextafter(x, math.inf)))
 
 
+def _crossings(codes: Sequence[int], clocks: float, before: float = 0.0) -> tuple[float, ...]:
+    """Return duties whose last one crosses the level `clocks` before and after the last sample."""
+    return tuple((c - 0.5) / (GATE - before + side * clocks) for c in codes for side in (-1, 1))
+
+
+def _dips(window: float, clocks: float) -> tuple[float, ...]:
+    """Return duties whose charge, with a latch, dips below the lower level of a window for
+    `clocks`, or misses it.
+
+    The first one comes at clock 2 with the charge at 2 x - 1/2; its packet lasts from 2.5 to 3.5. There the charge is
+    3.5 x - 3/2, and has been below a level that it passes by e for e / (1 - x) + e / x.
+    """
+    middle = (1.5 - window / 2) / 3.5
+    by = clocks / (1 / (1 - middle) + 1 / middle)
+    return tuple((1.5 - window / 2 + side * by) / 3.5 for side in (-1, 1))
+
+
+def _asymptote(beside: float) -> World:
+    """Return duties whose charge ends at a relative distance `beside` below and above the level,
+    with a leak of 0.01 a clock.
+    """
+    effects = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 400.0}, "comparator_offset": {"v_v": 0.2}}
+    cell = exact.cell_of(0.0, effects, {})
+    level = cell["rise"] * cell["leak"]
+    return World(tuple(float(level * (1 + Fraction(side * beside))) for side in (-1, 1)), effects)
+
+
+def _plateau_edges(leak: Mapping[str, Any], margin: float) -> tuple[float, ...]:
+    """Return both edges of the plateaus of 1/2 and 1/3, inside and outside by a margin."""
+    with mpmath.workdps(exact.DIGITS):
+        of = exact.cell_of(0.0, leak, {})["leak"]
+        keep = mpmath.exp(-mpmath.mpf(of.numerator) / of.denominator)
+        rational = Fraction(int(mpmath.floor(keep * 2**160)), 2**160)
+    edges = [edge for q in (2, 3) for edge in exact.plateau(1, q, rational)]
+    return tuple(float(edge) * (1 + side * margin) for edge in edges for side in (-1, 1))
+
+
+def _leak(seconds: float) -> World:
+    """Return a leak with a time constant R C (1 + A) at a gain of 1 and 5 pF."""
+    return World((0.1, 1 / 3, 0.4999), {"integrator_gain": {"gain_dc": 1.0, "r_in_ohm": seconds / 1e-11}})
+
+
+def _near_poles() -> dict[str, Any]:
+    """Return leak and bandwidth with the closest time constants: lag across = 1 at a gain of 1."""
+    gbw_hz, share, f_clk_hz, c_int_f = 1e6, 0.5, 5e6, 5e-12
+    lag = share * f_clk_hz / (2 * math.pi * gbw_hz)
+    return {
+        "integrator_gain": {"gain_dc": 1.0, "r_in_ohm": lag / (c_int_f * f_clk_hz)},
+        "integrator_bandwidth": {"gbw_hz": gbw_hz},
+    }
+
+
 EVERY_CODE = tuple(c / GATE for c in range(256))
 _SOME = (0.0, 2 / GATE, 0.1, 1 / 3, 0.4999, 0.5, 0.75, 1.0)
 _FEW = (2 / GATE, 0.1, 1 / 3, 0.4999)
+_FEMTO, _ATTO = 5e-9, 5e-12  # a femtosecond and an attosecond in clocks of 200 ns
+_BILLION = 10**9
+_LONG = (0.1, 123 / 510, 1 / 3, math.sqrt(2) / 3, 0.4999999999, 0.5)
+_LEAK_100 = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 4e4}}
+_TOGETHER = {
+    "integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 1e5},
+    "comparator_hysteresis": {"v_v": 0.3},
+    "comparator_delay": {"t_s": 1.3e-8},
+    "integrator_range": {"v_max_v": 0.7, "v_min_v": -0.6},
+    "preset_error": {"v_v": 0.05},
+}
 
 
-def _of_duty() -> list[Case]:
-    tiny = (0.0, -0.0, 5e-324, 1e-300, 1e-30, 1e-12)
-    huge = (1.0, 1.5, 2.0, 1e3, 1e9, 1e15, 1e300, math.inf)
-    one = 1 / GATE
+def _of_duties() -> list[Case]:
     return [
-        _case("zero_and_next_to_zero", World(tiny), ALL, analog=World((0.0, 1e-30, 1e-12)), short=True),
-        _case("one_half_and_its_neighbours", World(_around([0.5])), ALL, certificate=1e-9, short=True),
-        _case(
+        _gates(
+            "zero_and_next_to_zero",
+            "Zero, minus zero and subnormal current: a division by zero, or a charge that never leaves the preset.",
+            World((0.0, -0.0, 5e-324, 1e-300, 1e-30, 1e-12), analog=(0.0, 1e-30, 1e-12)),
+            short=True,
+            expected="code 0",
+        ),
+        _gates(
+            "one_half_and_its_neighbours",
+            "The gating by the last bit starts here: it never acts one double below, and always one above.",
+            World(_around([0.5])),
+            short=True,
+            expected="code 255 on all three",
+        ),
+        _gates(
             "one_half_in_an_odd_gate",
+            "In 509 clocks one half starts with a one; the double below starts a clock later: 254, 255, 255.",
             World(_around([0.5]), gate=509, exactly=True),
-            ("closed", "event", "icarus"),
-            tolerance=_SURE,
-            refused=_ANALOG | _LATER,
+            engines=("closed", "event", "icarus"),
         ),
-        _case(
+        _gates(
             "full_current_and_far_above",
-            World(_around([1.0]) + huge),
-            ALL,
-            analog=World((1.0, 1.5, 1e3, math.inf)),
-            certificate=1e-9,
-            short=True,
-        ),
-        _case(
-            "just_above_one_half",
-            World((math.nextafter(0.5, 1), 0.5 + 1e-12, 0.5 + 1e-6, 0.5 + one, 0.51, 0.6)),
-            ALL,
-            analog=World((0.5 + 1e-6, 0.5 + one, 0.51, 0.6)),
-        ),
-        _case(
-            "every_code_exactly",
-            World(EVERY_CODE),
-            ALL,
-            analog=World(EVERY_CODE[::5]),
-            short=True,
-            limit_s=30.0,
-        ),
-        _case("every_code_and_its_neighbours", World(_around(EVERY_CODE)), EXACT, refused=_ANALOG),
-        _case(
-            "between_two_codes",
-            World(_around([(c + 0.5) / GATE for c in range(255)])),
-            EXACT,
-            refused=_ANALOG,
-        ),
-        _case(
-            "a_billionth_of_a_code_beside_the_step",
-            World(tuple((c + 0.5) / GATE * (1 + s * 2e-12) for c in range(255) for s in (-1, 1))),
-            EXACT,
-            refused=_ANALOG,
-            tolerance=_SURE,
-        ),
-        _case(
-            "current_that_flows_out",
-            World((-1e-9, -0.1, -0.5, -3.0, -1e12), {"preset_error": {"v_v": 3.25}}),
-            ("closed", "event", "icarus", "verilator"),
-            refused={"cosim": "a resistance cannot draw a negative current"},
-        ),
-        _case(
-            "shortest_gate_of_the_chip",
-            World(tuple((c + d) / 32 for c in range(17) for d in (0.0, 0.49, -0.49)), gate=32),
-            ("closed", "event", "icarus"),
-            refused=_LATER | {"cosim": "a gate of 510 gives the same at this accuracy"},
-        ),
-        _measured(
-            "two_windows_differ_by_one_at_most",
-            {"event": functools.partial(converter_inputs.windows, 97, 40)},
-            refused={"closed": "counts from the preset only"}
-            | dict.fromkeys(("icarus", "verilator", "cosim"), "every gate begins with the preset"),
-        ),
-    ]
-
-
-def _of_ties() -> list[Case]:
-    femto, atto = 1e-15 * 5e6, 1e-18 * 5e6
-
-    def beside(clocks: float) -> tuple[float, ...]:
-        """Return duties whose last one crosses the level `clocks` before and after the last edge of
-        the gate.
-        """
-        return tuple((c - 0.5) / (GATE + side * clocks) for c in range(1, 256, 2) for side in (-1, 1))
-
-    dips = converter_inputs.dips(0.1, 1e-12 * 5e6)
-    return [
-        _case(
-            "tie_on_every_clock_edge",
-            World(tuple(2.0**-k for k in range(1, 14)), exactly=True),
-            ALL,
-            tolerance=_SURE + "; ngspice 1e-5 packets either way",
-            analog=World((0.5, 0.25, 0.125, 2.0**-9)),
-            certificate=1e-9,
-            short=True,
-        ),
-        _case(
-            "tie_before_the_first_clock",
-            World((0.0, 1e-9, 0.25, 0.5), {"comparator_offset": {"v_v": -0.5}}, exactly=True),
-            ALL,
-            tolerance=_SURE + "; ngspice 1e-5 packets either way",
-        ),
-        _case(
-            "crossing_in_the_last_femtosecond", World(beside(femto)), EXACT, refused=_ANALOG, tolerance=_SURE
-        ),
-        _case(
-            "crossing_in_the_last_attosecond",
-            World(tuple(x for x in beside(atto) if x > 0.05)),
-            EXACT,
-            refused=_ANALOG,
-        ),
-        _case(
-            "crossing_in_the_last_femtosecond_before_a_delayed_sample",
+            "Charge grows by (2 x - 1) / 2 packets a clock, to infinity for a short: the sum loses the packet.",
             World(
-                tuple((c - 0.5) / (GATE - 0.065 + s * femto) for c in range(3, 256, 36) for s in (-1, 1)),
-                {"comparator_delay": {"t_s": 1.3e-8}},
+                (*_around([1.0]), 1.5, 2.0, 1e3, 1e9, 1e15, 1e300, math.inf), analog=(1.0, 1.5, 1e3, math.inf)
             ),
-            ("event", "icarus", "verilator"),
-            refused={"closed": _NO_LEAK["closed"].format("delay")} | _ANALOG,
+            short=True,
+            expected="code 255",
+        ),
+        _gates(
+            "just_above_one_half",
+            "The rate stays at one half while the charge drifts by 510 x 2^-53, a millionth, or a packet.",
+            World((math.nextafter(0.5, 1), 0.5 + 1e-12, 0.5 + 1e-6, 0.5 + 1 / GATE, 0.51, 0.6)),
+            expected="code 255",
+        ),
+        _gates(
+            "every_code_and_its_neighbours",
+            "c / 510 is not a double unless c divides: all 256 codes must return, on both sides too.",
+            World(_around(EVERY_CODE), analog=EVERY_CODE[::5]),
+            short=True,
+            expected="code c on all three",
+        ),
+        _gates(
+            "between_two_codes",
+            "(c + 1/2) / 510 lies on the step, and its neighbours an ulp away: the hardest comparison.",
+            World(_around([(c + 0.5) / GATE for c in range(255)])),
+            engines=EXACT,
+            expected="c or c + 1 by the binary value; both where a gate of sums rounds across the step",
+        ),
+        _gates(
+            "a_billionth_of_a_code_beside_the_step",
+            "A force 1e-12 from a step has its own code: unequal values must not compare as equal.",
+            World(tuple((c + 0.5) / GATE * (1 + s * 2e-12) for c in range(255) for s in (-1, 1))),
+            engines=EXACT,
+            expected="c below and c + 1 above (c + 1/2) / 510",
+        ),
+        _gates(
+            "current_that_flows_out",
+            "A negative duty (offset current) removes charge all the time; a start above the level still counts.",
+            World((-1e-9, -0.1, -0.5, -3.0, -1e12), {"preset_error": {"v_v": 3.25}}),
+            engines=EXACT,
+            refused={"cosim": "a resistance cannot draw a negative current"},
+            expected="the number that the start provides",
+        ),
+        _gates(
+            "shortest_gate_of_the_chip",
+            "A gate of 32 clocks, the shortest in which the packer handles eight columns: exact to the clock.",
+            World(tuple((c + d) / 32 for c in range(17) for d in (0.0, 0.49, -0.49)), gate=32),
+            engines=("closed", "event", "icarus"),
+            expected="round(32 x), every second clock above 1/2",
         ),
         _case(
+            "two_windows_differ_by_one_at_most",
+            "A Sturmian word: equal windows of one duty differ by at most one, at any phase.",
+            "floor and ceiling of N x only",
+            {"event": partial(runs.windows, 97, 40)},
+            "Morse and Hedlund 1940, and the walk in rationals",
+            refused=dict.fromkeys(("closed", "icarus", "verilator", "cosim"), "counts from the preset only"),
+        ),
+        _gates(
+            "tie_on_every_clock_edge",
+            "x = 2^-k brings the charge to the level exactly on an edge, repeatedly: equality counts as reached.",
+            World(tuple(2.0**-k for k in range(1, 14)), analog=(0.5, 0.25, 0.125, 2.0**-9), exactly=True),
+            short=True,
+            expected="round half up of 510 x",
+        ),
+        _gates(
+            "tie_before_the_first_clock",
+            "The comparator's offset sets its level equal to the preset: without current it ties at every clock.",
+            World((0.0, 1e-9, 0.25, 0.5), {"comparator_offset": {"v_v": -0.5}}, exactly=True),
+            expected="the first clock has a one; with x = 0 it is the only one",
+        ),
+        _gates(
+            "crossing_in_the_last_femtosecond",
+            "The last one of a gate crosses 1 fs before or after the last edge: 5e-9 clocks, 1e-11 of the duty.",
+            World(_crossings(range(1, 256, 2), _FEMTO)),
+            engines=EXACT,
+            expected="c before, c - 1 after",
+        ),
+        _gates(
+            "crossing_in_the_last_attosecond",
+            "The same with 1 as: 2.5e-13 packets at a duty of 0.05, where a gate rounds by 6e-14.",
+            World(_crossings(range(27, 256, 2), _ATTO)),
+            engines=EXACT,
+            expected="c before, c - 1 after",
+        ),
+        _gates(
+            "crossing_in_the_last_femtosecond_before_a_delayed_sample",
+            "The comparator is sampled a delay before the edge, so the last femtosecond is in the middle of a clock.",
+            World(_crossings(range(3, 256, 36), _FEMTO, 0.065), {"comparator_delay": {"t_s": 1.3e-8}}),
+            engines=LOOPS[:-1],
+            expected="c before, c - 1 after",
+        ),
+        _gates(
             "dip_of_one_picosecond",
-            World(dips, {"comparator_hysteresis": {"v_v": 0.1}}, latch=True),
-            ("event", "icarus", "verilator"),
-            refused={"closed": _NO_LEAK["closed"].format("window")} | _ANALOG,
+            "With a latch the charge dips below a window for 1 ps between two samples, or just misses it.",
+            World(_dips(0.1, 1e-12 * 5e6), {"comparator_hysteresis": {"v_v": 0.1}}, latch=True),
+            engines=LOOPS[:-1],
+            expected="the state of the window decides, not the sample",
         ),
-        _measured(
-            "pulses_of_one_picosecond_at_the_synchronizer",
-            {"icarus": functools.partial(converter_inputs.glitches, "dermis_sync_ff")},
-            refused={
-                "verilator": "two changes within a clock need an event simulator",
-                "closed": "has no pulses, only counts",
-                "event": "its comparator does not chatter",
-                "cosim": "as event; its deck passes levels at clock edges only",
-            },
-        ),
-        _case(
+        _gates(
             "asymptote_beside_the_level",
-            converter_inputs.asymptote(1e-9),
-            ("event", "icarus", "verilator"),
-            refused={"closed": _NO_LEAK["closed"].format("leak")} | _ANALOG,
+            "A leaky charge approaches x / leak and never exceeds it: the level is 1e-9 of it below or above.",
+            _asymptote(1e-9),
+            engines=LOOPS[:-1],
+            expected="ones, or none at all",
         ),
     ]
-
-
-# ---- leak and bandwidth --------------------------------------------------------------------------------------
 
 
 def _of_leak() -> list[Case]:
-    no_leak = {"closed": _NO_LEAK["closed"].format("leak")}
-    leak = {"integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 4e4}}
-    found = []
-    for q in range(2, 13):
-        found.append(
-            _measured(
-                f"locking_plateau_q{q}",
-                {"event": functools.partial(converter_inputs.locking, (q,), Fraction(99, 100), 12000, 1e-12)},
-                why=f"A leaky integrator locks to every p/{q} over a plateau; 1e-12 inside its edges the rate "
-                "stands still, outside not.",
-                **texts()["locking_plateau"],
-                refused=no_leak
-                | {
-                    "icarus": "12000 clocks of a plateau saturate the code; see plateau_one_half_in_a_gate",
-                    "verilator": "as icarus",
-                    "cosim": "as icarus",
-                },
-                short=q in (2, 5),
-            )
+    edges = _plateau_edges(_LEAK_100, margin=1e-9)
+    found = [
+        _case(
+            f"locking_plateaus_{name}",
+            f"A leaky integrator locks to every p/q over a plateau: {why}.",
+            "p ones in every q clocks inside; the walk's count outside",
+            {"event": partial(runs.locking, periods, keep, clocks, nudge)},
+            _EDGES,
+            tolerance,
+            refused={"verilator": _NOT["icarus"], "cosim": _NOT["icarus"]},
+            short=clocks < 10000,
         )
-    edges = converter_inputs.plateau_edges(leak, margin=1e-9)
+        for name, why, periods, keep, clocks, nudge, tolerance in (
+            (
+                "up_to_q_12",
+                "1e-12 inside its edges the rate stands still, outside not",
+                range(2, 13),
+                Fraction(99, 100),
+                12000,
+                1e-12,
+                "1e-12 of x is 1e-10 of charge behind a leak of 0.01 a clock; the loop forgets its rounding as fast",
+            ),
+            (
+                "of_a_strong_leak",
+                "half of the charge leaks each clock, they cover nearly every duty; those of q = 12 are 2e-4 wide",
+                range(2, 13),
+                Fraction(1, 2),
+                2000,
+                1e-12,
+                "the loop forgets twice a clock",
+            ),
+            (
+                "of_a_weak_leak",
+                "one part in 1000 a clock, they are narrow, and the start matters for 30 000 clocks",
+                (2, 3),
+                Fraction(999, 1000),
+                60000,
+                1e-9,
+                "1e-9 of x is 1e-6 of charge behind such a leak; the loop rounds by 1e-12",
+            ),
+        )
+    ]
     return [
         *found,
-        _measured(
-            "locking_plateaus_of_a_strong_leak",
-            {"event": functools.partial(converter_inputs.locking, range(2, 13), Fraction(1, 2), 2000, 1e-12)},
-            refused=no_leak | _BELOW_SCENES,
-        ),
-        _measured(
-            "locking_plateaus_of_a_weak_leak",
-            {"event": functools.partial(converter_inputs.locking, (2, 3), Fraction(999, 1000), 60000, 1e-9)},
-            refused=no_leak | _BELOW_SCENES,
-            limit_s=30.0,
-        ),
-        _case(
+        _gates(
             "plateau_one_half_in_a_gate",
-            World(edges, leak),
-            LOOPS,
-            refused=no_leak,
-            analog=World(edges[:4], leak),
-            certificate=1e-6,
+            "A gate of 510 clocks at both edges of the plateaus of 1/2 and 1/3, where the preset still matters.",
+            World(edges, _LEAK_100, analog=edges[:4]),
+            engines=LOOPS,
+            expected="the walk's count; 254 where the leak costs the first one",
         ),
-        _leaks("leak_time_constants_1e_12_to_1e_4_s", -12, -4),
-        _leaks("leak_time_constants_1e_3_to_1e15_s", -3, 15),
-        _case(
+        _gates(
+            "leak_time_constants_1e_12_to_1e15_s",
+            "A clock is 200 000 time constants, or 1e-22 of one: exp underflows, 1 - exp cancels.",
+            *(_leak(10.0**n) for n in range(-12, 16)),
+            engines=("event", "icarus"),
+            expected="170 (every third clock) where a clock forgets all, up to the ideal code where nothing is lost",
+        ),
+        _gates(
             "output_that_follows_within_attoseconds",
+            "A gain-bandwidth product of 1e18 Hz: two time constants 12 decades apart in one clock.",
             World(_FEW, {"integrator_bandwidth": {"gbw_hz": 1e18}}),
-            ("event", "icarus"),
-            refused={"closed": _NO_LEAK["closed"].format("bandwidth")}
-            | _LATER
-            | {
-                "cosim": (
-                    "a pole of 1e18 Hz is below any step; slow_output_that_never_catches_up has one that "
-                    "ngspice can resolve"
-                )
-            },
-            limit_s=30.0,
+            engines=("event", "icarus"),
+            expected="the ideal codes",
         ),
-        _case(
+        _gates(
             "slow_output_that_never_catches_up",
-            World((0.1, 0.4999, 0.75), {"integrator_bandwidth": {"gbw_hz": 1e4}}),
-            ("event", "icarus", "cosim"),
-            refused={"closed": _NO_LEAK["closed"].format("bandwidth")} | _LATER,
-            analog=World((0.1,), {"integrator_bandwidth": {"gbw_hz": 1e4}}),
-            certificate=1e-3,
-            limit_s=30.0,
+            "At 10 kHz the output lags the charge by a hundred clocks and overshoots by as many packets.",
+            World((0.1, 0.4999, 0.75), {"integrator_bandwidth": {"gbw_hz": 1e4}}, analog=(0.1,)),
+            engines=("event", "icarus", "cosim"),
         ),
-        _case(
+        _gates(
             "two_poles_as_near_as_they_get",
-            World(_FEW, converter_inputs.near_poles()),
-            ("event", "icarus", "cosim"),
-            refused=no_leak | _LATER,
-            limit_s=30.0,
+            "Leak and bandwidth with 1 / lag = across and a gain of 1: the two time constants are closest.",
+            World(_FEW, _near_poles()),
+            engines=("event", "icarus", "cosim"),
         ),
     ]
-
-
-def _leaks(name: str, first: int, last: int) -> Case:
-    return _measured(
-        name,
-        {e: functools.partial(converter_inputs.leaks, e, first, last) for e in ("event", "icarus")},
-        source=_DIGITS,
-        tolerance=_BENT,
-        refused={"closed": _NO_LEAK["closed"].format("leak"), "cosim": "see plateau_one_half_in_a_gate"}
-        | _LATER,
-        limit_s=30.0,
-    )
-
-
-# ---- levels and ranges ---------------------------------------------------------------------------------------
 
 
 def _of_levels() -> list[Case]:
     window = {"comparator_hysteresis": {"v_v": 0.999999}}
-    late = {"comparator_delay": {"t_s": 2e-7 * (1 - 1e-9)}}
-    early = {"comparator_delay": {"t_s": 1e-30}}
-    tight = {"integrator_range": {"v_max_v": 0.500001, "v_min_v": -0.6}}
-    together = {
-        "integrator_gain": {"gain_dc": 100.0, "r_in_ohm": 1e5},
-        "comparator_hysteresis": {"v_v": 0.3},
-        "comparator_delay": {"t_s": 1.3e-8},
-        "integrator_range": {"v_max_v": 0.7, "v_min_v": -0.6},
-        "preset_error": {"v_v": 0.05},
-    }
-
-    def no(what: str) -> dict[str, str]:
-        return {"closed": _NO_LEAK["closed"].format(what)}
-
     return [
-        _case(
+        _gates(
             "hysteresis_of_nearly_a_packet",
-            World(_SOME, window),
-            LOOPS,
-            refused=no("window"),
-            analog=World((0.1, 1 / 3, 0.4999, 0.75), window),
+            "The window is a packet less a millionth: each decision depends on its far edge.",
+            World(_SOME, window, analog=(0.1, 1 / 3, 0.4999, 0.75)),
+            engines=LOOPS,
         ),
-        _measured(
+        _case(
             "hysteresis_larger_than_a_packet",
-            {
-                "scene": functools.partial(
-                    converter_inputs.refused,
-                    {"effects": {"comparator_hysteresis": {"v_v": 1.5}}},
-                    "effects.comparator_hysteresis.v_v",
-                ),
-                "event": functools.partial(
-                    converter_inputs.cells, {"rise": 0.75, "fall": -0.75}, (0.0, 0.1, 0.3, 0.49, 0.75, 1.5)
-                ),
-            },
-            tolerance=_TYPED + "; " + _BENT,
-            refused=_BELOW_SCENES,
+            "A packet does not cross the window: the comparator latches up.",
+            "the walk's count",
+            {"event": partial(runs.cells, {"rise": 0.75, "fall": -0.75}, (0.0, 0.1, 0.3, 0.49, 0.75, 1.5))},
+            _DIGITS,
             short=True,
         ),
-        _case(
+        _gates(
             "comparator_delay_of_nearly_a_clock",
-            World(_SOME, late),
-            LOOPS,
-            refused=no("delay"),
-            analog=World(_FEW, late),
+            "The comparator is sampled 0.2 fs after the previous edge: every decision is a clock old.",
+            World(_SOME, {"comparator_delay": {"t_s": 2e-7 * (1 - 1e-9)}}, analog=_FEW),
+            engines=LOOPS,
         ),
-        _case(
+        _gates(
             "comparator_delay_of_next_to_nothing",
-            World(_SOME, early),
-            LOOPS,
-            refused=no("delay"),
-            analog=World(_FEW, early),
+            "A delay of 1e-30 s: 1 - 5e-24 is 1 in doubles, and the sample must stay at the clock.",
+            World(_SOME, {"comparator_delay": {"t_s": 1e-30}}, analog=_FEW),
+            engines=LOOPS,
+            expected="the ideal codes",
         ),
-        _measured(
-            "comparator_delay_of_a_clock_and_more",
-            {
-                f"scene_{word}": functools.partial(
-                    converter_inputs.refused,
-                    {"effects": {"comparator_delay": {"t_s": t_s}}},
-                    "effects.comparator_delay.t_s",
-                )
-                for word, t_s in (("one_clock", 2e-7), ("two_clocks", 4e-7), ("a_second", 1.0))
-            },
-            tolerance=_TYPED,
-            short=True,
+        _gates(
+            "range_that_just_holds_the_preset",
+            "The output saturates a millionth of a packet beyond the preset, a tenth on the other side.",
+            World(_SOME, {"integrator_range": {"v_max_v": 0.500001, "v_min_v": -0.6}}, analog=_FEW),
+            engines=LOOPS,
         ),
         _case(
-            "range_that_just_holds_the_preset",
-            World(_SOME, tight),
-            LOOPS,
-            refused=no("range"),
-            analog=World(_FEW, tight),
-        ),
-        _measured(
             "range_smaller_than_a_packet",
+            "Limits closer than the preset: charge is lost at both ends.",
+            "the walk's count",
             {
-                "scene": functools.partial(
-                    converter_inputs.refused,
-                    {"effects": {"integrator_range": {"v_max_v": 0.3, "v_min_v": -0.3}}},
-                    "effects.integrator_range",
-                ),
-                "event": functools.partial(
-                    converter_inputs.cells,
+                "event": partial(
+                    runs.cells,
                     {"low": -0.3, "high": 0.3, "w0": -0.3},
                     (0.0, 0.1, 0.299, 0.3, 0.31, 0.5, 0.75, 1.5, 100.0),
-                ),
+                )
             },
-            tolerance=_TYPED + "; " + _BENT,
-            refused=_BELOW_SCENES,
+            _DIGITS,
         ),
-        _case(
+        _gates(
             "preset_far_above_the_level",
+            "The integrator starts hundreds of packets above the level and counts them at every second clock.",
             World((0.0, 1e-9, 0.1, 0.25, 0.4999), {"preset_error": {"v_v": 100.25}}),
-            ("closed", "event", "icarus", "verilator"),
-            refused={"cosim": "100 V on the integrator of a 3.3 V chip: the deck's supplies hold it"},
+            engines=EXACT,
+            refused={"cosim": "the integrator leaves the supplies of its deck"},
+            expected="every second clock until they are used up, then the ideal",
         ),
-        _case(
-            "packets_nearly_gone_and_nearly_doubled",
+        _gates(
+            "packets_nearly_gone",
+            "A packet of a thousandth saturates at once.",
             World(_SOME, {"charge_packet": {"packet_error": -0.999}}),
-            ("closed", "event", "icarus", "verilator"),
-            refused={"cosim": "the integrator leaves its supplies; see packets_nearly_doubled"},
+            engines=EXACT,
+            refused={"cosim": "the integrator leaves the supplies of its deck"},
         ),
-        _case(
+        _gates(
             "packets_nearly_doubled",
-            World(_SOME, {"charge_packet": {"packet_error": 0.999}}),
-            ALL,
-            analog=World(_FEW, {"charge_packet": {"packet_error": 0.999}}),
+            "A packet of 1.999 ideal ones takes the charge far below the preset each time: half of the codes.",
+            World(_SOME, {"charge_packet": {"packet_error": 0.999}}, analog=_FEW),
         ),
-        _case(
+        _gates(
             "all_effects_at_once",
-            World(_SOME, together),
-            ("event", "icarus", "verilator", "cosim"),
-            refused=no("leak, window, delay or range"),
-            analog=World(_FEW, together),
-            certificate=1e-6,
+            "Leak, window, delay, range and preset error together: five kinds of interval in a clock.",
+            World(_SOME, _TOGETHER, analog=_FEW),
+            engines=LOOPS,
         ),
-        _case(
+        _gates(
             "opposite_edge_latch",
-            World(EVERY_CODE, latch=True),
-            ("event", "icarus", "cosim"),
-            refused={"closed": "has no charge delay: the same formula"} | _LATER,
-            analog=World((2 / GATE, 0.1, 1 / 3, 0.5), latch=True),
+            "The flip-flop + latch of Fig. 2 takes the packet half a clock earlier; every code stays the same.",
+            World(EVERY_CODE, latch=True, analog=(2 / GATE, 0.1, 1 / 3, 0.5)),
+            engines=("event", "icarus", "cosim"),
             short=True,
+            expected="code c of x = c / 510",
+        ),
+        _gates(
+            "ghost_behind_312_ohm",
+            "x = 0.8 leaves 153 packets in its slot; the preset must remove all of them before the next row.",
+            World((250 / 312,) * 8 + (2 / GATE,) * 8, rows=2, analog=(250 / 312,) * 2 + (2 / GATE,) * 2),
+            engines=("closed", "event", "icarus", "cosim"),
+            short=True,
+            expected="255, then 2",
         ),
     ]
 
 
-# ---- scale ---------------------------------------------------------------------------------------------------
-
-
-def _of_scale() -> list[Case]:
-    slow = 1e-9 / 5e6
+def _of_scale_and_time() -> list[Case]:
+    decades = [{"i0_a": 10.0**n, "c_int_f": 10.0 ** (n - 6)} for n in range(-9, 1)]
     return [
-        _measured(
-            "packets_of_1e_21_to_1e_9_coulomb",
-            {e: functools.partial(converter_inputs.packets, e) for e in ("closed", "event", "icarus")},
-            refused=_LATER | {"cosim": "see packets_of_the_range_of_scenes"},
-            short=True,
+        _gates(
+            "reference_currents_of_the_range_of_scenes",
+            "Packets of 2e-16 to 2e-7 C, down to a thousand electrons, where a simulator's abstol is 1e-12 A.",
+            *(World((0.0, *_FEW), interface=decade, analog=_FEW) for decade in decades),
+            expected="the ideal codes: only ratios count",
         ),
-        _case(
-            "packets_of_the_range_of_scenes",
-            World((0.0, *_FEW), interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
-            ALL,
-            why=f"The lowest reference current that a scene may have: packets of {slow:.0e} C, where a "
-            "simulator's abstol is 1e-12 A.",
-            analog=World(_FEW, interface={"i0_a": 1e-9, "c_int_f": 1e-15}),
+        _gates(
+            "smallest_and_largest_mirror_ratio",
+            "k = 20 and 160: the unit of resistance is 1000 and 125 ohm, whose last digit every taxel inherits.",
+            *(World(EVERY_CODE[::3], interface={"k": k}, analog=_FEW) for k in (20, 160)),
+            expected="the ideal codes",
         ),
-        _case(
-            "largest_reference_current",
-            World((0.0, *_FEW), interface={"i0_a": 1.0, "c_int_f": 1e-6}),
-            ALL,
-            analog=World(_FEW, interface={"i0_a": 1.0, "c_int_f": 1e-6}),
-        ),
-        *(
-            _case(
-                f"{word}_mirror_ratio",
-                World(EVERY_CODE[::3], interface={"k": k}),
-                ALL,
-                analog=World(_FEW, interface={"k": k}),
-            )
-            for word, k in (("smallest", 20), ("largest", 160))
-        ),
-        _case(
+        _gates(
             "counters_at_full_scale",
+            "A gate of 2000 clocks gives 1000 ones to a counter of 8 bits and a spare one: it must saturate.",
             World((0.05, 0.1, 0.1275, 0.128, 0.2, 0.2555, 0.256, 0.3, 0.5, 0.75, 2.0), gate=2000),
-            ("closed", "event", "icarus"),
-            refused=_LATER
-            | {"cosim": "the counter is the same Verilog; four gates of ngspice would show no more"},
+            engines=("closed", "event", "icarus"),
+            expected="min(255, count)",
         ),
-    ]
-
-
-# ---- time ----------------------------------------------------------------------------------------------------
-
-
-def _of_time() -> list[Case]:
-    duties = (0.1, 123 / 510, 1 / 3, math.sqrt(2) / 3, 0.4999999999, 0.5)
-    billion = 10**9
-    return [
-        _measured(
+        _case(
             "a_billion_clocks",
+            "A sum of 10^9 duties without a short binary form: one rounding a clock is 5e-8 packets.",
+            "floor(10^9 x + 1/2), with a remaining charge of -1/2 + 10^9 x less that",
             {
-                "closed": functools.partial(converter_runs.many_clocks, "closed", billion, duties),
-                "event": functools.partial(converter_runs.many_clocks, "event", billion, duties[:1]),
-                "event_shorter": functools.partial(
-                    converter_runs.many_clocks, "event", billion // 20, duties
-                ),
+                "closed": partial(runs.many_clocks, "closed", _BILLION, _LONG),
+                "event": partial(runs.many_clocks, "event", _BILLION, _LONG[:1]),
+                "event_shorter": partial(runs.many_clocks, "event", _BILLION // 20, _LONG),
             },
+            "the only count that leaves a charge in -1 .. 0, in rationals (exact.count_and_rest)",
+            "the rounding of each sum is carried on, so the last two remain: twice half an ulp below 1, 2^-53",
             limit=2.0**-52,
             unit="packets",
-            refused=_BELOW_SCENES,
         ),
-        _measured(
+        _case(
             "ripple_after_a_billion_frames",
-            {"event": functools.partial(converter_inputs.ripple, billion)},
+            "The supply has rippled for 23 days: the phase in a slot is the remainder of 2e11 turns.",
+            "the mean of 1 + r sin over the gate",
+            {"event": partial(runs.ripple, _BILLION)},
+            "phase in rationals from whole clocks, integral in 50 digits",
+            "a sum of 510 sines rounds by 1e-13 of a duty of 0.2; a phase lost to time showed as 2e-8",
             limit=1e-13,
             unit="packets a clock",
-            refused={
-                "closed": _NO_LEAK["closed"].format("ripple"),
-                "icarus": "reads the same currents as event",
-                "verilator": "as icarus",
-                "cosim": "a run of ngspice begins with its first frame",
-            },
+            refused={"icarus": "reads the same currents as event"},
         ),
-        _measured(
-            "jitter_of_a_clock_and_more",
-            {
-                f"scene_{word}": functools.partial(
-                    converter_inputs.refused,
-                    {"effects": {"clock_jitter": {"t_s": t_s}}},
-                    "effects.clock_jitter.t_s",
-                )
-                for word, t_s in (("three_clocks", 6e-7), ("a_clock", 2e-7), ("just_above", 2.0001e-8))
-            },
-            tolerance=_TYPED,
-            short=True,
-        ),
-        _measured(
+        _case(
             "jitter_of_a_tenth_of_a_clock",
-            {"event": functools.partial(converter_inputs.jitter, 2e-8)},
+            "The largest jitter allowed: 1.4 packets rms in a gate, samples a tenth of a clock early or late.",
+            "mean and spread of the codes of a walk from edge to edge with its own random numbers",
+            {"event": partial(runs.jitter, 2e-8)},
+            "5120 such walks (converter_runs.jitter)",
+            "five standard errors, exceeded by chance once in a million; the seeds are fixed",
             limit=5.0,
             unit="sigma",
-            refused={"closed": _NO_LEAK["closed"].format("jitter")}
-            | dict.fromkeys(("icarus", "verilator", "cosim"), "draws no random numbers: event does"),
+            refused={"icarus": "draws no random numbers: event does"},
         ),
     ]
 
 
-# ---- traps ---------------------------------------------------------------------------------------------------
-
-
-def _of_traps() -> list[Case]:
-    same = {
-        "verilator": "a build of 20 s for this alone; tb/rtl/traps has both simulators",
-        "cosim": "as verilator",
-    }
-    return [
-        _measured(
-            "ghost_behind_312_ohm_with_preset",
-            {e: functools.partial(converter_inputs.ghost, e) for e in ALL},
-            short=True,
-        ),
-        _measured(
-            "ghost_behind_312_ohm_without_preset",
-            {e: functools.partial(converter_inputs.ghost_unpreset, e) for e in ("closed", "event", "icarus")},
-            refused=same,
-        ),
-        *(
-            _measured(
-                name,
-                {"icarus": functools.partial(converter_inputs.trap, trap)},
-                refused={"closed": "knows the right synchronizer only", "event": "as closed"} | same,
-            )
-            for name, trap in (
-                ("synchronizer_gated_by_its_second_flop", "sync_second_qbar"),
-                ("synchronizer_gated_by_both_flops", "sync_both_qbar"),
-            )
-        ),
-    ]
-
-
-# ---- refusals ------------------------------------------------------------------------------------------------
-
-
-def _of_refusals() -> list[Case]:
-    return [
-        _measured(
-            "every_number_of_a_scene_as_nan_and_infinity",
-            {"scene": converter_inputs.every_number_refused},
-            tolerance=_TYPED,
-            unit="keys let through",
-            limit_s=30.0,
-        ),
-        _measured(
-            "resistances_that_are_none",
-            {"scene": converter_inputs.bad_resistances},
-            tolerance=_TYPED,
-            unit="let through",
-            short=True,
-        ),
-        _measured(
-            "duty_that_is_no_number",
-            {"closed": converter_inputs.nan_duty},
-            tolerance=_TYPED,
-            unit="let through",
-            short=True,
-            refused=dict.fromkeys(
-                ("event", "icarus", "verilator", "cosim"),
-                "its duties come from currents, which are checked where they are solved",
-            ),
-        ),
-    ]
+def cases() -> list[Case]:
+    """Return every case of this module."""
+    return [*_of_duties(), *_of_leak(), *_of_levels(), *_of_scale_and_time()]

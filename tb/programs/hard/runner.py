@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run hard cases: each case with each engine in a worker process with a time limit, judged by the
-limit of the case.
-"""
+"""Run hard cases: each with each engine in a worker process with a time limit."""
 
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Sequence
 
 import click
 
@@ -17,24 +15,36 @@ from dermis.places import ROOT
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from scripts import workers
-from tb.programs import hard
-from tb.programs.hard import Case, Measured
+from tb.programs.hard import converter, decks, inputs, networks
+from tb.programs.hard.case import Case, Measured
 
 DOCS = "build/hard_cases.md"
 
-PREPARE_LIMIT_S = 900.0
-"""Time limit for loops that Numba compiles and Verilog that Verilator builds: 60 s on an idle
-core.
-"""
+MODULES = {"input": inputs, "array": networks, "converter": converter, "circuit": decks}
+"""Group -> module with `cases()`; the quickest first, so that a table is there within seconds."""
 
-NGSPICE = ("circuit", "stiff")
-"""Groups with a new process for each run, as ngspice keeps failed circuits.
-"""
+FRESH = ("circuit",)
+"""Groups with a new process for each run, as ngspice keeps failed circuits."""
 
 SLOW = ("cosim", "verilator")
 """Runs left out of the short set: processes and builds take seconds, and the tests of these engines
 cover them.
 """
+
+
+def all_cases() -> list[Case]:
+    """Return every case of every module.
+
+    Raises
+    ------
+    ValueError
+        Two cases have the same name.
+    """
+    found = [case for module in MODULES.values() for case in module.cases()]
+    twice = [name for name, count in Counter(case.name for case in found).items() if count > 1]
+    if twice:
+        raise ValueError(f"two hard cases are named {twice[0]}")
+    return found
 
 
 def chosen(words: Sequence[str], short: bool) -> list[Case]:
@@ -46,57 +56,45 @@ def chosen(words: Sequence[str], short: bool) -> list[Case]:
     InputError
         There is none.
     """
-    found = [
-        case
-        for case in hard.all_cases()
-        if (case.short or not short)
-        and (not words or any(word in case.name or word == case.group for word in words))
-    ]
-    if short:
-        quick = [{name: run for name, run in case.runs.items() if name not in SLOW} for case in found]
-        found = [dataclasses.replace(case, runs=runs) for case, runs in zip(found, quick, strict=True)]
+    found = []
+    for case in all_cases():
+        if words and not any(word in case.name or word == case.group for word in words):
+            continue
+        if short:
+            quick = {name: run for name, run in case.runs.items() if name not in SLOW and case.short}
+            case = dataclasses.replace(case, runs=quick)
+        if case.runs:
+            found.append(case)
     if not found:
         what = " ".join(words) or "(nothing)"
         raise InputError("command line", "--only", what, "part of a name that --list shows, or a group")
     return found
 
 
-def run(cases: Sequence[Case], jobs: int) -> list[Row]:
-    """Run cases and return a row for each run, in the order of the cases; `seconds` in a row is its
-    wall time.
+def run(cases: Sequence[Case], jobs: int, group: str) -> list[Row]:
+    """Run the cases of a group and return a row for each run, in the order of the cases, then one for
+    each reason of skipped cases.
     """
-    pairs = [(case, name) for case in cases for name in case.runs]
-    rows: dict[tuple[str, str], Row] = {}
-    with progress.slots("hard", len(pairs), "runs") as tell:
-        for fresh in (False, True):
-            own = [pair for pair in pairs if (pair[0].group in NGSPICE) == fresh]
-            # A generator: the limit depends on the load when a run begins.
-            tasks = (workers.Task(case.runs[name], (), case.limit_s * _busy()) for case, name in own)
-            for number, outcome in workers.run(tasks, jobs, fresh=fresh):
-                case, name = own[number]
-                row = rows[case.name, name] = row_of(case, name, outcome)
-                if row["status"] != "PASS":  # at once, as the rest may take minutes
-                    click.echo(_wrong(row), err=True)
-                tell(len(rows), f"after {case.name} in {name}")
-    found = []
-    for case in cases:
-        found += [rows[case.name, name] for name in case.runs]
-        found += [verdict.skip(_name(case, engine), why, case.unit) for engine, why in case.refused.items()]
-    return found
-
-
-def _busy() -> float:
-    """Return the number of processes per core, at least 1: a run takes this factor longer."""
-    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-
-
-def _name(case: Case, engine: str) -> str:
-    return f"{case.group}.{case.name}.{engine}"
+    own = [case for case in cases if case.group == group]
+    pairs = [(case, name) for case in own for name in case.runs]
+    rows: list[Row] = [{}] * len(pairs)
+    with progress.slots(f"hard {group}", len(pairs), "runs") as tell:
+        # A generator: the limit depends on the load when a run begins.
+        tasks = (workers.Task(case.runs[name], (), case.limit_s * workers.busy()) for case, name in pairs)
+        for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=group in FRESH), 1):
+            row = rows[number] = row_of(*pairs[number], outcome)
+            if row["status"] != "PASS":  # at once, as the rest may take minutes
+                click.echo(f"{row['status']} {row['name']}: {row['value']}: {row['note']}", err=True)
+            tell(done, row["name"])
+    skipped = Counter(reason for case in own for reason in case.refused.items())
+    for (engine, why), count in skipped.items():
+        rows.append(verdict.skip(f"{group}.{engine}", f"{count} case{'s' * (count > 1)}: {why}"))
+    return rows
 
 
 def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
-    """Judge the outcome of a run."""
-    name, found, seconds = _name(case, engine), outcome.value, outcome.seconds
+    """Judge the outcome of a run; `seconds` in the row is its wall time."""
+    name, found = f"{case.group}.{case.name}.{engine}", outcome.value
     if outcome.fault:
         row = verdict.error(name, outcome.fault, case.unit)
     elif not isinstance(found, Measured):
@@ -104,85 +102,29 @@ def row_of(case: Case, engine: str, outcome: workers.Outcome) -> Row:
     else:
         error = None if found.error is None else abs(found.error)
         row = verdict.within(name, error, case.unit, None, case.limit, found.note)
-        seconds = seconds if found.seconds is None else found.seconds
-    return row | {"max": case.limit, "seconds": round(seconds, 4)}
-
-
-def prepare(cases: Sequence[Case]) -> Iterator[Row]:
-    """Compile code of the cases before the timed runs; yield an ERROR row for each module that
-    failed.
-    """
-    names = {case.name for case in cases}
-    for module in hard.modules():
-        own = tuple(case for case in module.cases() if case.name in names)
-        if not own or not hasattr(module, "prepare"):
-            continue
-        for _, outcome in workers.run([workers.Task(module.prepare, (own,), PREPARE_LIMIT_S)], 1):
-            if outcome.fault:
-                yield verdict.error(f"{own[0].group}.prepare", outcome.fault)
-
-
-def _print(cases: Sequence[Case], rows: Sequence[Row]) -> None:
-    """Print a line for each case, then missed and unmeasured runs, and the counts."""
-    for case in cases:
-        runs = [_said(row) for row in _of(case, rows) if row["status"] != "SKIP"]
-        click.echo(f"{case.group} {case.name}: {'; '.join(runs)}")
-    for row in rows:
-        if row["status"] not in ("PASS", "SKIP"):
-            click.echo(_wrong(row))
-    click.echo(summary(cases, rows))
-
-
-def _wrong(row: Row) -> str:
-    return f"{row['status']} {row['name']}: {row['value']} {row['unit']}: {row['note']}"
-
-
-def summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
-    """Return the number of runs by status, and their time."""
-    counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in verdict.COLOURS)
-    timed = [row for row in rows if "seconds" in row]
-    if not timed:
-        return f"{len(cases)} cases, no runs: {counts}"
-    longest = max(timed, key=lambda row: row["seconds"])
-    return (
-        f"{len(cases)} cases, {len(timed)} runs: {counts}; {sum(row['seconds'] for row in timed):.0f} s in all, "
-        f"the longest {longest['seconds']:.2g} s ({longest['name']})."
-    )
-
-
-def _of(case: Case, rows: Sequence[Row]) -> list[Row]:
-    return [row for row in rows if row["name"].startswith(f"{case.group}.{case.name}.")]
-
-
-def _said(row: Row) -> str:
-    engine = row["name"].rsplit(".", 1)[1]
-    if row["status"] == "SKIP":
-        return f"{engine}: not expressible, {row['note']}"
-    value = "ERROR" if row["value"] is None else f"{row['value']:.2g}"
-    miss = " FAIL" if row["status"] == "FAIL" else ""
-    return f"{engine} {value}{miss} ({row['seconds']:.2g} s)"
+    return row | {"max": case.limit, "seconds": round(outcome.seconds, 4)}
 
 
 def table(cases: Sequence[Case], rows: Sequence[Row]) -> str:
-    """Return the cases as Markdown, a line each with error and seconds of its runs."""
+    """Return the cases as Markdown, a line each with the errors of its runs."""
+    counts = ", ".join(f"{sum(row['status'] == s for row in rows)} {s}" for s in verdict.COLOURS)
     lines = [
-        summary(cases, rows),
+        f"{len(cases)} cases, {sum('seconds' in row for row in rows)} runs: {counts}.",
         "",
-        "| group | case | why it is hard | expected, and source | tolerance | error (seconds) |",
+        "| group | case | why it is hard | expected, and source | tolerance | error |",
         "|---|---|---|---|---|---|",
     ]
     for case in cases:
-        cells = [
-            case.group,
-            f"`{case.name}`",
-            case.why,
-            f"{case.expected}; {case.source}",
-            f"{case.limit:g} {case.unit}: {case.tolerance}",
-            "; ".join(_said(row) for row in _of(case, rows)),
-        ]
-        cells = [" ".join(cell.split()).replace("|", "\\|") for cell in cells]
-        lines.append(f"| {' | '.join(cells)} |")
+        own = [row for row in rows if row["name"].startswith(f"{case.group}.{case.name}.")]
+        cells = [case.group, f"`{case.name}`", case.why, f"{case.expected}; {case.source}"]
+        cells += [f"{case.limit:g} {case.unit}: {case.tolerance}", "; ".join(_said(row) for row in own)]
+        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _said(row: Row) -> str:
+    value = "" if row["value"] is None else f" {row['value']:.2g}"
+    return f"{row['name'].rpartition('.')[2]}{value} {row['status']}"
 
 
 @click.command("hard")
@@ -204,9 +146,12 @@ def hard_command(only: tuple[str, ...], short: bool, jobs: int, docs: bool, list
         for case in cases:
             click.echo(f"{case.group:10} {case.name:45} {' '.join(case.runs)}")
         return 0
-    rows = [*prepare(cases), *run(cases, jobs)]
+    rows: list[Row] = []
+    for group in dict.fromkeys(case.group for case in cases):
+        found = run(cases, jobs, group)
+        verdict.print_rows(found, f"Hard cases: {group}")
+        rows += found
     verdict.write_rows("hard", rows)
-    _print(cases, rows)
     if not (only or short):
         write_atomic(ROOT / DOCS, table(cases, rows))
         click.echo(f"written: {DOCS}")

@@ -10,7 +10,6 @@ import pytest
 from rtl_run import changed, simulate
 
 from scripts.lint import header_values
-from tb.programs.hard.converter_inputs import scanner_that_presets_once
 from tb.reference.chip import Duty, code, duty_of_resistance
 
 pytestmark = pytest.mark.timeout(120)
@@ -150,6 +149,23 @@ def counts_without_preset(x_rows: list[Duty], gate_clocks: int, settle_clocks: i
             count += last if counting else 0
         counts.append(min(511, count))
     return counts
+
+
+def scanner_that_presets_once(directory: Path) -> Path:
+    """Write a copy of the row scanner that presets only in the first settle after enable."""
+    text = (ROOT / "rtl" / "dermis_row_scanner.v").read_text()
+    old = "  assign preset_o       = preset_q;\n"
+    if text.count(old) != 1:
+        raise ValueError("rtl/dermis_row_scanner.v no longer has the line to change")
+    new = """  reg gated_q;
+  always @(posedge clk_i or negedge rst_ni)
+    if (!rst_ni) gated_q <= 1'b0;
+    else         gated_q <= active_q & (gated_q | ~preset_q);
+  assign preset_o      = preset_q & ~(gated_q & active_q);
+"""
+    wrong = directory / "scanner_that_presets_once.v"
+    wrong.write_text(text.replace(old, new))
+    return wrong
 
 
 @pytest.mark.long
