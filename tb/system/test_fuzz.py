@@ -4,20 +4,19 @@
 from __future__ import annotations
 
 import os
+import sys
+import types
 from pathlib import Path
-from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from hypothesis import strategies as st
 
 from dermis import engines, plan
 from dermis.chip import spi_protocol as spi
 from dermis.errors import InputError
-from dermis.report import verdict
 from dermis.scene import scene, schema, stimulus
 from scripts import workers
-from scripts.checkpoint import Checkpoint
-from tb.programs.fuzz import command, oracle, session, target
+from tb.programs.fuzz import command, oracle, runner
 from tb.programs.fuzz.faults import FAULTS
 from tb.reference import chip
 
@@ -25,6 +24,7 @@ QUICK = ("short_answer",)
 """Seeded faults of the default run; preparing other targets takes longer."""
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("name", "inputs"),
     [
@@ -36,134 +36,76 @@ QUICK = ("short_answer",)
         pytest.param("registers", 1000, marks=pytest.mark.long),
     ],
 )
-def test_a_short_run_finds_nothing(tmp_path: Path, name: str, inputs: int) -> None:
-    piece = command.alone(session.fuzz, name, inputs, 7, str(tmp_path / "last"))
-    assert piece["found"] == []
-    counts = piece["counts"]
-    assert counts["inputs"] == inputs
-    assert counts["taken"]
-    assert bool(counts.get("refused")) == (name != "registers")
+def test_a_short_run_finds_nothing(name: str, inputs: int) -> None:
+    made = runner.alone(runner.fuzz, name, inputs, 7)
+    assert made["found"] == {}
+    assert made["inputs"] == inputs
+    assert made["taken"]
+    assert bool(made.get("refused")) == (name != "registers")
 
 
+@pytest.mark.timeout(600)
 def test_stored_findings_are_cured() -> None:
-    files = [str(path) for path in command.FOUND.iterdir() if not path.name.startswith("registers")]
+    files = [path for path in runner.FOUND.iterdir() if not path.name.startswith("registers")]
     assert len(files) > 10
-    assert command.alone(session.replay, files) == []
+    assert runner.alone(runner.replay, files) == []
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.long] * (n not in QUICK)) for n in FAULTS]
 )
 def test_a_seeded_fault_is_seen(name: str) -> None:
-    seen = command.alone(session.seeded, name, command.SEEDED_INPUTS, 0)
-    assert seen["kind"] in FAULTS[name].kinds, seen
+    assert runner.alone(runner.fuzz, FAULTS[name].target, command.SEEDED_INPUTS, 0, name)["found"]
 
 
-def test_the_place_of_a_finding_has_no_directory_and_no_line_number() -> None:
-    with pytest.raises(InputError) as caught:
-        schema.read_toml(Path("/no/such/dermis/fuzz/file.toml"))
-    assert oracle.place_of(caught.value) == "scene.schema.read_bytes"
-    assert oracle.place_of(ValueError()) == "the package"
+def test_a_finding_is_shrunk_and_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A target whose defect is any input with a "!"; the next run starts with it."""
+
+    def run(data: bytes, place: Path) -> str:
+        if b"!" in data:
+            raise oracle.Finding("escape", "made.up", repr(data))
+        return "taken"
+
+    texts = st.text(alphabet="ab!", max_size=40).map(str.encode)
+    target = types.SimpleNamespace(strategy=lambda: texts, prepare=lambda place: None, run=run)
+    monkeypatch.setitem(sys.modules, "tb.programs.fuzz.target_made", target)
+    monkeypatch.setattr(runner, "WORK", tmp_path)
+    monkeypatch.setattr(runner, "FOUND", tmp_path)
+    assert runner.fuzz("made", 200, 1)["found"] == {"escape made.up": "escape in made.up: b'!'"}
+    [stored] = tmp_path.glob("made_escape_*")
+    assert stored.read_bytes() == b"!"
+    assert runner.replay([stored]) == [f"{stored.name}: escape in made.up: b'!'"]
+    assert runner.fuzz("made", 1, 2, stored=True)["found"]
 
 
-class _Made:
-    """A target whose defect is any input with a "!"."""
-
-    @staticmethod
-    def load(name: str) -> target.Target:
-        from hypothesis import strategies as st
-
-        def run(data: bytes, place: Path) -> str:
-            if b"!" in data:
-                raise oracle.Finding("escape", "made.up", repr(data))
-            return "taken"
-
-        texts = st.text(alphabet="ab!", max_size=40).map(str.encode)
-        return target.Target(lambda: texts, lambda place: None, run, ())
-
-
-def test_a_finding_is_shrunk_and_the_round_runs_all_its_inputs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(session.target, "load", _Made.load)
-    monkeypatch.setattr(oracle, "limit_memory", lambda *_: None)
-    piece = session.fuzz("made", 200, 1, str(tmp_path / "last"))
-    assert [one["data"] for one in piece["found"]] == ["!"]
-    assert piece["counts"]["inputs"] == 200
-    again = session.fuzz("made", 200, 1, str(tmp_path / "last"))
-    assert again["found"] == piece["found"]
-    assert again["counts"]["taken"] == piece["counts"]["taken"]
-
-
-def _workers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **fails: str) -> list[str]:
-    """Replace the worker processes; return the list of names that they are asked for."""
+def test_faults_and_deaths_fail_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that dies is a finding with its last input; a seeded fault that nothing met is missed."""
     monkeypatch.setattr(command, "WORK", tmp_path)
-    monkeypatch.setattr(command, "FOUND", tmp_path / "found")
-    monkeypatch.setattr(verdict, "write_rows", lambda target, rows: None)
-    asked: list[str] = []
-
-    def run(tasks: Any, count: int, fresh: bool = False) -> Any:
-        for number, task in enumerate(tasks):
-            asked.append(task.function.__name__)
-            fault = fails.get(task.arguments[0], "") if task.function is session.fuzz else ""
-            value: Any = [3, 4]
-            if task.function is session.fuzz:
-                Path(task.arguments[3]).write_bytes(b"deadly")
-                value = {"counts": {"inputs": task.arguments[1], "taken": 1, "seconds": 1}, "found": []}
-            yield number, workers.Outcome(None if fault else value, fault)
-
-    monkeypatch.setattr(workers, "run", run)
-    return asked
+    monkeypatch.setattr(runner, "FOUND", tmp_path)
+    [dies], tally = command.tasks_of(("spi",), 10, 3, False, False), command.Tally()
+    (tmp_path / "spi.30000.last").write_bytes(b"deadly")
+    tally.add(dies, workers.Outcome(fault="crashed: SIGSEGV"))
+    [stored] = tmp_path.glob("spi_crash_*")
+    assert stored.read_bytes() == b"deadly"
+    for fault in ("a", "b"):
+        task = workers.Task(runner.fuzz, ("spi", 10, 3, fault, False))
+        tally.add(task, workers.Outcome({"inputs": 10, "found": {"x": "y"} if fault == "a" else {}}))
+    rows = {row["name"]: (row["value"], row["status"]) for row in tally.rows()}
+    assert rows["fuzz.findings.spi"] == (1, "FAIL")
+    assert rows["fuzz.seeded_faults_missed"] == (1, "FAIL")
 
 
-def _run(*words: str) -> tuple[int, str]:
-    told = CliRunner().invoke(command.fuzz_command, words, standalone_mode=False)
-    return told.return_value, told.output
-
-
-def test_a_run_continues_and_other_code_starts_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = _workers(monkeypatch, tmp_path)
-    words = ("--only", "spi", "--inputs", "4001", "--no-faults")
-    code, said = _run(*words)
-    assert (code, asked.count("fuzz")) == (0, 3)
-    assert "every input ran before" not in said
-    assert "every input ran before" in _run(*words)[1]
-    assert asked.count("fuzz") == 3
-    monkeypatch.setattr(command, "stamp", lambda *folders: "another")
-    _run(*words)
-    assert asked.count("fuzz") == 6
-
-
-def test_a_process_that_dies_leaves_its_last_input_and_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _workers(monkeypatch, tmp_path, spi="crashed: SIGSEGV")
-    code, said = _run("--only", "spi", "--inputs", "10", "--no-faults")
-    assert code == 1
-    assert "crash of spi.0.10" in " ".join(said.split())
-    assert [path.read_bytes() for path in (tmp_path / "found").iterdir()] == [b"deadly"]
-    wanted, pieces = {"spi": 10}, Checkpoint(tmp_path / "none", "").pieces
-    rows = {r["name"]: r["status"] for r in command.rows_of(wanted, pieces, {"spi.1.10": "hangs"}, {})}
-    assert (rows["fuzz.ends.spi"], rows["fuzz.inputs.spi"]) == ("ERROR", "FAIL")
-
-
-def test_an_unseen_fault_fails() -> None:
-    seen = {"a": {"kind": "line", "inputs": 1}, "b": {"kind": "", "inputs": 9}}
-    row = command.rows_of({}, {}, {}, seen)[-1]
-    assert (row["name"], row["value"], row["status"]) == ("fuzz.seeded_faults_missed", 1, "FAIL")
-
-
-@pytest.mark.parametrize("part", [["--only", "spi"], ["--inputs", "5"], ["--no-faults"]])
-def test_tables_of_a_part_are_not_written(part: list[str]) -> None:
-    told = CliRunner().invoke(command.fuzz_command, ["--docs", *part])
-    assert isinstance(told.exception, InputError)
-    assert str(told.exception).startswith("command line: --docs = with --only")
+def test_the_inputs_of_a_run_are_split_into_rounds() -> None:
+    tasks = command.tasks_of(runner.NAMES, None, 0, True, True)
+    assert sum(task.arguments[1] for task in tasks if not task.arguments[3]) >= 100_000
+    assert max(task.arguments[1] for task in tasks if not task.arguments[3]) == command.ROUND
+    assert {task.arguments[3] for task in tasks} == {"", *FAULTS}
 
 
 def test_a_large_sheet_is_refused_without_solving_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """To name engines took over 100 s of processor time at 255 x 40; small sheets are still asked by value."""
-    made = plan.make(scene.load(command.FOUND / "scene_time_settling"))
+    made = plan.make(scene.load(runner.FOUND / "scene_time_settling"))
     asked: list[str] = []
     monkeypatch.setattr(engines, "refuses", lambda plan, engine: asked.append(engine))
     with pytest.raises(InputError, match=r"engine event where its values allow it$"):
@@ -259,7 +201,10 @@ def test_the_reference_model_follows_the_document() -> None:
 
 def test_what_an_oracle_lets_through(tmp_path: Path) -> None:
     """Each oracle alone, with a call that it must see and one that it must not."""
-    inside = oracle.inside(tmp_path)
+
+    def inside(path: Path) -> bool:
+        return tmp_path in path.parents
+
     assert oracle.judge(lambda: (tmp_path / "x").write_text("x"), inside) == "taken"
     seen = {}
     calls = {
@@ -274,13 +219,13 @@ def test_what_an_oracle_lets_through(tmp_path: Path) -> None:
             oracle.judge(call, inside)
         seen[kind] = found.value.kind
     assert seen == {kind: kind for kind in calls}
+    with pytest.raises(InputError) as caught:
+        schema.read_toml(Path("/no/such/dermis/fuzz/file.toml"))
+    assert oracle.place_of(caught.value) == "scene.schema.read_bytes"
+    assert oracle.place_of(ValueError()) == "the package"
     assert not (tmp_path.parent / "beside").exists()
     with pytest.raises(oracle.Finding, match="time"):
-        oracle.judge(
-            _work,
-            inside,
-            cpu_s=0.05,
-        )
+        oracle.judge(_work, inside, cpu_s=0.05)
     with pytest.raises(oracle.Finding, match="caught"):
         oracle.judge(_swallows, inside)
 

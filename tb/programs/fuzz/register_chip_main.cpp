@@ -90,5 +90,6 @@ int main() {
     fwrite(out.data(), 1, out.size(), stdout);
     fflush(stdout);
   }
+  chip.reset();  // before Verilator's own context
   return 0;
 }

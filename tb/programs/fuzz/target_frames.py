@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Target `frames`: the file of a scene's frames as csv, npy, npz, or as a link, a pipe, a
-device.
+"""Target `frames`: the file of a scene's frames as csv, npy, npz, or as a link, a pipe, a device.
+
+An input has HEAD bytes before the content: places in THINGS, NAMES, TABLES and KEYS, the number of
+bytes at the end that repeat, and the power of two of the size up to which they repeat (0: not).
 """
 
 from __future__ import annotations
@@ -19,16 +21,11 @@ from hypothesis import strategies as st
 
 from dermis import plan as planning
 from dermis.scene import scene as scenes
-from tb.programs.fuzz import inputs, oracle, scene
-from tb.programs.fuzz.target import Target
+from tb.programs.fuzz import inputs, oracle, target_scene
 
 HEAD = 6
-"""Bytes before the content: what is there, ending, table, key, bytes of the repeated end, size
-after repeats.
-"""
-
-GROWN_MAX = 1 << 22
-"""Bytes of a file whose end repeats: enough for memory that grows faster than the file."""
+POWER_MAX = 22
+"""4 MB: enough for memory that grows faster than the file."""
 
 
 def _link(to: str) -> Callable[[Path, bytes], None]:
@@ -46,10 +43,8 @@ def _sparse(path: Path, data: bytes) -> None:
 
 
 def _socket(path: Path, data: bytes) -> None:
-    directory = os.open(path.parent, os.O_RDONLY)
     with socket.socket(socket.AF_UNIX) as made:
-        made.bind(f"/proc/self/fd/{directory}/{path.name}")  # the name of a socket has 107 characters at most
-    os.close(directory)
+        made.bind(os.path.relpath(path))  # the name of a socket has 107 characters at most
 
 
 _DEVICES = (
@@ -57,30 +52,27 @@ _DEVICES = (
     "/proc/self/environ", "/proc/self/maps", "/proc/kmsg", "/", "/etc/shadow", "/nonexistent/x",
 )  # fmt: skip
 THINGS: tuple[Callable[[Path, bytes], Any], ...] = (
-    *[Path.write_bytes] * 40, _linked_file, _sparse, _socket, lambda path, data: path.mkdir(),
+    Path.write_bytes, _linked_file, _sparse, _socket, lambda path, data: path.mkdir(),
     lambda path, data: os.mkfifo(path), lambda path, data: None, _link("loop.csv"),
     *(_link(device) for device in _DEVICES),
 )  # fmt: skip
-"""Makers of the object at the path of a frame file, chosen by the first byte of the input."""
+"""Makers of the object at the path of a frame file."""
 
 NAMES = (
-    *["loop.csv", "loop.npy", "loop.npz"] * 12, "loop.CSV", "loop.txt", "loop", "", ".", "..", "loop.csv/",
-    "loop.csv\x00", "a\nb.csv", "\x1b[2J.npy", "\u202evsc.csv", "n" * 400 + ".csv", "d/" * 3000 + "x.csv", "~/x.csv",
-    "$(touch x).csv", "-.csv", " .csv", "\U0001f9a0.npy",
+    "loop.csv", "loop.npy", "loop.npz", "loop.CSV", "loop.txt", "loop", "", ".", "..", "loop.csv/", "loop.csv\x00",
+    "a\nb.csv", "\x1b[2J.npy", "\u202evsc.csv", "n" * 400 + ".csv", "d/" * 3000 + "x.csv", "~/x.csv", "$(touch x).csv",
+    "-.csv", " .csv", "\U0001f9a0.npy",
 )  # fmt: skip
 TABLES: tuple[dict[str, Any], ...] = (
     {"kind": "frames", "unit": "codes"},
     {"kind": "frames", "unit": "newtons"},
     {"kind": "resistance"},
     {"kind": "frames", "unit": "newtons", "scale": 1e30},
-    {"kind": "frames", "unit": "codes", "select": "last"},
     {"kind": "frames", "unit": "codes", "select": [2, 0, 10**9]},
     {"kind": "resistance", "select": [0] * 300, "t_frame_s": 1.0, "resample": "linear"},
     {"kind": "frames", "unit": "codes", "t_frame_s": 1e9, "resample": "hold"},
 )
-KEYS = (None, None, None, "codes", "other", "", "codes.npy", "../codes", "a\nb", "x" * 500)
-GROWTHS = (0,) * 27 + (12, 16, 18, 20, 22)
-"""Powers of two of the size up to which the end repeats; few, for they take most of the time."""
+KEYS = (None, "codes", "other", "", "codes.npy", "../codes", "a\nb", "x" * 500)
 
 _TEXTS = (
     b"1,2\n3,4\n5,6\n", b"1,2,3,4,5,6\n" * 3, b"0.5,inf\n0,1e3\n1,nan\n", b" 1 , 2 \r\n\r\n3,4\r\n5,6", b"1,,\n",
@@ -96,7 +88,24 @@ _DTYPES = (
     "'<f8'", "'<i8'", "'|u1'", "'>f4'", "'<f2'", "'<f16'", "'|b1'", "'<c16'", "'|S9'", "'<U999999999'", "'<M8[ns]'",
     "'|V0'", "'|V99999999'", "'|O'", "('<f8', (1000,))", "[('a', '<f8'), ('b', '|O')]", "lambda",
 )  # fmt: skip
-_ORDERS = ("False", "False", "False", "True", "0", "None", "__import__('os').mkdir('x')")
+_ORDERS = ("False", "False", "True", "None", "__import__('os').mkdir('x')")
+_MEMBERS = ("codes.npy", "codes", "../x.npy", "a\nb.npy", "other.npy")
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+_PHRASES = (
+    "1,2\n",
+    ",",
+    "inf",
+    "nan",
+    "1e999",
+    "-0",
+    "0x1",
+    "\r",
+    "PK\x03\x04",
+    "1_0",
+    "+5",
+    "256",
+    "PK\x01\x02",
+)
 
 
 def _npy(array: Any, version: tuple[int, int] | None = None) -> bytes:
@@ -106,12 +115,11 @@ def _npy(array: Any, version: tuple[int, int] | None = None) -> bytes:
 
 
 def _header(dtype: str, order: str, shape: str, length: int) -> bytes:
-    text = f"{{'descr': {dtype}, 'fortran_order': {order}, 'shape': {shape}}}".encode()
-    text = text.ljust(max(0, 118 - 10)) + b"\n"
+    text = f"{{'descr': {dtype}, 'fortran_order': {order}, 'shape': {shape}}}".encode().ljust(108) + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(range(48))[:length]
 
 
-def _npz(members: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
+def _npz(members: dict[str, bytes], method: int) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method) as archive:
         for name, data in members.items():
@@ -119,69 +127,40 @@ def _npz(members: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
     return stream.getvalue()
 
 
-def file_inputs() -> st.SearchStrategy[bytes]:
+@st.composite
+def strategy(draw: st.DrawFn) -> bytes:
     """Draw what is at the place of a file, how a scene names it, and its content."""
     codes = np.array([[1, 2], [3, 4], [5, 6]])
     arrays = [_npy(codes.astype(t)) for t in ("u1", "i8", "f8", "f2", "g", "?", "c16", "S3", "M8[s]")]
     arrays += [_npy(codes[None].repeat(2, 0)), _npy(np.asfortranarray(codes)), _npy(codes, (3, 0)), _npy(3)]
-    arrays += [_npy(np.zeros(0)), _npy(np.full((3, 2), np.nan)), scene.pickled()]
-    headers = st.builds(
-        _header,
-        st.sampled_from(_DTYPES),
-        st.sampled_from(_ORDERS),
-        st.sampled_from(_SHAPES),
-        st.integers(0, 48),
-    )
+    arrays += [_npy(np.zeros(0)), _npy(np.full((3, 2), np.nan)), target_scene.pickled()]
+    headers = st.builds(_header, *map(st.sampled_from, (_DTYPES, _ORDERS, _SHAPES)), st.integers(0, 48))
     npy = st.sampled_from(arrays) | headers
-    members = st.dictionaries(
-        st.sampled_from(("codes.npy", "codes.npy", "codes", "../x.npy", "a\nb.npy", "other.npy")),
-        npy,
-        max_size=2,
-    )
-    methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-    zips = st.builds(_npz, members, st.sampled_from(methods))
-    zips |= st.just(_npz({"codes.npy": bytes(1 << 22)}, zipfile.ZIP_DEFLATED))
-    phrases = [
-        "1,2\n",
-        ",",
-        "inf",
-        "nan",
-        "1e999",
-        "-0",
-        "0x1",
-        "\r",
-        "PK\x03\x04",
-        "1_0",
-        "+5",
-        "256",
-        "PK\x01\x02",
-    ]
-    body = st.one_of(
-        st.tuples(st.just(0), st.sampled_from(_TEXTS)),
-        st.tuples(st.just(1), npy),
-        st.tuples(st.just(2), zips),
-    )
+    members = st.dictionaries(st.sampled_from(_MEMBERS), npy, max_size=2)
+    bomb = st.just({"codes.npy": bytes(1 << 22)})
+    contents = st.sampled_from(_TEXTS), npy, st.builds(_npz, members | bomb, st.sampled_from(_METHODS))
+    kind = draw(st.integers(0, 2))
+    data = draw(contents[kind])
+    head = [draw(st.integers(0, len(of) - 1)) for of in (THINGS, NAMES, TABLES, KEYS)]
+    if draw(st.integers(0, 3)):  # mostly a file of a name that fits
+        head[0] = 0
+    if draw(st.integers(0, 3)):
+        head[1], head[3] = kind, 0
+    # A large file takes most of the time.
+    head += [draw(st.integers(0, 16)), draw(st.sampled_from((0,) * 40 + (12, 16, 18, 20, POWER_MAX)))]
+    return bytes(head) + (draw(inputs.edited(data, _PHRASES)) if draw(st.booleans()) else data)
 
-    @st.composite
-    def one(draw: st.DrawFn) -> bytes:
-        kind, data = draw(body)
-        thing = draw(st.sampled_from((0,) * 6 + tuple(range(40, len(THINGS)))))
-        name = draw(st.sampled_from((kind,) * 8 + tuple(range(len(NAMES)))))
-        table, key = (draw(st.integers(0, len(of) - 1)) for of in (TABLES, KEYS))
-        tail, power = draw(st.integers(0, 16)), draw(st.sampled_from((0,) * 40 + (27, 28, 29, 30, 31)))
-        if draw(st.booleans()):
-            data = draw(inputs.edited(data, phrases))
-        return bytes((thing, name, table, key, tail, power)) + data
 
-    return one()
+prepare = target_scene.prepare
 
 
 def run(data: bytes, place: Path) -> str:
     """Put the thing in its place and plan a scene that names it."""
     thing, name, table, key, tail, power = data[:HEAD].ljust(HEAD, b"\0")
     body, block = data[HEAD:], data[HEAD:][-max(1, tail) :]
-    if block and (size := GROWTHS[power % len(GROWTHS)]):
-        body = (body + block * ((min(1 << size, GROWN_MAX) - len(body)) // len(block) + 1))[:GROWN_MAX]
+    if block and power:
+        size = 1 << min(power, POWER_MAX)
+        body = (body + block * ((size - len(body)) // len(block) + 1))[: 1 << POWER_MAX]
     file = NAMES[name % len(NAMES)]
     for ending in (".csv", ".npy", ".npz"):
         path = place / f"loop{ending}"
@@ -193,14 +172,9 @@ def run(data: bytes, place: Path) -> str:
     stimulus = {"file": file, **TABLES[table % len(TABLES)]}
     if (word := KEYS[key % len(KEYS)]) is not None:
         stimulus["key"] = word
-    data_of = {"array": {"rows": 3, "cols": 2}, "stimulus": stimulus}
+    tree = {"array": {"rows": 3, "cols": 2}, "stimulus": stimulus}
 
     def one() -> None:
-        scene.look(planning.make(scenes.from_data(data_of, place / "scene.toml")), place, again=False)
+        target_scene.look(planning.make(scenes.from_data(tree, place / "scene.toml")), place, again=False)
 
-    return oracle.judge(one, lambda path: False)
-
-
-TARGETS = {
-    "frames": Target(file_inputs, scene.prepare, run, ("dermis.scene.stimulus", "dermis.scene.schema"))
-}
+    return oracle.judge(one)

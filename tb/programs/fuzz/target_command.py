@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Target `command`: the words of a command line, up to the files of a small run."""
+"""Target `command`: the words of a command line, up to the files of a small run.
+
+Words are separated by NUL; `{place}` stands for the directory of the input.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import functools
 import io
 import itertools
 import os
+import re
 import shutil
 import sys
 import traceback
@@ -22,20 +26,14 @@ from dermis import cli, engines, plan
 from dermis.engines import batch, cosim, rtl
 from dermis.report import figures, output, plan_table, verdict
 from scripts import calculator, regression
-from tb.programs.fuzz import inputs, oracle, scene
+from tb.programs.fuzz import inputs, oracle, target_scene
 from tb.programs.fuzz.oracle import Finding, Taken
-from tb.programs.fuzz.target import Target
 
 FOLLOWED = ("run", "plan", "calc", "sim")
 """Commands that run; of others the command line is parsed."""
 
 CPU_S = 10.0
-"""Processor time of one input; a run of the largest scene here, its judge and its tables take 2
-s.
-"""
-
-SPLIT, PLACE = b"\0", "{place}"
-"""Separator of words, and a placeholder for the directory of the input."""
+"""Processor time of one input; a run of the largest scene here, with its tables, takes 2 s."""
 
 _SCENES = (
     "{place}/scene.toml", "{place}/scene.toml", "scene.toml", "single_touch", "no_such_scene", "", ".", "..",
@@ -64,23 +62,18 @@ _escaped: list[BaseException] = []
 
 
 @functools.cache
-def commands() -> dict[str, click.Command]:
+def _commands() -> dict[str, click.Command]:
     """Return every command by name."""
     context = click.Context(cli.cli)
     names = [name for name in cli.cli.list_commands(context) if name != "fuzz"]
     return {name: command for name in names if (command := cli.cli.get_command(context, name)) is not None}
 
 
-def encode(words: list[str]) -> bytes:
-    """Join words to an input."""
-    return SPLIT.join(word.replace("\0", "").encode("utf-8", "surrogateescape") for word in words)
-
-
 @st.composite
-def lines(draw: st.DrawFn) -> bytes:
+def strategy(draw: st.DrawFn) -> bytes:
     """Draw a command with options, values and words in any place."""
-    name = draw(st.sampled_from((*FOLLOWED, *FOLLOWED, *commands())))
-    options = [p for p in commands()[name].params if isinstance(p, click.Option)]
+    name = draw(st.sampled_from((*FOLLOWED, *FOLLOWED, *_commands())))
+    options = [p for p in _commands()[name].params if isinstance(p, click.Option)]
     words = [name]
     if name in ("run", "plan"):
         words.append(draw(st.sampled_from(_SCENES)))
@@ -88,22 +81,21 @@ def lines(draw: st.DrawFn) -> bytes:
         words += ["--out", draw(st.sampled_from(_OUTS))]
     if name == "sim":
         words += ["--frames", draw(st.sampled_from(_FRAMES)), "--rows", "3", "--cols", "2"]
-    count = draw(st.sampled_from((0, 1, 1, 2, 2, 3))) if options else 0
-    for option in draw(st.lists(st.sampled_from(options), min_size=count, max_size=count)) if count else ():
+    for option in draw(st.lists(st.sampled_from(options), max_size=3)) if options else ():
         known = st.sampled_from(_NAMED.get(option.name or "", _VALUES))
         if isinstance(option.type, click.Choice):
             known |= st.sampled_from([str(c) for c in option.type.choices])
-        value = draw(known | inputs.texts.filter(lambda text: text.isprintable()))
-        flag = draw(st.sampled_from((*option.opts, *option.secondary_opts)))
-        words += (
-            [flag] if option.is_flag else draw(st.sampled_from(([flag, value], [f"{flag}={value}"], [flag])))
+        flag, value = (
+            draw(st.sampled_from((*option.opts, *option.secondary_opts))),
+            draw(known | inputs.texts),
         )
+        given = [[flag]] if option.is_flag else [[flag, value], [f"{flag}={value}"], [flag]]
+        words += draw(st.sampled_from(given))
     for _ in range(draw(st.sampled_from((0, 0, 0, 1, 2)))):
         at = draw(st.integers(0, len(words)))
         words[at : at + draw(st.integers(0, 1))] = draw(st.lists(inputs.texts, max_size=2))
-    return encode([word.encode("utf-8", "replace").decode() if "\udc00" > word else word for word in words])[
-        : 1 << 14
-    ]
+    words = [word.replace("\0", "").encode("utf-8", "surrogateescape") for word in words]
+    return b"\0".join(words)[: inputs.SIZE_MAX // 2]
 
 
 def _taken(*_: Any, **__: Any) -> None:
@@ -120,10 +112,9 @@ def prepare(place: Path) -> None:
     """Write files, redirect the output of the project into the directory, and replace what starts
     simulators.
     """
-    scene.prepare(place)
-    small = '[array]\nrows = 3\ncols = 2\n[stimulus]\nkind = "frames"\nfile = "frames.csv"\nunit = "codes"\n'
+    target_scene.prepare(place)
     for name in ("scene.toml", "..toml", "a\nb.toml", "$(touch x).toml"):
-        (place / name).write_text(small)
+        (place / name).write_text(target_scene.SMALL + target_scene.CODES)
     for engine in ("closed", "event"):  # loops compile on first use, and take more memory than an input may
         engines.run(plan.load(place / "scene.toml", engine))
     (place / "empty.toml").touch()
@@ -133,10 +124,8 @@ def prepare(place: Path) -> None:
         (place / name).mkdir(parents=True)
     os.mkfifo(place / "pipe.toml")
     os.chdir(place / "cwd")
-    root = place / "root"
-    for module in (cli, verdict):
-        module.BUILD = root / "build"
-    regression.ROOT, regression.OUT = root, root / "build" / "sim"
+    cli.BUILD = verdict.BUILD = place / "root" / "build"
+    regression.ROOT, regression.OUT = place / "root", place / "root" / "build" / "sim"
     cli.traceback = types.SimpleNamespace(format_exc=_remember)
     output.versions = dict
     figures.frame_figure = lambda made, codes, fit, path: path.write_bytes(b"")
@@ -145,42 +134,29 @@ def prepare(place: Path) -> None:
     batch.run = lambda made, *rest, processes=1, scheduler=None, **more: (
         _taken() if processes > 1 or scheduler else whole(made, *rest, **more)
     )
-    for name, command in commands().items():
+    for name, command in _commands().items():
         if name not in FOLLOWED:
             command.callback = _taken
-    for words in (
-        ["run", "{place}/scene.toml", "--out", "{place}/out"],
-        ["calc"],
-        ["plan", "single_touch", "--auto"],
-    ):
-        run(encode(words), place)
+    for words in ("run {place}/scene.toml --out {place}/out", "calc", "plan single_touch --auto"):
+        run(words.replace(" ", "\0").encode(), place)
 
 
 def _policy(words: list[str], place: Path) -> oracle.Policy:
-    """Allow OUT, its working copy .OUT.partial_N, the page of --html, and the output of the
-    project.
+    """Allow the output of the project, and OUT or the page of --html with their working copies
+    (.NAME.partial_N, .NAME.N).
     """
-    build = place / "root" / "build"
     named = [b for a, b in itertools.pairwise(words) if a in ("--out", "--html")]
     named += [word.partition("=")[2] for word in words if word.startswith(("--out=", "--html="))]
-    outs = [Path(way(out)) for out in named for way in (os.path.realpath, os.path.abspath)]
+    outs = [Path(real(out)) for out in named for real in (os.path.realpath, os.path.abspath)]
+    build = place / "root" / "build"
 
     def allowed(path: Path) -> bool:
-        if path in (place / "root", build, *(build / n for n in ("run", "sim", "frame_files"))):
+        around = [path, *path.parents]
+        final = [p.with_name(re.sub(r"^\.(.+)\.[^.]+$", r"\1", p.name)) for p in around if p.name]
+        if build in around or path == build.parent:
             return True
-        if path.parent == build:
-            return path.name.startswith(".") or path.suffix == ".json" or path.name == "internal_error.log"
-        if any(build / made in path.parents for made in ("run", "sim", "frame_files")):
-            return ".." not in path.parts
-        copies = [
-            p.parent / p.name[1:].rpartition(".partial_")[0]
-            for p in (path, *path.parents)
-            if ".partial_" in p.name
-        ]
-        if path.name.startswith("."):  # a file on its way to its name: .NAME.N
-            copies.append(path.parent / path.name[1:].rpartition(".")[0])
-        if any(out in (path, *path.parents, *copies) or path in out.parents for out in outs):
-            if place not in path.parents and path != place:
+        if any(out in (*around, *final) or path in out.parents for out in outs):
+            if place not in around:
                 raise Taken  # a path that the user names elsewhere ends the input before anything is written
             return True
         return False
@@ -190,11 +166,8 @@ def _policy(words: list[str], place: Path) -> oracle.Policy:
 
 def run(data: bytes, place: Path) -> str:
     """Run a command line in this process."""
-    words = (
-        [w.replace(PLACE, str(place)) for w in data.decode("utf-8", "surrogateescape").split("\0")]
-        if data
-        else []
-    )
+    text = data.decode("utf-8", "surrogateescape").replace("{place}", str(place))
+    words = text.split("\0") if text else []
     out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="strict", write_through=True)
     err = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True)
     ended: list[Any] = []
@@ -218,17 +191,12 @@ def run(data: bytes, place: Path) -> str:
         (place / "elsewhere").mkdir(exist_ok=True)
     if _escaped:
         error = _escaped[0]
-        raise Finding("escape", oracle.place_of(error), f"{type(error).__name__}: {str(error)[:200]!r}")
+        raise Finding("escape", oracle.place_of(error), f"{type(error).__name__}: {error!s:.200}")
     if not ended:
         return outcome
     said = err.buffer.getvalue().decode("utf-8")
     if ended[0] not in (0, 1, 2):  # no input here starts a simulator
-        raise Finding("exit", "cli.main", f"exit {ended[0]!r}: {said[:200]!r}")
+        raise Finding("exit", "cli.main", f"exit {ended[0]!r}: {said!r}")
     if ended[0] == 2 and (said.count("\n") != 1 or not said.rstrip("\n").isprintable() or len(said) < 10):
-        raise Finding("line", "cli.main", f"exit 2 with {said[:300]!r}")
+        raise Finding("line", "cli.main", f"exit 2 with {said!r}")
     return "refused" if ended[0] == 2 else "taken"
-
-
-TARGETS = {
-    "command": Target(lines, prepare, run, ("dermis.cli", "dermis.report.plan_table", "scripts.calculator"))
-}
