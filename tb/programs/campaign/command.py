@@ -9,7 +9,7 @@ import hashlib
 import random
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from scripts import workers
 from scripts.checkpoint import Checkpoint, stamp
 from tb.programs.campaign import laws, search
 from tb.programs.campaign.shrink import shrink
+from tb.programs.tables import markdown
 from tb.reference.scenes import PROFILES, World, random_scene
 
 STATE = ROOT / "build" / "campaign"
@@ -167,15 +168,6 @@ def store_cases(engines: str, seed: int, total: Tally, where: Path, processes: i
     return paths
 
 
-def _by_law(engines: str, total: Tally) -> Iterator[tuple[str, int, int, list[tuple[int, str, str]]]]:
-    """Yield law, scenes asked, scenes compared and violations."""
-    for law in ("typed_errors", *laws.ENGINES[engines]):
-        asked, compared = (total.counts[f"{what}.{law}"] for what in ("asked", "compared"))
-        if law == "typed_errors":
-            asked = compared = total.counts["worlds"]
-        yield law, asked, compared, [one for one in total.broken if one[1] == law]
-
-
 def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict.Row]:
     """Yield the rows of build/campaign.json."""
     name, counts = engines.replace(",", "_"), total.counts
@@ -188,29 +180,16 @@ def rows(engines: str, seed: int, scenes: int, total: Tally) -> Iterator[verdict
     ends = [one for one in total.broken if one[1] == "ends"]
     note = ends[0][2] if ends else "no hang, no crash, no process left"
     yield verdict.judge(f"campaign.broken.{name}.ends", len(ends), note)
-    for law, asked, compared, broken in _by_law(engines, total):
+    for law in ("typed_errors", *laws.ENGINES[engines]):
+        asked, compared = (counts[f"{what}.{law}"] for what in ("asked", "compared"))
+        if law == "typed_errors":
+            asked = compared = counts["worlds"]
+        broken = [one for one in total.broken if one[1] == law]
         note = f"scene {broken[0][0]}: {broken[0][2]}" if broken else laws.meaning(engines, law)
         note = f"compared {compared}, asked {asked} times: {note}"
         yield verdict.judge(f"campaign.broken.{name}.{law}", len(broken), note)
         if counts["worlds"] >= SIZES[engines].telling:
             yield verdict.judge(f"campaign.compared.{name}.{law}", compared)
-
-
-def record(engines: str, seed: int, scenes: int, total: Tally, found: Sequence[verdict.Row]) -> str:
-    """Return the record of a campaign as Markdown."""
-    counts, failed = total.counts, sum(r["status"] != "PASS" for r in found)
-    lines = [
-        f'`make campaign ARGS="--engines {engines} --scenes {scenes} --seed {seed}"`: {counts["worlds"]} scenes, '
-        f"{counts['refused']} refused with one line ({counts['given_up']} as exit 3), {counts['conversions']} "
-        f"conversions, {len(total.broken)} laws broken, {failed} rows failed, "
-        f"{counts['milliseconds'] / 6e4:.1f} core-minutes.",
-        "",
-        "| law | asked | compared | broken |",
-        "|---|--:|--:|--:|",
-    ]
-    for law, asked, compared, broken in _by_law(engines, total):
-        lines.append(f"| {laws.meaning(engines, law)} | {asked} | {compared} | {len(broken)} |")
-    return "\n".join(lines)
 
 
 @click.command("campaign")
@@ -265,5 +244,5 @@ def campaign_command(
         click.echo(f"new case: {path}")
     if docs:
         marks = f"<!-- begin: {name} (written by dermis campaign --docs) -->", f"<!-- end: {name} -->"
-        write_between(DOCS, *marks, record(engines, seed, many, total, judged))
+        write_between(DOCS, *marks, markdown(judged))
     return verdict.exit_code(judged)

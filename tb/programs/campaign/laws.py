@@ -426,15 +426,9 @@ def superposed(s: Subject) -> Iterator[str]:
 # Fields that grow and that shrink with every resistance, and currents of the converter, which
 # shrink.
 _OHMS = (
-    "r_row_driven_ohm",
-    "r_row_grounded_ohm",
-    "r_column_ohm",
-    "r_trace_row_ohm",
-    "r_trace_column_ohm",
-    "r_return_ohm",
-    "r_pad_row_ohm",
-    "r_pad_column_ohm",
-)
+    "r_row_driven_ohm", "r_row_grounded_ohm", "r_column_ohm", "r_trace_row_ohm", "r_trace_column_ohm",
+    "r_return_ohm", "r_pad_row_ohm", "r_pad_column_ohm",
+)  # fmt: skip
 _SIEMENS = ("g_lateral_row_s", "g_lateral_column_s", "i_leak_a", "c_row_f", "c_column_f", "c_taxel_f")
 _AMPERES = ("i0_a", "c_int_f", "i_offset_a", "g_in_s", "q_mirror_c")
 # A factor of 2^6 keeps these limits away from the values that replace shorts and opens
@@ -482,12 +476,7 @@ def budget(s: Subject) -> Iterator[str]:
     if not s.auto or engines.refuses(s.chosen, s.chosen.engine):
         return
     yield COMPARED
-    yield from _within_budget(s, s.result.codes, certificate.certify(s.chosen, engines.run(s.chosen)))
-
-
-def _within_budget(s: Subject, codes: NDArray[Any], found: Result) -> Iterator[str]:
-    """Compare codes of all effects with those of auto and with its certified codes."""
-    codes = codes.astype(int)
+    codes, found = s.result.codes.astype(int), certificate.certify(s.chosen, engines.run(s.chosen))
     outside = (codes < found.low) | (codes > found.high)
     yield from _first(outside, "all effects on: {}, certified {} .. {}", codes, found.low, found.high)
     apart = np.abs(codes - found.codes)
