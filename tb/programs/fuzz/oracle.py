@@ -211,7 +211,7 @@ def judge(
         pass
     except Finding:
         raise
-    except BaseException as error:
+    except BaseException as error:  # judged below
         stopped = error
     if watch.seen is not None:
         kind, text = watch.seen

@@ -102,7 +102,7 @@ def fuzz(name: str, inputs: int, seed: int, fault: str = "", stored: bool = Fals
         test = hypothesis.seed(seed)(settings(hypothesis.given(target.strategy())(one)))
         for file in FOUND.glob(f"{name}_*") if stored else ():
             test = hypothesis.example(file.read_bytes())(test)
-        with contextlib.suppress(Finding, ExceptionGroup, hypothesis.errors.Flaky):
+        with contextlib.suppress(Finding, ExceptionGroup, hypothesis.errors.Flaky):  # they are in `found`
             test()
         os.close(last)
     for signature, (data, finding) in {} if fault else found.items():
