@@ -8,6 +8,7 @@ ends of temperature and supply.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -18,8 +19,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from dermis.chip import column_calibration, netlist, sky130
-from dermis.chip.ngspice import Deck
+from dermis.chip import column_calibration, sky130
 from dermis.chip.spice_text import spice_number
 from dermis.files import write_atomic
 from dermis.places import BUILD
@@ -27,9 +27,9 @@ from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene import design as design_module
 from dermis.scene.design import Design
-from scripts.characterise.benches import SUPPLY_V, Condition
-from tb.programs.equivalence import cases, gate
-from tb.programs.equivalence.loop import Slot
+from scripts.characterise.benches import Condition
+from tb.programs.equivalence import columns, gate
+from tb.programs.equivalence.columns import Column, Slot, deck_of
 
 ERRORS = BUILD / "calibrated" / "errors.json"
 """Error in codes of every draw by condition and resistance."""
@@ -63,49 +63,24 @@ DRIFT = (DARK,) * SETTLING + (NEAR_FULL, LOW)
 """Loads away from 27 C; the error at 500 ohm is on the line through those of NEAR_FULL and LOW."""
 
 
-def deck_of(loads: Sequence[Load], condition: Condition, design: Design, blocks: Path | None = None) -> Deck:
-    """Return the deck of a column with a row for each load, ideal row drivers and the capacitance of its line."""
-    k = design.interface.k
-    d_k0, d_k1 = (("vss_d", "vdd_d")[(20, 40, 80, 160).index(k) >> n & 1] for n in (0, 1))
-    test = [r for r, load in enumerate(loads) if load.test]
-    lines = [
-        f"column of {len(loads)} loads at {condition}",
-        *([f".options seed={condition.sample}"] if condition.sample is not None else []),
-        *sky130.deck_head(condition.corner, condition.celsius, condition.sample is not None, blocks),
-        *sky130.supplies(SUPPLY_V, -SUPPLY_V, condition.supply),
-        *sky130.REFERENCE,
-        sky130.bias_current("ibias"),
-        f"vbias vbias 0 {design.interface.v_bias_v!r}",
-        *(f"v_row{r} row{r} 0 external" for r in range(len(loads))),
-    ]
+def column_of(loads: Sequence[Load], condition: Condition, blocks: Path | None = None) -> Column:
+    """Return the column with a row for each load."""
+    design = design_module.load()
+    k, v_bias_v = design.interface.k, design.interface.v_bias_v
+    elements = [f"vbias vbias 0 {v_bias_v!r}"]
+    test = "vtest d_test vss_d 0"
     for r, load in enumerate(loads):
         if math.isfinite(load.ohm):
-            lines.append(f"rtaxel{r} row{r} col {spice_number(load.ohm)}")
+            elements.append(f"rtaxel{r} row{r} col {spice_number(load.ohm)}")
         if load.shifted:
-            lines.append(f"gshift{r} xch.v_sum 0 row{r} 0 {SHIFT_A / design.interface.v_bias_v:.9g}")
-    gain = sky130.logic_v(condition.supply) / design.interface.v_bias_v
-    lines += [
-        f"etest d_test vss_d row{test[0]} 0 {gain:.9g}" if test else "vtest d_test vss_d 0",
-        f"ccolumn col 0 {spice_number(design.array.c_column_f)}",
-        "v_d_preset logic_preset 0 external",
-        "v_d_charge logic_charge 0 external",
-        *(sky130.logic(name, condition.supply) for name in ("preset", "charge")),
-        f"xch col d_charge d_preset {d_k0} {d_k1} d_test comp vbias vref agnd ibias vdd vss vdd_d vss_d column",
-        netlist.transistor_options(),
-    ]
-    names = (*(f"v_row{r}" for r in range(len(loads))), "v_d_preset", "v_d_charge")
-    levels = (design.interface.v_bias_v, *[0.0] * (len(loads) - 1), 1.0, 0.0)
-    abrupt = (*[False] * len(loads), True, False)
+            elements.append(f"gshift{r} xch.v_sum 0 row{r} 0 {SHIFT_A / v_bias_v:.9g}")
+        if load.test:
+            test = f"etest d_test vss_d row{r} 0 {sky130.logic_v(condition.supply) / v_bias_v:.9g}"
+    d_k0, d_k1 = (("vss_d", "vdd_d")[sky130.MIRROR_RATIOS.index(k) >> n & 1] for n in (0, 1))
+    pins = f"col d_charge d_preset {d_k0} {d_k1} d_test comp vbias vref agnd ibias vdd vss vdd_d vss_d"
     probes = ("xch.v_comp", "xch.xvfc.v_int")
-    growth = netlist.STEP_GROWTH_TRANSISTORS
-    return cases.whole(Deck(tuple(lines), names, levels, abrupt, probes, step_growth=growth))
-
-
-def column_of(
-    loads: Sequence[Load], condition: Condition, design: Design, blocks: Path | None = None
-) -> cases.Column:
-    """Return the column of `deck_of` to run."""
-    return cases.Column(deck_of(loads, condition, design, blocks), CLOCKS)
+    deck = deck_of(len(loads), [*elements, test], f"xch {pins} column", probes, condition, blocks)
+    return Column(deck, CLOCKS)
 
 
 @dataclass(frozen=True)
@@ -180,60 +155,46 @@ def drift_lsb(lines: Mapping[Load, Line], values: Calibrated, design: Design) ->
     return {FULL.ohm: low + (near - low) * far, LOW.ohm: low}
 
 
-def _worst(found: Mapping[str, Mapping[float, float]]) -> tuple[float, str]:
-    value, where, ohm = max(
-        ((error, where, ohm) for where, errors in found.items() for ohm, error in errors.items()),
-        key=lambda one: abs(one[0]),
-    )
-    return abs(value), f"{value:+.3f} at {where}, {ohm:g} ohm"
-
-
 def rows_of(
     shown: Mapping[Condition, Sequence[Slot] | str], design: Design
-) -> tuple[list[Row], dict[str, dict[str, float]]]:
+) -> tuple[list[Row], dict[str, dict[float, float]]]:
     """Return the verdicts of all draws, and the error of each by condition and resistance."""
-    names = ("pedestal_lsb", "calibrated_error", "calibrated_drift")
-    faults = [f"{at}: {slots}" for at, slots in shown.items() if isinstance(slots, str)]
-    typical = shown[Condition()]
-    if isinstance(typical, str):
-        return [verdict.error(f"sky130.{name}", faults[0], "lsb") for name in names], {}
+    lost = {at: slots for at, slots in shown.items() if isinstance(slots, str)}
+    still = {at: at.celsius == Condition().celsius for at in shown}
     lines = {
-        at: lines_of(DRIFT if at.celsius != Condition().celsius else CALIBRATION, slots)
+        at: lines_of(CALIBRATION if still[at] else DRIFT, slots)
         for at, slots in shown.items()
-        if not isinstance(slots, str)
+        if at not in lost
     }
-    i_test_a = test_current_a(lines[Condition()], design)
-    gate_clocks = design.timing.gate_clocks
-    zero, still, moved = {}, {}, {}
-    own = {at.sample: calibrate(one, i_test_a, design) for at, one in lines.items() if DARK in one}
-    for at, one in lines.items():
-        if at.sample is None:
-            continue
-        if DARK in one:
-            zero[str(at)] = one[DARK].code(gate_clocks)
-            still[str(at)] = errors_lsb(one, own[at.sample], design)
-        elif at.sample in own:
-            moved[str(at)] = drift_lsb(one, own[at.sample], design)
+    zero, error, drift = {}, {}, {}
+    if Condition() in lines:
+        i_test_a = test_current_a(lines.pop(Condition()), design)
+        own = {at.sample: calibrate(one, i_test_a, design) for at, one in lines.items() if still[at]}
+        for at, one in lines.items():
+            if still[at]:
+                zero[str(at)] = {math.inf: one[DARK].code(design.timing.gate_clocks)}
+                error[str(at)] = errors_lsb(one, own[at.sample], design)
+            elif at.sample in own:
+                drift[str(at)] = drift_lsb(one, own[at.sample], design)
     rows = []
-    for name, found in zip(names, (zero, still, moved), strict=True):
-        full = f"sky130.{name}"
+    for name, found in (("pedestal_lsb", zero), ("calibrated_error", error), ("calibrated_drift", drift)):
+        faults = [f"{at}: {s}" for at, s in lost.items() if not found or still[at] == (found is not drift)]
         if not found:
-            rows.append(verdict.error(full, faults[0] if faults else "no draw", "lsb"))
+            rows.append(verdict.error(f"sky130.{name}", (*faults, "no draw")[0]))
             continue
-        if name == "pedestal_lsb":
-            where = min(zero, key=zero.__getitem__)
-            worst, said = zero[where], f"{where}; mean {np.mean([*zero.values()]):.2f}"
+        every = [(value, at, ohm) for at, values in found.items() for ohm, value in values.items()]
+        if found is zero:
+            worst, at, _ = min(every)
+            note = f"at {at}; mean {np.mean([value for value, _, _ in every]):.2f}"
         else:
-            worst, said = _worst(found)
-            ends = np.array([errors[FULL.ohm] for errors in found.values()])
-            said += f"; at 500 ohm {ends.mean():+.3f}, sigma {ends.std():.3f}"
-        row = verdict.judge(full, worst, f"{len(found)} columns, worst {said}")
-        lost = [fault for fault in faults if ("27" not in fault) == (name == "calibrated_drift")]
-        if lost and row["status"] == "PASS":
-            row |= {"status": "ERROR", "note": f"{len(lost)} not measured, {lost[0]}; {row['note']}"}
+            value, at, ohm = max(every, key=lambda one: abs(one[0]))
+            worst, ends = abs(value), np.array([values[FULL.ohm] for values in found.values()])
+            note = f"{value:+.3f} at {at}, {ohm:g} ohm; at 500 ohm {ends.mean():+.3f}, sigma {ends.std():.3f}"
+        row = verdict.judge(f"sky130.{name}", worst, f"{len(found)} columns, worst {note}")
+        if faults and row["status"] == "PASS":
+            row |= {"status": "ERROR", "note": f"{len(faults)} not measured, {faults[0]}; {row['note']}"}
         rows.append(row)
-    table = {at: {f"{ohm:g}": e for ohm, e in errors.items()} for at, errors in (still | moved).items()}
-    return rows, table
+    return rows, error | drift
 
 
 @click.command("calibrated")
@@ -245,18 +206,16 @@ def rows_of(
 @click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
 def calibrated_command(draws: int, still: bool, jobs: int, fresh: bool) -> int:
     """Columns in transistors with mismatch, calibrated at 27 C: their zero, error and drift."""
-    design = design_module.load()
-    places: list[tuple[Condition, Sequence[Load]]] = [(Condition(), CALIBRATION)]
-    places += [(Condition(sample=n), CALIBRATION) for n in range(1, draws + 1)]
+    samples = range(1, draws + 1)
+    loads = {Condition(): CALIBRATION} | {Condition(sample=n): CALIBRATION for n in samples}
     if not still:
-        for n in range(1, draws + 1):
-            places += [(Condition(at.corner, at.celsius, at.supply, n), DRIFT) for at in EXTREMES]
-    columns = [column_of(loads, at, design) for at, loads in places]
-    with progress.slots("calibrated", len(columns), "columns") as tell:
-        found = cases.records(columns, jobs, tell, fresh)
-    rows, table = rows_of(dict(zip((at for at, _ in places), found, strict=True)), design)
-    if still:
-        rows = rows[:2]
+        loads |= {dataclasses.replace(at, sample=n): DRIFT for n in samples for at in EXTREMES}
+    asked = [column_of(own, at) for at, own in loads.items()]
+    with progress.slots("calibrated", len(asked), "columns") as tell:
+        found = columns.records(asked, jobs, tell, fresh)
+    rows, errors = rows_of(dict(zip(loads, found, strict=True)), design_module.load())
+    rows = rows[:2] if still else rows
+    table = {at: {f"{ohm:g}": e for ohm, e in values.items()} for at, values in errors.items()}
     write_atomic(ERRORS, json.dumps(table, indent=1) + "\n")
     verdict.write_rows("calibrated", rows)
     verdict.print_rows(rows, "calibrated")

@@ -13,10 +13,8 @@ from dermis.scene.design import Design
 Measure = Callable[..., dict[str, float]]
 
 
-def test_integrator_preset_value_has_drop_offset_and_gain_error(measure: Measure, design: Design) -> None:
-    got = measure("integrator__tran")
-    p = design.integrator
-    i = 12.5e-6
+def test_integrator_has_its_preset_its_slope_and_its_range(measure: Measure, design: Design) -> None:
+    got, p, i = measure("integrator__tran"), design.integrator, 12.5e-6
     # out = v_sum + v_preset - i r_preset, v_sum = offset - out / gain, with what r_in takes from i
     i_eff = i - got["v_sum_again"] / p.r_in_ohm
     out = (0.5 - i_eff * p.r_preset_ohm + p.v_offset_v) / (1 + 1 / p.gain_dc)
@@ -24,23 +22,14 @@ def test_integrator_preset_value_has_drop_offset_and_gain_error(measure: Measure
     assert got["v_preset"] == pytest.approx(out, abs=1e-9)
     assert got["v_preset_again"] == pytest.approx(out, abs=1e-9)
     assert got["v_sum_again"] == pytest.approx(p.v_offset_v - out / p.gain_dc, abs=1e-9)
-
-
-def test_integrator_ramp_is_slower_by_the_finite_gain(measure: Measure, design: Design) -> None:
-    got = measure("integrator__tran")
-    p = design.integrator
-    # on a ramp the summing node stands at offset + t_gbw |slope|, 9 mV, and feeds r_in
-    i = 12.5e-6 - (p.v_offset_v + p.t_gbw_s * 2.5e6) / p.r_in_ohm
-    # the summing node moves by -d out / gain, so the capacitor sees (1 + 1/gain) d out
-    slope = -i / design.converter.c_int_f / (1 + 1 / p.gain_dc)
+    # On a ramp the summing node is at offset + t_gbw |slope|, 9 mV, and feeds r_in. It moves by -d out / gain, so
+    # the capacitor sees (1 + 1/gain) d out.
+    i_ramp = i - (p.v_offset_v + p.t_gbw_s * 2.5e6) / p.r_in_ohm
+    slope = -i_ramp / design.converter.c_int_f / (1 + 1 / p.gain_dc)
     # A difference of two voltages to 1e-9 V over 1 V, and of two times to 1e-16 s.
     assert got["slope"] == pytest.approx(slope, rel=1e-7, abs=0)
-
-
-def test_integrator_stops_at_its_output_range(measure: Measure, design: Design) -> None:
-    got = measure("integrator__tran")
     # The clamp's own knee: 12.5 uA on 10 ohm and less.
-    assert got["v_rail"] == pytest.approx(design.integrator.v_out_min_v, abs=0.2e-3)
+    assert got["v_rail"] == pytest.approx(p.v_out_min_v, abs=0.2e-3)
     assert abs(got["v_sum_rail"]) < 2e-3, "the summing node left virtual ground"
 
 
@@ -55,19 +44,14 @@ def test_integrator_amplifier_has_its_gain_and_bandwidth(measure: Measure, desig
     assert got["gbw_hz"] == pytest.approx(p.gbw_hz, rel=1e-3, abs=0)
 
 
-def test_comparator_thresholds_are_offset_and_hysteresis(measure: Measure, design: Design) -> None:
-    got = measure("comparator__dc")
-    p = design.comparator
+def test_comparator_has_its_thresholds_gain_and_levels(measure: Measure, design: Design) -> None:
+    got, p = measure("comparator__dc"), design.comparator
     # The sweep steps by 2 uV: one step of it, and of two thresholds two and a half.
     assert got["offset_v"] == pytest.approx(p.v_offset_v, abs=2e-6)
     assert got["hysteresis_v"] == pytest.approx(p.v_hysteresis_v, abs=5e-6)
-
-
-def test_comparator_gain_and_output_levels(measure: Measure, design: Design) -> None:
-    got = measure("comparator__dc")
     half = (design.supply.vdd_v - design.supply.vss_v) / 2
     # out = half tanh(gain v / half) goes from -0.5 V to 0.5 V
-    span = 2 * half * math.atanh(0.5 / half) / design.comparator.gain_dc
+    span = 2 * half * math.atanh(0.5 / half) / p.gain_dc
     # 1 V of output is 100 uV of input in a sweep of 2 uV: 2 % of a step's curvature, interpolated. tanh ends
     # 1 uV off the rails.
     assert got["v_one_volt"] == pytest.approx(span, rel=0.01, abs=0)
@@ -75,47 +59,29 @@ def test_comparator_gain_and_output_levels(measure: Measure, design: Design) -> 
     assert got["v_high"] == pytest.approx(design.supply.vdd_v, abs=1e-6)
 
 
-def test_comparator_delays_a_ramp_by_its_delay(measure: Measure, design: Design) -> None:
-    got = measure("comparator__tran")
-    p = design.comparator
-    slope = 2.5e6
+def test_comparator_delays_a_ramp_and_a_step(measure: Measure, design: Design) -> None:
+    got, p, slope = measure("comparator__tran"), design.comparator, 2.5e6
     # Steps of 1 ns; the crossing is interpolated to a fiftieth of one.
-    assert got["delay_rise_s"] == pytest.approx(
-        p.t_delay_s + (p.v_offset_v + p.v_hysteresis_v / 2) / slope, abs=0.02e-9
-    )
-    # As above.
-    assert got["delay_fall_s"] == pytest.approx(
-        p.t_delay_s - (p.v_offset_v - p.v_hysteresis_v / 2) / slope, abs=0.02e-9
-    )
-
-
-def test_comparator_delays_a_symmetrical_step_by_ln2_of_its_pole(measure: Measure, design: Design) -> None:
-    got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0})
-    # A step of 1 ns instead of none, and time steps of a fifth of the pole.
-    assert got["delay_step_s"] == pytest.approx(math.log(2) * design.comparator.t_delay_s, rel=0.02, abs=0)
-
-
-def test_comparator_late_by_a_good_part_of_a_clock_delays_a_step_by_all_of_it(
-    measure: Measure, design: Design
-) -> None:
-    """Beyond a twentieth of a clock it is a line: a step is as late as a ramp, not by ln 2 of it as behind a pole."""
+    for edge, sign in (("rise", 1), ("fall", -1)):
+        late_s = p.t_delay_s + (sign * p.v_offset_v + p.v_hysteresis_v / 2) / slope
+        assert got[f"delay_{edge}_s"] == pytest.approx(late_s, abs=0.02e-9)
+    symmetrical = {"v_offset_v": 0.0, "v_hysteresis_v": 0.0}
+    got = measure("comparator__tran", dut=symmetrical)
+    # ln 2 of its pole. A step of 1 ns instead of none, and time steps of a fifth of the pole.
+    assert got["delay_step_s"] == pytest.approx(math.log(2) * p.t_delay_s, rel=0.02, abs=0)
+    # Beyond a twentieth of a clock it is a line, which delays a step and a ramp alike. It asks for no finer steps than
+    # the bench's 1 ns, in one of which the output goes from rail to rail: half.
     late_s = 0.3 / design.converter.f_clk_hz
-    got = measure("comparator__tran", dut={"v_offset_v": 0.0, "v_hysteresis_v": 0.0, "t_delay_s": late_s})
-    # A line asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half.
+    got = measure("comparator__tran", dut=symmetrical | {"t_delay_s": late_s})
     assert got["delay_step_s"] == pytest.approx(late_s, abs=0.5e-9)
-    # As above.
     assert got["delay_rise_s"] == pytest.approx(late_s, abs=0.5e-9)
 
 
-def test_conveyor_input_is_its_resistance_at_every_frequency(measure: Measure, design: Design) -> None:
+def test_conveyor_is_its_input_resistance_and_a_single_pole(measure: Measure, design: Design) -> None:
     got = measure("conveyor__ac")
     # A linear circuit: one Newton step; what is left is gmin beside the conductances, and rounding.
     assert got["r_x_low_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
     assert got["r_x_high_ohm"] == pytest.approx(design.conveyor.r_x_ohm, rel=1e-9, abs=0)
-
-
-def test_conveyor_output_has_a_single_pole(measure: Measure, design: Design) -> None:
-    got = measure("conveyor__ac")
     # ac points at 1 kHz, and at the pole rounded to 4 digits: (1 kHz / 20 MHz)^2 is 3e-9, then the digits of
     # the frequency.
     assert got["gain_low"] == pytest.approx(1 + design.conveyor.gain_error, rel=1e-6, abs=0)
@@ -141,19 +107,6 @@ def test_conveyor_dc_is_offset_resistance_gain_and_limit(
     assert got["i_min_a"] == pytest.approx(-p.i_out_max_a * gain, rel=1e-3, abs=0)
 
 
-def test_mirror_divides_by_each_k_of_its_pins(measure: Measure, design: Design) -> None:
-    got = measure("mirror__dc")
-    p = design.mirror
-    for index, k in enumerate(design.interface.k_options):
-        # Switches of 1e-3 ohm stand for the pins of k: 1e-4 of the gate's conductance.
-        assert got[f"i_out_{index}"] == pytest.approx(1e-3 * (1 + p.ratio_error) / k, rel=1e-4, abs=0)
-    fixed = 1e-3 * (1 + p.ratio_error) / design.interface.k
-    # A source that is a factor: rounding. A slope over 5e7 ohm keeps six digits.
-    assert got["i_out_fixed"] == pytest.approx(fixed, rel=1e-12, abs=0)
-    assert got["i_out_sink"] == pytest.approx(-fixed, rel=1e-12, abs=0)
-    assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6, abs=0)
-
-
 def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Measure, design: Design) -> None:
     got = measure("mirror__tran")
     tau = design.mirror.t_pole_s
@@ -164,22 +117,28 @@ def test_mirror_settles_with_its_pole_and_faster_with_more_devices(measure: Meas
     assert got["tau_k3_s"] == pytest.approx(tau * k[0] / k[3], rel=2e-3, abs=0)
 
 
-@pytest.mark.parametrize("q_lag_c", [0.0, 5e-14])
-@pytest.mark.parametrize("t_pole_s", [0.0, 1e-9])
-@pytest.mark.parametrize("per_a", [0.0, 100.0])
-def test_switches_in_series_with_the_mirror_compress_its_current(
-    measure: Measure, design: Design, per_a: float, t_pole_s: float, q_lag_c: float
+# The mirror as it is, and with switches in series that compress its current, a pole and a lag.
+@pytest.mark.parametrize("dut", [{}, {"inv_i_range_a": 100.0, "t_pole_s": 1e-9, "q_lag_c": 5e-14}])
+def test_mirror_divides_by_each_k_of_its_pins(
+    measure: Measure, design: Design, dut: dict[str, float]
 ) -> None:
-    """Settled, a pole and a lag must be gone whatever else is on."""
-    got = measure("mirror__dc", dut={"inv_i_range_a": per_a, "t_pole_s": t_pole_s, "q_lag_c": q_lag_c})
-    p = design.mirror
-    copied = 1e-3 / (1 + 1e-3 * per_a) * (1 + p.ratio_error)
+    got, p = measure("mirror__dc", dut=dut), design.mirror
+    copied = 1e-3 / (1 + 1e-3 * dut.get("inv_i_range_a", 0.0)) * (1 + p.ratio_error)
     for index, k in enumerate(design.interface.k_options):
         # Switches of 1e-3 ohm stand for the pins of k: 1e-4 of the gate's conductance.
         assert got[f"i_out_{index}"] == pytest.approx(copied / k, rel=1e-4, abs=0)
-    # A settled pole and lag leave reltol 1e-9 of the deck.
+    # A settled pole and lag leave reltol 1e-9 of the deck. A slope over 5e7 ohm keeps six digits.
     assert got["i_out_fixed"] == pytest.approx(copied / design.interface.k, rel=1e-9, abs=0)
     assert got["i_out_sink"] == pytest.approx(-copied / design.interface.k, rel=1e-9, abs=0)
+    assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6, abs=0)
+
+
+def test_mirror_of_a_channel_has_the_lag_that_a_deck_asks_for(measure: Measure, design: Design) -> None:
+    got = measure("mirror__tran", dut={"q_lag_c": 1e-13})
+    settled_a = 1e-3 * (1 + design.mirror.ratio_error) / design.interface.k
+    # 2 ns after a step from nothing it still gives nothing.
+    assert got["i_end_fixed"] == pytest.approx(settled_a, rel=1e-3, abs=0)
+    assert abs(got["i_fixed"]) < 1e-3 * settled_a
 
 
 def logistic(settled: float, start: float, charge: float, t_s: float) -> float:
@@ -191,7 +150,7 @@ def logistic(settled: float, start: float, charge: float, t_s: float) -> float:
 
 @pytest.mark.paper
 @pytest.mark.parametrize("q_lag_c", [5e-14, 2e-13])
-def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, q_lag_c: float) -> None:
+def test_a_slow_mirror_follows_its_logistic_curve(measure: Measure, design: Design, q_lag_c: float) -> None:
     got = measure("mirror_lag__tran", dut={"q_lag_c": q_lag_c})
     low, high = 1e-7, 1e-5
     top = logistic(high, low, q_lag_c, 9.9e-6)

@@ -15,8 +15,7 @@ from dermis.scene.extracted import CIRCUIT
 from scripts.characterise.benches import Condition
 from tb.programs import calibrated
 from tb.programs.calibrated import DARK, KNOWN, LOW, NEAR_FULL, SETTLING, Line, Load
-from tb.programs.equivalence import cases
-from tb.programs.equivalence.loop import Slot
+from tb.programs.equivalence.columns import Column, Slot, records
 
 
 @pytest.fixture(scope="module")
@@ -95,31 +94,32 @@ def test_verdicts_name_the_worst_draw_and_miss_no_negative_zero(design: Design) 
     assert "time limit" in rows[0]["note"]
 
 
-def test_a_column_without_its_pedestal_is_found(tmp_path: Path, design: Design) -> None:
-    folder = tmp_path / "blocks"
-    shutil.copytree(CIRCUIT, folder)
-    text = (folder / "column.sp").read_text(encoding="utf-8")
-    left_out = "xpedestal col ibias vdd vss pedestal\n"
-    assert text.count(left_out) == 1
-    (folder / "column.sp").write_text(text.replace(left_out, ""), encoding="utf-8")
+PEDESTAL = "xpedestal col ibias vdd vss pedestal\n"
+
+
+# 16 uA by 80 and 25 uA, of 510.
+@pytest.mark.parametrize(
+    ("text", "zero"), [pytest.param(PEDESTAL, 4.0, marks=pytest.mark.long), ("", 0.0)], ids=["sound", "fault"]
+)
+def test_a_column_without_its_pedestal_is_found(text: str, zero: float, tmp_path: Path) -> None:
+    blocks = tmp_path / "blocks"
+    shutil.copytree(CIRCUIT, blocks)
+    sound = (blocks / "column.sp").read_text(encoding="utf-8")
+    assert sound.count(PEDESTAL) == 1
+    (blocks / "column.sp").write_text(sound.replace(PEDESTAL, text), encoding="utf-8")
     loads = (DARK,) * SETTLING + (DARK, NEAR_FULL)
-    columns = [calibrated.column_of(loads, Condition(), design, blocks) for blocks in (None, folder)]
-    zero = []
-    for slots in cases.records(columns, 1, work=tmp_path):
-        assert not isinstance(slots, str), slots
-        zero.append(calibrated.lines_of(loads, slots)[DARK].code(design.timing.gate_clocks))
-    # 16 uA by 80 and 25 uA, of 510.
-    assert zero[0] == pytest.approx(4.0, abs=0.3)
-    assert zero[1] < 0.5
+    (slots,) = records([calibrated.column_of(loads, Condition(), blocks)], 1, work=tmp_path)
+    assert not isinstance(slots, str), slots
+    assert calibrated.lines_of(loads, slots)[DARK].code(510) == pytest.approx(zero, abs=0.3)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_short_gate_foretells_the_count_of_the_chip(tmp_path: Path, design: Design) -> None:
     loads = (DARK,) * SETTLING + (KNOWN, LOW)
-    short = calibrated.column_of(loads, Condition(sample=1), design)
-    full = cases.Column(short.deck, design.timing.gate_clocks)
-    first, second = cases.records([short, full], 1, work=tmp_path)
+    short = calibrated.column_of(loads, Condition(sample=1))
+    full = Column(short.deck, design.timing.gate_clocks)
+    first, second = records([short, full], 1, work=tmp_path)
     assert not isinstance(first, str), first
     assert not isinstance(second, str), second
     lines = calibrated.lines_of(loads, first)

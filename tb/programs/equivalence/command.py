@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis extract` writes the parameters of the channels in transistors, `dermis equivalence` holds them to it."""
+"""`dermis extract` writes the parameters of the channels in transistors; `dermis equivalence` tests them."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
+import re
 from collections.abc import Sequence
 
 import click
@@ -13,16 +15,16 @@ from dermis.errors import InputError
 from dermis.files import write_between
 from dermis.report import progress, verdict
 from dermis.report.verdict import Row
+from dermis.scene import design as design_module
 from dermis.scene import extracted
 from dermis.scene.design import ROOT
 from scripts.characterise import runs
-from tb.programs.equivalence import cases, extract, gate
+from tb.programs.equivalence import columns, extract, faults, gate
+from tb.programs.equivalence.columns import Column, Slot
 from tb.programs.equivalence.gate import Case
 
 LENGTH = Case(codes=(0, 64, 200, 250))
-"""Cases that are also read with a gate of the full length."""
-
-DOCS = ROOT / "docs" / "equivalence.md"
+"""The column that is also read with a gate of the full length."""
 
 
 @click.command("extract")
@@ -34,10 +36,10 @@ def extract_command(check: bool, corner: tuple[str, ...]) -> int:
         rows = [stale_row()]
         verdict.print_rows(rows)
         return verdict.exit_code(rows)
-    conditions = [at for at in cases.CONDITIONS if not corner or at.corner in corner]
+    conditions = [at for at in gate.CONDITIONS if not corner or at.corner in corner]
     with progress.slots("extract", len(conditions), "conditions") as tell:
         for done, at in enumerate(conditions, 1):
-            wanted = [(case.topology, case.k) for case in cases.everything() if case.condition == at]
+            wanted = [(case.topology, case.k) for case in gate.everything() if case.condition == at]
             path = extracted.write(at.corner, at.celsius, extract.channels(at, wanted, runs.measured))
             click.echo(f"{path.relative_to(ROOT)}")
             tell(done, f"after {path.name}")
@@ -45,101 +47,113 @@ def extract_command(check: bool, corner: tuple[str, ...]) -> int:
 
 
 def stale_row() -> Row:
-    """How many files are missing or older than the circuit, and why."""
-    paths = [extracted.path_of(at.corner, at.celsius) for at in cases.CONDITIONS]
+    """Judge how many files are missing or older than the circuit, with the reasons."""
+    paths = [extracted.path_of(at.corner, at.celsius) for at in gate.CONDITIONS]
     why = [extracted.stale(p) if p.exists() else f"{p.name}: missing" for p in paths]
     return verdict.judge("equivalence.stale_files", sum(map(bool, why)), "; ".join(filter(None, why)))
 
 
-def chosen(words: Sequence[str]) -> list[Case]:
-    """The columns with any of these words in their names, or all of them."""
-    found = [c for c in cases.everything() if not words or any(w in c.name for w in words)]
-    if not found:
-        known = ", ".join(c.name for c in cases.everything())
-        raise InputError("command line", "--only", " ".join(words), f"part of one of {known}")
-    return found
+def _records(title: str, asked: Sequence[Column], jobs: int, fresh: bool) -> list[list[Slot] | str]:
+    with progress.slots(title, len(asked), "columns") as tell:
+        return columns.records(asked, jobs, tell, fresh)
 
 
-def gate_rows(chosen_cases: Sequence[Case], jobs: int, fresh: bool = False) -> list[Row]:
-    """A row a column: the largest distance in counts between the circuit and the model of it."""
-    with progress.slots("equivalence", len(chosen_cases), "columns") as tell:
-        found = cases.shown([(case, None) for case in chosen_cases], jobs, tell, fresh)
-    rows = []
-    for case, slots in zip(chosen_cases, found, strict=True):
-        name = f"equivalence.counts_apart.{case.name}"
+def gate_row(case: Case, slots: list[Slot] | str) -> Row:
+    """Judge the largest distance in counts between a column in transistors and its model."""
+    name = f"equivalence.counts_apart.{case.name}"
+    try:
         if isinstance(slots, str):
-            rows.append(verdict.error(name, slots))
-            continue
-        try:
-            told = gate.compare(case, slots)
-        except ValueError as error:
-            rows.append(verdict.error(name, str(error)))
-            continue
-        apart = ", ".join(f"{code}: {d:+.2f}" for code, d in zip(told["codes"], told["apart"], strict=True))
-        rows.append(verdict.judge(name, told["worst"], apart))
-    return rows
+            return verdict.error(name, slots)
+        apart = gate.compare(case, slots)
+    except ValueError as error:
+        return verdict.error(name, str(error))
+    note = ", ".join(f"{code}: {d:+.2f}" for code, d in apart.items())
+    return verdict.judge(name, max(map(abs, apart.values())), note)
 
 
-def length_rows(jobs: int, fresh: bool = False) -> list[Row]:
-    """Judge the short gate against the full one: counted codes, and predictions of the short one."""
-    short = LENGTH
-    with progress.slots("equivalence", 2, "gates") as tell:
-        found = cases.shown([(short, None), (cases.full(short), None)], jobs, tell, fresh)
+def length_row(jobs: int, fresh: bool) -> Row:
+    """Judge the prediction of a short gate against the counts of a full one."""
     name = "equivalence.short_gate_error"
+    short = LENGTH.column()
+    full = dataclasses.replace(short, clocks=design_module.load().timing.gate_clocks)
+    found = _records("equivalence", [short, full], jobs, fresh)
     if any(isinstance(slots, str) for slots in found):
-        return [verdict.error(name, "; ".join(s for s in found if isinstance(s, str)))]
+        return verdict.error(name, "; ".join(s for s in found if isinstance(s, str)))
     foreseen = gate.read(found[0]).counts()
     counted = [int(slot.bits.sum()) for slot in found[1]]
     # A count is truncated: up to one below the prediction.
-    beyond = [max(c - u, u - c - 1.0, 0.0) for c, u in zip(counted, foreseen, strict=True)][
-        gate.SETTLING_ROWS :
-    ]
+    beyond = [max(c - u, u - c - 1.0, 0.0) for c, u in zip(counted, foreseen, strict=True)]
     said = ", ".join(f"{c} ({u:.2f})" for c, u in zip(counted, foreseen, strict=True))
-    return [verdict.judge(name, max(beyond), f"counted in 510 clocks (foreseen from {short.clocks}): {said}")]
+    note = f"counted in {full.clocks} clocks (foreseen from {short.clocks}): {said}"
+    return verdict.judge(name, max(beyond[gate.SETTLING_ROWS :]), note)
 
 
-def table(rows: Sequence[Row]) -> str:
-    """The rows of the gate for docs/equivalence.md."""
-    lines = ["| column | counts apart | by ideal code | |", "|---|--:|---|---|"]
+def fault_row(kind: str, slots: list[Slot] | str) -> Row:
+    """Return PASS for a fault that the gate noticed, SKIP for one that it missed, ERROR for one not measured."""
+    name = f"equivalence.fault.{kind}"
+    if isinstance(slots, str):
+        return verdict.error(name, slots, "caught")
+    row = gate_row(faults.LOOP, slots)
+    if row["status"] == "PASS":
+        return verdict.skip(name, f"not noticed; {row['note']}", "caught")
+    return verdict.report(name, 1, "caught", row["note"])
+
+
+def fault_rows(only: Sequence[str], jobs: int, fresh: bool) -> list[Row]:
+    """Put the seeded faults to the gate: a row each, and the share of those noticed."""
+    kinds = [kind for kind in faults.FAULTS if not only or any(word in kind for word in only)]
+    if not kinds:
+        raise InputError(
+            "command line", "--only", " ".join(only), f"part of one of {', '.join(faults.FAULTS)}"
+        )
+    asked = [faults.LOOP.column(faults.written(kind, columns.WORK / "faults")) for kind in kinds]
+    found = _records("faults", asked, jobs, fresh)
+    rows = [fault_row(kind, slots) for kind, slots in zip(kinds, found, strict=True)]
+    known = [row["status"] == "PASS" for row in rows if row["status"] != "ERROR"]
+    note = f"{len(known)} of {len(rows)} measured"
+    return [
+        *rows,
+        verdict.judge("equivalence.faults_caught", sum(known) / len(known) if known else None, note),
+    ]
+
+
+def write_docs(rows: Sequence[Row], what: str) -> None:
+    """Write the rows as the table `what` of docs/equivalence.md."""
+    lines = ["| row | value | counts apart by ideal code | |", "|---|--:|---|---|"]
     for row in rows:
-        if row["name"] == "equivalence.stale_files":
-            continue
+        name = re.sub(r"^equivalence\.(counts_apart\.|fault\.)?", "", row["name"])
         value = "" if row["value"] is None else f"{row['value']:.2f}"
-        name = row["name"].removeprefix("equivalence.").removeprefix("counts_apart.")
         lines.append(f"| `{name}` | {value} | {row['note']} | {row['status']} |")
-    return "\n".join(lines)
+    begin = f"<!-- begin: {what} (written by dermis equivalence --docs) -->"
+    write_between(ROOT / "docs" / "equivalence.md", begin, f"<!-- end: {what} -->", "\n".join(lines))
 
 
 @click.command("equivalence")
 @click.option("--only", multiple=True, metavar="WORD", help="Columns with this word in their names.")
-@click.option(
-    "--faults",
-    "with_faults",
-    is_flag=True,
-    help="Seed faults in the netlists instead, and see which are caught.",
-)
+@click.option("--faults", "seeded", is_flag=True, help="Seed faults in the netlists; say which are caught.")
 @click.option(
     "--jobs", type=click.IntRange(1, 64), default=os.cpu_count(), show_default=True, help="Processes."
 )
 @click.option("--fresh", is_flag=True, help="Run what is kept from earlier runs as well.")
 @click.option("--docs", is_flag=True, help="Also write the table in docs/equivalence.md.")
-def equivalence_command(only: tuple[str, ...], with_faults: bool, jobs: int, fresh: bool, docs: bool) -> int:
+def equivalence_command(only: tuple[str, ...], seeded: bool, jobs: int, fresh: bool, docs: bool) -> int:
     """Channels in transistors against the models extracted from them; rows in build/equivalence.json."""
     if docs and only:
         raise InputError("command line", "--docs", "with --only", "a whole run")
-    if with_faults:
-        from tb.programs.equivalence import faults
-
-        return faults.command(only, jobs, fresh, docs)
-    rows = [stale_row(), *gate_rows(chosen(only), jobs, fresh)]
-    if not only:
-        rows += length_rows(jobs, fresh)
-    verdict.write_rows("equivalence", rows)
-    verdict.print_rows(rows, "equivalence")
+    if seeded:
+        rows = fault_rows(only, jobs, fresh)
+    else:
+        every = gate.everything()
+        cases = [c for c in every if not only or any(word in c.name for word in only)]
+        if not cases:
+            names = ", ".join(c.name for c in every)
+            raise InputError("command line", "--only", " ".join(only), f"part of one of {names}")
+        found = _records("equivalence", [case.column() for case in cases], jobs, fresh)
+        rows = [stale_row(), *(gate_row(*pair) for pair in zip(cases, found, strict=True))]
+        rows += [] if only else [length_row(jobs, fresh)]
+    target = "equivalence_faults" if seeded else "equivalence"
+    verdict.write_rows(target, rows)
+    verdict.print_rows(rows, target)
     if docs:
-        begin, end = (
-            "<!-- " + word + " -->"
-            for word in ("begin: gate (written by dermis equivalence --docs)", "end: gate")
-        )
-        write_between(DOCS, begin, end, table(rows))
+        write_docs(rows if seeded else rows[1:], "faults" if seeded else "gate")
     return verdict.exit_code(rows)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,13 +21,16 @@ from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.array.array import column_currents
+from dermis.chip.spice_text import spice_number
 from dermis.engines import event
 from dermis.records import Plan
 from dermis.scene import design as design_module
 from dermis.scene import scene
-from dermis.scene.design import Design
+from dermis.scene.design import TOPOLOGIES
 from scripts.characterise.benches import Condition
-from tb.programs.equivalence.loop import Slot
+from tb.programs.equivalence.columns import Column, Slot, deck_of
+
+Floats = NDArray[np.float64]
 
 CODES = (0, 0, 2, 20, 64, 128, 200, 250)
 """Ideal codes of a column's taxels: both ends, and steps between. Above 250 a gain of 2 % is beyond full scale. In the
@@ -41,8 +44,15 @@ ANCHORS = (20, 200)
 CLOCKS = 64
 """Length of the short gate."""
 
-
 TYPICAL = Condition()
+CONDITIONS = (
+    TYPICAL,
+    Condition("ss", -40.0),
+    Condition("ff", 125.0),
+    Condition("sf", 27.0),
+    Condition("fs", 27.0),
+)
+"""Extracted conditions: typical, slow and fast at their worse temperature, both skews."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +76,53 @@ class Case:
 
     @property
     def name(self) -> str:
-        """As a part of a row's name."""
+        """Part of a row's name."""
         at = self.condition
         supply = "" if at.supply == 1.0 else f"_{at.supply:g}"
         draw = "" if at.sample is None else f"_draw{at.sample}"
         return f"{self.topology}.k{self.k}.{at.corner}_{at.celsius:g}C{supply}{draw}"
+
+    def resistances(self) -> Floats:
+        """Return the taxels whose ideal codes the case gives."""
+        design = design_module.load()
+        unit_ohm = design.interface.v_bias_v / (self.k * design.converter.i0_a)
+        with np.errstate(divide="ignore"):
+            return unit_ohm * design.timing.gate_clocks / np.array(self.codes, dtype=float)
+
+    def column(self, blocks: Path | None = None) -> Column:
+        """Return the column to run, of spice/sky130 or of a changed copy."""
+        taxels = [
+            f"rtaxel{r} row{r} col {spice_number(float(ohm))}"
+            for r, ohm in enumerate(self.resistances())
+            if math.isfinite(ohm)
+        ]
+        pins = "col d_charge d_preset comp vref agnd ibias vdd vss vdd_d vss_d"
+        channel = f"xch {pins} channel_{self.topology} k={self.k}"
+        probes = ("comp", "xch.v_int" if self.topology == "direct" else "xch.xvfc.v_int")
+        deck = deck_of(len(self.codes), taxels, channel, probes, self.condition, blocks)
+        return Column(deck, self.clocks, 1.0 if self.topology == "conveyor_mirror_inverted" else -1.0)
+
+
+def everything() -> list[Case]:
+    """Return the columns of the gate.
+
+    Every channel at k = 80 and every range of Fig. 5a at three corners, both supplies and both ends of resistors and
+    capacitors there, the skews once; at typical some draws of the mismatch.
+    """
+    corners, skews = CONDITIONS[:3], CONDITIONS[3:]
+    return [
+        *(Case(topology, 80, at) for at in corners for topology in TOPOLOGIES),
+        *(Case(condition=at) for at in skews),
+        *(Case(k=k, condition=at) for at in corners for k in (20, 40, 160)),
+        *(Case(condition=dataclasses.replace(at, supply=s)) for at in corners for s in (0.9, 1.1)),
+        *(
+            Case(condition=dataclasses.replace(at, corner=f"{at.corner}_{end}"))
+            for at in corners
+            for end in ("low", "high")
+        ),
+        *(Case(condition=Condition(sample=n)) for n in range(1, 6)),
+        *(Case("direct", condition=Condition(sample=n)) for n in range(1, 3)),
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +133,12 @@ class Reading:
     ----------
     slope : [rows] packets a clock
     start : [rows] at the release of the preset, counted from the level of the decision
-    packet : one packet in the unit of the charge that was read
-    rest : largest distance of a charge from its line, in packets
     """
 
-    slope: NDArray[np.float64]
-    start: NDArray[np.float64]
-    packet: float
-    rest: float
+    slope: Floats
+    start: Floats
 
-    def counts(self, clocks: int = 510, most: float = 255.0) -> NDArray[np.float64]:
+    def counts(self, clocks: int = 510, most: float = 255.0) -> Floats:
         """Counts before they are cut to whole ones, 0 .. `most`."""
         return np.clip(self.start + self.slope * clocks + 1.0, 0.0, most)
 
@@ -129,12 +177,10 @@ def read(slots: Sequence[Slot]) -> Reading:
     matrix, value = np.concatenate(parts), np.concatenate(values)
     found = np.linalg.lstsq(matrix, value, rcond=None)[0]
     packet = float(found[-2])
-    rest = float(np.max(np.abs(matrix @ found - value))) / packet
-    level = _levels(slots) / packet
-    return Reading(found[rows : 2 * rows] / packet, found[:rows] / packet - level, packet, rest)
+    return Reading(found[rows : 2 * rows] / packet, (found[:rows] - _levels(slots)) / packet)
 
 
-def _levels(slots: Sequence[Slot]) -> NDArray[np.float64]:
+def _levels(slots: Sequence[Slot]) -> Floats:
     """Return the threshold of the comparator in each row, half way between its highest low and lowest high.
 
     A row in which it called everything the same has the level of the nearest row in which it did not.
@@ -152,29 +198,18 @@ def _levels(slots: Sequence[Slot]) -> NDArray[np.float64]:
     return found
 
 
-def model(case: Case, design: Design, off: Sequence[str] = ("row_driver",)) -> Plan:
-    """The plan of a column of extracted converters: a frame of one column; the drivers of the gate are ideal."""
-    named: dict[str, Any] = {
-        "extracted": {
-            "corner": case.condition.corner.partition("_")[0],
-            "temperature_c": float(case.condition.celsius),
-        }
-    }
+def model(case: Case) -> Plan:
+    """Return the plan of a column of extracted converters: a frame of one column, with ideal row drivers."""
+    at = case.condition
+    named: dict[str, Any] = {"corner": at.corner.partition("_")[0], "temperature_c": float(at.celsius)}
     data = {
         "array": {"rows": len(case.codes), "cols": 1},
         "stimulus": {"kind": "uniform", "code": 0},
         "interface": {"topology": case.topology, "k": case.k},
-        "effects": named | dict.fromkeys(off, False),
+        "effects": {"extracted": named, "row_driver": False},
     }
-    made = plan.make(scene.from_data(data, Path("equivalence"), design), "event")
-    return dataclasses.replace(made, resistance_ohm=resistances(case, design)[None, :, None])
-
-
-def resistances(case: Case, design: Design) -> NDArray[np.float64]:
-    """Of the taxels of a column, whose ideal codes the case gives."""
-    unit_ohm = design.interface.v_bias_v / (case.k * design.converter.i0_a)
-    with np.errstate(divide="ignore"):
-        return unit_ohm * design.timing.gate_clocks / np.array(case.codes, dtype=float)
+    made = plan.make(scene.from_data(data, Path("equivalence")), "event")
+    return dataclasses.replace(made, resistance_ohm=case.resistances()[None, :, None])
 
 
 def model_slots(made: Plan, clocks: int) -> list[Slot]:
@@ -193,27 +228,18 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
     return slots
 
 
-def compare(case: Case, slots: Sequence[Slot], design: Design | None = None) -> Mapping[str, Any]:
-    """Counts of both at 510 clocks, and how far apart they are; of a mismatch draw with the model calibrated to it.
+def compare(case: Case, slots: Sequence[Slot]) -> dict[int, float]:
+    """Return the counts at 510 clocks of the circuit less those of the model, by ideal code.
 
-    Returns
-    -------
-    dict
-        `codes`: ideal ones; `circuit` and `model`: counts, fractions kept; `apart`: their difference; `worst`: its
-        largest magnitude; `rest` of the circuit's lines in packets.
+    The model of a mismatch draw is calibrated to it first: the files have no draw.
+
+    Raises
+    ------
+    ValueError
+        As `read`.
     """
-    design = design or design_module.load()
-    circuit, stands_for_it = read(slots), read(model_slots(model(case, design), case.clocks))
+    circuit, extracted = read(slots), read(model_slots(model(case), case.clocks))
     if case.condition.sample is not None:
-        # What the host calibrates of a column: the files have no draw of the mismatch.
-        stands_for_it = stands_for_it.like(circuit, *(case.codes.index(code) for code in ANCHORS))
-    have, want = (reading.counts()[SETTLING_ROWS:] for reading in (circuit, stands_for_it))
-    apart = have - want
-    return {
-        "codes": list(case.codes[SETTLING_ROWS:]),
-        "circuit": have.tolist(),
-        "model": want.tolist(),
-        "apart": apart.tolist(),
-        "worst": float(np.max(np.abs(apart))),
-        "rest": circuit.rest,
-    }
+        extracted = extracted.like(circuit, *(case.codes.index(code) for code in ANCHORS))
+    apart = circuit.counts() - extracted.counts()
+    return dict(zip(case.codes[SETTLING_ROWS:], apart[SETTLING_ROWS:].tolist(), strict=True))

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Closed loop of a channel in transistors: ngspice in lock-step with the synchronizer, row after row.
+
+The column loads the channel as in the array: one row is driven, the others are at ground, and each slot drives the
+next row after a preset of full length. The synchronizer is that of tb/reference/chip.py, so that a channel is judged
+apart from the Verilog, which has its own proofs. A column runs once: its record is stored under the hash of its deck.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.chip import ladder, netlist, ngspice, sky130
+from dermis.chip.ngspice import Deck, NgspiceHalf
+from dermis.chip.spice_text import spice_number
+from dermis.scene import design as design_module
+from dermis.scene.design import ROOT
+from scripts import workers
+from scripts.characterise import runs
+from scripts.characterise.benches import SUPPLY_V, Condition
+from scripts.checkpoint import Checkpoint
+from tb.reference.chip import Synchronizer
+
+WORK = ROOT / "build" / "equivalence"
+"""Records and logs of columns, which `dermis equivalence` and `dermis calibrated` share."""
+
+_OPEN_S, _CLOCK_S = 120.0, 1.0
+"""Time limits of a column: operating point and clock, thirty times those on an idle core."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """Record of a slot, clock by clock from 1.
+
+    Attributes
+    ----------
+    comparator, bits : [clocks] comparator at the synchronizer's input, and the decisions
+    stored_v : [clocks + 1] the integrator's output with the sign of the stored charge; [0] at the end of the preset
+    """
+
+    comparator: NDArray[np.bool_]
+    bits: NDArray[np.bool_]
+    stored_v: NDArray[np.float64]
+
+
+def deck_of(
+    rows: int,
+    loads: Sequence[str],
+    channel: str,
+    probes: tuple[str, str],
+    condition: Condition,
+    blocks: Path | None = None,
+) -> Deck:
+    """Return the deck of a column with ideal row drivers and the capacitance of its line, in one piece.
+
+    Parameters
+    ----------
+    rows : row lines, row0 and so on
+    loads : elements between them and the column `col`
+    channel : instance of the channel on `col`
+    probes : comparator and integrator
+    blocks : a folder of netlists in place of spice/sky130
+    """
+    design, drawn = design_module.load(), condition.sample is not None
+    lines = [
+        f"column of {rows} rows at {condition}",
+        *([f".options seed={condition.sample}"] if drawn else []),
+        *sky130.deck_head(condition.corner, condition.celsius, drawn, blocks),
+        *sky130.supplies(SUPPLY_V, -SUPPLY_V, condition.supply),
+        *sky130.REFERENCE,
+        sky130.bias_current("ibias"),
+        *(f"v_row{r} row{r} 0 external" for r in range(rows)),
+        *loads,
+        f"ccolumn col 0 {spice_number(design.array.c_column_f)}",
+        "v_d_preset logic_preset 0 external",
+        "v_d_charge logic_charge 0 external",
+        *(sky130.logic(name, condition.supply) for name in ("preset", "charge")),
+        channel,
+        netlist.transistor_options(),
+        ".end",
+    ]
+    whole = runs.resolved("\n".join(lines)).splitlines()
+    return Deck(
+        tuple(line for line in whole if line != ".end"),
+        (*(f"v_row{r}" for r in range(rows)), "v_d_preset", "v_d_charge"),
+        (design.interface.v_bias_v, *[0.0] * (rows - 1), 1.0, 0.0),
+        (*[False] * rows, True, False),
+        probes,
+        step_growth=netlist.STEP_GROWTH_TRANSISTORS,
+    )
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column to run.
+
+    Attributes
+    ----------
+    deck : from `deck_of`
+    clocks : decisions of each row
+    sign : of the integrator's voltage over the stored charge
+    """
+
+    deck: Deck
+    clocks: int
+    sign: float = -1.0
+
+    @property
+    def name(self) -> str:
+        """Name of its record and log."""
+        return runs.key("\n".join(self.deck.lines)) + f"_{self.clocks}"
+
+    @property
+    def rows(self) -> int:
+        """Row lines."""
+        return len(self.deck.sources) - 2
+
+    def slots(self, log: Path) -> list[Slot]:
+        """Read every row once in this process, which ngspice needs for itself.
+
+        Raises
+        ------
+        SimulatorError
+            ngspice gave up on every rung of the ladder.
+        """
+        log.parent.mkdir(parents=True, exist_ok=True)
+        os.chdir(log.parent)  # the transistor model writes a file in its working directory
+        climb = ladder.Climb(self.deck.lines[0], runs.START)
+        return ladder.climb(partial(_attempt, self, log), climb)
+
+
+def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Slot]:
+    design = design_module.load()
+    t_clk, settle = 1.0 / design.converter.f_clk_hz, design.timing.settle_clocks
+    preset, charge = column.rows, column.rows + 1  # numbers of their sources, after the rows
+    slot_clocks = settle + column.clocks + 2  # two clocks after the last decision for its packet
+    half = NgspiceHalf(
+        column.deck,
+        t_edge_s=design.converter.t_edge_s,
+        t_max_step_s=slot_clocks * t_clk,  # truncation control decides between edges
+        t_stop_s=(column.rows * slot_clocks + 1) * t_clk,
+        log=log,
+        level=level,
+    )
+    found = []
+    edges: list[tuple[float, int, float]] = []
+    try:
+        half.advance(0.0, edges)
+        for row in range(column.rows):
+            begin = row * slot_clocks
+            release = begin + settle
+            if row:
+                driven = begin + design.timing.break_clocks
+                edges += [(begin * t_clk, preset, 1.0), (begin * t_clk, row - 1, 0.0)]
+                half.advance(driven * t_clk, edges)
+                edges = [(driven * t_clk, row, design.interface.v_bias_v)]
+            stored = [half.advance(release * t_clk, edges)[1]]
+            edges = [(release * t_clk, preset, 0.0)]
+            flops, comparator, bits = Synchronizer(), [], []
+            for clock in range(1, column.clocks + 3):
+                now = (release + clock) * t_clk
+                high, v_int = half.advance(now, edges)
+                before = flops.charge
+                bits.append(flops.clock(bool(high > 0.0) and clock <= column.clocks))
+                comparator.append(high > 0.0)
+                stored.append(v_int)
+                edges = [(now, charge, float(flops.charge))] if flops.charge != before else []
+            n = column.clocks
+            stored_v = column.sign * np.array(stored[: n + 1])
+            found.append(Slot(np.array(comparator[:n]), np.array(bits[:n]), stored_v))
+        half.advance((column.rows * slot_clocks + 1) * t_clk, edges)
+    finally:
+        half.close()
+    return found
+
+
+def simulate(column: Column, log: Path) -> list[dict[str, list[float]]]:
+    """Run a column and return its slots as JSON can hold them."""
+    return [
+        {
+            "comparator": slot.comparator.astype(int).tolist(),
+            "bits": slot.bits.astype(int).tolist(),
+            "stored_v": slot.stored_v.round(9).tolist(),
+        }
+        for slot in column.slots(log)
+    ]
+
+
+def records(
+    columns: Sequence[Column],
+    jobs: int,
+    tell: Callable[[int], None] = lambda done: None,
+    fresh: bool = False,
+    work: Path = WORK,
+) -> list[list[Slot] | str]:
+    """Return the records of columns in order; a text is the reason for a missing one.
+
+    Parameters
+    ----------
+    columns : what to run
+    jobs : processes at a time
+    tell : called with the number that is done
+    fresh : ignore stored records
+    work : folder with one file a column
+    """
+    sources = (Path(__file__), ngspice.SOURCE, Path(ngspice.__file__))
+    stamp = hashlib.sha256(b"".join(f.read_bytes() for f in sources)).hexdigest()[:16]
+    stored = {c.name: Checkpoint(work / "columns" / f"{c.name}.json", stamp, fresh=fresh) for c in columns}
+    todo = {c.name: c for c in columns if "slots" not in stored[c.name].pieces}
+    faults: dict[str, str] = {}
+    tasks = (
+        workers.Task(simulate, (c, work / "logs" / f"{name}.log"), _OPEN_S + _CLOCK_S * c.clocks * c.rows)
+        for name, c in todo.items()
+    )
+    tell(len(columns) - len(todo))
+    for done, (number, outcome) in enumerate(workers.run(tasks, jobs, fresh=True), 1):
+        name = list(todo)[number]
+        if outcome.fault:
+            faults[name] = outcome.fault
+        else:
+            stored[name].put("slots", outcome.value)
+        tell(len(columns) - len(todo) + done)
+    return [faults.get(c.name) or _slots(stored[c.name].pieces["slots"]) for c in columns]
+
+
+def _slots(pieces: Sequence[dict[str, list[float]]]) -> list[Slot]:
+    return [
+        Slot(np.array(p["comparator"], bool), np.array(p["bits"], bool), np.array(p["stored_v"]))
+        for p in pieces
+    ]
