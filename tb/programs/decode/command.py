@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import tempfile
 import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from dermis import plan as planning
 from dermis.array.array import Network, column_currents
-from dermis.decode import calibration, crosstalk, identify, law, memory, recording
-from dermis.decode.calibration import Calibration, Mode
+from dermis.decode import calibration, crosstalk, identify, memory, recording
+from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import SATURATED, Decoder, Forces
 from dermis.engines import closed, event
 from dermis.errors import InputError
@@ -61,28 +62,15 @@ def noise_free() -> verdict.Row:
 
 def tables() -> list[verdict.Row]:
     """Compare the published tables with their recomputation."""
-    size, ohm = published.WORST
-    four, six = published.cells(4), published.cells(6)
-    judged = [cell for cell in four if cell.part != "wu"]
-    met = [cell for cell in six if not cell.overloaded]
-    off = [cell for cell in six if cell.overloaded]
-    with_limit = [
-        abs(abs(published.corrected(cell, published.overloaded_currents(cell))) - cell.error)
-        for cell in off
-        if cell.size == size
-    ]
-    unknown = "48 cells: they have no term of 2 Rs / R, against table 6 (b); the circuit cannot be had"
-    overload = "100 ohm in 14 x 14 after one step, in 16 x 16 after one and two: amplifier overloaded?"
-    limited = f"the two cells of 16 x 16, with an amplifier that delivers {published.LIMIT_S:g} A/V"
+    found = {table: published.cells(table) for table in (4, 6)}
     return [
-        verdict.judge(
-            "decode.table4_miss", max(map(published.miss, judged)), f"(a), (c), (d), {len(judged)} cells"
+        *(
+            verdict.judge(f"decode.table{n}_miss", max(map(published.miss, cells)), f"{len(cells)} cells")
+            for n, cells in found.items()
         ),
-        verdict.skip("decode.table4_wu_miss", unknown),
-        verdict.judge("decode.table6_miss", max(map(published.miss, met)), f"{len(met)} of {len(six)} cells"),
-        verdict.report("decode.table6_overload_miss", max(map(published.miss, off)), "pp", overload),
-        verdict.report("decode.table6_limited_miss", max(with_limit), "pp", limited),
-        verdict.judge("decode.table6_worst", published.ours(size, ohm), "published after two steps: 1.56 %"),
+        verdict.judge(
+            "decode.table6_worst", published.ours(*published.WORST), "published after two steps: 1.56 %"
+        ),
     ]
 
 
@@ -106,6 +94,16 @@ def covered(found: Forces, force: Floats) -> NDArray[np.bool_]:
     return (found.low_n <= force * SLACK) & (force <= found.high_n * SLACK)
 
 
+def without_memory(known: Calibration) -> Calibration:
+    """Return a calibration that knows neither hysteresis nor creep."""
+    return dataclasses.replace(known, memory=memory.MemoryLaw(np.empty(0), np.empty(0)))
+
+
+def rms(errors: Floats) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(errors**2)))
+
+
 def worn() -> tuple[Plan, Forces, verdict.Row]:
     """Decode worn_fsr_sheet from its codes, with the calibration of a session of the same sheet."""
     plan = planning.load(scenes.find("worn_fsr_sheet"), "closed")
@@ -116,12 +114,11 @@ def worn() -> tuple[Plan, Forces, verdict.Row]:
     exact = Decoder(Calibration.of_plan(plan), plan.drive.t_frame_s).decode(codes)
     plain = plan.force_of_duty(codes / plan.timing.gate_clocks)
     off, least, before = (codes_of_force(plan, f) - true for f in (found.force_n, exact.force_n, plain))
-    rms, rms_exact, rms_before = (float(np.sqrt(np.mean(e**2))) for e in (off, least, before))
     note = (
-        f"largest {np.abs(off).max():.3g} at the turn of the load; {rms_exact:.3g} rms with exact parameters, "
-        f"{rms_before:.3g} uncorrected; {covered(found, plan.force_n).mean():.4%} in their interval"
+        f"largest {np.abs(off).max():.3g} at the turn of the load; {rms(least):.3g} rms with exact parameters, "
+        f"{rms(before):.3g} uncorrected; {covered(found, plan.force_n).mean():.4%} in their interval"
     )
-    return plan, found, verdict.judge("decode.force_error_lsb", rms, note)
+    return plan, found, verdict.judge("decode.force_error_lsb", rms(off), note)
 
 
 def cycles(seed: int, frames: int, taxels: int) -> Floats:
@@ -139,36 +136,31 @@ def cycles(seed: int, frames: int, taxels: int) -> Floats:
     return out
 
 
-def hysteresis() -> tuple[list[verdict.Row], dict[str, Floats]]:
+def hysteresis() -> tuple[verdict.Row, dict[str, Floats]]:
     """Identify hysteresis and creep from one cycle of codes, and judge them on others."""
-    effects = {"sensor_hysteresis": True, "sensor_creep": True}
     size = {"rows": 4, "cols": 4}
-    skin = Skin(made(array=size, effects=effects))
+    skin = Skin(made(array=size, effects={"sensor_hysteresis": True, "sensor_creep": True}))
     one = np.broadcast_to((13 * np.sin(np.pi * np.arange(500) * 2e-3) ** 2)[:, None, None], (500, 4, 4))
-    true = Calibration.of_plan(skin.plan)
-    blind = dataclasses.replace(true, memory=memory.MemoryLaw(np.empty(0), np.empty(0)))
+    blind = without_memory(Calibration.of_plan(skin.plan))
     found, values = identify.fit_memory(blind, skin.read(one, 2e-3), one, 2e-3)
-    off, plain, kept = [], [], {}
+    off: dict[str, list[Floats]] = {"before": [], "after": []}
+    kept = {}
     for seed in range(SEED, SEED + 10):
         skin.reset()
         force = cycles(seed, 1500, 16).reshape(-1, 4, 4)
         codes = skin.read(force, 2e-3)
-        decoded = Decoder(found, 2e-3).decode(codes)
-        uncorrected = Decoder(blind, 2e-3).decode(codes)
-        used = decoded.flags & SATURATED == 0
-        off.append((decoded.force_n - force)[used])
-        plain.append((uncorrected.force_n - force)[used])
-        if seed == SEED:
-            kept = {"force": force, "before": uncorrected.force_n, "after": decoded.force_n,
-                    "low": decoded.low_n, "high": decoded.high_n}  # fmt: skip
-    errors, before = np.concatenate(off) / FULL_N * 100, np.concatenate(plain) / FULL_N * 100
-    rms = float(np.sqrt(np.mean(errors**2)))
+        decoded = {"before": Decoder(blind, 2e-3).decode(codes), "after": Decoder(found, 2e-3).decode(codes)}
+        used = decoded["after"].flags & SATURATED == 0
+        for name, one_way in decoded.items():
+            off[name].append((one_way.force_n - force)[used] / FULL_N * 100)
+        kept = kept or {"force": force} | {name: one_way.force_n for name, one_way in decoded.items()}
+    before, after = (np.concatenate(errors) for errors in off.values())
     note = (
-        f"rms over 10 x 16 unseen cycles; largest {np.abs(errors).max():.3g} %, where a loop is flat; uncorrected "
-        f"rms {np.sqrt(np.mean(before**2)):.3g} %, largest {np.abs(before).max():.3g} %; "
+        f"rms over 10 x 16 unseen cycles; largest {np.abs(after).max():.3g} %, where a loop is flat; uncorrected "
+        f"rms {rms(before):.3g} %, largest {np.abs(before).max():.3g} %; "
         f"loop {values['hysteresis'][0]:.2%}, creep {values['creep_per_decade'][0]:.2%} a decade"
     )
-    return [verdict.judge("decode.hysteresis_error", rms, note)], kept
+    return verdict.judge("decode.hysteresis_error", rms(after), note), kept
 
 
 def random_world(rng: np.random.Generator) -> dict[str, Any]:
@@ -198,124 +190,92 @@ def random_touch(rng: np.random.Generator) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def judged(known: Calibration, plan: Plan, engine: Any = closed) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which forces of a scene lie in their interval, and the widths in LSB of pressed taxels."""
-    codes = engine.run(plan).codes
-    found = Decoder(known, plan.drive.t_frame_s).decode(codes)
-    pressed = (codes > 0) & (codes < plan.timing.code_max)
-    return covered(found, plan.force_n), (found.high_n - found.low_n)[pressed] / (FULL_N / 255)
+Trial = tuple[Calibration, Plan, Any]
+"""A calibration, a scene of its sheet that it has not seen, and the engine that reads it."""
 
 
-def coverage(count: int = 30) -> verdict.Row:
-    """Judge intervals on random sheets whose hysteresis and creep come from a cycle; a sixth with the chip's noise.
+def known_chips(count: int = 30) -> Iterator[Trial]:
+    """Yield random sheets whose hysteresis and creep come from a cycle; every sixth has the chip's noise.
 
     Chip and network are known. Touches are other than the cycle. Noise is that of engine event.
     """
-    inside, widths, noisy = [], [], 0
     for seed in range(count):
         rng = np.random.default_rng([SEED, 1, seed])
         effects, touch = random_world(rng), random_touch(rng)
-        noise: dict[str, Any] = {}
-        if seed % 6 == 0:
-            effects.pop("trace", None)
-            noise = dict.fromkeys(("thermal_noise", "shot_noise", "ktc_noise", "flicker_noise"), True)
-        sheet = made(effects=effects)
-        blind = dataclasses.replace(
-            Calibration.of_plan(sheet),
-            memory=memory.MemoryLaw(np.empty(0), np.empty(0)),
-            uncorrected_part=0.0,
-        )
+        sheet = made(effects=effects if seed % 6 else effects | {"trace": False})
+        blind = dataclasses.replace(without_memory(Calibration.of_plan(sheet)), uncorrected_part=0.0)
         force, codes = session.cycle(Skin(sheet), 12.0)
         known, _ = identify.fit_memory(blind, codes, force, session.T_FRAME_S)
-        if noise:
-            still = made({"kind": "uniform", "force_n": [5.0] * 20}, "event", effects=effects | noise)
-            known = dataclasses.replace(known, noise_code=identify.fit_noise(event.run(still).codes))
-        plan = made(touch, "event" if noise else "closed", effects=effects | noise)
-        good, width = judged(known, plan, event if noise else closed)
-        inside.append(good.ravel())
-        widths.append(width)
-        noisy += bool(noise)
-    width = float(np.median(np.concatenate(widths)))
-    share = np.concatenate(inside)
-    note = (
-        f"{count} sheets whose hysteresis and creep are identified, {noisy} with noise, {share.size} readings; "
-        f"median width {width:.3g} LSB where pressed"
-    )
-    row = verdict.judge("decode.interval_coverage", float(share.mean()), note)
-    return row if width <= 2 else row | {"status": "FAIL"}
+        if seed % 6:
+            yield known, made(touch, effects=effects), closed
+            continue
+        noise = dict.fromkeys(("thermal_noise", "shot_noise", "ktc_noise", "flicker_noise"), True)
+        effects |= noise | {"trace": False}
+        still = made({"kind": "uniform", "force_n": [5.0] * 20}, "event", effects=effects)
+        known = dataclasses.replace(known, noise_code=identify.fit_noise(event.run(still).codes))
+        yield known, made(touch, "event", effects=effects), event
 
 
-def identified_coverage(count: int = 6) -> verdict.Row:
-    """Judge intervals where everything, the network too, comes from the session of the sheet."""
-    inside, widths = [], []
+def sessions(count: int = 6) -> Iterator[Trial]:
+    """Yield four touches each of sheets of 8 x 8 of which everything, the network too, comes from a session."""
     for seed in range(count):
         rng = np.random.default_rng([SEED, 2, seed])
-        effects, size = random_world(rng), {"rows": 8, "cols": 8}
-        effects.pop("trace", None)
-        known = identified(made(effects=effects, array=size), rng.uniform(1.0, 14.0, 30), seed=SEED + seed)
+        tables = {"effects": random_world(rng) | {"trace": False}, "array": {"rows": 8, "cols": 8}}
+        known = identified(made(**tables), rng.uniform(1.0, 14.0, 30), seed=SEED + seed)
         for _ in range(4):
             touch = random_touch(rng) | {"center_row": 4.0, "center_col": 4.0}
-            good, width = judged(known, made(touch, effects=effects, array=size))
-            inside.append(good.ravel())
-            widths.append(width)
-    width = float(np.median(np.concatenate(widths)))
-    note = f"{count} sheets of 8 x 8, all parameters from sessions; median width {width:.3g} LSB"
-    share = float(np.concatenate(inside).mean())
-    return verdict.within("decode.identified_coverage", share, "1", COVERAGE_MIN, None, note)
+            yield known, made(touch, **tables), closed
+
+
+def coverage(trials: Iterable[Trial]) -> tuple[float, float, str]:
+    """Return the share of forces in their interval, the median width in LSB of pressed taxels, and a note."""
+    inside, widths = [], []
+    for known, plan, engine in trials:
+        codes = engine.run(plan).codes
+        found = Decoder(known, plan.drive.t_frame_s).decode(codes)
+        pressed = (codes > 0) & (codes < plan.timing.code_max)
+        inside.append(covered(found, plan.force_n).ravel())
+        widths.append((found.high_n - found.low_n)[pressed] / (FULL_N / 255))
+    width, share = float(np.median(np.concatenate(widths))), np.concatenate(inside)
+    note = f"{len(inside)} scenes, {share.size} readings; median width {width:.3g} LSB where pressed"
+    return float(share.mean()), width, note
+
+
+def coverage_rows() -> list[verdict.Row]:
+    """Judge intervals on sheets of a known chip and on sheets that a session identified."""
+    share, width, note = coverage(known_chips())
+    row = verdict.judge("decode.interval_coverage", share, note)
+    row |= {} if width <= 2 else {"status": "FAIL"}
+    share, _, note = coverage(sessions())
+    return [row, verdict.within("decode.identified_coverage", share, "1", COVERAGE_MIN, None, note)]
 
 
 def rates() -> list[verdict.Row]:
     """Frames a second of one core, by processor time."""
-    rng = np.random.default_rng(0)
-    force = rng.uniform(0, 10, (3000, 16, 16))
-    out = np.empty(force.shape, np.uint8)
-
-    def rate(work: Any, frames: int, repeats: int) -> list[float]:
-        found = []
-        for _ in range(repeats + 1):
-            start = time.process_time()
-            work()
-            found.append(frames / max(time.process_time() - start, 1e-9))
-        return found[1:]  # the first compiles
-
+    force = np.random.default_rng(0).uniform(0, 10, (3000, 16, 16))
     droop = Skin(made(effects={"row_driver": True, "column_offset": True}))
     cross = Skin(made(effects={"row_driver": True, "column_input": True, "lateral": True}))
+    out = np.empty(force.shape, np.uint8)
     codes = cross.read(force)
-    network = cross.plan.surrounding
-    modes = tuple(
-        Mode({name: 1.1 * np.asarray(network[name])}, np.zeros((16, 16)))
-        for name in ("r_row_driven_ohm", "r_column_ohm", "g_lateral_row_s")
-    )
-    known = dataclasses.replace(Calibration.of_plan(cross.plan), modes=modes, offset_v2=1e-9)
-    unsure = Decoder(known, cross.t_frame_s)
     places = Forces(*(np.empty(codes.shape) for _ in range(3)), np.empty(codes.shape, np.uint8))
-    one = rate(lambda: [cross.decode(frame) for frame in codes[:200]], 200, 5)
+
+    def seconds(work: Callable[[], Any]) -> list[float]:
+        found = []
+        for _ in range(6):
+            start = time.process_time()
+            work()
+            found.append(max(time.process_time() - start, 1e-9))
+        return found[1:]  # the first compiles
+
+    reading = seconds(lambda: droop.read(force, out=out))
+    decoding = seconds(lambda: cross.decode(codes, out=places))
+    single = seconds(lambda: [cross.decode(frame) for frame in codes[:200]])
+    crosstalk = "with crosstalk and intervals"
     return [
-        verdict.median("skin.read_frames_per_s", rate(lambda: droop.read(force, out=out), 3000, 5), "frames/s"),
-        verdict.median(
-            "skin.decode_frames_per_s", rate(lambda: cross.decode(codes, out=places), 3000, 5), "frames/s",
-            "with crosstalk and intervals",
-        ),
-        verdict.median(
-            "skin.decode_identified_frames_per_s", rate(lambda: unsure.decode(codes, out=places), 3000, 5),
-            "frames/s", "with the uncertainty of a network that loads identified",
-        ),
-        verdict.median("skin.decode_one_frame_s", [1 / value for value in one], "s", "one call a frame"),
-    ]  # fmt: skip
-
-
-def brimacombe() -> list[verdict.Row]:
-    """Fit the laws that Brimacombe 2009 compares to the curve of an FSR."""
-    plan = made(sensor={"law": "power"})
-    force = np.linspace(0.5, 20, 40)
-    g = 1 / plan.sensor.resistance_ohm(force)
-    found = []
-    for kind in law.KINDS:
-        error = 100 * law.rms_error_n(law.fit(kind, g, force), g, force) / 20.0
-        found.append(
-            verdict.report(f"decode.law_error.{kind}", error, "% of range", "curve of the FSR, 0.5 to 20 N")
-        )
-    return found
+        verdict.median("skin.read_frames_per_s", [len(codes) / t for t in reading], "frames/s"),
+        verdict.median("skin.decode_frames_per_s", [len(codes) / t for t in decoding], "frames/s", crosstalk),
+        verdict.median("skin.decode_one_frame_s", [t / 200 for t in single], "s", "one call a frame"),
+    ]
 
 
 def recordings(data: Path | None) -> list[verdict.Row]:
@@ -348,11 +308,14 @@ def decode_command(data: Path | None, pictures: Path) -> int:
 
     if data is not None and not data.is_dir():
         raise InputError("command line", "--data", str(data), "a directory")
-    rows = [noise_free(), *tables()]
-    plan, found, row = worn()
-    loop, kept = hysteresis()
-    rows += [row, *loop, coverage(), identified_coverage(), *brimacombe(), *rates(), *recordings(data)]
-    figures.write(pictures, plan, found, kept)
+    plan, found, force_error = worn()
+    loop_error, kept = hysteresis()
+    rows = [noise_free(), *tables(), force_error, loop_error]
+    rows += [*coverage_rows(), *rates(), *recordings(data)]
+    pictures.mkdir(parents=True, exist_ok=True)
+    figures.error_maps(pictures / "decode_error_maps.png")
+    figures.loop(pictures / "decode_loop.png", kept)
+    figures.intervals(pictures / "decode_intervals.png", plan, found)
     verdict.write_rows("decode", rows)
     verdict.print_rows(rows, "codes to newtons")
     click.echo(f"figures are in {pictures}")

@@ -20,18 +20,15 @@ SERIES_OHM = 5.0
 STEPS = {"classical": 0, "first_step": 1, "second_step": 2}
 """Correction steps of each part; part (b), "wu", is another circuit."""
 OVERLOADED = {(14, 100.0, "first_step"), (16, 100.0, "first_step"), (16, 100.0, "second_step")}
-"""Cells of table 6 that are off: the authors' amplifier was probably overloaded."""
+"""Cells of table 6 that no network reproduces: the authors' amplifier was probably overloaded."""
 WORST = (16, 100.0)
 """Size and taxel of the cell with 0.07 % after one step and 1.56 % after two."""
-LIMIT_S = 0.0146
-"""Fitted to the two cells of 16 x 16: current limit of the feedback amplifier, relative to the bias."""
 
 
 @dataclass(frozen=True)
 class Cell:
     """Published error in % of one taxel, and its circuit."""
 
-    table: int
     part: str
     size: int
     others_ohm: float
@@ -39,31 +36,30 @@ class Cell:
     taxel_ohm: float
     error: float
 
-    @property
-    def overloaded(self) -> bool:
-        """Return True for the cells of table 6 that no network reproduces."""
-        return self.table == 6 and (self.size, self.taxel_ohm, self.part) in OVERLOADED
-
 
 def cells(table: int, series_ohm: float = SERIES_OHM) -> list[Cell]:
-    """Return the cells of a table; `series_ohm` is for table 6."""
+    """Return the cells of a table that a network reproduces; `series_ohm` is for table 6."""
     found = []
     with (Path(__file__).parent / "hidalgo_lopez_2018.csv").open(newline="") as file:
         for row in csv.DictReader(file):
-            if int(row["table"]) == table:
-                circuit = int(row["size"]), float(row["others_ohm"]), float(row["series_ohm"] or series_ohm)
-                found += [
-                    Cell(table, row["part"], *circuit, float(ohm), float(row[ohm]))
-                    for ohm in list(row)[5:]
-                ]  # fmt: skip
-    return found
+            if int(row["table"]) != table or (table == 4 and row["part"] == "wu"):
+                continue
+            circuit = int(row["size"]), float(row["others_ohm"]), float(row["series_ohm"] or series_ohm)
+            found += [Cell(row["part"], *circuit, float(ohm), float(row[ohm])) for ohm in list(row)[5:]]
+    return [c for c in found if table == 4 or (c.size, c.taxel_ohm, c.part) not in OVERLOADED]
 
 
 def circuit(cell: Cell) -> tuple[Network, Floats]:
-    """Return the network of a cell and its conductances [size, size]."""
+    """Return the network of a cell and its conductances [size, size].
+
+    In part (b) the feedback follows the line of the read column, which then sits at the reference of all undriven
+    lines.
+    """
     g = np.full((cell.size, cell.size), 1 / cell.others_ohm)
     g[0, 0] = 1 / cell.taxel_ohm
-    return Network(g, 1.0, cell.series_ohm, cell.series_ohm, cell.series_ohm), g  # type: ignore[arg-type]
+    inputs = np.full(cell.size, cell.series_ohm)
+    inputs[0] *= cell.part != "wu"
+    return Network(g, 1.0, cell.series_ohm, cell.series_ohm, inputs), g  # type: ignore[arg-type]
 
 
 def step(network: Network, current: Floats, g: Floats) -> Floats:
@@ -83,61 +79,25 @@ def step(network: Network, current: Floats, g: Floats) -> Floats:
     return out
 
 
-def corrected(cell: Cell, current: Floats | None = None) -> float:
-    """Return the error in % after the steps of the cell's part, from its own currents or from others."""
+def recomputed(cell: Cell) -> float:
+    """Return the error in % after the steps of the cell's part."""
     network, g = circuit(cell)
-    current = column_currents(network) if current is None else current
+    current = column_currents(network)
+    if cell.part == "wu":  # the series resistance of the read column adds to the taxel
+        return 100 * ((1 / float(current[0, 0]) + cell.series_ohm) * g[0, 0] - 1)
     found = current / network.v_bias_v
     for _ in range(STEPS[cell.part]):
         found = step(network, current, found)
     return 100 * float(g[0, 0] / found[0, 0] - 1)
 
 
-def wu(cell: Cell) -> float:
-    """Return the error in % where the feedback follows the line of the read column (part b).
-
-    The column then sits at the reference of all undriven lines. Its series resistance adds to the taxel.
-    """
-    _, g = circuit(cell)
-    inputs = np.full(cell.size, cell.series_ohm)
-    inputs[0] = 0.0
-    sensed = Network(g, 1.0, cell.series_ohm, cell.series_ohm, inputs)  # type: ignore[arg-type]
-    return 100 * ((1 / float(column_currents(sensed)[0, 0]) + cell.series_ohm) * g[0, 0] - 1)
-
-
 def miss(cell: Cell) -> float:
-    """Return the difference in percentage points between the published and the recomputed error.
-
-    The tables print magnitudes.
-    """
-    return abs(abs(wu(cell) if cell.part == "wu" else corrected(cell)) - cell.error)
+    """Return the difference in percentage points between the published magnitude and the recomputed error."""
+    return abs(abs(recomputed(cell)) - cell.error)
 
 
 def ours(size: int, taxel_ohm: float) -> float:
     """Return the error in % of the solver in the circuit of table 6."""
-    network, g = circuit(Cell(6, "classical", size, 2000.0, SERIES_OHM, taxel_ohm, np.nan))
+    network, g = circuit(Cell("classical", size, 2000.0, SERIES_OHM, taxel_ohm, np.nan))
     found = crosstalk.solve(network, column_currents(network)[np.newaxis]).conductance_s[0]
     return 100 * float(abs(g[0, 0] / found[0, 0] - 1))
-
-
-def overloaded_currents(cell: Cell) -> Floats:
-    """Return the currents [rows, cols] with a feedback amplifier that delivers at most `LIMIT_S`.
-
-    It holds all undriven lines, so a taxel of low resistance overloads it while its neighbours of the row are read.
-    Above the limit the lines rise until the current fits.
-    """
-    _, g = circuit(cell)
-    size, series_s = cell.size, 1 / cell.series_ohm
-    matrix = np.block(
-        [[np.diag(g.sum(axis=1) + series_s), -g], [-g.T, np.diag(g.sum(axis=0) + series_s)]]
-    )  # fmt: skip
-    solve, out = np.linalg.inv(matrix), np.empty_like(g)
-    for r, c in np.ndindex(g.shape):
-        held = np.ones(2 * size, bool)
-        held[[r, size + c]] = False
-        driven = series_s * solve[:, r]
-        lifted = series_s * solve @ held
-        excess = series_s * driven[held].sum() - LIMIT_S
-        rise = max(excess, 0.0) / (series_s * (1 - lifted[held]).sum())
-        out[r, c] = series_s * (driven + rise * lifted)[size + c]
-    return out
