@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for scenes that need the bounds of the filter: each bound, halved in turn, must give a
-wrong code.
+"""Search for scenes that need the bounds of the filter: each bound, halved in turn, must give a wrong code.
 
-A scene has one effect, at a strength drawn over its range, and few taxels whose duty runs through a
-whole code in small steps, so that a level that is off by more than its bound gives a wrong code in
-some of them.
+A scene has one effect, at a strength drawn over its range, and few taxels whose duty runs through a whole code in
+small steps, so that a level that is off by more than its bound gives a wrong code in some of them.
 """
 
 from __future__ import annotations
@@ -34,9 +32,7 @@ TRIES = 400
 """Scenes for a bound."""
 
 _FRAMES = 1 << 18
-"""Frames in which the largest random number of a slot is searched: 4.5 standard deviations; a
-halved bound has 4.
-"""
+"""Frames in which the largest random number of a slot is searched: 4.5 standard deviations; a halved bound has 4."""
 
 RARE = {
     "ktc_noise": (noise.PRESET, 0),
@@ -45,9 +41,7 @@ RARE = {
     "shot_noise": (noise.WALK, None),
     "clock_jitter": (noise.WALK, None),
 }
-"""Stream and number of the random number that moves all of a slot, by effect; None is the end of a
-path.
-"""
+"""Stream and number of the random number that moves all of a slot, by effect; None is the end of a path."""
 
 
 @contextmanager
@@ -88,9 +82,7 @@ def _plan(name: str, strength: int, codes: Floats) -> records.Plan:
 
 
 def _steps(name: str, rng: np.random.Generator) -> Floats:
-    """Steps between codes, [1, rows, cols] or two frames for motion; some taxels are open or beyond
-    full scale.
-    """
+    """Return steps between codes, [1, rows, cols] or two frames for motion; some are below the first or the last."""
     rows, cols = (int(n) for n in rng.integers(1, [4, 3]))
     shape = (2 if name == "motion" else 1, rows, cols)
     steps = np.exp(rng.uniform(np.log(0.5), np.log(300.0), shape))
@@ -99,8 +91,7 @@ def _steps(name: str, rng: np.random.Generator) -> Floats:
         # Many decisions of a slow converter are near the level: one of them draws a large number.
         steps = np.zeros(shape)
     if name == "mirror_lag":
-        # After a row without current the output follows late, and then by more than half a packet a
-        # clock.
+        # After a row without current the output is late, then by more than half a packet a clock.
         steps = rng.uniform(200.0, 350.0, (1, 2, 1)) * [[[0.0], [1.0]]]
     opened = (steps == 0.0) if name == "mirror_lag" else rng.random(steps.shape) < 0.2
     return np.where(opened, -0.5, np.floor(steps)) + 0.5
@@ -113,9 +104,7 @@ def _around(steps: Floats, reach: Floats | float, many: int) -> Floats:
 
 
 def _rare(name: str, plan: records.Plan) -> Iterator[records.Plan]:
-    """Return the frames of a plan, each at the position of the frame whose slot has the largest
-    random number.
-    """
+    """Yield the frames of a plan, each at the position of the frame whose slot has the largest random number."""
     stream, number = RARE[name]
     number = int(noise.span_of(plan.timing.gate_clocks)) if number is None else number
     keys = noise.cell_keys(plan.seed, 0, (_FRAMES, plan.rows, plan.cols))[:, 0, 0]
@@ -149,9 +138,7 @@ _counts = np.vectorize(verdicts.count, otypes=[int])
 
 
 def wrong(name: str, trial: int) -> int:
-    """Violations of the bounds in scene `trial` of an effect; 0 if engine event refuses the
-    scene.
-    """
+    """Return the violations of the bounds in scene `trial` of an effect; 0 if engine event refuses the scene."""
     rng = np.random.default_rng([trial, *name.encode()])
     steps = _steps(name, rng)
     strength = rng.integers(1 << 32)
@@ -171,16 +158,12 @@ def names() -> list[str]:
 
 
 def caught(name: str, tries: int = TRIES) -> int | None:
-    """Return the number of the first scene in which the halved bound of an effect gives a wrong
-    code, or None.
-    """
+    """Return the number of the first scene in which the halved bound of an effect gives a wrong code, or None."""
     with halved(name):
         return next((trial for trial in range(tries) if wrong(name, trial)), None)
 
 
 def mutants(tries: int = TRIES) -> tuple[dict[str, int], list[str]]:
-    """Return the scene by effect whose halved bound was caught, and the effects of which none
-    was.
-    """
+    """Return the scene by effect whose halved bound was caught, and the effects of which none was."""
     found = {name: caught(name, tries) for name in names()}
     return {n: t for n, t in found.items() if t is not None}, [n for n, t in found.items() if t is None]

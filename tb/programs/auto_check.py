@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares codes and processor time of [effects] auto with engine event and everything on, over
-many scenes.
-"""
+"""Compares codes and processor time of [effects] auto with engine event and everything on, over many scenes."""
 
 from __future__ import annotations
 
@@ -42,7 +40,6 @@ class Outcome:
     """One scene: codes that differ from everything on, verdicts, and processor time in s."""
 
     name: str
-    topology: str
     conversions: int
     wrong: int
     walked: int
@@ -57,7 +54,7 @@ class Outcome:
         return self.seconds_all / self.seconds
 
     @property
-    def open(self) -> float:
+    def walked_part(self) -> float:
         """Part of the cells that engine event walked."""
         return self.walked / self.conversions
 
@@ -68,63 +65,32 @@ def random_scene(seed: int, number: int, frames: int) -> World:
     return scenes.random_scene(random.Random(f"{seed} {number}"), limits)
 
 
-# Each of these is on or off in a compiled loop of its own.
-_LOOPS = (
-    {"ripple", "motion"},
-    {"c_row_f", "c_column_f", "c_taxel_f"},
-    {"q_mirror_c"},
-    {"inv_i_range_a"},
-    {"t_gbw_s"},
-    {"t_comp_delay_s"},
-    {"v_hysteresis_v"},
-    {"v_int_max_v", "v_int_min_v"},
-    event.RANDOM,
-)
-
-
-def _loops(plan: records.Plan) -> tuple[Any, ...]:
-    active = plan.active_fields()
-    return (plan.engine, plan.topology == "direct", *(bool(active & group) for group in _LOOPS))
-
-
-def compare(world: scene.Scene, name: str, warm: set[Any] | None = None, repeats: int = REPEATS) -> Outcome:
+def compare(world: scene.Scene, name: str) -> Outcome:
     """Run a scene with auto and with everything on, and compare.
 
-    With `warm`, a set to be handed from scene to scene, loops are compiled before they are timed.
-    Times are the medians of `repeats` runs of either, in turn.
+    Times are the medians of runs of either, in turn; a first run that compiles does not move them.
 
     Raises
     ------
     InputError
         Engine event refuses the scene with everything on.
     """
-
-    def everything() -> engines.Result:
-        return event.run(planning.whole(world, "event"))
-
-    def filtered() -> engines.Result:
-        return engines.run(planning.make(world, "event"))
-
-    chosen = planning.make(world, "event")
-    if warm is not None and _loops(chosen) not in warm:
-        warm.add(_loops(chosen))
-        everything(), filtered()
     seconds, seconds_all = [], []
-    for _ in range(repeats):
+    for _ in range(REPEATS):
         start = time.process_time()
-        result = filtered()
+        plan = planning.make(world, "event")
+        result = engines.run(plan)
         middle = time.process_time()
-        full = everything()
+        full = event.run(planning.whole(world, "event"))
         seconds.append(middle - start)
         seconds_all.append(time.process_time() - middle)
     found = result.info["filter"]
     return Outcome(
         name=name,
-        topology=chosen.topology,
         conversions=result.codes.size,
         wrong=int((result.codes != full.codes).sum()),
         walked=found["everything"],
-        reason=found["reason"],
+        reason=found["reason"] or plan.topology,
         looseness=found["bound_over_shift"],
         seconds=statistics.median(seconds),
         seconds_all=statistics.median(seconds_all),
@@ -132,18 +98,16 @@ def compare(world: scene.Scene, name: str, warm: set[Any] | None = None, repeats
 
 
 def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[list[Outcome], list[str]]:
-    """Outcomes of `count` random scenes, and of every stored one if asked; and the names of those
-    refused.
+    """Return the outcomes of `count` random scenes, with every stored one if asked, and the names of those refused.
 
     A refusal is engine event's, with everything on. The same seed gives the same scenes.
     """
     outcomes: list[Outcome] = []
     refused: list[str] = []
-    warm: set[Any] = set()
 
     def take(world: scene.Scene, name: str) -> None:
         try:
-            outcomes.append(compare(world, name, warm))
+            outcomes.append(compare(world, name))
         except InputError:
             refused.append(name)
 
@@ -157,7 +121,7 @@ def campaign(count: int, seed: int, frames: int, stored: bool = False) -> tuple[
 
 
 def fixed_cost(repeats: int = 101) -> verdict.Row:
-    """Row of the processor time that auto takes for any scene: of one decided taxel, without its array solve."""
+    """Judge the processor time that auto takes for any scene: of one decided taxel, without its array solve."""
     stimulus = {"kind": "uniform", "code": 100}
     data = {"array": {"rows": 1, "cols": 1}, "stimulus": stimulus, "effects": {"auto": {}}}
     world = scene.from_data(data, Path("fixed_cost.toml"))
@@ -179,8 +143,7 @@ _OPEN_ROWS = (5, 10)
 
 
 def two_open_rows(cols: int, seed: int) -> records.Plan:
-    """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two
-    open rows.
+    """Return a pressed frame of 16 rows for engine cosim, every effect on that it takes, with two open rows.
 
     Taxels that engine event is not certain of are drawn again; in the two rows only after one is
     open there.
@@ -208,9 +171,7 @@ def two_open_rows(cols: int, seed: int) -> records.Plan:
 
 
 def cosim_speedup(cols: int, seed: int) -> verdict.Row:
-    """Row of the processor time of a frame with every row solved over that with two, if no code
-    differs.
-    """
+    """Judge the processor time of a frame with every row solved over that with two, if no code differs."""
     made = two_open_rows(cols, seed)
     masked, whole = engines.run(made), engines.run(replace(made, filtered=False))
     wrong = int((masked.codes != whole.codes).sum())
@@ -226,82 +187,54 @@ def rows(
     refused: list[str],
     halved: tuple[dict[str, int], list[str]] | None = None,
 ) -> list[verdict.Row]:
-    """Verdict rows: outcomes of short scenes, of long ones, names of refused scenes, and halved
-    bounds.
-
-    `halved` is from `auto_bounds.mutants`.
-    """
+    """Return the verdicts of short scenes, long ones, names of refused ones, and halved bounds (`mutants`)."""
     every = [*few, *many]
     wrong = [f"{o.name} ({o.wrong})" for o in every if o.wrong]
-    mostly = [f"{o.name} ({o.reason or o.topology})" for o in every if o.open > 0.5]
+    mostly = [f"{o.name} ({o.reason})" for o in every if o.walked_part > 0.5]
+    loose = [o.looseness for o in every if o.looseness > 0]
     total = sum(o.conversions for o in every)
     walked = sum(o.walked for o in every) / total
+    note = f"{walked:.2%} of the cells are walked by engine event"
     found = [
-        verdict.report(
-            "auto.scenes", len(every), "scenes", f"{walked:.2%} of the cells are walked by engine event"
-        ),
+        verdict.report("auto.scenes", len(every), "scenes", note),
         verdict.judge("auto.refused", len(refused) / (len(every) + len(refused)), ", ".join(refused)),
         verdict.judge("auto.conversions", total),
         verdict.judge("auto.wrong_codes", sum(o.wrong for o in every), ", ".join(wrong)),
         verdict.judge("auto.scenes_mostly_open", len(mostly) / len(every), ", ".join(mostly)),
     ]
-    loose = [o.looseness for o in every if o.looseness > 0]
     if loose:
-        found.append(
-            verdict.judge("auto.bound_over_shift.median", float(np.median(loose)), f"of {len(loose)} scenes")
-        )
+        median = float(np.median(loose))
+        found.append(verdict.judge("auto.bound_over_shift.median", median, f"of {len(loose)} scenes"))
     for name, outcomes in (("12_frames", few), ("200_frames", many)):
         if not outcomes:
             continue
-        ratios = [o.speedup for o in outcomes]
-        note = f"of {len(ratios)} scenes; quarters {np.quantile(ratios, 0.25):.3g} and {np.quantile(ratios, 0.75):.3g}"
-        found.append(verdict.judge(f"auto.speedup.median_{name}", float(np.median(ratios)), note))
+        lower, median, upper = np.quantile([o.speedup for o in outcomes], (0.25, 0.5, 0.75)).tolist()
+        note = f"of {len(outcomes)} scenes; quarters {lower:.3g} and {upper:.3g}"
+        found.append(verdict.judge(f"auto.speedup.median_{name}", median, note))
         if outcomes is few:
-            lower = float(np.quantile(ratios, 0.25))
             found.append(verdict.judge(f"auto.speedup.lower_quarter_{name}", lower, note))
     if halved is not None:
         caught, missed = halved
+        share = len(caught) / (len(caught) + len(missed))
         note = f"not caught: {', '.join(missed) or 'none'}"
-        found.append(
-            verdict.judge("auto.mutated_bounds_caught", len(caught) / (len(caught) + len(missed)), note)
-        )
+        found.append(verdict.judge("auto.mutated_bounds_caught", share, note))
     return found
 
 
+def _number(name: str, default: int, help: str, low: int = 0, high: int | None = None) -> Any:
+    return click.option(name, default=default, show_default=True, type=click.IntRange(low, high), help=help)
+
+
 @click.command("auto-check")
-@click.option(
-    "--scenes", default=1000, show_default=True, type=click.IntRange(min=1), help="Number of random scenes."
-)
-@click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Random seed of the first scene."
-)
-@click.option("--frames", default=12, show_default=True, type=click.IntRange(min=2), help="Frames per scene.")
-@click.option(
-    "--long",
-    default=40,
-    show_default=True,
-    type=click.IntRange(min=0),
-    help="Number of scenes with 200 frames.",
-)
-@click.option(
-    "--mutants",
-    "halved",
-    default=auto_bounds.TRIES,
-    show_default=True,
-    type=click.IntRange(min=0),
-    help="Scenes per halved bound, which must show an error; 0 for none.",
-)
-@click.option(
-    "--cosim",
-    "cols",
-    default=16,
-    show_default=True,
-    type=click.IntRange(min=0, max=64),
-    help="Columns of the frame in engine cosim; 0 for none.",
-)
+@_number("--scenes", 1000, "Number of random scenes.", low=1)
+@_number("--seed", 0, "Random seed of the first scene.")
+@_number("--frames", 12, "Frames per scene.", low=2)
+@_number("--long", 40, "Number of scenes with 200 frames.")
+@_number("--mutants", auto_bounds.TRIES, "Scenes per halved bound, which must show an error; 0 for none.")
+@_number("--cosim", 16, "Columns of the frame in engine cosim; 0 for none.", high=64)
 @click.option("--picture", is_flag=True, help="Only draw time against exactness in docs/figures.")
 def auto_check_command(
-    scenes: int, seed: int, frames: int, long: int, halved: int, cols: int, picture: bool
+    scenes: int, seed: int, frames: int, long: int, mutants: int, cosim: int, picture: bool
 ) -> int:
     """Random and stored scenes with auto against everything on: codes, verdicts, processor time."""
     if picture:
@@ -310,10 +243,10 @@ def auto_check_command(
         return 0
     few, refused = campaign(scenes, seed, frames, stored=True)
     many, more = campaign(long, seed, _LONG) if long else ([], [])
-    found = rows(few, many, refused + more, auto_bounds.mutants(halved) if halved else None)
+    found = rows(few, many, refused + more, auto_bounds.mutants(mutants) if mutants else None)
     found.append(fixed_cost())
-    if cols:
-        found.append(cosim_speedup(cols, seed))
+    if cosim:
+        found.append(cosim_speedup(cosim, seed))
     verdict.write_rows("auto", found)
     verdict.print_rows(
         found, f"{scenes} random scenes and every stored one, auto against all effects in engine event"

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws processor time against exactness of the stored scenes: engine closed, auto and everything
-on.
-"""
+"""Draws processor time against exactness of the stored scenes: engine closed, auto and everything on."""
 
 from __future__ import annotations
 
@@ -34,9 +32,7 @@ _REPEATS = 3
 
 @dataclass(frozen=True)
 class Point:
-    """A scene simulated one way: processor time a frame in s, with planning, and the share of codes
-    that differ.
-    """
+    """A scene simulated one way: processor time a frame in s, with planning, and the share of codes that differ."""
 
     scene: str
     way: str
@@ -89,29 +85,23 @@ def draw(points: list[Point], path: Path) -> None:
     """Draw the points; a line joins those of a scene."""
     figure = Figure(figsize=(8.5, 6.0), layout="constrained")
     axes, below = figure.subplots(2, sharex=True, height_ratios=(3, 2))
-    for name in dict.fromkeys(point.scene for point in points):
-        mine = [point for point in points if point.scene == name]
-        times, apart = [1e3 * p.seconds for p in mine], [100 * p.different for p in mine]
-        axes.plot(times, apart, color="0.85", lw=0.8, zorder=1)
-    for place, (way, (label, marker, colour)) in enumerate(WAYS.items()):
-        mine = [point for point in points if point.way == way]
-        middle = 1e3 * float(np.median([p.seconds for p in mine]))
-        axes.scatter(
-            [1e3 * p.seconds for p in mine],
-            [100 * p.different for p in mine],
-            s=28, marker=marker, alpha=0.75, color=colour, label=f"{label}: median {middle:.2g} ms", zorder=2,
-        )  # fmt: skip
-        below.scatter(
-            [1e3 * p.seconds for p in mine], [-place] * len(mine), s=28, marker=marker, color=colour
-        )
-        below.plot([middle, middle], [-place - 0.3, -place + 0.3], color="black")
+    scenes = list(dict.fromkeys(point.scene for point in points))
+    ms, percent = (
+        np.array([[getattr(p, of) for p in points if p.scene == name] for name in scenes]) * scale
+        for of, scale in (("seconds", 1e3), ("different", 100.0))
+    )
+    axes.plot(ms.T, percent.T, color="0.85", lw=0.8, zorder=1)
+    below.plot(ms.T, [0, -1, -2], color="0.85", lw=0.8, zorder=0)
+    for n, (label, marker, colour) in enumerate(WAYS.values()):
+        style = {"s": 28, "marker": marker, "color": colour}
+        middle = float(np.median(ms[:, n]))
+        axes.scatter(ms[:, n], percent[:, n], alpha=0.75, label=f"{label}: median {middle:.2g} ms", **style)
+        below.scatter(ms[:, n], np.full(len(scenes), -n), **style)
+        below.plot([middle, middle], [-n - 0.3, -n + 0.3], color="black")
     below.set_yticks([0, -1, -2], [label for label, _, _ in WAYS.values()])
     below.set_ylim(-2.6, 0.6)
-    for name in dict.fromkeys(point.scene for point in points):
-        times = [1e3 * p.seconds for p in points if p.scene == name]
-        below.plot(times, [0, -1, -2], color="0.85", lw=0.8, zorder=0)
-    axes.set_xscale("log")
     below.set_xlabel("processor time of a frame, with planning / ms")
+    axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=1e-3)
     axes.set_ylim(-4e-4, 200.0)
     axes.set_ylabel("codes that differ from everything on / %")
