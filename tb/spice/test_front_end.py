@@ -39,13 +39,7 @@ def test_the_circuits_have_devices_and_pins_alone() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "ehigh high 0 d 0 3.3",
-        "ehigh high vss d vss_d 3.3",
         "gpacket out vss d_charge vss_d 25u",
-        "fout 0 out vin 1",
-        "hout out vss vsum 1",
-        "bdrive row agnd v = v(d_row)",
-        "vpedout v_pedcopy out 0",
         "rref v_r agnd 50k",
         "xn_off 0 off v_tail vss nmos w=5 l=0.5",
         ".global vref",
