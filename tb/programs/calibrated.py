@@ -106,16 +106,8 @@ def lines_of(loads: Sequence[Load], slots: Sequence[Slot]) -> dict[Load, Line]:
     return {load: Line(*pair) for load, pair in zip(loads[SETTLING:], pairs, strict=True)}
 
 
-@dataclass(frozen=True)
-class Calibrated:
-    """Values that the host stores of a column: current of a code and code without current."""
-
-    step_a: float
-    start_code: float
-
-    def current_a(self, code: float) -> float:
-        """Return the column's current."""
-        return self.step_a * (code - self.start_code)
+Calibrated = tuple[float, float]
+"""Values that the host stores of a column: current of a code, and code without current."""
 
 
 def calibrate(lines: Mapping[Load, Line], i_test_a: float, design: Design) -> Calibrated:
@@ -126,7 +118,7 @@ def calibrate(lines: Mapping[Load, Line], i_test_a: float, design: Design) -> Ca
     dark = lines[DARK].count(long) / long
     counts = np.array([[lines[TEST].count(n)] for n in gates], dtype=float)
     full = float(column_calibration.duty(counts, gates)[0])
-    return Calibrated(i_test_a / (normal * (full - dark)), normal * dark)
+    return i_test_a / (normal * (full - dark)), normal * dark
 
 
 def test_current_a(lines: Mapping[Load, Line], design: Design) -> float:
@@ -138,10 +130,12 @@ def test_current_a(lines: Mapping[Load, Line], design: Design) -> float:
 def errors_lsb(lines: Mapping[Load, Line], values: Calibrated, design: Design) -> dict[float, float]:
     """Return the error of each taxel by its resistance, in codes; rounding to whole codes is not in it."""
     normal, volt = design.timing.gate_clocks, design.interface.v_bias_v
+    step_a, start_code = values
     code_a = design.interface.k * design.converter.i0_a / normal
     shift = lines[KNOWN].code(normal) - lines[SHIFTED].code(normal) if SHIFTED in lines else 0.0
     return {
-        load.ohm: (values.current_a(line.code(normal) + shift * load.shifted) - volt / load.ohm) / code_a
+        load.ohm: (step_a * (line.code(normal) + shift * load.shifted - start_code) - volt / load.ohm)
+        / code_a
         for load, line in lines.items()
         if math.isfinite(load.ohm) and load != SHIFTED
     }

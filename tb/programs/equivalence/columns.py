@@ -51,6 +51,10 @@ class Slot:
     stored_v: NDArray[np.float64]
 
 
+Record = tuple[list[bool], list[bool], list[float]]
+"""A slot as JSON holds it."""
+
+
 def deck_of(
     rows: int,
     loads: Sequence[str],
@@ -123,21 +127,8 @@ class Column:
         """Row lines."""
         return len(self.deck.sources) - 2
 
-    def slots(self, log: Path) -> list[Slot]:
-        """Read every row once in this process, which ngspice needs for itself.
 
-        Raises
-        ------
-        SimulatorError
-            ngspice gave up on every rung of the ladder.
-        """
-        log.parent.mkdir(parents=True, exist_ok=True)
-        os.chdir(log.parent)  # the transistor model writes a file in its working directory
-        climb = ladder.Climb(self.deck.lines[0], runs.START)
-        return ladder.climb(partial(_attempt, self, log), climb)
-
-
-def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Slot]:
+def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Record]:
     design = design_module.load()
     t_clk, settle = 1.0 / design.converter.f_clk_hz, design.timing.settle_clocks
     preset, charge = column.rows, column.rows + 1  # numbers of their sources, after the rows
@@ -162,36 +153,37 @@ def _attempt(column: Column, log: Path, level: ladder.Level) -> list[Slot]:
                 edges += [(begin * t_clk, preset, 1.0), (begin * t_clk, row - 1, 0.0)]
                 half.advance(driven * t_clk, edges)
                 edges = [(driven * t_clk, row, design.interface.v_bias_v)]
-            stored = [half.advance(release * t_clk, edges)[1]]
+            stored = [column.sign * float(half.advance(release * t_clk, edges)[1])]
             edges = [(release * t_clk, preset, 0.0)]
             flops, comparator, bits = Synchronizer(), [], []
             for clock in range(1, column.clocks + 3):
                 now = (release + clock) * t_clk
-                high, v_int = half.advance(now, edges)
-                before = flops.charge
-                bits.append(flops.clock(bool(high > 0.0) and clock <= column.clocks))
-                comparator.append(high > 0.0)
-                stored.append(v_int)
+                v_comp, v_int = half.advance(now, edges)
+                before, high = flops.charge, bool(v_comp > 0.0)
+                bit = flops.clock(high and clock <= column.clocks)
                 edges = [(now, charge, float(flops.charge))] if flops.charge != before else []
-            n = column.clocks
-            stored_v = column.sign * np.array(stored[: n + 1])
-            found.append(Slot(np.array(comparator[:n]), np.array(bits[:n]), stored_v))
+                if clock <= column.clocks:
+                    comparator.append(high)
+                    bits.append(bit)
+                    stored.append(column.sign * float(v_int))
+            found.append((comparator, bits, stored))
         half.advance((column.rows * slot_clocks + 1) * t_clk, edges)
     finally:
         half.close()
     return found
 
 
-def simulate(column: Column, log: Path) -> list[dict[str, list[float]]]:
-    """Run a column and return its slots as JSON can hold them."""
-    return [
-        {
-            "comparator": slot.comparator.astype(int).tolist(),
-            "bits": slot.bits.astype(int).tolist(),
-            "stored_v": slot.stored_v.round(9).tolist(),
-        }
-        for slot in column.slots(log)
-    ]
+def simulate(column: Column, log: Path) -> list[Record]:
+    """Read every row of a column once in this process, which ngspice needs for itself.
+
+    Raises
+    ------
+    SimulatorError
+        ngspice gave up on every rung of the ladder.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    os.chdir(log.parent)  # the transistor model writes a file in its working directory
+    return ladder.climb(partial(_attempt, column, log), ladder.Climb(column.deck.lines[0], runs.START))
 
 
 def records(
@@ -228,11 +220,7 @@ def records(
         else:
             stored[name].put("slots", outcome.value)
         tell(len(columns) - len(todo) + done)
-    return [faults.get(c.name) or _slots(stored[c.name].pieces["slots"]) for c in columns]
-
-
-def _slots(pieces: Sequence[dict[str, list[float]]]) -> list[Slot]:
     return [
-        Slot(np.array(p["comparator"], bool), np.array(p["bits"], bool), np.array(p["stored_v"]))
-        for p in pieces
+        faults.get(c.name) or [Slot(*map(np.array, slot)) for slot in stored[c.name].pieces["slots"]]
+        for c in columns
     ]
