@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rtl_run import changed, simulate
+from rtl_run import RTL, changed, simulate
 
 from scripts.lint import header_values
 from tb.reference.chip import Duty, code, duty_of_resistance
@@ -153,7 +153,7 @@ def counts_without_preset(x_rows: list[Duty], gate_clocks: int, settle_clocks: i
 
 def scanner_that_presets_once(directory: Path) -> Path:
     """Write a copy of the row scanner that presets only in the first settle after enable."""
-    text = (ROOT / "rtl" / "dermis_row_scanner.v").read_text()
+    text = (RTL / "dermis_row_scanner.v").read_text()
     old = "  assign preset_o       = preset_q;\n"
     if text.count(old) != 1:
         raise ValueError("rtl/dermis_row_scanner.v no longer has the line to change")
