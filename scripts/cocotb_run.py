@@ -42,17 +42,21 @@ def run_bench(
     work = Path(tempfile.mkdtemp(prefix=f"{simulator}-{bench}-{testcase}-", dir=place / "runs"))
     result, log, name = work / "result.json", work / "hdl.log", f"{bench}.{testcase} on {simulator}"
     environment = {"DERMIS_SCENARIO": json.dumps(scenario), "DERMIS_RESULT": str(result)}
+    fault = ""
     try:
-        xml = hdl.run_cocotb(
+        hdl.run_cocotb(
             simulator, build, toplevel, bench, work, environment, testcase=testcase, limit_s=limit_s
         )
-        ran, failed = get_results(xml)
     except SimulatorError as error:
         raise SimulatorError(f"{name}: {error.what}", log) from None
-    except (RuntimeError, SystemExit, OSError) as error:
-        raise SimulatorError(f"{name} stopped ({error})", log) from None
+    except (RuntimeError, SystemExit, OSError) as error:  # cocotb's runner raises these for a failed test too
+        fault = f" ({error})"
+    try:
+        ran, failed = get_results(work / "results.xml")
+    except (RuntimeError, OSError):  # nothing was written
+        ran = failed = 0
     if ran != 1 or failed:
-        raise SimulatorError(f"{name}: {ran} ran, {failed} failed", log)
+        raise SimulatorError(f"{name}: {ran} ran, {failed} failed{fault}", log)
     reported = json.loads(result.read_text()) if result.exists() else None
     shutil.rmtree(work)
     return reported

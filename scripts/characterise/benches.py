@@ -295,9 +295,9 @@ def _vfc_body(side: str) -> str:
     if side != "direct":
         dut = "vfc" if side == "sink" else "vfc_inverted"
         return "xline ibias vdd vss bias_line\n" + body("vfc", i_in=current, dut=dut)
-    # 80 times the current, on the column's 400 pF. With reltol 1e-3, edges of 400 sources cost a packet
-    # 0.3 codes at ss, -40 C, 0.9.
+    # 80 times the current, on the column's 400 pF.
     text = body("vfc", i_in=80 * _SLOPE_V_S * 5e-12, dut="channel_direct")
+    # With reltol 1e-3, edges of 400 sources cost a packet 0.3 codes at ss, -40 C, 0.9.
     return text.replace("xdut", "ccolumn sum 0 400p\nxdut", 1) + ".options reltol=1e-4\n"
 
 

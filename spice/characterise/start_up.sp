@@ -14,6 +14,7 @@ xn v_unit ibias_own vss vss nmos_long k=5
 xnc packet vcn_own v_unit vss nmos w=5 l=0.5 k=5
 vpacket packet 0 0
 .save i(vpacket)
+* Gear damps the start; reltol of a tenth of what the settled current is judged to.
 .options reltol=1e-4 method=gear
 .tran 100n 201u
 .meas tran off find i(vpacket) at=0.9u

@@ -61,19 +61,20 @@ def test_comparator_has_its_thresholds_gain_and_levels(measure: Measure, design:
 
 def test_comparator_delays_a_ramp_and_a_step(measure: Measure, design: Design) -> None:
     got, p, slope = measure("comparator__tran"), design.comparator, 2.5e6
-    # Steps of 1 ns; the crossing is interpolated to a fiftieth of one.
     for edge, sign in (("rise", 1), ("fall", -1)):
         late_s = p.t_delay_s + (sign * p.v_offset_v + p.v_hysteresis_v / 2) / slope
+        # Steps of 1 ns; the crossing is interpolated to a fiftieth of one.
         assert got[f"delay_{edge}_s"] == pytest.approx(late_s, abs=0.02e-9)
     symmetrical = {"v_offset_v": 0.0, "v_hysteresis_v": 0.0}
     got = measure("comparator__tran", dut=symmetrical)
     # ln 2 of its pole. A step of 1 ns instead of none, and time steps of a fifth of the pole.
     assert got["delay_step_s"] == pytest.approx(math.log(2) * p.t_delay_s, rel=0.02, abs=0)
-    # Beyond a twentieth of a clock it is a line, which delays a step and a ramp alike. It asks for no finer steps than
-    # the bench's 1 ns, in one of which the output goes from rail to rail: half.
+    # Beyond a twentieth of a clock it is a line, which delays a step and a ramp alike.
     late_s = 0.3 / design.converter.f_clk_hz
     got = measure("comparator__tran", dut=symmetrical | {"t_delay_s": late_s})
+    # It asks for no finer steps than the bench's 1 ns, in one of which the output goes from rail to rail: half.
     assert got["delay_step_s"] == pytest.approx(late_s, abs=0.5e-9)
+    # The same.
     assert got["delay_rise_s"] == pytest.approx(late_s, abs=0.5e-9)
 
 

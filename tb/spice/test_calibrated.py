@@ -110,6 +110,7 @@ def test_a_column_without_its_pedestal_is_found(text: str, zero: float, tmp_path
     loads = (DARK,) * SETTLING + (DARK, NEAR_FULL)
     (slots,) = records([calibrated.column_of(loads, Condition(), blocks)], 1, work=tmp_path)
     assert not isinstance(slots, str), slots
+    # Below half a code.
     assert calibrated.lines_of(loads, slots)[DARK].code(510) == pytest.approx(zero, abs=0.3)
 
 

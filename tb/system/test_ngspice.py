@@ -112,7 +112,7 @@ def test_a_probe_later_than_the_last_sample_and_one_that_is_early_are_refused(tm
         """,
     )
     assert said.count("refused:") == 3
-    assert "2e-06 s late, 1e-06 s behind" in said
+    assert "a probe is 2e-06 s late, but the last sample is 1e-06 s ago" in said
 
 
 def test_edges_outside_the_interval_or_into_a_ramp_are_refused(tmp_path: Path) -> None:

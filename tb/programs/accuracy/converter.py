@@ -67,7 +67,8 @@ def tolerances(reltol: float, **other: str) -> str:
     """Return the options with a pole, with all tolerances scaled together, so that none hides the
     others.
     """
-    share = reltol / 1e-4  # at 1e-4 they are those of netlist.py
+    share = reltol / 1e-4
+    # At a reltol of 1e-4 they are those of netlist.py.
     moved = {"abstol": 1e-12 * share, "vntol": 1e-7 * share, "chgtol": 1e-14 * share}
     return options_with(POLE, reltol=reltol, **moved, **other)
 

@@ -405,7 +405,7 @@ async def leave_result(where: Path, work: Awaitable[Any]) -> None:
     """Write the result of a cocotb test, or the words of its failure, for `cocotb_result`."""
     try:
         value = await work
-    except Exception as error:
+    except Exception as error:  # whatever it is, the parent reports it
         (where / "traceback.log").write_text(traceback.format_exc())
         value = f"{type(error).__name__}: {error}"
     write_atomic(where / "result.pickle", pickle.dumps(value))

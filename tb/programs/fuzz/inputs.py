@@ -111,6 +111,7 @@ def edited(draw: st.DrawFn, data: bytes, phrases: Sequence[str]) -> bytes:
 def toml(draw: st.DrawFn, bases: Sequence[bytes], known: Words) -> bytes:
     """Draw a TOML file: a known one with entries set or removed, or with its text edited."""
     data = draw(st.sampled_from(bases))
+    # An edit that the TOML library refuses leaves the text as it was.
     with contextlib.suppress(ValueError, TypeError, AttributeError, RecursionError):
         # The parser takes seconds for a key of thousands of parts; a value may be none of TOML.
         tree = {} if b".a.a.a" in data else tomllib.loads(data.decode())
