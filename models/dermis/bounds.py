@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.array.array import Network
-from dermis.array.settling import BRISK_CLOCKS
+from dermis.array.settling import FAST_CLOCKS
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.timing import Timing
 
@@ -225,9 +225,9 @@ def settling_s(network: Network) -> float:
     return max(across + n.r_trace_row_ohm * n.c_taxel_f * cols * (cols + 1), along)
 
 
-def brisk(network: Network, c: Converter) -> bool:
+def settles_fast(network: Network, c: Converter) -> bool:
     """Return True if lines settle too fast to affect a slow mirror."""
-    return settling_s(network) * c.f_clk_hz <= BRISK_CLOCKS
+    return settling_s(network) * c.f_clk_hz <= FAST_CLOCKS
 
 
 def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats, v_v: float) -> Floats:
@@ -349,8 +349,8 @@ def _integrator_range(s, levels, error, factor):  # type: ignore
     inside = below and s.limit_high >= factor * _highest(s, levels, error)
     enough = s.low >= 0.5 * s.packet + s.leak * min(s.limit_high, 1e6)
     full = below and enough and s.limit_high >= s.packet + 2.0 * levels
-    bites = 0.0 if inside or full else math.inf
-    return Bound(0.0, bites, bites, 0.0, 0.0, 0.0, 0.0, bites)
+    clips = 0.0 if inside or full else math.inf
+    return Bound(0.0, clips, clips, 0.0, 0.0, 0.0, 0.0, clips)
 
 
 # --- random numbers ----------------------------------------------------------------------------------------------

@@ -62,11 +62,11 @@ def wild_network(rng: np.random.Generator) -> Network:
     return Network(g, 0.5, driven, grounded, r_column, offset, *lateral, trace_row, trace_column, leak)
 
 
-def solved(network: Network) -> tuple[Floats, Floats, solve_error.Account]:
+def solved(network: Network) -> tuple[Floats, Floats, solve_error.ErrorRecord]:
     """Currents, the bound of each in ampere, and what is known of the solve."""
     bounds: list[Floats] = []
 
-    class Recording(solve_error.Account):
+    class Recording(solve_error.ErrorRecord):
         def check(
             self, driven: Floats, rest: Floats | None, part: float | Floats, rest_error: Floats | None
         ) -> None:
@@ -74,12 +74,12 @@ def solved(network: Network) -> tuple[Floats, Floats, solve_error.Account]:
                 error = np.where(driven == 0, 0.0, part * np.abs(driven))
             bounds.append(error if rest_error is None else error + rest_error)
 
-    account = Recording()
-    token = solve_error._account.set(account)
+    record = Recording()
+    token = solve_error._record.set(record)
     try:
-        return column_currents(network), bounds[0][0], account
+        return column_currents(network), bounds[0][0], record
     finally:
-        solve_error._account.reset(token)
+        solve_error._record.reset(token)
 
 
 def fraction_used(network: Network) -> float:
@@ -127,8 +127,8 @@ def test_bounds_from_residuals_hold_where_counted_roundings_say_too_little(
     monkeypatch.setattr(solve_error, "part", counted)
     g = 1 / rng.uniform(500, 64250, (48, 48))
     network = Network(g, 0.5, 1.0, 1.0, 0.5, r_trace_row_ohm=0.1, r_trace_column_ohm=0.1)
-    account = solved(network)[2]
-    assert account.bound < 0.1 * 2 * solve_error.part(
+    record = solved(network)[2]
+    assert record.bound < 0.1 * 2 * solve_error.part(
         solve_error.chain(48, 48, solve_error.elements(48, 48, True)), 48, 48
     )
 
@@ -173,8 +173,8 @@ def test_slots_whose_change_cancels_are_solved_by_themselves() -> None:
     # Rows held hard while grounded and left nearly open while driven: all that a slot's own row took must go again.
     g = np.array([[1e12, 1e3], [1e-3, 2e-3]])
     network = Network(g, 0.5, 1e6, 0.0, 1e-12, [1e-3, 0.0])
-    currents, bound, account = solved(network)
-    assert account.slots_alone > 0
+    currents, bound, record = solved(network)
+    assert record.slots_alone > 0
     error = np.abs(currents - nodal.column_currents(network, 120))
     assert (error <= bound).all()
     # A millionth of the design's LSB, 2 uA

@@ -414,4 +414,4 @@ def test_chosen_cells_are_counted_as_in_a_whole_run(effects: dict[str, Any]) -> 
     assert (counts == event.run(plan).codes[cells]).all()
     if "mirror_lag" in effects:
         assert (part._depth(cells) >= 0).all()
-        assert currents.glows(plan)
+        assert currents.has_idle_current(plan)

@@ -321,7 +321,7 @@ def test_dark_current_is_the_network_with_every_row_grounded_at_its_instant(
         share = (row * timing.slot_clocks + clock + 0.5) / (timing.f_clk_hz * drive.t_frame_s)
         g, then = plan.conductance_s(frame), plan.next_conductance_s()[frame]
         expected = dark_at(plan, g + share * (then - g)) / unit
-        got = (slots.basis[clock] @ slots.dark[row]).reshape(3, -1)[frame]
+        got = (slots.basis[clock] @ slots.idle[row]).reshape(3, -1)[frame]
         # The parabola in time is exact at three instants; between them it misses by the square of 1 % of
         # motion.
         assert got == pytest.approx(expected, abs=1e-6)
@@ -377,16 +377,14 @@ def test_a_slow_mirror_feels_slow_lines_from_the_first_clock_of_a_slot(tmp_path:
 def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
     lag, at = {"mirror_lag": {"q_c": 1e-12}}, 1.0 / made(tmp_path, ohms(1, 1, 2, 2), {}).timing.f_clk_hz
     for part, felt in ((0.5, False), (2.0, True)):
-        farad = part * settling.BRISK_CLOCKS * at / 10.0
+        farad = part * settling.FAST_CLOCKS * at / 10.0
         lines = {
             "row_driver": {"r_ohm": 10.0},
             "line_capacitance": {"c_row_f": farad, "c_column_f": 0.0, "c_taxel_f": 0.0},
         }
         plan = made(tmp_path, ohms(1, 1, 3, 2), lag | lines)
         # The taxels beside 10 ohm of driver: a slowest time known to their ratio.
-        assert settling.slowest_s(plan.network(0)) == pytest.approx(
-            part * settling.BRISK_CLOCKS * at, rel=0.1
-        )
+        assert settling.slowest_s(plan.network(0)) == pytest.approx(part * settling.FAST_CLOCKS * at, rel=0.1)
         assert (Slots.of(plan, slice(0, 1)).onset is not None) == felt
         # and the filter agrees: what is felt is walked
         assert np.isinf(filter.largest(plan)["line_capacitance"]) == felt

@@ -400,7 +400,7 @@ def test_a_damaged_liberty_is_refused_by_name(tmp_path: Path, content: bytes | N
 def test_patience_counts_no_time_in_which_this_process_did_not_look(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    patience = children.Patience(8.0)
+    patience = children.Timeout(8.0)
     assert not patience.over("a")
     now[0] = 3600.0  # stopped with Ctrl-Z for an hour, and so was what it waits for
     assert not patience.over("a")

@@ -161,7 +161,7 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
     NoSolution
         Ideal sources of unlike voltages are joined by taxels of 0 ohm.
     SimulatorError
-        The solution misses Kirchhoff's current law, or its error may be more than the account of solve_error.account
+        The solution misses Kirchhoff's current law, or its error may be more than the record of solve_error.recording
         allows.
     """
     driven, rest = column_currents_by_source(network, g_frames_s)
@@ -215,7 +215,7 @@ def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None =
     """Return the currents of `column_currents_by_source` with their error bounds.
 
     A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where
-    it is below `solve_error.Account.tolerance_a` nothing is done to make it smaller.
+    it is below `solve_error.ErrorRecord.tolerance_a` nothing is done to make it smaller.
     """
     return _by_source(network, g_frames_s, bounded=True)
 
@@ -226,14 +226,14 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
         raise ValueError(f"g_frames_s must be [frames, {network.rows}, {network.cols}]")
     if not g.min(initial=0.0) >= 0:  # what is no number is neither
         raise ValueError("g_frames_s must be 0 or above")
-    account = solve_error.current()
-    account.solves += len(g)
+    record = solve_error.current()
+    record.solves += len(g)
     if not network.active_fields() & _ACTS:
         with np.errstate(over="ignore"):
             driven, rest = network.v_bias_v * g, None
             errors = [_PRODUCT.bound * driven if bounded else driven, rest]
-        account.take(_PRODUCT)
-        account.check(driven, rest, _PRODUCT.bound, None)
+        record.take(_PRODUCT)
+        record.check(driven, rest, _PRODUCT.bound, None)
     else:
         refuse_loops(network, g)
         network = in_range(network)
@@ -243,8 +243,8 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
         for first in range(0, len(g), step):
             part = slice(first, first + step)
             with _one_thread(network.cols):
-                found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), account)
-            account.check(found.driven, found.rest, found.driven_part, found.rest_error)
+                found = _solve(network, np.minimum(g[part], _G_TAXEL_SHORT_S), record)
+            record.check(found.driven, found.rest, found.driven_part, found.rest_error)
             driven[part] = found.driven
             if rest is not None:
                 rest[part] = found.rest
@@ -465,7 +465,7 @@ class _Response:
     `delivered`, `away_a` and `lift_v` [frames, rows] those of the others where they are not the
     same number. `voltage` counts the roundings in any voltage behind these
     (solve_error.one_matrix), `missed` is how far Kirchhoff's law was missed, `condition` as in
-    solve_error.Account.
+    solve_error.ErrorRecord.
     """
 
     delivered: Floats
@@ -493,7 +493,7 @@ class _Solution:
     rest_error: Floats | None
 
 
-def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Solution:
+def _solve(network: Network, g: Floats, record: solve_error.ErrorRecord) -> _Solution:
     from dermis.array import star_mesh
 
     lines = _RowLines(network, g)
@@ -510,14 +510,14 @@ def _solve(network: Network, g: Floats, account: solve_error.Account) -> _Soluti
     figures = solve_error.Figures(max(missed, response.missed), response.condition, bound)
     rest = error_rest = None
     if response.mesh is not None:
-        rest, error_rest, figures.slots_alone = _rest(network, g, response, scale, account)
+        rest, error_rest, figures.slots_alone = _rest(network, g, response, scale, record)
     if network.r_return_ohm:
         driven, rest, part, error_rest = _lift(
             network, response, scale, _Solution(driven, rest, part, error_rest)
         )
         error = _of(part, driven) + (0.0 if error_rest is None else error_rest)
         figures.bound = max(figures.bound, _largest_part(error, driven))
-    account.take(figures)
+    record.take(figures)
     return _Solution(driven, rest, part, error_rest)
 
 
@@ -591,7 +591,7 @@ def _rest(
     g: Floats,
     response: _Response,
     scale: Floats,
-    account: solve_error.Account,
+    record: solve_error.ErrorRecord,
 ) -> tuple[Floats, Floats, int]:
     """Currents that offsets and leaks drive and a bound of their error in ampere, [frames, rows,
     cols], and how many slots were solved by themselves.
@@ -619,7 +619,7 @@ def _rest(
     star_mesh.driven_slots(
         held, error_held, delivered, _three(response.delivered_part), source,
         np.abs(network.v_column_offset_v) + np.abs(pushed), response.node, scale, change,
-        _three(_scale_part(network, response, scale)), account.tolerance_a(network.cols), rest, error,
+        _three(_scale_part(network, response, scale)), record.tolerance_a(network.cols), rest, error,
         doubtful,
     )  # fmt: skip
     slots = np.argwhere(doubtful)

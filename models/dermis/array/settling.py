@@ -25,7 +25,7 @@ _G_LATERAL_MAX_S = 1e15
 _G_MIN_S = 1e-60
 # Time constant in clocks up to which settling before the gate is negligible: the charge that lines hold back is less
 # than this part of the charge of a clock.
-BRISK_CLOCKS = 0.05
+FAST_CLOCKS = 0.05
 
 
 class Unsupported(ValueError):
@@ -373,7 +373,7 @@ class _Slots:
         t_end = (timing.slot_clocks - timing.break_clocks) * t_clk
         same = network.r_row_driven_ohm == network.r_row_grounded_ohm
         gate, driven, pause = _Sums(self), _Sums(self), _Sums(self)
-        dark: _Phase | None = None
+        idle: _Phase | None = None
         modes: _Modes | None = None
         voltage_now: Floats | None = None
         for row in range(network.rows):
@@ -382,11 +382,11 @@ class _Slots:
             if voltage_now is None:
                 voltage_now = phase.rest
             elif timing.break_clocks:
-                dark = dark or self._phase(None, modes)
-                strength = dark.strength(voltage_now)
+                idle = idle or self._phase(None, modes)
+                strength = idle.strength(voltage_now)
                 if before_c is not None:
-                    pause.put(row, self._inflow(dark), *dark.clocks(0.0, t_clk, strength))
-                voltage_now = dark.after(t_break, strength)
+                    pause.put(row, self._inflow(idle), *idle.clocks(0.0, t_clk, strength))
+                voltage_now = idle.after(t_break, strength)
             strength, inflow = phase.strength(voltage_now), self._inflow(phase)
             self.rounding_c = max(
                 self.rounding_c, self._rounding(phase, voltage_now, strength, inflow, t_start)

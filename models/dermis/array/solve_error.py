@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of array solves: bounds derived from their arithmetic, checks, and an account of both.
+"""Error of array solves: bounds derived from their arithmetic, checks, and a record of both.
 
 docs/array.md, "Bounds", has the derivation. Counts are in roundings, u = 2^-53 each.
 """
@@ -91,7 +91,7 @@ def balance(voltage: float) -> float:
 
 @dataclass
 class Figures:
-    """Error figures of one solve, as in Account."""
+    """Error figures of one solve, as in ErrorRecord."""
 
     residual: float = 0.0
     condition: float = 1.0
@@ -100,7 +100,7 @@ class Figures:
 
 
 @dataclass
-class Account:
+class ErrorRecord:
     """Error figures of all solves since it was opened: the largest of each.
 
     Attributes
@@ -196,23 +196,23 @@ class Account:
         }
 
 
-_account: ContextVar[Account | None] = ContextVar("account", default=None)
+_record: ContextVar[ErrorRecord | None] = ContextVar("record", default=None)
 
 
-def current() -> Account:
-    """Return the open account, or a temporary one."""
-    return _account.get() or Account()
+def current() -> ErrorRecord:
+    """Return the open record, or a temporary one."""
+    return _record.get() or ErrorRecord()
 
 
 @contextmanager
-def account(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Iterator[Account]:
+def recording(lsb_a: Floats | None = None, reach_a: Floats | None = None) -> Iterator[ErrorRecord]:
     """Collect the error figures of all solves in the block; refuse errors that may move a code."""
-    opened = Account(lsb_a, reach_a)
-    token = _account.set(opened)
+    opened = ErrorRecord(lsb_a, reach_a)
+    token = _record.set(opened)
     try:
         yield opened
     finally:
-        _account.reset(token)
+        _record.reset(token)
 
 
 def merged(reports: list[dict[str, Any]]) -> dict[str, Any]:

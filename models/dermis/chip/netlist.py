@@ -428,7 +428,7 @@ def frame_deck(
             lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
     # Beside transistors neither tolerances nor edges are those of a clamp: gates are driven by edges that a chip has,
     # and what 1 ns of ramp moves is below their own tolerances.
-    bites = not transistors and plan.converter.range_bites()
+    bites = not transistors and plan.converter.range_clips()
     if transistors:
         lines.append(transistor_options() if columns else f".options {_assignments(_OPTIONS_ROWS)}")
     else:

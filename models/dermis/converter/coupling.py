@@ -2,7 +2,7 @@
 """Coupling of the columns of the direct interface through virtual grounds of finite gain.
 
 Charge that stands in an integrator of finite gain lifts its virtual ground, and what the ground
-gives way to flows through the array into the others. Engine event has each column feel the mean of
+gives duty_range to flows through the array into the others. Engine event has each column feel the mean of
 the others' charge over a gate; what that leaves open is bounded in counts, and refused by name
 beyond one (docs/event.md).
 """
@@ -122,7 +122,7 @@ def _behind_lines(network: Network, g: Floats) -> Floats:
     return g / (1.0 + g * (along + down[:, None]))
 
 
-class Way(NamedTuple):
+class DutyRange(NamedTuple):
     """Range of duties in a gate, `low` and `high` [frames, rows, cols], and the next frame's
     conductances, or None.
     """
@@ -154,14 +154,14 @@ def couples(plan: Plan) -> bool:
     return plan.topology == "direct" and bool(active & COUPLING and active & {"inv_gain_dc", "t_gbw_s"})
 
 
-def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupling | None:
+def coupling(plan: Plan, g: Floats, x: Floats, duty_range: DutyRange | None = None) -> Coupling | None:
     """Return the coupling of frames of duties x [frames, rows, cols], also infinite ones; None if
     there is none.
 
     A count hangs on all the charge of a gate, so the mean of the others' charge over the gate is
     what matters. It is that of the count formula's machine at the duty that the coupling leaves,
-    found by repetition; a plan where that has not settled to a count, or where the way to that mean
-    could move a code by more, is refused. `way` is for duties that change within a gate; x is their
+    found by repetition; a plan where that has not settled to a count, or where the duty_range to that mean
+    could move a code by more, is refused. `duty_range` is for duties that change within a gate; x is their
     mean then.
 
     Raises
@@ -171,10 +171,14 @@ def coupling(plan: Plan, g: Floats, x: Floats, way: Way | None = None) -> Coupli
     """
     if not couples(plan):
         return None
-    most_x = plan.converter.drowning()
+    most_x = plan.converter.saturating_duty()
     x = np.clip(x, -most_x, most_x)
-    low, high = (x, x) if way is None else (np.clip(v, -most_x, most_x) for v in (way.low, way.high))
-    columns = _Columns(plan, g, way)
+    low, high = (
+        (x, x)
+        if duty_range is None
+        else (np.clip(v, -most_x, most_x) for v in (duty_range.low, duty_range.high))
+    )
+    columns = _Columns(plan, g, duty_range)
     settled = columns.settle(x)
     doubts = columns.doubts(settled, x, low, high)
     # Saturated and dark columns keep their codes for any codes of their neighbours.
@@ -214,12 +218,12 @@ class _Columns:
     plan : Plan
     g : ndarray
         Taxels, [frames, rows, cols] in siemens.
-    way : Way or None
+    duty_range : DutyRange or None
         Where duties change within a gate.
     """
 
-    def __init__(self, plan: Plan, g: Floats, way: Way | None) -> None:
-        self._plan, self._g, self._converter, self._moves = plan, g, plan.converter, way is not None
+    def __init__(self, plan: Plan, g: Floats, duty_range: DutyRange | None) -> None:
+        self._plan, self._g, self._converter, self._moves = plan, g, plan.converter, duty_range is not None
         self.clocks = plan.timing.gate_clocks
         converter, network = plan.converter, plan.network(0)
         a_clock = 1.0 / (converter.c_int_f * converter.f_clk_hz)
@@ -233,11 +237,11 @@ class _Columns:
         # What a packet a clock more brings back, as long as it sends no packet away.
         slope = 0.5 * self.clocks * self._per_clock + self._per_swing
         self._closely = np.abs(matrix * slope).sum(axis=-1).max(axis=2)[..., np.newaxis] > _CLOSE
-        # Counts by which what a column loses to its own taxels changes on the way.
+        # Counts by which what a column loses to its own taxels changes on the duty_range.
         self._drift = np.zeros(1)
         links = np.abs(matrix)
-        if way is not None and way.g_behind is not None:
-            behind = seen_from_grounds(network, way.g_behind)
+        if duty_range is not None and duty_range.g_behind is not None:
+            behind = seen_from_grounds(network, duty_range.g_behind)
             # Until the gate is over a virtual ground may be anywhere within a packet.
             self._drift = (
                 self.clocks * np.matmul(np.abs(behind - matrix), self._per_clock[:, np.newaxis])[..., 0]
@@ -260,7 +264,7 @@ class _Columns:
         frames.
         """
         # What is left to move grows where a range bites, see `doubts`.
-        bites = self._converter.range_bites()
+        bites = self._converter.range_clips()
         unmoved = _UNMOVED / (1.0 + self._most_ones) if bites else _UNMOVED
         others, before = np.zeros_like(x), np.zeros_like(x)
         left, moves = x, np.ones((x.shape[0], 1, 1), dtype=bool)
@@ -295,7 +299,7 @@ class _Columns:
         moved = moved + self._unsure(low, high)
         given = moved * self._per_clock + self._wound_up(least + (low - x), most + (high - x), settled.mean)
         doubts = doubts + clocks * np.matmul(self._links, given[..., np.newaxis])[..., 0]
-        if self._converter.range_bites():
+        if self._converter.range_clips():
             # Where charge is lost every packet may lose as much again as it is off, as in `injection.counts`.
             ones = np.clip(clocks * left + 1.0, 1.0, self._most_ones)
             doubts = np.where(self._meets_range(left, doubts), doubts * (1.0 + ones), doubts)
@@ -408,7 +412,7 @@ def _biting(converter: Converter) -> Floats:
     """Return the lower and upper limit of the charge in packets, [2, cols]; infinite where no limit
     is reached.
     """
-    if not converter.range_bites():
+    if not converter.range_clips():
         return np.broadcast_to([[-np.inf], [np.inf]], (2, converter.cols))
     return converter.range_v() * (1.0 + converter.inv_gain_dc) / converter.packet_v()
 
@@ -424,10 +428,10 @@ def _walk_in_range(x, start, level, low, high, clocks):  # type: ignore
         current = x - 1.0 if before else x
         then = w + current
         stop = min(max(then, low), high)
-        # Part of the clock until it stops. Compilers divide either way: never nothing by nothing.
-        way = abs(stop - w) / max(abs(current), 1e-300)
-        way = way if stop != then else 1.0
-        total += 0.5 * (w + stop) * way + stop * (1.0 - way)
+        # Part of the clock until it stops. Compilers divide either duty_range: never nothing by nothing.
+        duty_range = abs(stop - w) / max(abs(current), 1e-300)
+        duty_range = duty_range if stop != then else 1.0
+        total += 0.5 * (w + stop) * duty_range + stop * (1.0 - duty_range)
         # Roundings of a sum of charges do not decide.
         w, before, now = stop, now, stop >= level - 1e-9 and not now
     return total / clocks, w

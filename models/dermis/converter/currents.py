@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dermis.array import settling, solve_error
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import ripple
-from dermis.converter.coupling import Coupling, Way, couples, coupling
+from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
 from dermis.converter.course import Course as Course
 from dermis.converter.vfc import X_INFINITE, Y_MIN
 from dermis.errors import InputError, SimulatorError
@@ -63,16 +63,16 @@ def currents(network: Network, g: Floats) -> tuple[Floats, Floats]:
     return follows, np.zeros_like(follows) if rest is None else rest
 
 
-def course(plan: Plan, part: slice, dark: bool = False, frames: NDArray[np.intp] | None = None) -> Course:
+def course(plan: Plan, part: slice, idle: bool = False, frames: NDArray[np.intp] | None = None) -> Course:
     """Solve some frames of a plan; with motion at the beginning, in the middle and at the end of each row's gate.
 
-    `dark` asks for what `rest` would be if no row were driven. With `frames`, numbers within `part`, only these are
+    `idle` asks for what `rest` would be if no row were driven. With `frames`, numbers within `part`, only these are
     solved.
     """
     network, g = plan.network(0), plan.conductance_s(part)
     if frames is not None:
         g = g[frames]
-    if dark:
+    if idle:
         network = dataclasses.replace(network, r_row_driven_ohm=min(network.r_row_grounded_ohm, _OPEN_OHM))
     if not plan.drive.motion:
         follows, rest = currents(network, g)
@@ -185,7 +185,7 @@ def _transients(plan: Plan, frame: int) -> settling.Transients | None:
     g, per_c = plan.conductance_s(slice(frame, frame + 1)), np.abs(_per_c(plan))
     most = float(per_c.max())
     felt = "q_mirror_c" in plan.active_fields()
-    felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
+    felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.FAST_CLOCKS
     try:
         return settling.transients(
             network,
@@ -262,16 +262,16 @@ def _terms(drive: Drive, ways: Course, sine: Floats, cosine: Floats, limit_a: Fl
     return terms
 
 
-def _dark_terms(found: Course, drive: Drive, limit_a: Floats, count: int) -> list[Floats]:
+def _idle_terms(found: Course, drive: Drive, limit_a: Floats, count: int) -> list[Floats]:
     """Coefficients of `_basis` while no row is driven."""
     each = 3 if drive.ripple else 1
-    dark = [np.zeros(found.rest_begin.shape) for _ in range(count)]
-    dark[0] = np.clip(found.rest_begin, -limit_a, limit_a)
+    idle = [np.zeros(found.rest_begin.shape) for _ in range(count)]
+    idle[0] = np.clip(found.rest_begin, -limit_a, limit_a)
     if drive.motion:
-        dark[each] = np.clip(found.rest_end, -limit_a, limit_a) - dark[0]
+        idle[each] = np.clip(found.rest_end, -limit_a, limit_a) - idle[0]
     if found.rest_bend is not None:
-        dark[2 * each] = 4.0 * np.clip(found.rest_bend, -limit_a, limit_a)
-    return dark
+        idle[2 * each] = 4.0 * np.clip(found.rest_bend, -limit_a, limit_a)
+    return idle
 
 
 def _at(ways: Course, *cells: NDArray[np.intp]) -> Course:
@@ -292,7 +292,7 @@ def phases(plan: Plan, part: slice) -> Floats:
 def charges_of(
     plan: Plan,
     ways: Course,
-    dark: Course | None,
+    idle: Course | None,
     phase: Floats,
     output: Floats | None,
     cells: tuple[NDArray[np.intp], ...],
@@ -304,8 +304,8 @@ def charges_of(
     ----------
     plan : Plan
         Without coupled columns and without what has not settled.
-    ways, dark : Course
-        Of the frames that `cells` counts in; `dark` where a slow mirror sees a current while no row is driven.
+    ways, idle : Course
+        Of the frames that `cells` counts in; `idle` where a slow mirror sees a current while no row is driven.
     phase : ndarray
         [frames, rows] of the ripple.
     output : ndarray or None
@@ -334,7 +334,7 @@ def charges_of(
         converter.gain / (converter.k * converter.i0_a),
         X_INFINITE * converter.k * converter.i0_a,
     )
-    offset, most = converter.i_offset_a / converter.i0_a, converter.drowning()
+    offset, most = converter.i_offset_a / converter.i0_a, converter.saturating_duty()
     kinds = 2 * depth + ((depth == cells[1]) | (lag is None))  # begins with the frame, or remembers nothing
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), kinds.size]
     for begins, ends in itertools.pairwise(edges):
@@ -346,10 +346,10 @@ def charges_of(
         terms = np.empty((r.shape[0], len(parts), c.size))
         for k, part in enumerate(parts):
             terms[:, k] = part * per_a[c]
-        night = slow = None
-        if dark is not None:
-            lights = _dark_terms(_at(dark, f, r, c), drive, limit_a[c], terms.shape[1])
-            night = np.stack(lights, axis=1) * per_a[c]
+        resting = slow = None
+        if idle is not None:
+            parts = _idle_terms(_at(idle, f, r, c), drive, limit_a[c], terms.shape[1])
+            resting = np.stack(parts, axis=1) * per_a[c]
         if lag is not None:
             slow = np.zeros(c.size) if from_start else output[f, r[0], c]
         offsets, mean = np.full(r.shape, offset[c]), np.empty(c.size)
@@ -361,13 +361,13 @@ def charges_of(
                 charge = charges(
                     k, at, basis, begin, settle, terms, None, None, None, None, None,
                     None if squeeze is None else squeeze[c], None if lag is None else lag[c],
-                    slow, pause, night, offsets, most[c], out, mean,
+                    slow, pause, resting, offsets, most[c], out, mean,
                 )  # fmt: skip
             block = slice(begins + at, begins + at + out.shape[1])
             yield block, charge, mean[at : at + out.shape[1]]
 
 
-def glows(plan: Plan) -> bool:
+def has_idle_current(plan: Plan) -> bool:
     """Return True if a slow mirror has an input current while no row is driven."""
     active = plan.active_fields()
     sources = active & {"v_column_offset_v", "i_leak_a"}
@@ -404,7 +404,7 @@ class Slots:
     terms : ndarray
         Their coefficients in packets a clock, [rows, terms, frames * cols], in front of compression, slow mirror
         and offset current.
-    dark : ndarray or None
+    idle : ndarray or None
         Such coefficients while no row is driven, where that matters and is not nothing.
     extra, decay : ndarray or None
         What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
@@ -460,11 +460,11 @@ class Slots:
         self.offset = np.tile(converter.i_offset_a / converter.i0_a, (self.rows, self.frames))
         if couples(plan):
             behind = plan.next_conductance_s(part) if drive.motion else None
-            mean, way = self._way(behind)
-            self.coupling = coupling(plan, plan.conductance_s(part), mean, way)
+            mean, duty_range = self._duty_range(behind)
+            self.coupling = coupling(plan, plan.conductance_s(part), mean, duty_range)
             if self.coupling is not None:
                 self.offset = self.offset + self.coupling.x.transpose(1, 0, 2).reshape(self.rows, -1)
-        self._most = np.tile(converter.drowning(), self.frames)
+        self._most = np.tile(converter.saturating_duty(), self.frames)
         self._squeeze = None
         if converter.inv_i_range_a.any() and unit_a is not None:
             self._squeeze = np.tile(converter.inv_i_range_a * np.abs(unit_a), self.frames)
@@ -473,17 +473,17 @@ class Slots:
             q_packet = converter.i0_a / timing.f_clk_hz
             self._lag = np.tile(np.maximum(converter.q_mirror_c / q_packet, 1e-15), self.frames)
             self._slow = np.zeros(cells)
-        self.dark = None
-        if glows(plan):
+        self.idle = None
+        if has_idle_current(plan):
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
-            self.dark = self._dark(ways if same else course(plan, part, dark=True), drive, per_a, limit_a)
+            self.idle = self._idle(ways if same else course(plan, part, idle=True), drive, per_a, limit_a)
         self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
         if found is not None:
             self._settling(found, _per_c(plan))
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
-    def _way(self, g_behind: Floats | None) -> tuple[Floats, Way]:
+    def _duty_range(self, g_behind: Floats | None) -> tuple[Floats, DutyRange]:
         """Return the mean duties over the gate, [frames, rows, cols], and their range, before compression."""
         gate = self.basis[self._settle : self._settle + self._gate]
         ends = [self.terms * pick(gate, axis=0)[:, np.newaxis] for pick in (np.min, np.max)]
@@ -493,12 +493,12 @@ class Slots:
             cells = parts.sum(axis=1) + self.offset
             return cells.reshape(self.rows, self.frames, self.cols).transpose(1, 0, 2)
 
-        return duty(means), Way(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
+        return duty(means), DutyRange(duty(np.minimum(*ends)), duty(np.maximum(*ends)), g_behind)
 
-    def _dark(self, found: Course, drive: Drive, per_a: Floats, limit_a: Floats) -> Floats:
-        dark = np.stack(_dark_terms(found, drive, limit_a, self.terms.shape[1]))
+    def _idle(self, found: Course, drive: Drive, per_a: Floats, limit_a: Floats) -> Floats:
+        idle = np.stack(_idle_terms(found, drive, limit_a, self.terms.shape[1]))
         cells = self.frames * self.cols
-        return np.ascontiguousarray((dark * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
+        return np.ascontiguousarray((idle * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
 
     def _settling(self, found: settling.Transients, per_c: Floats) -> None:
         cells = self.frames * self.cols
@@ -530,7 +530,7 @@ class Slots:
                 charge = charges(
                     row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
                     self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
-                    self._slow, self._break, self.dark, self.offset, self._most, out, mean,
+                    self._slow, self._break, self.idle, self.offset, self._most, out, mean,
                 )  # fmt: skip
                 # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
                 if not np.isfinite(mean[block]).all():
@@ -645,7 +645,7 @@ def charges(  # type: ignore
     lag,
     slow,
     pause,
-    dark,
+    idle,
     offset,
     most,
     out,
@@ -669,7 +669,7 @@ def charges(  # type: ignore
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
         Time constant times output of the mirror in packets, and its output, which is carried on.
-    dark : [rows, terms, cells] or None
+    idle : [rows, terms, cells] or None
         Coefficients in the pause, where no row is driven; None is no current.
     offset : [rows, cells]
         Added behind the mirror.
@@ -721,9 +721,9 @@ def charges(  # type: ignore
             for n in range(pause):
                 for c in range(cells):
                     x = 0.0
-                    if dark is not None:
+                    if idle is not None:
                         for k in range(count):
-                            x += basis[n, k] * dark[row_number, k, first + c]
+                            x += basis[n, k] * idle[row_number, k, first + c]
                     if onset is not None:
                         for k in range(fading.shape[0]):
                             x += fading[k, c] * faded[k, c] ** n

@@ -59,7 +59,7 @@ def counts(plan: Any) -> dict[str, Floats]:
         woken = np.log1p(slow / (math.e * settle * Y_MIN))
         most = slow * (woken + math.log1p(timing.gate_clocks / settle))
         found["q_mirror_c"] = np.where(_follows_jumps(plan), 0.0, np.minimum(jump, most))
-    if converter.range_bites():
+    if converter.range_clips():
         found = {name: counts * (1.0 + (timing.gate_clocks + 1) / 2) for name, counts in found.items()}
     return found
 
@@ -74,5 +74,5 @@ def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
     # Time constants depend on taxels only where rows float.
     frames = range(plan.frames if not np.isfinite(network.r_row_grounded_ohm) else 1)
     slowest_s = min(settling.slowest_s(network, plan.conductance_s(slice(f, f + 1))) for f in frames)
-    felt = slowest_s * plan.timing.f_clk_hz > settling.BRISK_CLOCKS
+    felt = slowest_s * plan.timing.f_clk_hz > settling.FAST_CLOCKS
     return felt & ((network.r_row_driven_ohm > 0) | (network.r_column_ohm > 0))

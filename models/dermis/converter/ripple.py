@@ -53,7 +53,7 @@ def may_bend(plan: Plan) -> bool:
 def bends_courses(plan: Plan) -> bool:
     """Return True if the waveform of a current within a clock may move a code beyond its mean."""
     converter = plan.converter
-    return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_bites())
+    return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_clips())
 
 
 def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
@@ -118,7 +118,7 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
         else:
             full = low / (1.0 + squeeze * least) >= _FULL * np.maximum(size, 1.0)
             found = {name: np.where(full, 0.0, counts) for name, counts in found.items()}
-        if converter.range_bites():
+        if converter.range_clips():
             angle = 2.0 * math.pi * plan.drive.f_ripple_hz / plan.timing.f_clk_hz
             found = {name: counts * (1.0 + (clocks + 1) / 2) for name, counts in found.items()}
             highest = high / (1.0 + squeeze * np.abs(high))

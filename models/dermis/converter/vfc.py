@@ -116,7 +116,7 @@ class Converter:
         ends = self.v_sign * self.v_int_min_v, self.v_sign * self.v_int_max_v
         return np.array([np.minimum(*ends), np.maximum(*ends)])
 
-    def range_bites(self) -> bool:
+    def range_clips(self) -> bool:
         """Return True if the range of an integrator is so small that it loses charge in normal
         use.
         """
@@ -124,7 +124,7 @@ class Converter:
         # A range of exactly _SWING_PACKETS, up to rounding, is enough.
         return bool(np.any(room < _SWING_PACKETS * self.packet_v() * (1.0 - 1e-9)))
 
-    def drowning(self) -> NDArray[np.float64]:
+    def saturating_duty(self) -> NDArray[np.float64]:
         """Return the duty [cols] beyond which every code is saturated."""
         return X_MAX * np.maximum(1.0 + self.packet_error, 1.0)
 

@@ -133,16 +133,16 @@ def _check_fields(plan: Plan) -> None:
 def run(plan: Plan, progress: Callable[[int], None] | None = None, **options: Any) -> Result:
     """Run a plan through its engine, which must honour its fields; options go to the engine.
 
-    info["array"] bounds the error of the array solves of the engine (solve_error.Account).
+    info["array"] bounds the error of the array solves of the engine (solve_error.ErrorRecord).
     """
     _check_fields(plan)
     _check_sources(plan)
     if error := _refuses_views(plan, plan.engine):
         raise error
-    with solve_error.account(*_lsb(plan)) as account:
+    with solve_error.recording(*_lsb(plan)) as record:
         filtered = plan.filtered and plan.engine == "event"
         result = _module("filter" if filtered else plan.engine).run(plan, progress, **options)
-    if report := account.report():
+    if report := record.report():
         result.info["array"] = report
     return result
 

@@ -281,7 +281,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
         except (OSError, CommClosedError):
             raise gone from None
         executor = client.get_executor(pure=False, retries=0)
-        patience = children.Patience(WORKER_S)
+        timeout = children.Timeout(WORKER_S)
 
         def look() -> None:
             if client.status != "running":
@@ -294,7 +294,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
                 raise gone from None
             there = len(client.scheduler_info()["workers"])
             # A number that changes while there are workers, so that it counts only the time without any.
-            if patience.over(time.monotonic() if there else 0):
+            if timeout.over(time.monotonic() if there else 0):
                 raise SimulatorError(f"the scheduler {address} has had no worker for {WORKER_S} s")
 
         try:

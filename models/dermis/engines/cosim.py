@@ -28,7 +28,7 @@ from dermis.chip import hdl, ladder, netlist
 from dermis.engines import Result, masking
 from dermis.engines.masking import Block
 from dermis.errors import InputError, SimulatorError
-from dermis.processes.children import Child, Patience
+from dermis.processes.children import Child, Timeout
 from dermis.records import Plan
 
 HONOURS = netlist.HONOURS
@@ -50,11 +50,11 @@ START_LIMIT_S = 120.0
 """Longest wait for the first row slot: loading, parsing, operating point."""
 SLOT_LIMIT_S = 120.0
 """Longest wait for each further slot; ideal ones take under a second."""
-EFFECTS_PATIENCE = 5.0
+EFFECTS_LIMIT_FACTOR = 5.0
 """Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy
 machine.
 """
-VIEWS_PATIENCE = 10.0
+VIEWS_LIMIT_FACTOR = 10.0
 """With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
 four runs may share it."""
 
@@ -283,17 +283,17 @@ def _run_job(
             stderr=subprocess.STDOUT,
         )
     try:
-        slots, waited = 0, Patience(START_LIMIT_S)
-        patience = EFFECTS_PATIENCE if job.plan.active_fields() else 1.0
+        slots, waited = 0, Timeout(START_LIMIT_S)
+        factor = EFFECTS_LIMIT_FACTOR if job.plan.active_fields() else 1.0
         if job.plan.views.in_transistors(job.plan.topology):
-            patience = VIEWS_PATIENCE
+            factor = VIEWS_LIMIT_FACTOR
         while child.poll() is None:
             time.sleep(0.05)
             now = _slots_done(directory / "progress")
             if now != slots:
                 slots = now
                 on_slots(slots)
-            if waited.over(slots, patience * (SLOT_LIMIT_S if slots else START_LIMIT_S)):
+            if waited.over(slots, factor * (SLOT_LIMIT_S if slots else START_LIMIT_S)):
                 raise SimulatorError(
                     f"the co-simulation stopped answering in {_place(job, slots)}", directory
                 )

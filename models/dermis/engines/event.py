@@ -139,7 +139,7 @@ def _refuses_return(plan: Plan) -> InputError | None:
     active = plan.active_fields()
     asked = {
         "line_capacitance": bool(active & currents.CAPACITANCES),
-        "mirror_lag": currents.glows(plan),
+        "mirror_lag": currents.has_idle_current(plan),
         "integrator_gain": currents.couples(plan),
     }
     names = [name for name, on in asked.items() if on]
@@ -280,7 +280,7 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Fl
         name: value if value.shape == x.shape else np.broadcast_to(value, x.shape)
         for name, value in columns.items()
     }
-    most = converter.drowning()
+    most = converter.saturating_duty()
     return Cells(x=_within(x, -most, most), leak=leak, across=across, **everywhere)
 
 
@@ -491,7 +491,7 @@ class Chosen:
     """Cells of some frames that are counted alone, with what is known of them.
 
     `frame`, `row`, `col` [n] within the frames of `part`; `column_s` [n] conductance on their
-    columns; `x` [n] duty where it is constant; `keys` [n] or None; `ways`, `dark`, `phase`,
+    columns; `x` [n] duty where it is constant; `keys` [n] or None; `ways`, `idle`, `phase`,
     `output`, `depth` as `currents.charges_of` takes them.
     """
 
@@ -503,7 +503,7 @@ class Chosen:
     x: Floats
     keys: NDArray[np.uint64] | None
     ways: currents.Course
-    dark: currents.Course | None
+    idle: currents.Course | None
     phase: Floats
     output: Floats | None
     depth: NDArray[np.intp]
@@ -551,7 +551,7 @@ def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
     draws = Noise(np.zeros((4, chosen.row.size)), chosen.keys) if walks else None
     where = chosen.frame, chosen.row, chosen.col
     for block, charge, mean in currents.charges_of(
-        plan, chosen.ways, chosen.dark, chosen.phase, chosen.output, where, chosen.depth
+        plan, chosen.ways, chosen.idle, chosen.phase, chosen.output, where, chosen.depth
     ):
         if draws is not None:
             draws.rows[:, block] = noise_rows(converter, mean, variance[block], block)

@@ -168,13 +168,13 @@ class _Part:
             begin = self.phase + omega * timing.settle_clocks
             swing_sum = (np.cos(begin) - np.cos(begin + omega * timing.gate_clocks)) / omega
             reach = min(float(timing.gate_clocks), 2.0 / omega)
-        dark = self.unsettled = np.zeros((frames, cols))
+        idle = self.unsettled = np.zeros((frames, cols))
         network, driven_v, others_v = (
             plan.network(0),
             plan.v_bias_v * (1.0 + abs(drive.ripple)),
             _largest_v(plan),
         )
-        if self.slow_mirror and currents.glows(plan):
+        if self.slow_mirror and currents.has_idle_current(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
             side = 2.0 * rows * network.g_lateral_row_s
             most_s = self.g_column_s
@@ -182,14 +182,14 @@ class _Part:
                 later = np.minimum(plan.next_conductance_s(self.part), G_ACROSS_S).sum(axis=1)
                 most_s = np.maximum(most_s, later)
             amperes = np.abs(network.i_leak_a).sum() + others_v * (most_s + side)
-            dark = amperes * np.abs(c.gain) / (c.k * c.i0_a)
+            idle = amperes * np.abs(c.gain) / (c.k * c.i0_a)
             if drive.motion:
                 # Straight on from the gate, back to the start of the slot; a bend is at most twice the largest.
                 back = timing.settle_clocks / timing.gate_clocks
-                dark *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
-        self.brisk = True
+                idle *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
+        self.settles_fast = True
         if self.active & currents.CAPACITANCES:
-            self.brisk = not self.slow_mirror or bounds.brisk(network, c)
+            self.settles_fast = not self.slow_mirror or bounds.settles_fast(network, c)
             self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, driven_v + others_v)
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
@@ -212,9 +212,9 @@ class _Part:
             *values[:2], mirrors[:2], mirrors[2], mirrors[3:], *values[2:], open_, *whole
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
-        unsettled = self.unsettled if self.brisk else np.full((frames, cols), np.inf)
+        unsettled = self.unsettled if self.settles_fast else np.full((frames, cols), np.inf)
         sampled, self.drawn = self.loops.verdicts(
-            self.gate, on, self.columns, self.g_column_s, dark, swing_sum, unsettled, moved,
+            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, unsettled, moved,
             *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.table.tally, ratios,
         )  # fmt: skip
         if sampled:
@@ -246,7 +246,7 @@ class _Part:
             x,
             noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None,
             self.ways,
-            self._night(cells),
+            self._idle_course(cells),
             self.phase,
             output,
             depth,
@@ -274,7 +274,7 @@ class _Part:
 
     def _unsettled_frames(self, frames: NDArray[np.intp]) -> list[int]:
         """Frames in which lines that have not settled bring charge that engine event follows."""
-        if not self.active & currents.CAPACITANCES or (self.brisk and self.unsettled.max() < _SETTLED):
+        if not self.active & currents.CAPACITANCES or (self.settles_fast and self.unsettled.max() < _SETTLED):
             return []
         return [int(f) for f in np.unique(frames)]
 
@@ -286,9 +286,9 @@ class _Part:
             self.loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
         return depth
 
-    def _night(self, cells: Cells) -> Course | None:
+    def _idle_course(self, cells: Cells) -> Course | None:
         """Currents while no row is driven, where the gates of chosen cells still remember them."""
-        if not self.slow_mirror or not currents.glows(self.plan):
+        if not self.slow_mirror or not currents.has_idle_current(self.plan):
             return None
         remembers = self.s.passed[(0, *cells)] <= _MEMORY * self.columns[bounds.KAPPA, cells[2]]
         if not remembers.any():
@@ -297,7 +297,7 @@ class _Part:
         network = self.plan.network(0)
         if network.r_row_driven_ohm == network.r_row_grounded_ohm:
             return self.ways
-        found = currents.course(self.plan, self.part, dark=True, frames=frames)
+        found = currents.course(self.plan, self.part, idle=True, frames=frames)
 
         def spread(values: Floats | None) -> Floats | None:
             if values is None:

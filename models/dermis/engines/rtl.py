@@ -198,7 +198,7 @@ def build(
         "EFFECTS": effects,
         "TERMS": currents.terms,
         "MODES": currents.modes,
-        "DARK": currents.dark,
+        "DARK": currents.idle,
         "FADE": currents.fade,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
@@ -222,12 +222,12 @@ class Currents:
     Attributes
     ----------
     cells : ndarray
-        [frames, rows, cols, (1 + dark) terms + 2 (1 + fade) modes]: the input of course.sv.
+        [frames, rows, cols, (1 + idle) terms + 2 (1 + fade) modes]: the input of course.sv.
     basis : ndarray
         [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
     terms, modes : int
         1 and 0 where a current is constant in its slot.
-    dark, fade : int
+    idle, fade : int
         1 where a slow mirror sees a current in the break after a row, and where it sees lines settle.
     coupling : Coupling or None
         How columns of the direct interface move each other; its current is in `cells` already.
@@ -237,7 +237,7 @@ class Currents:
     basis: Floats
     terms: int = 1
     modes: int = 0
-    dark: int = 0
+    idle: int = 0
     fade: int = 0
     coupling: coupling.Coupling | None = None
 
@@ -245,8 +245,8 @@ class Currents:
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
     converter = plan.converter
-    if not plan.active_fields() & (currents.FIELDS - {"q_mirror_c"}) and not currents.glows(plan):
-        g, most = plan.conductance_s(part), converter.drowning()
+    if not plan.active_fields() & (currents.FIELDS - {"q_mirror_c"}) and not currents.has_idle_current(plan):
+        g, most = plan.conductance_s(part), converter.saturating_duty()
         current = column_currents(plan.network(0), g)
         coupled = coupling.coupling(plan, g, converter.duty(current))
         with np.errstate(over="ignore"):
@@ -257,7 +257,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     slots = currents.Slots.of(plan, part)
     terms, gain, modes = slots.terms.shape[1], np.tile(converter.gain, slots.frames), 0
     found = [slots.terms / gain]
-    behind = [] if slots.dark is None else [slots.dark / gain]
+    behind = [] if slots.idle is None else [slots.idle / gain]
     if slots.extra is not None and slots.decay is not None:
         # A power of two, so that few builds serve all scenes.
         fading = 0 if slots.fade is None else slots.fade.shape[1]
@@ -275,8 +275,8 @@ def currents_of(plan: Plan, part: slice) -> Currents:
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
     basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
-    glows, fades = int(slots.dark is not None), int(slots.onset is not None)
-    return Currents(cells, basis, terms, modes, glows, fades, slots.coupling)
+    has_idle_current, fades = int(slots.idle is not None), int(slots.onset is not None)
+    return Currents(cells, basis, terms, modes, has_idle_current, fades, slots.coupling)
 
 
 def write_inputs(
@@ -383,13 +383,13 @@ def simulate(
             command, cwd=work, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT
         )
     try:
-        patience = children.Patience(FRAME_LIMIT_S)
+        timeout = children.Timeout(FRAME_LIMIT_S)
         while True:
             with contextlib.suppress(subprocess.TimeoutExpired):  # it still runs: check its progress
                 code = child.wait(0.05)
                 break
             now = out.stat().st_size if out.exists() else 0
-            if patience.over(now):
+            if timeout.over(now):
                 raise SimulatorError(f"{Path(command[0]).name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
             on_rows(min(now // width, frames) * plan.rows)
     finally:

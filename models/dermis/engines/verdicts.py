@@ -116,7 +116,7 @@ def _decide(x, clipped, level, error, packet, gate):  # type: ignore
 
 
 @_compiled
-def _mirrors(gate, first, start, before, during, dark, kappa, inverse, begin, end):  # type: ignore
+def _mirrors(gate, first, start, before, during, idle, kappa, inverse, begin, end):  # type: ignore
     """Outputs of the slow mirrors of one row where its gate begins and where it ends, [cols] each.
 
     `start` is the current where the first row of a frame begins settled, `before` the one from there to the gate,
@@ -125,11 +125,11 @@ def _mirrors(gate, first, start, before, during, dark, kappa, inverse, begin, en
     `inverse` is carried from row to row.
     """
     for c in range(start.size):
-        here, night = max(before[c], Y_MIN), max(dark[c], Y_MIN)
+        here, resting = max(before[c], Y_MIN), max(idle[c], Y_MIN)
         if first:
             u = 1.0 / max(start[c], Y_MIN)
         else:
-            u = approach(inverse[c], 1.0 / night, night * gate.pause / kappa[c])
+            u = approach(inverse[c], 1.0 / resting, resting * gate.pause / kappa[c])
         u = approach(u, 1.0 / here, here * (gate.settle - gate.pause) / kappa[c])
         begin[c] = 1.0 / u
         here = max(during[c], Y_MIN)
@@ -222,7 +222,7 @@ def _worst(s, on, calm):  # type: ignore
 
 @_compiled
 def verdicts(  # type: ignore
-    gate, on, table, g_column, dark, swing_sum, unsettled, moved_lsb,
+    gate, on, table, g_column, idle, swing_sum, unsettled, moved_lsb,
     follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip
     """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled, and how many
@@ -235,7 +235,7 @@ def verdicts(  # type: ignore
         Factor on each bound; 0 is off.
     table : [26, cols]
         bounds.columns.
-    g_column, dark, unsettled : [frames, cols]
+    g_column, idle, unsettled : [frames, cols]
         Conductance on each column; most of a settled mirror while no row is driven; packets of lines that settle.
     swing_sum : [frames, rows]
         Sum of the sine of the ripple over the gate.
@@ -251,7 +251,7 @@ def verdicts(  # type: ignore
     bends, inverse, begins = np.empty(cols), np.empty((3, cols)), np.empty((3, cols))
     # As solved, the lowest and the highest: where the first row begins, before the gate, in the gate, in the break.
     starts, befores, durings = np.empty((3, cols)), np.empty((3, cols)), np.empty((3, cols))
-    nights = np.zeros((3, cols))
+    idles = np.zeros((3, cols))
     # Start of the slot's settling in gates: motion goes on straight there, out of the range that it has in the gate.
     ahead = (gate.settle - gate.pause) / gate.clocks
     kappas = np.maximum(table[of.KAPPA], _KAPPA_MIN)
@@ -306,7 +306,7 @@ def verdicts(  # type: ignore
                         largest /= 1.0 + squeeze * abs(largest)
                     starts[0, c], starts[1, c], starts[2, c] = start, least, largest
                     befores[0, c], befores[1, c], befores[2, c] = middle, least, largest
-                    nights[2, c] = dark[f, c]
+                    idles[2, c] = idle[f, c]
                 if squeeze > 0.0:
                     bent += gate.clocks * squeeze * reach**2
                     below /= 1.0 + squeeze * abs(below)
@@ -324,7 +324,7 @@ def verdicts(  # type: ignore
             if gate.slow_mirror:
                 for way in range(3):
                     _mirrors(
-                        gate, r == 0, starts[way], befores[way], durings[way], nights[way], kappas, inverse[way],
+                        gate, r == 0, starts[way], befores[way], durings[way], idles[way], kappas, inverse[way],
                         begins[way], out.end[way, f, r],
                     )  # fmt: skip
                 for c in range(cols):

@@ -288,7 +288,7 @@ def end_tree(child: subprocess.Popen[Any]) -> None:
         child.wait()
 
 
-class Patience:
+class Timeout:
     """Timeout without progress, measured in time during which this process itself was running.
 
     Time in which this process was stopped with Ctrl-Z, or not scheduled, counts as at most

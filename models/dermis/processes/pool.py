@@ -27,7 +27,7 @@ from typing import IO, Any
 
 from dermis.errors import SimulatorError
 from dermis.processes import watchdog
-from dermis.processes.children import Child, Patience, ended
+from dermis.processes.children import Child, Timeout, ended
 
 ONE_THREAD = dict.fromkeys(
     (
@@ -185,12 +185,12 @@ class Workers(Executor):
 
     def _wait(self, worker: Child, pipe: int, event: int, until: float) -> None:
         """Wait for a pipe; raise _Late at the limit, or if the worker makes no progress."""
-        ready, patience = select.poll(), Patience(STALL_S)
+        ready, timeout = select.poll(), Timeout(STALL_S)
         ready.register(pipe, event)
         while not ready.poll(1000 * max(0.0, min(LOOK_S, until - time.monotonic()))):
             if time.monotonic() >= until:
                 raise _Late(LimitReached, "a call took longer than its limit")
-            if patience.over(_used(worker)):
+            if timeout.over(_used(worker)):
                 said = f"a worker process used no processor for {STALL_S:g} s and was ended"
                 raise _Late(WorkerLost, said)
 

@@ -348,7 +348,7 @@ def symmetric(s: Subject) -> Iterator[str]:
     other = event.run(_permuted(s.plan, rows, cols))
     expected, x = s.result.codes[:, rows][:, :, cols], s.x[:, rows][:, :, cols]
     # A short makes an infinite duty.
-    most = s.plan.converter.drowning()[cols]
+    most = s.plan.converter.saturating_duty()[cols]
     before, after = (np.clip(v, -most, most) for v in (x, other.info["x"]))
     # Offsets and leaks may nearly cancel the current of the bias; the sum is as exact as its parts.
     size = np.abs(before) + (_held(s)[:, rows][:, :, cols] if s.active & _SOURCES else 0.0)

@@ -133,7 +133,7 @@ def _rtl(world: World, simulator: str) -> NDArray[Any]:
     bits = rtl.effect_bits(made)
     if bits and simulator == "verilator":
         bits |= sum(1 << rtl.value_places()[name] for name in _EVERY)
-    most = made.converter.drowning()
+    most = made.converter.saturating_duty()
     currents = rtl.Currents(np.clip(x, -most, most)[..., np.newaxis], np.ones((1, 1)))
     with hdl.work_directory("rtl_runs", made, None) as files:
         command = rtl.build(made, bits, currents, simulator, world.latch)

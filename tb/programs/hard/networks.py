@@ -87,7 +87,7 @@ def currents(name: str) -> Measured:
     its slot that cancels.
     """
     hard = TABLE[name]
-    with solve_error.account() as account:
+    with solve_error.recording() as record:
         have = column_currents(hard.network())[hard.rows()]
     want = hard.expected()
     size = np.abs(want)
@@ -95,7 +95,7 @@ def currents(name: str) -> Measured:
         size = np.broadcast_to(size.max(axis=-1, keepdims=True), want.shape)
     error = _error(have, want)
     worst = np.divide(error, size, out=np.where(error > 0, np.inf, 0.0), where=size > 0).max()
-    return Measured(float(worst), f"bound {account.bound:.1e}, condition {account.condition:.1e}")
+    return Measured(float(worst), f"bound {record.bound:.1e}, condition {record.condition:.1e}")
 
 
 def plan_of(network: Network, engine: str) -> records.Plan:
@@ -383,10 +383,10 @@ def random_networks(count: int) -> Measured:
             r_trace_row_ohm=rng.choice([0.0, ohm()]),
             r_trace_column_ohm=rng.choice([0.0, ohm()]),
         )
-        with solve_error.account() as account:
+        with solve_error.recording() as record:
             have = column_currents(network)
         want = nodal.column_currents(network, DIGITS)
-        worst = max(worst, float((_error(have, want) / np.abs(want)).max()) / account.bound)
+        worst = max(worst, float((_error(have, want) / np.abs(want)).max()) / record.bound)
     return Measured(worst, f"{count} networks")
 
 
