@@ -251,6 +251,8 @@ def _given(force_n: ArrayLike | None, resistance_ohm: ArrayLike | None) -> tuple
         raise InputError(_HERE, " and ".join(names), "both", "one of the two")
     if not names:
         return None
+    if np.ma.is_masked(arrays[names[0]]):
+        raise InputError(_HERE, names[0], "masked values", "numbers; fill them, or leave these frames out")
     try:
         return names[0], np.asarray(arrays[names[0]])
     except ValueError as error:  # lists of unequal lengths
@@ -285,6 +287,8 @@ def _scene(
             data = _merged({"array": size}, data)
     for table in (_plain(tables or {}), {"run": run}, {"effects": _plain(effects or {})}):
         data = _merged(data, table)
+    if empty := _empty(data):
+        raise InputError(path, empty, "None", "a value; leave the key out for its default")
     table = schema.validate(scenes.SceneTable, data, path)
     if given is not None:
         stimulus = table.stimulus
@@ -302,19 +306,32 @@ def _in_place(own: Any, name: str, asked: Any, path: Path) -> Any:
     """
     if not isinstance(own, dict):
         return own
-    if "kind" not in own:
-        return own | _ARRAYS[name]
+    kept = {} if "kind" in own else own
+    given = kept | dict(asked if isinstance(asked, Mapping) else {})
+    for key in ("file", "unit"):
+        if key in given:
+            raise InputError(path, f"stimulus.{key}", schema.quoted(given[key]), f"not with {name}")
     for key in ("t_frame_s", "resample", "select"):
-        if key in own and not (isinstance(asked, Mapping) and key in asked):
+        if key in own and key not in given:
             allowed = f"not used with {name}; for the array give stimulus={{{key!r}: ...}} as an argument"
             raise InputError(path, f"stimulus.{key}", schema.quoted(own[key]), allowed)
-    return _ARRAYS[name]
+    return kept | _ARRAYS[name]
 
 
 def _design(design: DesignLike | None) -> Design:
     if isinstance(design, Mapping):
         return designs.changed(_plain(design))
     return design if isinstance(design, Design) else designs.load(design)
+
+
+def _empty(table: Mapping[str, Any]) -> str:
+    """Return the dotted name of the first key that holds None; empty if there is none."""
+    for key, value in table.items():
+        if value is None:
+            return key
+        if isinstance(value, Mapping) and (below := _empty(value)):
+            return f"{key}.{below}"
+    return ""
 
 
 def _merged(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from dermis.array.array import column_currents
 from dermis.converter.vfc import W_PRESET
 from dermis.decode import crosstalk
 from dermis.decode.calibration import Calibration
-from dermis.decode.decoder import Decoder, Forces, check_out, times
+from dermis.decode.decoder import Decoder, Forces, check_out, numbers, times
 from dermis.decode.memory import SheetMemory, advance_creep, apply_frame
 from dermis.engines import closed
 from dermis.records import Plan
@@ -37,14 +37,14 @@ _TOLERANCE = 1e-13
 def _conductance(force, k, points, conductances, exponents, force_on, g_open):
     """Conductance by the law: force / k, or the power law between points where k is 0."""
     if k > 0.0:
-        return min(force / k, crosstalk.SHORT_S)
+        return force / k
     if force < force_on:
         return g_open
     n = 0
     while n + 1 < points.size and force >= points[n + 1]:
         n += 1
     g = conductances[n] * (force / points[n]) ** exponents[n] if force > 0.0 else 0.0
-    return min(max(g, g_open), crosstalk.SHORT_S)
+    return max(g, g_open)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -157,9 +157,9 @@ def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_l
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, work, codes):
-    """Read frames into `codes` until one does not converge; return how many were read.
+    """Read frames into `codes` until one has a short or does not converge; return how many were read.
 
-    The conductances of a frame that did not are left in the first array of `work`.
+    The conductances of that frame are left in the first array of `work`.
     """
     k, points, conductances, exponents, force_on, g_open = law
     code_max, step, start, inv_range = chip
@@ -182,10 +182,12 @@ def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, w
                 loaded[t] = flat[t] > g_loaded
                 flat[t] = seen[t]
             fresh = False
+        short = False
         for r in range(rows):
             for c in range(cols):
                 g[r, c] *= factor[r, c]
-        if not _currents(
+                short = short or g[r, c] > crosstalk.SHORT_S
+        if short or not _currents(
             g,
             current,
             v_bias,
@@ -293,7 +295,7 @@ class Skin:
         ValueError
             A wrong shape, forces or times that are not finite or below 0, or an `out` of another shape or type.
         """
-        forces = np.ascontiguousarray(forces_n, dtype=float)
+        forces = numbers(forces_n, "forces_n")
         if forces.ndim not in (2, 3) or forces.shape[-2:] != (self.rows, self.cols):
             raise ValueError(f"forces_n must be [frames, {self.rows}, {self.cols}]")
         # A sum is NaN if anything is, and needs no second array.
@@ -365,7 +367,7 @@ class Skin:
             )
             stopped = first + read
             if stopped < len(forces):
-                # The direct solve of the engine takes over where sweeps do not converge.
+                # The direct solve of the engine takes over.
                 codes[stopped] = self._codes(work[0][np.newaxis])[0]
                 read += 1
             memory.passed(read)

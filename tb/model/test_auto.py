@@ -95,6 +95,15 @@ def test_plan_says_which_effects_change_codes(capsys: pytest.CaptureFixture[str]
     assert "engine closed is enough" in said
 
 
+def test_plan_says_that_effects_change_codes_together(capsys: pytest.CaptureFixture[str]) -> None:
+    on = {"comparator_hysteresis": {"v_v": 0.6}, "preset_error": {"v_v": -0.3}}
+    stimulus = {"kind": "uniform", "force_n": 19.7 / 17}  # 0.3 LSB each, of 0.2 + 0.5 to the step below
+    print_answer(made(on, array={"rows": 2, "cols": 3}, stimulus=stimulus))
+    said = " ".join(capsys.readouterr().out.split())
+    assert "change none of them: comparator_hysteresis, preset_error alone, but 6 together" in said
+    assert "engine event is enough" in said
+
+
 # --- the choice ----------------------------------------------------------------------------------------------------
 
 

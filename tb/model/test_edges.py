@@ -145,6 +145,35 @@ def test_times_of_a_stream_are_checked_before_its_state_changes(time: Any) -> No
     assert (skin.read(force) > 0).all()
 
 
+def test_a_start_above_the_level_leaves_a_negative_current_open() -> None:
+    on = {"comparator_offset": {"v_v": -0.6}, "offset_current": {"i_a": -2e-7}}
+    skin = Skin(made({"array": {"rows": 1, "cols": 1}, "effects": on}, "closed"))
+    force = np.array([0.0, 0.02, 0.1, 0.2, 0.5, 2.0]).reshape(-1, 1, 1)
+    codes = skin.read(force)
+    assert codes[0] == 1
+    found = skin.decode(codes)
+    assert ((found.low_n <= force) & (force <= found.high_n)).all()
+    assert found.high_n[0] < 0.35
+
+
+def test_skin_reads_a_taxel_below_a_milliohm_as_simulate_does() -> None:
+    world = {"array": {"rows": 1, "cols": 2}, "effects": {"row_driver": {"r_ohm": 7.5e-4}}}
+    skin = Skin(made(world, "closed"))
+    for force in ([[1e7, 2.0]], [[1e300, 2.0]], [[3.0, 2.0]]):
+        assert (skin.read(force) == dermis.simulate(world, force_n=force, engine="closed").codes[0]).all()
+
+
+@pytest.mark.parametrize(
+    "forces", [np.ma.masked_less([[1.0, 2.0]], 1.5), [[True, False]], [["1", "2"]], [[1.0 + 1j, 2.0]]]
+)
+def test_forces_that_are_no_real_numbers_are_refused(forces: Any) -> None:
+    world = {"array": {"rows": 1, "cols": 2}}
+    with pytest.raises(ValueError, match="forces_n"):
+        Skin(made(world, "closed")).read(forces)
+    with pytest.raises(InputError):
+        dermis.simulate(world, force_n=forces)
+
+
 # --- library -------------------------------------------------------------------------------------------------------
 
 
@@ -162,5 +191,11 @@ def test_keys_of_a_stimulus_count_beside_an_array() -> None:
     assert (codes != dermis.simulate({"effects": world["effects"]}, force_n=force).codes).any()
     with pytest.raises(InputError, match=r"stimulus\.t_frame_s"):
         dermis.simulate("recorded_touch", force_n=force)
+    for key, value in (("file", "x.npy"), ("unit", "codes")):
+        with pytest.raises(InputError, match=rf"stimulus\.{key}"):
+            dermis.simulate(force_n=force, stimulus={key: value})
+    for on in ({"row_driver": None}, {"column_offset": {"v_v": None}}):
+        with pytest.raises(InputError, match="None"):
+            dermis.simulate(force_n=force, effects=on)
     with pytest.raises(InputError, match="t_frame_ms"):
         dermis.simulate({"stimulus": {"t_frame_ms": 8}}, force_n=force)

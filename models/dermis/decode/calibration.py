@@ -36,7 +36,15 @@ OVERLOAD = 4.0
 UNSEEN_DECADES = 0.05
 """Creep in decades that loads below half a code cause unseen, as they come and go in some tens of milliseconds."""
 
-_PER_COLUMN = ("step_a", "start_code", "inv_i_range_a", "step_part", "start_sigma_code", "full_code")
+_PER_COLUMN = (
+    "step_a",
+    "start_code",
+    "inv_i_range_a",
+    "step_part",
+    "start_sigma_code",
+    "zero_code",
+    "full_code",
+)
 _NETWORK = (
     "r_row_driven_ohm",
     "r_row_grounded_ohm",
@@ -98,6 +106,9 @@ class Calibration:
         Largest conductance of a taxel in siemens, as a bound for saturated ones.
     noise_code : float
         Standard deviation of a reading in codes.
+    zero_code : ndarray
+        [cols] code of a column without current: a start above the level counts at once. A negative current may read
+        this or less.
     full_code : ndarray
         [cols] code of a column at full scale, where every second clock takes a packet: a late start makes it less
         than code_max, the default. A larger current may read no more than that.
@@ -131,6 +142,7 @@ class Calibration:
     own: dict[tuple[int, int], Curve] = field(default_factory=dict)
     reference: tuple[tuple[int, int, float], ...] = ()
     noise_code: float = 0.0
+    zero_code: Floats = 0.0  # type: ignore[assignment]
     full_code: Floats = None  # type: ignore[assignment]
     step_part: Floats = 0.0  # type: ignore[assignment]
     start_sigma_code: Floats = 0.0  # type: ignore[assignment]
@@ -157,6 +169,12 @@ class Calibration:
         packet = 1.0 + c.packet_error
         start = -W_PRESET + (c.v_comp_offset_v - c.preset_error_v) / c.packet_v()
         step_a = c.k * c.i0_a * packet / (gate * c.gain)
+        packet_v = c.packet_v()
+        level = {
+            "w0": W_PRESET + c.preset_error_v / packet_v,
+            "packet": packet,
+            "threshold": c.v_comp_offset_v / packet_v,
+        }
         state = SensorState(**_sensor_fields(plan))
         factor = np.full((plan.rows, plan.cols), 1.0 + state.temperature_error)
         if state.spread:
@@ -167,14 +185,8 @@ class Calibration:
             rows=plan.rows,
             cols=plan.cols,
             code_max=plan.timing.code_max,
-            full_code=code(
-                packet / 2,
-                gate,
-                plan.timing.code_max,
-                w0=W_PRESET + c.preset_error_v / c.packet_v(),
-                packet=packet,
-                threshold=c.v_comp_offset_v / c.packet_v(),
-            ).astype(float),
+            zero_code=code(0.0 * packet, gate, plan.timing.code_max, **level).astype(float),
+            full_code=code(packet / 2, gate, plan.timing.code_max, **level).astype(float),
             v_bias_v=table.interface.v_bias_v,
             step_a=step_a,
             start_code=0.5 - start / packet + gate * c.i_offset_a / (c.i0_a * packet),
@@ -279,6 +291,8 @@ def load(path: Path | str) -> Calibration:
     table = _Reader(path, data)
     rows, cols = table.whole("array", "rows"), table.whole("array", "cols")
     if isinstance(chip := data.get("chip"), dict):
+        # Of a calibration of an earlier version.
+        chip.setdefault("zero_code", [0.0] * cols)
         chip.setdefault("full_code", [float(table.whole("chip", "code_max"))] * cols)
     numbers = {name: table.numbers("chip", name, (cols,)) for name in _PER_COLUMN}
     if not (numbers["step_a"] > 0).all():

@@ -32,10 +32,10 @@ class Forces:
     force_n, low_n, high_n : ndarray
         The estimate and the ends of its interval. A saturated taxel has the force of full scale and the upper end inf.
     flags : ndarray of uint8
-        ZERO (code 0), SATURATED (full scale: the largest code that the column's start and packet reach), SHORT,
-        UNSOLVED (the frame's solution did not converge; the interval is 0..inf), NEAR_SATURATED (in the row or the
-        column of a saturated taxel, in a column beside, or moved by more than half a code if it is a short: the
-        interval holds if it conducts no more than the calibration's g_max_s).
+        ZERO (no more than the code of no current, usually 0), SATURATED (full scale: the largest code that the
+        column's start and packet reach), SHORT, UNSOLVED (the frame's solution did not converge; the interval is
+        0..inf), NEAR_SATURATED (in the row or the column of a saturated taxel, in a column beside, or moved by more
+        than half a code if it is a short: the interval holds if it conducts no more than the calibration's g_max_s).
     """
 
     force_n: Floats
@@ -117,12 +117,26 @@ def _spread(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def currents_of(
-    codes, full_code, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max, out, down, up, most
+    codes,
+    zero_code,
+    full_code,
+    step,
+    start,
+    inv_range,
+    half,
+    step_part,
+    start_sigma,
+    v_bias,
+    g_max,
+    out,
+    down,
+    up,
+    most,
 ):
     """Currents in ampere [rows, cols] of the middles of codes, and how far they may lie below and above.
 
-    `most` is the upper end where a code is 0 and inf elsewhere: a counter does not go below 0, so the current may be
-    any smaller one.
+    `most` is the upper end where a code is no more than that of no current, and inf elsewhere: a counter does not run
+    backwards, so the current may be any smaller one.
     """
     rows, cols = codes.shape
     for r in range(rows):
@@ -135,7 +149,7 @@ def currents_of(
             squeeze = max(1.0 - abs(middle) * inv_range[c], 1e-9)
             out[r, c] = middle / squeeze
             down[r, c] = up[r, c] = width / (squeeze * squeeze)
-            most[r, c] = out[r, c] + up[r, c] if code == 0 else np.inf
+            most[r, c] = out[r, c] + up[r, c] if code <= zero_code[c] else np.inf
             if code >= full_code[c]:
                 up[r, c] = max(up[r, c], v_bias * g_max - out[r, c])
 
@@ -159,7 +173,7 @@ def _decode_frames(
     work,
     results,
 ):
-    full_code, step, start, inv_range, half, step_part, start_sigma, g_max, offset_v2 = chip
+    zero_code, full_code, step, start, inv_range, half, step_part, start_sigma, g_max, offset_v2 = chip
     mode_network, mode_factor, mode_solved = modes
     v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
     r_row_end, r_column_end, r_return = ends
@@ -179,7 +193,7 @@ def _decode_frames(
     rows_tied = r_driven + r_row_end > 0.0
     for n in range(frames):
         currents_of(
-            codes[n], full_code, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max,
+            codes[n], zero_code, full_code, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max,
             current, e_down, e_up, ceiling,
         )  # fmt: skip
         full_row[:], full_column[:] = False, False
@@ -280,7 +294,7 @@ def _decode_frames(
         for r in range(rows):
             for c in range(cols):
                 bits = 0
-                if codes[n, r, c] == 0:
+                if codes[n, r, c] <= zero_code[c]:
                     bits |= ZERO
                 if codes[n, r, c] >= full_code[c]:
                     bits |= SATURATED
@@ -336,13 +350,23 @@ def _decode_frames(
                     low[n, r, c] = 0.0
 
 
+def numbers(values: ArrayLike, name: str) -> Floats:
+    """Return real numbers as a contiguous array of doubles; ValueError for any other kind, or hidden by a mask."""
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name} has masked values: fill them, or leave these frames out")
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be real numbers, not {array.dtype}")
+    return np.ascontiguousarray(array, dtype=float)
+
+
 def times(t_frame_s: ArrayLike, frames: int) -> Floats:
     """Return the time before each frame in seconds, [frames]; ValueError if a time is not finite or below 0."""
     # An array of its own: a broadcast one has other strides, and the loops would be compiled again for it.
     dt_s = np.empty(frames)
     try:
-        dt_s[:] = t_frame_s
-    except (TypeError, ValueError):
+        dt_s[:] = numbers(t_frame_s, "t_frame_s")
+    except ValueError:
         raise ValueError(f"t_frame_s must be a number of seconds, or {frames} of them") from None
     if not (np.isfinite(dt_s).all() and (dt_s >= 0).all()):
         raise ValueError("t_frame_s must be finite and 0 or above: time does not run backwards")
@@ -393,6 +417,7 @@ class Decoder:
         self._lumped = crosstalk.lumped(network)
         chip = cal.step_a, cal.start_code, cal.inv_i_range_a, cal.half_width_code()
         self._chip = (
+            cal.zero_code,
             cal.full_code,
             *chip,
             cal.step_part,
@@ -509,7 +534,7 @@ class Decoder:
         down, up = np.empty((2, cal.rows, cal.cols))
         currents, most = np.empty((2, *codes.shape))
         for n, frame in enumerate(codes):
-            currents_of(frame, *chip[:7], cal.v_bias_v, chip[7], currents[n], down, up, most[n])
+            currents_of(frame, *chip[:8], cal.v_bias_v, chip[8], currents[n], down, up, most[n])
         found = crosstalk.solve(network, currents, most)
         g = np.where(found.converged[:, None, None], found.conductance_s, np.nan)
         return np.stack([g, found.current_a], axis=1)

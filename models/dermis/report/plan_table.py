@@ -73,7 +73,10 @@ def print_answer(plan: records.Plan) -> None:
                 show(len(moved))
         changing = [name for name in plan.on if moved[name].any()]
         run(changing)
-        seconds_fewer = run(changing)[1]
+        codes_fewer, seconds_fewer = run(changing)
+        together = int((codes_fewer != codes).sum())
+        if together:
+            changing = list(plan.on)
         fewer = ablate.with_effects(plan.scene, {name: plan.on[name] for name in changing})
         enough = engines.cheapest(fewer) or plan.engine
     except DermisError as error:
@@ -81,9 +84,11 @@ def print_answer(plan: records.Plan) -> None:
             f"effects not compared, for engine event cannot do this scene: {error}", highlight=False
         )
         return
-    found = ", ".join(f"{n} ({(moved[n] > 0).sum()}, by up to {moved[n].max()})" for n in changing)
+    alone = (f"{n} ({(moved[n] > 0).sum()}, by up to {moved[n].max()})" for n in plan.on if moved[n].any())
+    found = ", ".join(alone)
     of = f"of {codes.size} in {sample.frames} of {plan.frames} frames"
-    idle = ", ".join(n for n in plan.on if n not in changing)
+    idle = ", ".join(n for n in plan.on if not moved[n].any())
+    idle += f" alone, but {together} together" if together else ""
     times = (f"{s * plan.frames / sample.frames:.2g} s" for s in (seconds, seconds_fewer))
     console.print(f"effects that change codes ({of}): {found or 'none'}", highlight=False)
     console.print(f"effects that change none of them: {idle or 'none'}", highlight=False)
