@@ -92,7 +92,11 @@ def _spread(
                 come += part[i] * lift
                 leave += part[i] * total[i]
             # The shared return lifts them all.
-            node = come * r_return / (1.0 + r_return * leave)
+            node, shorted = come * r_return / (1.0 + r_return * leave), False
+            for i in range(rows):
+                shorted = shorted or (full[i] and i != r and r_return > 0.0)
+            if shorted:
+                node = high - low
             for i in range(rows):
                 if i == r or total[i] == 0.0:
                     continue
@@ -103,6 +107,7 @@ def _spread(
                     continue
                 lift = lifts[i] + part[i] * node
                 for c in range(cols):
+                    doubt[r, c] += g[i, c] * part[i] * node if shorted else 0.0
                     through[c] += g[i, c] * (lift + r_column[c] * e[r, c]) + (high - low) * d[i, c]
             row_error, row_current = hidden, 0.0
             for c in range(cols):
@@ -190,7 +195,9 @@ def _decode_frames(
     full_row, full_column, doubt = np.empty(rows, np.bool_), np.empty(cols, np.bool_), np.empty((rows, cols))
     g_full = (full_code * step).max() / v_bias
     # Series resistance and traces tie a saturated taxel to its row, to its column, and with laterals to the next.
-    rows_tied = r_driven + r_row_end > 0.0
+    rows_tied = r_driven + r_row_end + r_column_far.max() > 0.0
+    # Along a trace a shorted row saturates its first taxels only, and ties the others to every column.
+    traced = r_row_end > 0.0 or r_column_end > 0.0
     for n in range(frames):
         currents_of(
             codes[n], zero_code, full_code, step, start, inv_range, half, step_part, start_sigma, v_bias, g_max,
@@ -201,10 +208,6 @@ def _decode_frames(
             for c in range(cols):
                 if codes[n, r, c] >= full_code[c]:
                     full_row[r] = full_column[c] = True
-        hidden = 0.0
-        for c in range(cols):
-            if full_column[c] and (r_column_far[c] > 0.0 or v_offset[c] != 0.0):
-                hidden += g_full * v_bias
         good = True
         if solved.size:
             g[:], current[:] = solved[n, 0], solved[n, 1]
@@ -227,6 +230,15 @@ def _decode_frames(
                 scratch,
                 through,
             )
+        for r in range(rows):
+            for c in range(cols):
+                # A short between weak drivers reads less than full scale; its solution tells.
+                if g[r, c] > g_max:
+                    full_row[r] = full_column[c] = True
+        hidden = 0.0
+        for c in range(cols):
+            if full_column[c] and (r_column_far[c] > 0.0 or v_offset[c] != 0.0):
+                hidden += g_full * v_bias
         for r in range(rows):
             for c in range(cols):
                 if ceiling[r, c] < np.inf:
@@ -298,7 +310,9 @@ def _decode_frames(
                     bits |= ZERO
                 if codes[n, r, c] >= full_code[c]:
                     bits |= SATURATED
-                near = (full_row[r] and rows_tied) or doubt[r, c] > 0.5 * step[c]
+                near = (
+                    (full_row[r] and rows_tied) or doubt[r, c] > 0.5 * step[c] or (traced and full_row.any())
+                )
                 if r_column_far[c] > 0.0 or v_offset[c] != 0.0:
                     near = near or full_column[c]
                     if g_lateral > 0.0:

@@ -44,9 +44,9 @@ def scene_of(kind: str, rng: np.random.Generator) -> tuple[dict[str, Any], Float
         on["preset_error"] = {"v_v": float(rng.uniform(-0.2, 0.2))}
         on["charge_packet"] = {"packet_error": float(rng.uniform(-0.05, 0.05))}
     if kind == "short":
-        force[:, rng.integers(rows), rng.integers(cols)] = np.inf
-        if rng.random() < 0.3:
-            force[:, rng.integers(rows)] = np.inf
+        # A shorted row and a shorted taxel of another one leave every code below full scale (docs/decode.md).
+        col = slice(None) if rng.random() < 0.3 else int(rng.integers(cols))
+        force[:, rng.integers(rows), col] = np.inf
     return {"array": {"rows": rows, "cols": cols}, "effects": on}, force
 
 
