@@ -43,7 +43,7 @@ class Solved:
         the row cannot deliver the current that was read.
     error_s : ndarray
         [frames] proven bound of the sum of all errors in siemens, inf where the proof does not apply
-        (docs/decode.md).
+        (docs/decode_proofs.md).
     residual : ndarray
         [frames] largest change of a last sweep, relative to the largest conductance of the frame. With trace
         resistance, the largest current that the solution misses, relative to the largest current.
@@ -293,8 +293,9 @@ def solve(network: Network, currents_a: ArrayLike, most_a: Floats | None = None)
     A column's input carries the current that was read, so every column voltage is known in every row slot; only the
     rows' voltages depend on the taxels. A sweep takes the taxels of the other rows as they were found last, takes
     what they carry off the current of each column, and gets the driven row's voltage and taxels in closed form. It is
-    exact at once where the columns are ideal; docs/decode.md proves when it contracts. Trace resistance is a defect
-    correction around it: the currents that the whole network would make of the solution are compared with those read.
+    exact at once where the columns are ideal; docs/decode_proofs.md proves when it contracts. Trace resistance is a
+    defect correction around it: the currents that the whole network would make of the solution are compared with those
+    read.
 
     Raises
     ------
