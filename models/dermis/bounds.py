@@ -169,7 +169,7 @@ def late(s, loose, levels):  # type: ignore
     high, low = s.high + drift, s.low - drift
     if 3.0 * high + 2.0 * loose + left < s.packet - size:
         return 0.0, 0.0
-    # Whatever is late, the packet before lets go of no window.
+    # The comparator keeps its window: the packet before does not take the level below it.
     follows = 2.0 * (high + loose) + left < s.packet - size
     if not (follows and 3.0 * low - 2.0 * loose - left > s.packet + size):
         return 0.5 * left, 0.5 * left

@@ -1269,7 +1269,7 @@ def gather(on: Mapping[str, Strict], setting: Setting) -> Contribution:
     total = Contribution({}, {}, {}, {})
     for name, parameters in on.items():
         for into, added in zip(total, EFFECTS[name].contribute(parameters, setting), strict=True):
-            if not added:  # as three of four are
+            if not added:  # most effects set fields of one record
                 continue
             for key, value in added.items():
                 if key in into and key not in _SUMS:

@@ -84,7 +84,7 @@ def test_every_effect_has_its_line_and_its_reason(capsys: pytest.CaptureFixture[
     assert all(name in shown for name in EFFECTS)
     assert "off (switched off): trace" in shown
     assert "by engine event with everything on" in shown
-    assert "counts that no engine follows" in shown
+    assert "charge that the filter and engine event leave out" in shown
 
 
 def test_plan_says_which_effects_change_codes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,8 +32,8 @@ _X_SATURATED = 0.6
 _SETTLED = 1.0
 _REPEATS = 6
 _UNMOVED = 0.01
-# What of a change of duties may come back to them without a word: repetitions multiply a rounding by its powers, and
-# some hundred of 1e-16 are no part of a count.
+# Largest part of a change of duties that may return to them unchecked: repetitions multiply a rounding by its powers,
+# and some hundred times 1e-16 is far below a count.
 _CLOSE = 2.0
 
 # Fields that make the virtual ground of one column see the others.

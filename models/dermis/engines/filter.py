@@ -320,7 +320,7 @@ def largest(plan: Plan) -> dict[str, float]:
 def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
     """Packets [frames, rows, cols] by which other random numbers, and the budget, may move decisions.
 
-    Hysteresis, a late comparator and a slow output keep a decision's own order only to their own size, which is added.
+    With hysteresis, a late comparator or a slow output the first lemma holds to their own size only, which is added.
     `more_lsb` adds packets, one number or [frames, rows, cols], by which levels may be off for another reason.
     """
     margin = np.zeros(plan.resistance_ohm.shape)

@@ -116,7 +116,7 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
     margin = {n: float(c.max()) for n, c in injection.counts(plan).items() if c.max() > 0}
     if margin:
         counts = ", ".join(f"{', '.join(plan.effects_of_field(n))} {c:.2g}" for n, c in margin.items())
-        console.print(f"margin of the model, in counts that no engine follows: {counts}", highlight=False)
+        console.print(f"charge that the filter and engine event leave out, in LSB: {counts}", highlight=False)
 
 
 def print_rows(found: dict[str, Any]) -> None:

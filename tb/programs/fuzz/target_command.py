@@ -22,9 +22,10 @@ from typing import Any
 import click
 from hypothesis import strategies as st
 
-from dermis import cli, engines, plan
+from dermis import auto, cli, engines, plan
 from dermis.engines import batch, cosim, rtl
 from dermis.report import figures, output, plan_table, verdict
+from dermis.scene import scene as scenes
 from scripts import calculator, regression
 from tb.programs.fuzz import inputs, oracle, target_scene
 from tb.programs.fuzz.oracle import Finding, Taken
@@ -117,6 +118,8 @@ def prepare(place: Path) -> None:
         (place / name).write_text(target_scene.SMALL + target_scene.CODES)
     for engine in ("closed", "event"):  # loops compile on first use, and take more memory than an input may
         engines.run(plan.load(place / "scene.toml", engine))
+    everything = plan.make(auto.with_auto(scenes.load(scenes.find("single_touch"))))
+    engines.run(everything)
     (place / "empty.toml").touch()
     (place / "link_out").symlink_to("elsewhere")
     (place / "loop_out").symlink_to("loop_out")
@@ -129,7 +132,7 @@ def prepare(place: Path) -> None:
     cli.traceback = types.SimpleNamespace(format_exc=_remember)
     output.versions = dict
     figures.frame_figure = lambda made, codes, fit, path: path.write_bytes(b"")
-    cosim.run = rtl.run = plan_table.measure_costs = calculator.write_design = _taken
+    cosim.run = rtl.run = plan_table.print_answer = calculator.write_design = _taken
     whole = batch.run
     batch.run = lambda made, *rest, processes=1, scheduler=None, **more: (
         _taken() if processes > 1 or scheduler else whole(made, *rest, **more)
