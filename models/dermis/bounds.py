@@ -2,7 +2,7 @@
 """Error bounds of the filter: how far each effect moves a decision that `closed` made without it.
 
 Everything is counted in packets and made from solved currents, cell by cell in one compiled loop.
-docs/auto.md derives every line. An effect that engine `closed` honours has no error here. One
+docs/auto_proofs.md derives every line. An effect that engine `closed` honours has no error here. One
 without a bound keeps every cell open.
 """
 
@@ -147,7 +147,7 @@ def _lowest(s, levels):  # type: ignore
 @_compiled
 def quiet(s, loose, levels):  # type: ignore
     """Return True if the count is that of the highest level, with a packet at each crossing
-    (docs/auto.md, "The last decision").
+    (docs/auto_proofs.md, "The last decision").
 
     No clock takes charge away, two clocks bring less than a packet, and the start is below the
     level. `loose` is half of what levels of two decisions may be off against each other, without

@@ -154,7 +154,7 @@ def column_currents(network: Network, g_frames_s: ArrayLike | None = None) -> Fl
     voltage and perhaps another resistance enters afterwards at one node (a rank-1 change in closed form), so
     there is always one factorisation a frame. Every elimination is a star-mesh transformation
     (Grassmann-Taksar-Heyman): sums only, diagonals never formed by subtraction, hence shorts next to megaohms
-    lose no digit. docs/array.md has the derivation, the accuracy and the speed.
+    lose no digit. docs/array_proofs.md has the derivation, docs/array.md the accuracy and the speed.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def column_currents_by_source(
 def column_currents_with_bounds(network: Network, g_frames_s: ArrayLike | None = None) -> Currents:
     """Return the currents of `column_currents_by_source` with their error bounds.
 
-    A bound is that of docs/array.md, "Bounds": of roundings, whatever the conductances are. Where
+    A bound is that of docs/array_proofs.md, "Count of roundings", for any conductances. Where
     it is below `solve_error.ErrorRecord.tolerance_a` nothing is done to make it smaller.
     """
     return _by_source(network, g_frames_s, bounded=True)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error of array solves: bounds derived from their arithmetic, checks, and a record of both.
 
-docs/array.md, "Bounds", has the derivation. Counts are in roundings, u = 2^-53 each.
+docs/array_proofs.md, "Count of roundings", has the derivation. Counts are in roundings, u = 2^-53
+each.
 """
 
 from __future__ import annotations

@@ -199,7 +199,7 @@ def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:
     x = np.clip(c.duty(column_currents(network, g))[0] - c.i_offset_a / c.i0_a, Y_MIN, _FULL)
 
     def later(u: Floats, settled: Floats | float, clocks: int) -> Floats:
-        """Return the inverse of an output after some clocks: kappa u' = 1 - x u (docs/auto.md)."""
+        """Return the inverse of an output after some clocks: kappa u' = 1 - x u (docs/auto_proofs.md)."""
         return 1.0 / settled + (u - 1.0 / settled) * np.exp(-settled * clocks / kappa)
 
     begin, end = np.empty(x.shape), np.empty(x.shape)
