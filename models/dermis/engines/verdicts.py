@@ -115,6 +115,53 @@ def _decide(x, clipped, level, error, packet, gate):  # type: ignore
     return least, open_
 
 
+class Course(namedtuple("Course", "mean away swing bent apart start middle least largest")):
+    """Input of a converter through a slot, in packets a clock.
+
+    `mean` over the gate, and how far any clock of it is `away`; `swing` the amplitude of the ripple, `bent` packets of
+    second order over the gate, `apart` how far motion alone is from the mean. From where the row is driven to the gate
+    the input begins at `start`, is `middle` on the way, and stays between `least` and `largest`.
+    """
+
+    __slots__ = ()
+
+
+@_compiled
+def _parabola(begin, end, bend, t):  # type: ignore
+    """Value at time t in gates of what runs from `begin` to `end` with 4 `bend` t (1 - t) on top."""
+    return begin + t * (end - begin + 4.0 * (1.0 - t) * bend)
+
+
+@_compiled
+def _course(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later, other_bend):  # type: ignore
+    """Course of a slot that begins `ahead` gates before its gate, from column currents in ampere.
+
+    `driven` follows the bias, `other` does not. Motion runs straight on before the gate.
+    """
+    size, ripple = abs(per_a), abs(gate.ripple * per_a)
+    begin, end, curve = driven + other, later + other_later, bend + other_bend
+    apart = (0.5 * abs(end - begin) + abs(curve)) * size
+    mean_driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
+    mean = (mean_driven + 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend) * per_a
+    swing, bent = gate.ripple * mean_driven * per_a, abs(gate.ripple) * gate.clocks * apart
+    reach = ripple * (max(abs(driven), abs(later)) + abs(bend)) + apart
+    low, high = mean - reach, mean + reach
+    # What a parabola leaves its chord before the gate.
+    bow = ahead * ahead
+    before = max(abs(driven), abs(_parabola(driven, later, bend, -ahead))) + bow * abs(bend)
+    spread = ripple * before + bow * abs(curve) * size
+    begin, start = begin * per_a, _parabola(begin, end, curve, -ahead) * per_a
+    middle, least, largest = 0.5 * (begin + start), min(begin, start) - spread, max(begin, start) + spread
+    if squeeze > 0.0:
+        bent += gate.clocks * squeeze * reach**2
+        low, high = low / (1.0 + squeeze * abs(low)), high / (1.0 + squeeze * abs(high))
+        start, middle = start / (1.0 + squeeze * abs(start)), middle / (1.0 + squeeze * abs(middle))
+        least, largest = least / (1.0 + squeeze * abs(least)), largest / (1.0 + squeeze * abs(largest))
+        slope = 1.0 / (1.0 + squeeze * abs(mean))
+        mean, swing = mean * slope, swing * slope * slope
+    return Course(mean, max(mean - low, high - mean), swing, bent, apart, start, middle, least, largest)
+
+
 @_compiled
 def _mirrors(gate, first, start, before, during, idle, kappa, inverse, begin, end):  # type: ignore
     """Outputs of the slow mirrors of one row where its gate begins and where it ends, [cols] each.
@@ -263,64 +310,31 @@ def verdicts(  # type: ignore
     for f in range(frames):
         for r in range(rows):
             for c in range(cols):
-                top, per_a, squeeze = table[of.TOP, c], table[of.PER_A, c], table[of.SQUEEZE, c]
-                driven = min(max(follows[f, r, c], -top), top)
-                other = min(max(rest[f, r, c], -top), top)
-                apart = bent = early = bowed = 0.0
-                most = abs(driven)
+                top = table[of.TOP, c]
+                driven = later = min(max(follows[f, r, c], -top), top)
+                other = other_later = min(max(rest[f, r, c], -top), top)
+                bend = other_bend = 0.0
                 if gate.motion:
                     later = min(max(follows_end[f, r, c], -top), top)
                     other_later = min(max(rest_end[f, r, c], -top), top)
                     bend = min(max(follows_bend[f, r, c], -top), top)
                     other_bend = min(max(rest_bend[f, r, c], -top), top)
-                    moves_by = later + other_later - driven - other
-                    apart = (0.5 * abs(moves_by) + abs(bend + other_bend)) * abs(per_a)
-                    # Of a parabola 4 b t (1 - t) at t = -ahead, and what it leaves its chord from there to 0.
-                    early = -ahead * (moves_by + 4.0 * (1.0 + ahead) * (bend + other_bend))
-                    bowed = ahead * ahead * abs(bend + other_bend)
-                    most = max(abs(driven), abs(later)) + abs(bend)
-                    before = abs(driven - ahead * (later - driven + 4.0 * (1.0 + ahead) * bend))
-                    most_before = max(abs(driven), before) + ahead * ahead * abs(bend)
-                    at_0 = driven + other
-                    driven = 0.5 * (driven + later) + (2.0 / 3.0) * bend
-                    other = 0.5 * (other + other_later) + (2.0 / 3.0) * other_bend
-                    bent = abs(gate.ripple) * gate.clocks * apart
-                else:
-                    most_before, at_0 = most, driven + other
-                u = (driven + other) * per_a
-                swing = gate.ripple * driven * per_a
-                reach = abs(gate.ripple * per_a) * most + apart
-                below, above = u - reach, u + reach
+                inputs = _course(
+                    gate, ahead, table[of.PER_A, c], table[of.SQUEEZE, c], driven, later, bend, other, other_later,
+                    other_bend,
+                )  # fmt: skip
+                settled[c], away[c], swings[c] = inputs.mean, inputs.away, inputs.swing
+                moves[c], bends[c] = 0.25 * gate.clocks * inputs.apart, inputs.bent
                 if gate.slow_mirror:
-                    start = (at_0 + early) * per_a
-                    spread = abs(gate.ripple * per_a) * most_before + bowed * abs(per_a)
-                    least = min(at_0 * per_a, start) - spread
-                    largest = max(at_0 * per_a, start) + spread
-                    middle = 0.5 * (at_0 * per_a + start)
-                    if squeeze > 0.0:
-                        start, middle = (
-                            start / (1.0 + squeeze * abs(start)),
-                            middle / (1.0 + squeeze * abs(middle)),
-                        )
-                        least /= 1.0 + squeeze * abs(least)
-                        largest /= 1.0 + squeeze * abs(largest)
-                    starts[0, c], starts[1, c], starts[2, c] = start, least, largest
-                    befores[0, c], befores[1, c], befores[2, c] = middle, least, largest
+                    starts[0, c], starts[1, c], starts[2, c] = inputs.start, inputs.least, inputs.largest
+                    befores[0, c], befores[1, c], befores[2, c] = inputs.middle, inputs.least, inputs.largest
+                    durings[0, c] = inputs.mean
+                    durings[1, c], durings[2, c] = inputs.mean - inputs.away, inputs.mean + inputs.away
                     idles[2, c] = idle[f, c]
-                if squeeze > 0.0:
-                    bent += gate.clocks * squeeze * reach**2
-                    below /= 1.0 + squeeze * abs(below)
-                    above /= 1.0 + squeeze * abs(above)
-                    slope = 1.0 / (1.0 + squeeze * abs(u))
-                    u *= slope
-                    swing *= slope * slope
-                settled[c], away[c], swings[c] = u, max(u - below, above - u), swing
-                moves[c], bends[c] = 0.25 * gate.clocks * apart, bent
-                if gate.slow_mirror:
-                    durings[0, c], durings[1, c], durings[2, c] = u, u - away[c], u + away[c]
-                    settling = max(befores[1, c], Y_MIN) * (gate.settle - gate.pause)
-                    passes = max(u - (abs(swing) * gate.swing_reach + bent) * per_clock, Y_MIN) * gate.clocks
-                    out.passed[0, f, r, c], out.passed[1, f, r, c] = settling, settling + passes
+                    settling = max(inputs.least, Y_MIN) * (gate.settle - gate.pause)
+                    off = (abs(inputs.swing) * gate.swing_reach + inputs.bent) * per_clock
+                    out.passed[0, f, r, c] = settling
+                    out.passed[1, f, r, c] = settling + max(inputs.mean - off, Y_MIN) * gate.clocks
             if gate.slow_mirror:
                 for way in range(3):
                     _mirrors(
