@@ -27,7 +27,7 @@ _MARKERS = "osD^vP*X<>"
 
 @dataclass(frozen=True)
 class Scale:
-    """What a work-precision diagram says of its axes.
+    """Texts and limits of the axes of a work-precision diagram.
 
     Attributes
     ----------

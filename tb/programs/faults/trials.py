@@ -362,7 +362,7 @@ def read_only(trial: Trial, bench: Bench, draw: random.Random) -> Found:
 
 
 CUTS = {"nothing": 0.0, "little": 0.02, "half": 0.52, "most": 0.99}
-"""How a file of frames is cut, and the share of its bytes that is left."""
+"""Ways to cut a file of frames, and the share of its bytes that is left."""
 
 
 def frames(trial: Trial, bench: Bench, draw: random.Random) -> Found:
