@@ -17,7 +17,7 @@ from dermis.array import array
 from dermis.array.array import column_currents
 from dermis.converter import coupling
 from dermis.effects import EFFECTS
-from dermis.engines import Result, certificate, closed, cosim, event, filter, rtl
+from dermis.engines import Result, closed, cosim, event, rtl
 from dermis.records import Plan
 from scripts import workers
 from scripts.checkpoint import Checkpoint
@@ -228,18 +228,6 @@ def test_a_lost_effect_in_closed_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     assert "closed_equals_event" in broken(made({"preset_error": {"v_v": 0.4}}))
 
 
-def test_a_certificate_that_is_too_narrow_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = certificate.certified
-    monkeypatch.setattr(
-        certificate,
-        "certified",
-        lambda plan, result: original(
-            dataclasses.replace(plan, margin_lsb=0.01 * filter.random_margin(plan)), result
-        ),
-    )
-    assert "certified" in broken(made({"comparator_noise": {"v_v": 0.4}}))
-
-
 def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """A result that depends on the number of frames in a part."""
     original = coupling.coupling
@@ -342,8 +330,8 @@ def test_a_failure_is_shrunk_to_what_it_needs(monkeypatch: pytest.MonkeyPatch) -
 
 
 def _piece(engines: str, seed: int, first: int, stop: int) -> dict[str, Any]:
-    wrong = [(n, "certified", "made up") for n in range(first, stop) if n == 7]
-    return {"counts": {"worlds": stop - first, "compared.certified": stop - first}, "broken": wrong}
+    wrong = [(n, "numbers", "made up") for n in range(first, stop) if n == 7]
+    return {"counts": {"worlds": stop - first, "compared.numbers": stop - first}, "broken": wrong}
 
 
 def _workers(ends_after: int | None = None, hangs: int = -1) -> Callable[..., Iterator[tuple[int, Any]]]:
@@ -371,7 +359,7 @@ def test_a_campaign_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
     expected = run(333, "whole.json")
     assert expected.counts["worlds"] == 333
-    assert expected.broken == [(7, "certified", "made up")]
+    assert expected.broken == [(7, "numbers", "made up")]
     with pytest.raises(KeyboardInterrupt):
         run(333, "ended.json", ends_after=3)
     assert len(Checkpoint(tmp_path / "ended.json", "code").pieces) == 3
@@ -390,4 +378,4 @@ def test_a_scene_that_hangs_is_named_and_the_others_count(
     assert (61, "ends", "hangs: ended after 1 s") in total.broken
     rows = {row["name"]: row for row in command.rows("closed,event", 0, 120, total)}
     assert rows["campaign.broken.closed_event.ends"]["status"] == "FAIL"
-    assert rows["campaign.broken.closed_event.certified"]["value"] == 1
+    assert rows["campaign.broken.closed_event.numbers"]["value"] == 1

@@ -32,7 +32,6 @@ DOCS = ROOT / "docs" / "accuracy.md"
 BEGIN, END = "<!-- begin: accuracy (written by dermis accuracy --docs) -->", "<!-- end: accuracy -->"
 SHOWN = (
     "accuracy.order",
-    "accuracy.outside_certified",
     *(f"accuracy.{kind}.{pole}.best_peer" for kind in ("speed_at_equal_error", "error_at_equal_time")
       for pole in ("no_pole", "amplifier_pole")),
     "accuracy.step_ratio.no_pole",
@@ -56,7 +55,7 @@ _INTEGRATOR = Scale(
 )
 _CODES = Scale(
     "frame",
-    "mean |code - reference| / LSB; certified: mean of the stated bound",
+    "mean |code - reference| / LSB",
     1.0,
     1e-3,
     "all 256 codes exact",
@@ -207,8 +206,6 @@ def accuracy_command(quick: bool, repeat: int | None, docs: bool, redraw: bool, 
         if "converter" in parts:
             missing = {peer: peers.missing(peer) for peer in peers.GUESTS}
             rows += [verdict.skip(f"accuracy.peer.{peer}", why) for peer, why in missing.items() if why]
-        if "frames" in parts:
-            rows.append(every.outside_row())
     for name, file in FILES.items():
         if own := [p for p in points if p.work == name]:
             write_atomic(OUT / f"{file}.csv", points_csv(own))

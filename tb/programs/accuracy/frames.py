@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from dermis import engines, plan
 from dermis.effects import AutoTable
-from dermis.engines import Result, certificate, cosim
+from dermis.engines import Result, cosim
 from dermis.processes import cpu_time
 from dermis.records import Plan
-from dermis.report import verdict
-from dermis.report.verdict import Row
 from tb.programs.accuracy import converter
 from tb.programs.accuracy.points import Method, Outcome
 from tb.programs.bench.measure import cpu_once, random_plan
@@ -52,13 +50,10 @@ _MANY = 64
 
 
 class Frames:
-    """Methods on frames whose codes [rows, cols] are known, and the codes outside the bounds of
-    certified runs.
-    """
+    """Methods on frames whose codes [rows, cols] are known."""
 
     def __init__(self, work: Path) -> None:
         self.work = work
-        self.certified = self.outside = 0
 
     @cached_property
     def truth(self) -> NDArray[Any]:
@@ -72,21 +67,6 @@ class Frames:
     def plain(self, made: Plan) -> Outcome:
         """Run closed or event; a run too short to time is repeated."""
         return self._outcome(engines.run(made), cpu_time.cpu_seconds(partial(engines.run, made)))
-
-    def bound(self, made: Plan) -> Outcome:
-        """Run with certified codes; the error is the mean of the bound that the run states."""
-
-        def run() -> Result:
-            return certificate.certify(made, engines.run(made))
-
-        result, seconds = run(), cpu_time.cpu_seconds(run) / made.frames
-        assert result.low is not None
-        assert result.high is not None
-        codes, low, high = (array[0].astype(int) for array in (result.codes, result.low, result.high))
-        bound = np.maximum(high - codes, codes - low)
-        self.certified += 1
-        self.outside += int((np.abs(codes - self.truth) > bound).sum())
-        return Outcome(float(bound.mean()), float(bound.max()), seconds, "LSB")
 
     def simulated(self, made: Plan, **options: Any) -> Outcome:
         """Run the Verilog in a simulator."""
@@ -103,7 +83,6 @@ class Frames:
             made = plan.make(many.scene, None, AutoTable(budget_lsb=budget))
             text = f"budget {budget:g} LSB, {made.engine}"
             yield Method("auto, by budget", text, partial(self.plain, made))
-            yield Method("auto, certified bound", text, partial(self.bound, made))
         yield Method("event", "8 of 8 in", partial(self.plain, many))
         for simulator, some in (("verilator", many), ("icarus", many.part(0, 2))):
             run = partial(self.simulated, replace(some, engine="rtl"), simulator=simulator)
@@ -113,8 +92,3 @@ class Frames:
             for words, solver in some:
                 run = partial(self.simulated, one, simulator=simulator, solver=solver)
                 yield Method(f"cosim, {simulator}", f"8 of 8 in, {words}", run, slow=True)
-
-    def outside_row(self) -> Row:
-        """Judge the certified codes; without a run there is no verdict."""
-        note = f"codes of the 50-digit reference outside the bounds of {self.certified} certified runs"
-        return verdict.judge("accuracy.outside_certified", self.outside if self.certified else None, note)
