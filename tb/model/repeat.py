@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dermis import engines, plan
 from dermis.decode import force
-from dermis.engines import certificate
 from dermis.records import Plan
 from dermis.scene import scene
 
@@ -25,10 +24,10 @@ FRAMES = 24
 
 
 def numbers(made: Plan) -> dict[str, NDArray]:
-    """All arrays of a run with certified codes, the resistances behind it and the forces decoded from it, by name."""
-    result = certificate.certify(made, engines.run(made))
+    """All arrays of a run, the resistances behind it and the forces decoded from it, by name."""
+    result = engines.run(made)
     decoded = force.decode(made, result.codes)
-    arrays = {"ohm": made.resistance_ohm, "codes": result.codes, "low": result.low, "high": result.high}
+    arrays = {"ohm": made.resistance_ohm, "codes": result.codes}
     arrays |= {"force_n": decoded.force_n} | result.info
     return {name: array for name, array in arrays.items() if isinstance(array, np.ndarray)}
 

@@ -60,10 +60,9 @@ def test_a_file_a_dict_and_an_array_give_the_same_codes(
 
 
 def test_processes_get_the_frames_of_an_array(forces: np.ndarray) -> None:
-    alone = dermis.simulate(force_n=forces, engine="event", certify=True)
-    spread = dermis.simulate(force_n=forces, engine="event", certify=True, processes=2)
-    for name in ("codes", "low", "high"):
-        assert np.array_equal(getattr(alone, name), getattr(spread, name)), name
+    alone = dermis.simulate(force_n=forces, engine="event")
+    spread = dermis.simulate(force_n=forces, engine="event", processes=2)
+    assert np.array_equal(alone.codes, spread.codes)
 
 
 def test_resistances_run_from_a_short_to_an_open_taxel() -> None:
@@ -88,21 +87,6 @@ def test_codes_become_the_forces_that_made_them(forces: np.ndarray) -> None:
     assert corrected < plain / 5
 
 
-def test_bounds_hold_the_codes_of_other_seeds(forces: np.ndarray) -> None:
-    noisy: dict[str, Any] = {
-        "force_n": forces,
-        "effects": {"comparator_noise": {"v_v": 0.02}},
-        "engine": "event",
-    }
-    made = dermis.simulate(**noisy, seed=1, certify=True)
-    other = dermis.simulate(**noisy, seed=2)
-    assert other.low is None
-    assert made.low is not None
-    assert made.high is not None
-    assert (made.low < made.high).any()
-    assert ((made.low <= other.codes) & (other.codes <= made.high)).all()
-
-
 @pytest.mark.paper
 def test_a_design_may_be_changed_in_place(forces: np.ndarray) -> None:
     made = dermis.simulate(force_n=forces, design={"converter": {"f_clk_hz": 1e7}})
@@ -111,10 +95,10 @@ def test_a_design_may_be_changed_in_place(forces: np.ndarray) -> None:
 
 
 def test_results_become_tables(forces: np.ndarray) -> None:
-    made = dermis.simulate(force_n=forces, certify=True)
+    made = dermis.simulate(force_n=forces)
     data = made.to_xarray()
     assert data.code.dims == ("frame", "row", "col")
-    assert np.array_equal(data.code_low.values, made.low)
+    assert np.array_equal(data.code.values, made.codes)
     assert np.array_equal(data.time_s.values, made.time_s)
     frame = made.to_pandas()
     assert frame.loc[(2, 3, 5), "code"] == made.codes[2, 3, 5]

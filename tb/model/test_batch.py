@@ -21,7 +21,7 @@ import pytest
 
 from dermis import engines, plan
 from dermis.effects import EFFECTS
-from dermis.engines import batch, certificate
+from dermis.engines import batch
 from dermis.errors import InputError, SimulatorError
 from dermis.processes import children, pool, watchdog
 from dermis.records import Plan
@@ -122,13 +122,10 @@ def _children_that_were_there() -> Iterator[None]:
 def test_any_number_of_processes_gives_the_same_codes(make_plan, processes: int) -> None:
     made = make_plan(row_driver=True, comparator_delay=True, comparator_noise={"v_v": 0.01})
     seen: list[int] = []
-    result = batch.run(made, seen.append, processes=processes, certified=True)
-    expected = certificate.certify(made, engines.run(made))
-    assert (expected.low != expected.high).any()
+    result = batch.run(made, seen.append, processes=processes)
+    expected = engines.run(made)
     assert np.array_equal(result.codes, expected.codes)
     assert np.array_equal(result.info["x"], expected.info["x"])
-    assert np.array_equal(result.low, expected.low)
-    assert np.array_equal(result.high, expected.high)
     assert seen == sorted(seen)
     assert seen[-1] == FRAMES * SIZE
     assert len(seen) >= min(processes, 2)
@@ -141,13 +138,11 @@ def test_a_dask_cluster_gives_the_same_codes(make_plan, monkeypatch: pytest.Monk
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
-        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address, certified=True)
+        result = batch.run(made, seen.append, scheduler=cluster.scheduler_address)
         with pytest.raises(InputError, match="lines that settle before the gate"):
             batch.run(_failing(make_plan, monkeypatch), scheduler=cluster.scheduler_address)
-    expected = certificate.certify(made, engines.run(made))
-    for name in ("codes", "low", "high"):
-        assert np.array_equal(getattr(result, name), getattr(expected, name))
-    assert result.info["margin_lsb"] == expected.info["margin_lsb"] > 0
+    expected = engines.run(made)
+    assert np.array_equal(result.codes, expected.codes)
     for name in ("decided", "level_1", "everything", "effects"):
         assert result.info["filter"][name] == expected.info["filter"][name]
     assert seen[-1] == FRAMES * SIZE

@@ -619,7 +619,7 @@ def test_too_many_values_are_refused_before_they_are_made(write_scene: Write) ->
 @pytest.mark.parametrize("effects", ["", "motion = true", "auto = {}\nmotion = true"])
 @pytest.mark.parametrize("file", ["r.csv", "r.npy"])
 def test_a_resistance_of_minus_zero_is_a_short(write_scene: Write, effects: str, file: str) -> None:
-    """1 / -0.0 is -inf: with motion it read 0 beside certified codes of 0, without it ended as a defect."""
+    """1 / -0.0 is -inf: with motion it read 0, without it ended as a defect."""
     ohm = np.full((2, 2, 3), 1000.0)
     ohm[1, 0, 0] = ohm[0, 1, 2] = -0.0
     plans = []
