@@ -50,9 +50,6 @@ class Result(engines.Result):
     ----------
     codes : ndarray
         Unsigned integers, 0 to 255 in the default design.
-    low, high : ndarray or None
-        Bounds on the codes of the chip, with `certify=True`: for other random numbers, and for every
-        effect that the plan left out.
     info : dict
         Further results of the engine, among them the error of the array solve.
     plan : Plan
@@ -101,8 +98,6 @@ class Result(engines.Result):
         """Arrays of a table by name, with their units."""
         found: dict[str, tuple[NDArray[Any] | None, str]] = {
             "code": (self.codes, "1"),
-            "code_low": (self.low, "1"),
-            "code_high": (self.high, "1"),
             "force_n": (self.force_n, "N"),
             "applied_force_n": (self.applied_force_n, "N"),
         }
@@ -149,7 +144,6 @@ def simulate(
     effects: Mapping[str, Any] | None = None,
     seed: int | None = None,
     design: DesignLike | None = None,
-    certify: bool = False,
     processes: int = 1,
     scheduler: str | None = None,
     simulator: str | None = None,
@@ -174,8 +168,6 @@ def simulate(
         Seed of everything random.
     design : path, dict or Design, optional
         A design file, or values to change in the default one: `{"converter": {"f_clk_hz": 1e7}}`.
-    certify : bool
-        Also find bounds on the codes. Random effects and effects that were left out take further runs.
     processes : int
         Processes of this machine for the frames. A script must then guard its own code by
         `if __name__ == "__main__"`.
@@ -201,8 +193,8 @@ def simulate(
         raise InputError(_HERE, "simulator", schema.quoted(simulator), "engine rtl or cosim")
     if not isinstance(processes, int) or not 1 <= processes <= 1024:
         raise InputError(_HERE, "processes", processes, "a whole number 1..1024")
-    done = batch.run(made, processes=processes, scheduler=scheduler, certified=certify, **options)
-    return Result(done.codes, done.info, done.low, done.high, plan=made)
+    done = batch.run(made, processes=processes, scheduler=scheduler, **options)
+    return Result(done.codes, done.info, plan=made)
 
 
 def newtons(

@@ -1055,9 +1055,6 @@ class AutoTable(Strict):
         "a finite number >= 0",
         ge=0,
     )
-    sigma: float = entry(
-        6.0, "Confidence of random effects, in standard deviations", "a finite number > 0", gt=0
-    )
 
 
 class ExtractedTable(Strict):

@@ -115,16 +115,10 @@ class Plan:
     engine, seed : str, int
     views : Views
         View of every SPICE block, for engine cosim.
-    margin_lsb : ndarray or float, optional
-        Packets by which random numbers may move decisions, [frames, rows, cols] or less, for certified codes; worked
-        out there if None.
     filtered : bool
         Whether engine event walks open cells alone (docs/auto.md).
     auto : AutoTable or None
-        Budget and confidence of the filter; None without [effects] auto.
-    moved_lsb : ndarray or float
-        Packets, [frames, rows, cols] or less, by which the levels of decisions are moved, for certified codes alone.
-        The effect of the columns of the direct interface on each other stays as it is.
+        Budget of the filter; None without [effects] auto.
     surrounding : dict
         Fields of Network other than the taxels and the bias.
     first_frame : int
@@ -147,10 +141,8 @@ class Plan:
     surrounding: dict[str, Any]
     first_frame: int = 0
     next_resistance_ohm: Floats | None = None
-    margin_lsb: Floats | float | None = None
     filtered: bool = False
     auto: effects.AutoTable | None = None
-    moved_lsb: Floats | float = 0.0
 
     @property
     def frames(self) -> int:
@@ -198,20 +190,10 @@ class Plan:
             resistance_ohm=self.resistance_ohm[first:stop],
             force_n=None if self.force_n is None else self.force_n[first:stop],
             first_frame=self.first_frame + first,
-            margin_lsb=None
-            if self.margin_lsb is None
-            else self.of_frames(self.margin_lsb, slice(first, stop)),
-            moved_lsb=self.of_frames(self.moved_lsb, slice(first, stop)),
             next_resistance_ohm=self.next_resistance_ohm
             if stop == self.frames
             else self.resistance_ohm[stop],
         )
-
-    def of_frames(self, value: Floats | float, frames: slice) -> Floats | float:
-        """The part of a value a cell that belongs to some frames; a value for all frames is
-        itself.
-        """
-        return value[frames] if np.ndim(value) == 3 else value
 
     def fullest_frame(self) -> int:
         """The frame with the most conductance; a short counts as much as 1 ohm."""

@@ -237,15 +237,18 @@ def test_levels_of_ngspice_are_as_close_as_the_masks_assume(
     )
     like = replace(plan, engine="event")
     codes = engines.run(like).codes
-    low, high = np.zeros(codes.shape), np.ones(codes.shape)
+    low, high = np.zeros(plan.cols), np.ones(plan.cols)
+
+    def moved(made: Plan, packets: np.ndarray) -> Plan:
+        c = made.converter
+        offset_v = c.v_comp_offset_v + packets * c.packet_v()
+        return replace(made, converter=replace(c, v_comp_offset_v=offset_v))
+
     for _ in range(14):
         middle = 0.5 * (low + high)
-        same = engines.run(replace(like, moved_lsb=middle)).codes >= codes
+        same = (engines.run(moved(like, middle)).codes >= codes)[0, 0]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     reader = DeckReader(tmp_path)
     for sign, expected in ((-1.0, codes), (1.0, codes - 1)):
-        offset = (low + sign * masking.APART_LSB)[0, 0] * plan.converter.packet_v()
-        moved = plan.converter.v_comp_offset_v + offset
-        deck = replace(plan, converter=replace(plan.converter, v_comp_offset_v=moved))
-        assert np.array_equal(reader.codes(deck), expected)
+        assert np.array_equal(reader.codes(moved(plan, low + sign * masking.APART_LSB)), expected)
     reader.close()

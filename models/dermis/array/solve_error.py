@@ -25,9 +25,7 @@ U = 2.0**-53
 """Largest relative error of one rounded operation."""
 
 LIMIT_LSB = 1e-3
-"""Largest error of a solve: certified codes allow ten times as much for rounding
-(filter.ROUNDING_LSB).
-"""
+"""Largest error of a solve: below any other bound of a level."""
 
 # Terms of second order are a part n u of those of first order, below 1e-6 for any array that fits a memory.
 _SECOND_ORDER = 1.001

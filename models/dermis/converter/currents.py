@@ -46,8 +46,7 @@ _OPEN_OHM = 1e30
 # Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
 _NEGLIGIBLE = 1e-18
 # Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
-# hundredth of what certified codes allow for rounding (filter.ROUNDING_LSB), so they hold with it and an engine that
-# was chosen within a budget takes the scene. Where it can be followed, it is.
+# thousandth of the rounding that any level is allowed. Where it can be followed, it is.
 _LEFT_OUT = 1e-6
 # Packets in a whole slot of an exponential that a slow mirror does not feel.
 _UNFELT = 1e-6

@@ -25,16 +25,10 @@ that, row by row, which took more than 100 s of processor time on a sheet of 255
 
 @dataclass
 class Result:
-    """Codes [frames, rows, cols] of `code_type`, and further results of an engine.
-
-    `low` and `high` have the same shape: the codes between which those of the chip lie, with the
-    effects that the plan has off and with other random numbers (docs/auto.md). `certify` fills them in.
-    """
+    """Codes [frames, rows, cols] of `code_type`, and further results of an engine."""
 
     codes: NDArray[np.unsignedinteger]
     info: dict[str, Any] = field(default_factory=dict)
-    low: NDArray[np.unsignedinteger] | None = None
-    high: NDArray[np.unsignedinteger] | None = None
 
 
 def code_type(code_max: int) -> type[np.unsignedinteger]:
@@ -52,7 +46,7 @@ def honours(engine: str) -> frozenset[str]:
 
 
 def runner(engine: str) -> Callable[..., Result]:
-    """The function that runs a plan in an engine, unchecked and without certified codes."""
+    """The function that runs a plan in an engine, unchecked."""
     return _module(engine).run
 
 

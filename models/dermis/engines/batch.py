@@ -27,7 +27,7 @@ import numpy as np
 
 from dermis import engines
 from dermis.array import solve_error
-from dermis.engines import Result, certificate, filter, masking
+from dermis.engines import Result, filter, masking
 from dermis.errors import InputError, SimulatorError, one_line, optional
 from dermis.places import PACKAGE, ROOT
 from dermis.processes import children, pool
@@ -73,7 +73,6 @@ def run(
     *,
     processes: int = 1,
     scheduler: str | None = None,
-    certified: bool = False,
     **options: Any,
 ) -> Result:
     """Run a plan through its engine in parts.
@@ -87,8 +86,6 @@ def run(
         Processes of this machine; 1 runs the plan here, uncut.
     scheduler : str, optional
         Address of a Dask scheduler, such as tcp://host:8786; its workers are used instead.
-    certified : bool
-        Also fill in the lower and upper codes, each part its own.
     options : passed to the engine
 
     Returns
@@ -107,16 +104,15 @@ def run(
     engines.check(plan)
     if scheduler is not None:
         with cluster(scheduler) as (executor, workers, look):
-            return _run_parts(plan, executor, workers, progress, certified, options, look)
+            return _run_parts(plan, executor, workers, progress, options, look)
     if processes > 1 and plan.engine == "cosim":
         raise InputError(
             "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
         )
     if processes <= 1 or plan.frames == 1:
-        result = engines.run(plan, progress, **options)
-        return certificate.certify(plan, result) if certified else result
+        return engines.run(plan, progress, **options)
     with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
-        return _run_parts(plan, executor, processes, progress, certified, options)
+        return _run_parts(plan, executor, processes, progress, options)
 
 
 def bounds(plan: Plan, workers: int) -> list[tuple[int, int]]:
@@ -165,7 +161,6 @@ def _run_parts(
     executor: Executor,
     workers: int,
     progress: Callable[[int], None] | None,
-    certified: bool,
     options: dict[str, Any],
     look: Callable[[], None] = lambda: None,
 ) -> Result:
@@ -173,7 +168,7 @@ def _run_parts(
     todo = bounds(plan, workers)
     results: dict[int, Result] = {}
     done = 0
-    calls = ((_run_part, (light.part(*part), fingerprint(), certified, options)) for part in todo)
+    calls = ((_run_part, (light.part(*part), fingerprint(), options)) for part in todo)
     for index, task in spread(calls, executor, workers, look):
         first, stop = todo[index]
         try:
@@ -197,10 +192,6 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
     if any("array" in part.info for part in parts):
         info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
-    if "certify_cpu_s" in info:
-        info["certify_cpu_s"] = sum(part.info["certify_cpu_s"] for part in parts)
-    if "margin_lsb" in info:
-        info["margin_lsb"] = max(part.info["margin_lsb"] for part in parts)
     if all("filter" in part.info for part in parts):
         info["filter"] = filter.merged([part.info["filter"] for part in parts])
     if all("masked" in part.info for part in parts):
@@ -209,11 +200,10 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
     return Result(**whole, info={name: value for name, value in info.items() if value is not None})
 
 
-def _run_part(part: Plan, version: str, certified: bool, options: dict[str, Any]) -> Result:
+def _run_part(part: Plan, version: str, options: dict[str, Any]) -> Result:
     """Run one part in a worker."""
     same_version(version)
-    result = engines.run(part, **options)
-    return certificate.certify(part, result) if certified else result
+    return engines.run(part, **options)
 
 
 def same_version(version: str) -> None:

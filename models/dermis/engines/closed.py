@@ -61,19 +61,18 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
         x[part] = plan.converter.duty(column_currents(base, plan.conductance_s(part)))
-        codes[part] = codes_of(plan, x[part], part)
+        codes[part] = codes_of(plan, x[part])
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x})
 
 
-def codes_of(plan: Plan, x: NDArray[np.float64], frames: slice = slice(None)) -> NDArray[np.unsignedinteger]:
+def codes_of(plan: Plan, x: NDArray[np.float64]) -> NDArray[np.unsignedinteger]:
     """Codes of duties x [frames, rows, cols] by the formula."""
     c, timing = plan.converter, plan.timing
     start = {
         "w0": W_PRESET + c.preset_error_v / c.packet_v(),
         "packet": 1.0 + c.packet_error,
-        "threshold": (c.v_comp_offset_v + plan.of_frames(plan.moved_lsb, frames) * c.packet_v())
-        / c.packet_v(),
+        "threshold": c.v_comp_offset_v / c.packet_v(),
     }
     return code(x, timing.gate_clocks, timing.code_max, **start).astype(code_type(timing.code_max))

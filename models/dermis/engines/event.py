@@ -213,7 +213,7 @@ def count_frames(
     coupled = coupling(plan, g, x)
     if coupled is not None:
         x = x + coupled.x
-    cells, draws = cells_of(plan, x, g, coupled, part), None
+    cells, draws = cells_of(plan, x, g, coupled), None
     if keys is not None:
         cells = _with_slot_noise(plan.converter, cells, keys)
         if plan.active_fields() & RANDOM - _SLOT_RANDOM:
@@ -222,21 +222,7 @@ def count_frames(
     return counts, x, end
 
 
-def codes_of(plan: Plan, x: Floats) -> NDArray[np.unsignedinteger]:
-    """Codes of duties x [frames, rows, cols] that are the same in every clock and have no noise."""
-    codes = np.empty(x.shape, dtype=code_type(plan.timing.code_max))
-    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
-    for first in range(0, plan.frames, step):
-        part = slice(first, first + step)
-        cells = cells_of(plan, x[part], plan.conductance_s(part), frames=part)
-        counts, _ = count_cells(cells, plan.timing.gate_clocks, plan.timing.charge_delay_clocks)
-        codes[part] = np.minimum(counts, plan.timing.code_max)
-    return codes
-
-
-def cells_of(
-    plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None, frames: slice = slice(None)
-) -> Cells:
+def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
     """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
     converter = plan.converter
     g_in = None
@@ -247,10 +233,10 @@ def cells_of(
         elif plan.topology == "direct":
             # The virtual ground carries the whole column, whichever row is driven.
             g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
-    return _cells(converter, x, g_in, plan.of_frames(plan.moved_lsb, frames))
+    return _cells(converter, x, g_in)
 
 
-def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Floats | float) -> Cells:
+def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
     """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no
     charge is lost.
     """
@@ -265,12 +251,11 @@ def _cells(converter: Converter, x: Floats, g_in_s: Floats | None, moved_lsb: Fl
         leak = across * (converter.inv_gain_dc * amplitude)
     scale = packet_v * amplitude
     low, high = converter.range_v() / scale
-    level_v = converter.v_comp_offset_v + moved_lsb * packet_v
     columns = {
         "w0": _within(W_PRESET + converter.preset_error_v / packet_v, low, high),
         "packet": 1.0 + converter.packet_error,
-        "rise": (level_v + converter.v_hysteresis_v / 2) / scale,
-        "fall": (level_v - converter.v_hysteresis_v / 2) / scale,
+        "rise": (converter.v_comp_offset_v + converter.v_hysteresis_v / 2) / scale,
+        "fall": (converter.v_comp_offset_v - converter.v_hysteresis_v / 2) / scale,
         "low": low,
         "high": high,
         "delay": converter.t_comp_delay_s * converter.f_clk_hz,
@@ -450,7 +435,7 @@ def _count_slots(
     cells.
     """
     timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
-    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling, part)
+    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
     variance = None
     if keys is not None:
         cells = _with_slot_noise(converter, cells, keys)
@@ -490,12 +475,11 @@ def _count_slots(
 class Chosen:
     """Cells of some frames that are counted alone, with what is known of them.
 
-    `frame`, `row`, `col` [n] within the frames of `part`; `column_s` [n] conductance on their
+    `frame`, `row`, `col` [n] within the frames of a part; `column_s` [n] conductance on their
     columns; `x` [n] duty where it is constant; `keys` [n] or None; `ways`, `idle`, `phase`,
     `output`, `depth` as `currents.charges_of` takes them.
     """
 
-    part: slice
     column_s: Floats
     frame: NDArray[np.intp]
     row: NDArray[np.intp]
@@ -527,10 +511,7 @@ def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
         g_in = converter.g_in_s
         if plan.topology == "direct":
             g_in = g_in + chosen.column_s
-    moved = plan.of_frames(plan.moved_lsb, chosen.part)
-    if np.ndim(moved) == 3:
-        moved = moved[chosen.frame, chosen.row, chosen.col]
-    cells = _cells(converter, chosen.x, g_in, moved)
+    cells = _cells(converter, chosen.x, g_in)
     return cells if chosen.keys is None else _with_slot_noise(converter, cells, chosen.keys)
 
 

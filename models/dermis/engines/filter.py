@@ -23,7 +23,7 @@ from dermis.converter import currents, noise
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.course import Course
 from dermis.converter.vfc import LONGEST_GATE
-from dermis.effects import EFFECTS, AutoTable
+from dermis.effects import EFFECTS
 from dermis.engines import Result, code_type, event
 from dermis.records import Plan
 
@@ -35,8 +35,6 @@ Cells = tuple[NDArray[np.intp], ...]
 
 # Cells at once, as in engine event.
 _VALUES_AT_ONCE = 1 << 14
-# Rounding and approximation that certified codes allow for: 1e-9 of a current, 5e-5 packets in a course with motion.
-ROUNDING_LSB = 1e-4
 # Error in packets of lines that settle.
 _SETTLED = 1e-10
 # Time constants after which a mirror that was anywhere is where it goes, to 1e-17.
@@ -113,10 +111,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Result
         codes [frames, rows, cols]; info["filter"] is the table of verdicts.
     """
-    reason = "columns of the direct interface move each other" if couples(plan) else ""
-    if plan.timing.gate_clocks > LONGEST_GATE:
-        reason = "a gate longer than any of the chip"
-    if reason:
+    if reason := undecidable(plan):
         result = event.run(plan, progress)
         result.info["filter"] = Table(walked=result.codes.size, reason=reason).as_dict()
         return result
@@ -127,6 +122,23 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"filter": table.as_dict()})
+
+
+def undecidable(plan: Plan) -> str:
+    """Return the reason why no cell of a plan has a verdict, or an empty string."""
+    if plan.timing.gate_clocks > LONGEST_GATE:
+        return "a gate longer than any of the chip"
+    return "columns of the direct interface move each other" if couples(plan) else ""
+
+
+def decide(plan: Plan, apart_lsb: Floats) -> tuple[NDArray[np.unsignedinteger], Bools]:
+    """Return the codes of `run`, and the cells that are open where levels may be off by `apart_lsb` [cols] packets."""
+    codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
+    open_ = np.empty(codes.shape, dtype=bool)
+    for frames in _parts(plan):
+        part = _Part(plan, frames, Table(bounding(plan)), apart_lsb)
+        codes[frames], open_[frames] = part.codes(), part.s.open
+    return codes, open_
 
 
 def bounding(plan: Plan) -> dict[str, Bounding]:
@@ -142,7 +154,7 @@ def _parts(plan: Plan) -> list[slice]:
 class _Part:
     """Some frames of a plan: solved, bounded and counted."""
 
-    def __init__(self, plan: Plan, part: slice, table: Table) -> None:
+    def __init__(self, plan: Plan, part: slice, table: Table, apart_lsb: Floats | float = 0.0) -> None:
         # Loading the compiled loop takes a moment that a scene without it does not need to wait.
         from dermis.engines import verdicts
 
@@ -154,9 +166,9 @@ class _Part:
         self.slow_mirror = "q_mirror_c" in self.active
         self.g_column_s = np.minimum(self.g, G_ACROSS_S).sum(axis=1)
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
-        self._solve()
+        self._solve(np.broadcast_to(apart_lsb, plan.cols).astype(float))
 
-    def _solve(self) -> None:
+    def _solve(self, apart_lsb: Floats) -> None:
         plan, c, timing, drive = self.plan, self.plan.converter, self.plan.timing, self.plan.drive
         frames, rows, cols = shape = self.g.shape
         self.ways = ways = currents.course(plan, self.part)
@@ -193,19 +205,18 @@ class _Part:
             self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, driven_v + others_v)
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
-            (plan.auto or AutoTable()).sigma / bounds.SIGMAS, float(drive.ripple), reach, bool(drive.motion),
+            float(drive.ripple), reach, bool(drive.motion),
             self.slow_mirror, plan.topology == "direct", self.random,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.table.functions.values():
             on[bound.number] = bound.factor
         self.columns = bounds.columns(c)
-        moved = np.array(plan.of_frames(plan.moved_lsb, self.part), dtype=float, ndmin=3)
         bend = (ways.follows_bend, ways.rest_bend)
         if ways.follows_bend is None:
             bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
         solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
-        values = np.empty((6, *shape))
+        values = np.empty((4, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
         self.s = self.loops.Solved(
@@ -214,7 +225,7 @@ class _Part:
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
         unsettled = self.unsettled if self.settles_fast else np.full((frames, cols), np.inf)
         sampled, self.drawn = self.loops.verdicts(
-            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, unsettled, moved,
+            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, unsettled, apart_lsb,
             *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.table.tally, ratios,
         )  # fmt: skip
         if sampled:
@@ -240,7 +251,6 @@ class _Part:
             x = event.columns_of(self.plan.converter, cells[2]).duty(i)
         output = self.s.end[0] if self.slow_mirror else None
         return event.Chosen(
-            self.part,
             self.g_column_s[cells[0], cells[2]],
             *cells,
             x,
@@ -315,27 +325,6 @@ def largest(plan: Plan) -> dict[str, float]:
     _Part(plan, slice(0, plan.frames), table)
     found = {name: float(table.tally[bound.number, 1]) for name, bound in table.functions.items()}
     return dict.fromkeys(plan.on, 0.0) | found
-
-
-def random_margin(plan: Plan, more_lsb: Floats | float = 0.0) -> Floats:
-    """Packets [frames, rows, cols] by which other random numbers, and the budget, may move decisions.
-
-    With hysteresis, a late comparator or a slow output the first lemma holds to their own size only, which is added.
-    `more_lsb` adds packets, one number or [frames, rows, cols], by which levels may be off for another reason.
-    """
-    margin = np.zeros(plan.resistance_ohm.shape)
-    functions = bounding(plan)
-    random = any(EFFECTS[name].random for name in functions)
-    if not random and not plan.budget_lsb and not np.any(more_lsb):
-        return margin
-    for frames in _parts(plan):
-        s = _Part(plan, frames, Table(functions)).s
-        # Cells with a larger error are walked.
-        linear = np.where(s.error <= plan.budget_lsb, s.error, 0.0) + plan.of_frames(more_lsb, frames)
-        cells = linear + s.random
-        cells = np.where(cells > 0, cells + s.kept + ROUNDING_LSB, 0.0)
-        margin[frames] = np.nan_to_num(cells, nan=np.inf)
-    return margin
 
 
 def _largest_v(plan: Plan) -> float:

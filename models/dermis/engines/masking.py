@@ -2,9 +2,9 @@
 """Rows that engine cosim has to solve in a scene with auto; the chip's own ROW_MASK leaves out the
 others.
 
-Engine event, with everything on, is run with its levels moved up and down by what ngspice may
-differ. A cell that has the same code in both runs is decided; a row of decided cells needs no
-circuit simulator (docs/auto.md).
+A cell is decided if the filter of `auto` decides it with its bounds widened by what levels of
+ngspice may differ, or if engine event gives the same code with its levels moved up and down by as
+much. A row of decided cells needs no circuit simulator (docs/auto.md).
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis import engines
+from dermis import bounds, engines
 from dermis.array import settling
 from dermis.array.array import Network, column_currents
 from dermis.converter import injection
-from dermis.converter.coupling import couples
 from dermis.converter.vfc import Y_MIN
-from dermis.engines import certificate, filter
+from dermis.engines import event, filter
 from dermis.records import Plan
 
 Bools = NDArray[np.bool_]
@@ -37,6 +36,9 @@ FORGOTTEN_LSB = 1e-3
 """Packets of an earlier row that may be left in an open cell: as much as other steps of ngspice
 move a level by.
 """
+
+ROUNDING_LSB = 1e-4
+"""Packets of rounding and approximation: 1e-9 of a current, 5e-5 packets in a course with motion."""
 
 _SWITCHED_LSB = 4.0
 """Packets by which an integrator's output may be away from its preset when the preset begins."""
@@ -131,18 +133,28 @@ def decide(plan: Plan) -> Verdict:
         return everything(plan, f"engine event cannot do {', '.join(sorted(lost))}")
     if error := engines.refuses(like, "event"):
         return everything(plan, f"engine event refuses {error.key}")
-    if couples(plan):
-        return everything(plan, "columns of the direct interface move each other")
-    lag = plan.converter.t_gbw_s * plan.converter.f_clk_hz
+    if reason := filter.undecidable(like):
+        return everything(plan, reason)
+    c = plan.converter
+    lag = c.t_gbw_s * c.f_clk_hz
     settle = plan.timing.settle_clocks - plan.timing.break_clocks
     with np.errstate(divide="ignore"):
         slow = _SWITCHED_LSB * np.exp(-settle / lag) > FORGOTTEN_LSB
     apart = APART_LSB + sum(injection.counts(plan).values())
-    apart = np.broadcast_to(np.where(slow, np.inf, apart), plan.resistance_ohm.shape)
-    like = replace(like, margin_lsb=filter.random_margin(like, apart))
-    low, high = certificate.certified(like, engines.run(like))
-    open_ = low != high
-    return Verdict(low, open_, *_blocks(open_, _memory(plan, open_)))
+    unbounded = slow | (lag > bounds.SLOW_CLOCKS)
+    codes, open_ = filter.decide(like, np.where(unbounded, np.inf, apart))
+    if open_.any() and not unbounded.all():
+        # Levels move codes in order but for the comparator's window and for what is late of a packet.
+        late = c.v_hysteresis_v / c.packet_v() + (c.t_comp_delay_s * c.f_clk_hz + lag) * (
+            1.0 + c.packet_error
+        )
+        offset_v = (apart + ROUNDING_LSB + late) * c.packet_v()
+        low, high = (
+            event.run(replace(like, converter=replace(c, v_comp_offset_v=c.v_comp_offset_v + v))).codes
+            for v in (offset_v, -offset_v)
+        )
+        open_ &= unbounded | (low != high)
+    return Verdict(codes, open_, *_blocks(open_, _memory(plan, open_)))
 
 
 def _blocks(open_: Bools, memory: NDArray[np.intp]) -> tuple[tuple[Block, ...], int]:

@@ -35,28 +35,26 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 class Gate(
     namedtuple(
         "Gate",
-        "clocks settle pause code_max budget sigmas ripple swing_reach motion slow_mirror direct random",
+        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random",
     )
 ):
     """Numbers that all cells of a run share.
 
-    Clocks of a slot, the largest code, the error that decides a cell all the same and the part of SIGMAS that certified
-    codes allow for; the amplitude of the ripple and the largest sum of its sine; what there is of motion, slow mirrors
-    and noise.
+    Clocks of a slot, the largest code, and the error that decides a cell all the same; the amplitude of the ripple and
+    the largest sum of its sine; what there is of motion, slow mirrors and noise.
     """
 
     __slots__ = ()
 
 
-class Solved(namedtuple("Solved", "x low passed begin end shift error random kept open codes blame")):
+class Solved(namedtuple("Solved", "x low passed begin end shift error open codes blame")):
     """Results of `verdicts`, [frames, rows, cols] each.
 
     `x` mean duty, `low` the least in any clock. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
     start of a slot to its gate, and in the whole slot; `begin` the highest output where the gate begins; `end`
     [3, ...] the output after each gate: as solved, the lowest and the highest possible.
-    `shift` and `error` of the level at the last decision in packets, before any noise is drawn;
-    `random` is what other random numbers may move any level, `kept` what hysteresis and late packets
-    do. `blame` is the effect with the largest bound in an open cell.
+    `shift` and `error` of the level at the last decision in packets, before any noise is drawn. `blame` is the
+    effect with the largest bound in an open cell.
     """
 
     __slots__ = ()
@@ -269,7 +267,7 @@ def _worst(s, on, calm):  # type: ignore
 
 @_compiled
 def verdicts(  # type: ignore
-    gate, on, table, g_column, idle, swing_sum, unsettled, moved_lsb,
+    gate, on, table, g_column, idle, swing_sum, unsettled, apart_lsb,
     follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip
     """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled, and how many
@@ -286,9 +284,9 @@ def verdicts(  # type: ignore
         Conductance on each column; most of a settled mirror while no row is driven; packets of lines that settle.
     swing_sum : [frames, rows]
         Sum of the sine of the ripple over the gate.
-    moved_lsb : [frames or 1, rows or 1, cols or 1]
-        Packets by which levels are moved.
     seed, first : of the random numbers, and the number of frame 0 in the whole run.
+    apart_lsb : [cols]
+        Packets by which levels may differ for a reason outside the model.
     follows, rest : [frames, rows, cols]
         Column currents, with the bias and without it; `_end` and `_bend` of them with motion.
     """
@@ -382,18 +380,16 @@ def verdicts(  # type: ignore
                     table[of.APERTURE, c], table[of.JITTER, c], table[of.SHOT, c], table[of.PRESET_NOISE, c],
                     table[of.FLICKER, c],
                 )  # fmt: skip
-                mf, mr, mc = moved_lsb.shape
-                raised = moved_lsb[f if mf > 1 else 0, r if mr > 1 else 0, c if mc > 1 else 0]
-                base = abs(table[of.AWAY, c] + raised) + table[of.PRESET, c]
+                base = abs(table[of.AWAY, c]) + table[of.PRESET, c]
                 a = of.total(s, on, base, tally, None)
                 calm = of.quiet(s, a.loose, a.levels)
                 left, doubtful = of.late(s, a.loose, a.levels)
                 shift = a.shift + left if calm else 0.0
-                steady = (a.rest + doubtful if calm else a.whole) + ROUNDING
+                steady = (a.rest + doubtful if calm else a.whole) + ROUNDING + apart_lsb[c]
                 climb = a.climb if calm else 0.0
                 spread = math.sqrt(a.squares + a.paths)
                 error = steady + climb + spread
-                level = table[of.LEVEL, c] + raised * table[of.MOVE, c] - table[of.BEGIN, c] - shift
+                level = table[of.LEVEL, c] - table[of.BEGIN, c] - shift
                 mean = x + swings[c] * swing_sum[f, r] * per_clock
                 doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) * per_clock
                 key, path, bound = noise.key_in_row(of_row, c), 0.0, error
@@ -427,8 +423,6 @@ def verdicts(  # type: ignore
                     sampled += 1
                 out.x[f, r, c], out.low[f, r, c] = x, low
                 out.shift[f, r, c], out.error[f, r, c] = shift, error
-                out.random[f, r, c] = a.noise + gate.sigmas * spread
-                out.kept[f, r, c] = s.window + ((s.delay + s.lag) * packet if left > 0.0 or not calm else 0.0)
                 out.open[f, r, c], out.codes[f, r, c] = open_, code
                 if open_:
                     out.blame[f, r, c] = _worst(s, on, calm)

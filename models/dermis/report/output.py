@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.decode.force import decode
-from dermis.effects import AutoTable
 from dermis.engines import Result
 from dermis.errors import InputError, SimulatorError
 from dermis.files import locked
@@ -212,7 +211,6 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "cols": plan.cols,
         "frame_time_s": plan.timing.frame_s,
         "effects": [{k: _json(v) for k, v in e._asdict().items()} for e in plan.effects],
-        "certified": _certified(plan, result),
         "seed": plan.seed,
         "decoded": {
             "total_force_n": [_json(force) for force in decoded.force_n.sum(axis=(1, 2)).tolist()],
@@ -226,20 +224,6 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         },
         "verdicts": list(rows),
         "versions": versions(),
-    }
-
-
-def _certified(plan: Plan, result: Result) -> dict[str, Any] | None:
-    """Return width and margins of certified codes (docs/auto.md); None without them."""
-    if result.low is None or result.high is None:
-        return None
-    width = np.subtract(result.high, result.low, dtype=int)
-    return {
-        "budget_lsb": plan.budget_lsb,
-        "sigma": (plan.auto or AutoTable()).sigma,
-        "margin_lsb": _json(result.info.get("margin_lsb", 0.0)),
-        "median_width_lsb": float(np.median(width)),
-        "max_width_lsb": int(width.max()),
     }
 
 
@@ -277,8 +261,6 @@ def write(
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }
-    if result.low is not None and result.high is not None:
-        files |= {"codes_low.npy": npy_bytes(result.low), "codes_high.npy": npy_bytes(result.high)}
     with _writing(out):
         if out.exists():
             _refuse_directories(out)

@@ -31,7 +31,7 @@ SCENES = ROOT / "models" / "scenes"
 
 _REMOVED = dict.fromkeys(
     ("run.accuracy_lsb", "run.time_s"), "removed; use [effects] auto = {}, or auto = { budget_lsb = ... }"
-)
+) | {"effects.auto.sigma": "removed with the certified codes that it was for; leave it out"}
 
 
 class ArrayTable(Strict):
