@@ -42,7 +42,7 @@ def on(plan: records.Plan) -> set[str]:
     [
         ("auto = { budget_lsb = -0.1 }", "effects.auto.budget_lsb"),
         ("auto = { budget_lsb = inf }", "effects.auto.budget_lsb"),
-        ("auto = { sigma = 0.0 }", "effects.auto.sigma"),
+        ("auto = { sigma = 6.0 }", "effects.auto.sigma"),
         ("auto = { budget = 0.25 }", "effects.auto.budget"),
         ("auto = true", "effects.auto"),
     ],
@@ -150,7 +150,7 @@ def test_what_an_engine_would_refuse_by_value_is_refused_before_the_run() -> Non
 def test_the_resolved_scene_gives_the_same_plan() -> None:
     for effects in (
         {"auto": {}},
-        {"auto": {"budget_lsb": 0.6, "sigma": 4.0}, "motion": {}, "trace": False},
+        {"auto": {"budget_lsb": 0.6}, "motion": {}, "trace": False},
         {"auto": {}, "comparator_hysteresis": {"v_v": 0.9}, "mirror_ratio": {"spread": 0.01}},
     ):
         plan = made(effects)

@@ -222,7 +222,7 @@ def random_scene(rng: Rng, profile: Profile) -> World:
         scene["stimulus"] = _stimulus(rng, kind, rows, cols, max(frames, 2), files)
     on = _few_effects(rng, topology, profile) if few else _effects(rng, topology, cols, profile)
     if rng.random() > 1.0 - max(profile.auto, float(few and profile.auto > 0)):
-        on = {"auto": {"budget_lsb": rng.choice(profile.budgets), "sigma": 6.0}} | _off(profile, few) | on
+        on = {"auto": {"budget_lsb": rng.choice(profile.budgets)}} | _off(profile, few) | on
     if profile.gentle:
         _gentle(rng, topology, on)
     scene |= {"interface": interface, "effects": on, "run": {"seed": rng.getrandbits(31)}}
