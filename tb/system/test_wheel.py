@@ -23,7 +23,7 @@ LIBRARY = """
 import sys, numpy as np, dermis
 from dermis import places
 assert places.INSTALLED and places.ROOT.is_relative_to(sys.prefix), places.ROOT
-made = dermis.simulate("single_touch", engine="event", certify=True)
+made = dermis.simulate("single_touch", engine="event")
 np.save("library.npy", made.codes)
 forces = np.load("forces.npy")
 again = dermis.simulate(force_n=forces, engine="closed")
