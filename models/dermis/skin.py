@@ -28,10 +28,6 @@ from dermis.scene.sensor import InverseSensor
 
 Floats = NDArray[np.float64]
 
-_SWEEPS = 500
-_TOLERANCE = 1e-13
-"""Change of every column voltage, relative to the bias, that ends the sweeps of a slot."""
-
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _conductance(force, k, points, conductances, exponents, force_on, g_open):
@@ -45,66 +41,6 @@ def _conductance(force, k, points, conductances, exponents, force_on, g_open):
         n += 1
     g = conductances[n] * (force / points[n]) ** exponents[n] if force > 0.0 else 0.0
     return max(g, g_open)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _currents(
-    g, out, v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral, total, column, volt, u
-):
-    """Fill `out` with the column currents of `g` [rows, cols]; return False if the sweeps did not converge."""
-    rows, cols = g.shape
-    ideal = True
-    for c in range(cols):
-        ideal = ideal and r_column[c] == 0.0
-        column[c] = 0.0
-    for r in range(rows):
-        total[r] = 0.0
-        for c in range(cols):
-            total[r] += g[r, c]
-            column[c] += g[r, c]
-    if ideal:
-        _currents_of_ideal_columns(
-            g, out, v_bias, r_driven, g_ground, v_offset, i_leak, g_lateral, total, volt
-        )
-        return True
-    for r in range(rows):
-        for c in range(cols):
-            u[c] = v_offset[c]
-        converged, before = False, 0.0
-        for _ in range(_SWEEPS):
-            _row_voltages(g, u, r, v_bias, r_driven, g_ground, total, volt)
-            for c in range(cols):
-                out[r, c] = 0.0
-            for i in range(rows):
-                for c in range(cols):
-                    out[r, c] += g[i, c] * volt[i]
-            change = 0.0
-            for c in range(cols):
-                near, links = 0.0, 0.0
-                if c > 0:
-                    near, links = near + u[c - 1], links + 1.0
-                if c + 1 < cols:
-                    near, links = near + u[c + 1], links + 1.0
-                came = out[r, c] + i_leak[c] + g_lateral * near
-                now = (v_offset[c] + r_column[c] * came) / (
-                    1.0 + r_column[c] * (column[c] + g_lateral * links)
-                )
-                change = max(change, abs(now - u[c]))
-                u[c] = now
-            # A change that shrinks by `ratio` a sweep leaves change * ratio / (1 - ratio) to go.
-            ratio = change / before if before > 0.0 else 0.0
-            if change <= _TOLERANCE * v_bias * max(1.0 - ratio, 1e-3):
-                converged = True
-                break
-            before = change
-        if not converged:
-            return False
-        for c in range(cols):
-            out[r, c] = _lateral(u, c, g_lateral) + i_leak[c]
-        for i in range(rows):
-            for c in range(cols):
-                out[r, c] += g[i, c] * (volt[i] - u[c])
-    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -134,11 +70,15 @@ def _row_voltages(g, u, driven, v_bias, r_driven, g_ground, total, volt):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_leak, g_lateral, total, volt):
-    """Column currents where every column is at its offset: only the driven row changes from slot to
-    slot.
+def _currents(g, out, network, total, volt):
+    """Fill `out` with the column currents of `g` [rows, cols], where every column is at its offset.
+
+    Only the driven row changes from slot to slot. `total` and `volt` [rows] are scratch.
     """
+    v_bias, r_driven, g_ground, _, v_offset, i_leak, g_lateral = network
     rows, cols = g.shape
+    for r in range(rows):
+        total[r] = g[r].sum()
     _row_voltages(g, v_offset, -1, v_bias, r_driven, g_ground, total, volt)
     for c in range(cols):
         out[0, c] = _lateral(v_offset, c, g_lateral) + i_leak[c]
@@ -157,7 +97,7 @@ def _currents_of_ideal_columns(g, out, v_bias, r_driven, g_ground, v_offset, i_l
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, work, codes):
-    """Read frames into `codes` until one has a short or does not converge; return how many were read.
+    """Read frames into `codes` until one has a short; return how many were read.
 
     The conductances of that frame are left in the first array of `work`.
     """
@@ -165,8 +105,7 @@ def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, w
     code_max, step, start, inv_range = chip
     z, creep, loaded, fresh, rate, rate_weight, g_loaded = memory
     radius, weight, per_decade = memory_law
-    g, current, total, column, volt, u = work
-    v_bias, r_driven, g_ground, r_column, v_offset, i_leak, g_lateral = network
+    g, current, total, volt = work
     frames, rows, cols = forces.shape
     remembers = radius.size > 0 or per_decade != 0.0
     for n in range(frames):
@@ -187,22 +126,9 @@ def _read_frames(forces, dt_s, law, factor, network, chip, memory, memory_law, w
             for c in range(cols):
                 g[r, c] *= factor[r, c]
                 short = short or g[r, c] > crosstalk.SHORT_S
-        if short or not _currents(
-            g,
-            current,
-            v_bias,
-            r_driven,
-            g_ground,
-            r_column,
-            v_offset,
-            i_leak,
-            g_lateral,
-            total,
-            column,
-            volt,
-            u,
-        ):
+        if short:
             return n
+        _currents(g, current, network, total, volt)
         for r in range(rows):
             for c in range(cols):
                 seen_a = current[r, c] / (1.0 + abs(current[r, c]) * inv_range[c])
@@ -253,7 +179,8 @@ class Skin:
         start = -W_PRESET + (converter.v_comp_offset_v - converter.preset_error_v) / converter.packet_v()
         in_order = (start > 0).all() and (true.full_code == true.code_max).all()
         # Elsewhere the engine's own array solve and count formula do it.
-        self._compiled = bool(in_order and crosstalk.lumped(self._network) and np.all(converter.gain > 0))
+        ideal = crosstalk.lumped(self._network) and not self._network.r_column_ohm.any()
+        self._compiled = bool(in_order and ideal and np.all(converter.gain > 0))
         sensor = self.plan.sensor
         none = np.zeros(1)
         if isinstance(sensor, InverseSensor):
@@ -283,7 +210,7 @@ class Skin:
         t_frame_s : float or array_like, optional
             Time in seconds since the frame before, for all frames or each; by default the frame time of the chip.
         out : ndarray, optional
-            Codes of the shape of the forces to fill, so that nothing is allocated.
+            Codes of the shape of the forces to fill. With ideal columns nothing is allocated then.
 
         Returns
         -------
@@ -307,7 +234,7 @@ class Skin:
         check_out(out, forces.shape, kind, "out")
         frames, codes = forces.reshape(-1, self.rows, self.cols), out.reshape(-1, self.rows, self.cols)
         dt = times(self.t_frame_s if t_frame_s is None else t_frame_s, len(frames))
-        run = self._read_compiled if self._compiled else self._read_slow
+        run = self._read_compiled if self._compiled else self._read_solved
         if self._true.memory.active:
             with self._lock:
                 run(frames, dt, codes)
@@ -347,9 +274,8 @@ class Skin:
         true, memory = self._true, self.memory
         work = getattr(self._local, "work", None)
         if work is None:
-            shape, rows, cols = (self.rows, self.cols), self.rows, self.cols
-            sizes = (shape, shape, rows, cols, rows, cols)
-            work = self._local.work = tuple(np.empty(size) for size in sizes)
+            shape = (self.rows, self.cols)
+            work = self._local.work = tuple(np.empty(size) for size in (shape, shape, self.rows, self.rows))
         first = 0
         while first < len(forces):
             z, _, _, _, creep, loaded, _, fresh, rate, weight = memory.arrays()
@@ -378,7 +304,7 @@ class Skin:
         currents = column_currents(self._network, conductance_s)
         return closed.codes_of(self.plan, self.plan.converter.duty(currents))
 
-    def _read_slow(self, forces: Floats, dt_s: Floats, codes: NDArray) -> None:
+    def _read_solved(self, forces: Floats, dt_s: Floats, codes: NDArray) -> None:
         with np.errstate(divide="ignore"):
             g = 1.0 / self.plan.sensor.resistance_ohm(forces)
         if self._true.memory.active:

@@ -45,6 +45,10 @@ WORLDS: dict[str, dict[str, Any]] = {
             "sensor_hysteresis": True, "sensor_creep": True, "sensor_temperature": True, "column_input": True,
         },
     },
+    "worn on ideal columns": {
+        "sensor": {"law": "power"},
+        "effects": {"sensor_hysteresis": True, "sensor_creep": True, "row_driver": True},
+    },
     "another size": {"array": {"rows": 5, "cols": 9}, "effects": {"row_driver": True, "column_input": True}},
 }  # fmt: skip
 
@@ -60,7 +64,7 @@ def world(name: str, forces: np.ndarray | None = None) -> tuple[Skin, np.ndarray
         )
         # A sheet that remembers is pressed and let go over several frames.
         forces = (
-            np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1] if name == "worn" else forces
+            np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1] if name.startswith("worn") else forces
         )
     from dermis.records import setting_of
     from dermis.scene.sensor import SensorState, age
@@ -153,8 +157,8 @@ def test_forces_of_another_array_are_refused() -> None:
 
 
 def test_frames_allocate_nothing() -> None:
-    """A thousand calls with `out` keep no memory, and a batch needs none of the size of its frames."""
-    skin, force, codes = world("worn")
+    """On ideal columns a thousand calls with `out` keep no memory, and a batch needs none of the size of its frames."""
+    skin, force, codes = world("worn on ideal columns")
     forces = np.ascontiguousarray(np.resize(force, (1000, *force.shape[1:])))
     out = np.empty(forces.shape, codes.dtype)
     places = Forces(*(np.empty(forces.shape) for _ in range(3)), np.empty(forces.shape, np.uint8))
