@@ -48,8 +48,8 @@ MODELS_FILE_LIST = "models/verilog/files.f"
 MODELS_WAIVERS = "models/verilog/verilator_waiver.vlt"
 MODELS_CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
     "models_ideal": {"EFFECTS": 0},
-    "models_all_effects": {"EFFECTS": 0x4000_0FFF, "TERMS": 6, "MODES": 2, "DARK": 1, "FADE": 1},
-    "models_all_effects_latch": {"EFFECTS": 0xFFF, "TERMS": 6, "MODES": 1, "SYNC_LATCH": 1, "TOPOLOGY": 2},
+    "models_all_effects": {"EFFECTS": 0x4000_0FFF, "TERMS": 6, "DARK": 1},
+    "models_all_effects_latch": {"EFFECTS": 0xFFF, "TERMS": 6, "SYNC_LATCH": 1, "TOPOLOGY": 2},
     "models_direct_1x1": {"ROWS": 1, "COLS": 1, "EFFECTS": 1 << 6, "TOPOLOGY": 0},
     "models_multi_output": {"EFFECTS": 1 << 10, "TOPOLOGY": 3},
 }

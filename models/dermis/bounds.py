@@ -16,10 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array.array import Network
-from dermis.array.settling import FAST_CLOCKS
 from dermis.converter.vfc import W_PRESET, Converter
-from dermis.timing import Timing
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +25,6 @@ SIGMAS = 8.0
 # Lag of an integrator's output in clocks beyond which counts do not follow the order of levels: several packets are
 # under way at once, and a lower level may count less.
 SLOW_CLOCKS = 1.0
-# Voltage by which a line may be away from rest, relative to the sources: two switchings, one at either end of a break.
-_SWITCHED = 4.0
 # Current in full scales that stands for any larger one.
 _TOP = 1e9
 
@@ -208,64 +203,8 @@ def _mirror_lag(s):  # type: ignore
 
 @_compiled
 def _line_capacitance(s):  # type: ignore
-    """Charge of lines that have not settled; a slow mirror would keep what it saw before the
-    gate.
-    """
+    """Charge of lines after they have settled (converter.currents.check_lines)."""
     return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def settling_s(network: Network) -> float:
-    """Time constant that no line's settling exceeds, in s; inf where grounded rows float."""
-    n, (rows, cols) = network, network.g_taxel_s.shape
-    largest = max(n.r_row_driven_ohm, n.r_row_grounded_ohm)
-    along = float(n.r_column_ohm.max()) * (n.c_column_f + 2 * rows * n.c_taxel_f)
-    along += n.r_trace_column_ohm * n.c_taxel_f * rows * (rows + 1)
-    row_f = n.c_row_f + 2 * cols * n.c_taxel_f
-    across = largest * row_f if row_f else 0.0
-    return max(across + n.r_trace_row_ohm * n.c_taxel_f * cols * (cols + 1), along)
-
-
-def settles_fast(network: Network, c: Converter) -> bool:
-    """Return True if lines settle too fast to affect a slow mirror."""
-    return settling_s(network) * c.f_clk_hz <= FAST_CLOCKS
-
-
-def unsettled(network: Network, c: Converter, timing: Timing, g_column_s: Floats, v_v: float) -> Floats:
-    """Packets [frames, cols] that lines which have not settled bring into a gate, at most; inf
-    where unknown.
-
-    `v_v` is the largest voltage of any source, `g_column_s` [frames, cols] the conductance on each
-    column.
-    """
-    net, (rows, cols) = network, network.g_taxel_s.shape
-    tau = settling_s(net)
-    if tau == 0.0:
-        return np.zeros_like(g_column_s)
-    settle = timing.settle_clocks - timing.break_clocks
-    rest = math.exp(-settle / c.f_clk_hz / tau) if tau < math.inf else 1.0
-    if not rest < 0.25:
-        return np.full_like(g_column_s, np.inf)
-    farads = rows * net.c_row_f + cols * net.c_column_f + 4 * rows * cols * net.c_taxel_f
-    stored = math.sqrt(farads) * _SWITCHED * v_v
-    side = 2.0 * rows * net.g_lateral_row_s if cols > 1 else 0.0
-    onto = np.sqrt(timing.gate_clocks / c.f_clk_hz * (g_column_s + side) / 2.0)
-    charge = (onto + 2.0 * math.sqrt(rows * net.c_taxel_f)) * stored * rest
-    r_column = float(net.r_column_ohm[0])
-    if (
-        not (net.c_taxel_f or net.r_trace_column_ohm or net.r_return_ohm)
-        and (net.r_column_ohm == r_column).all()
-    ):
-        # No line but a column's node holds charge, so no voltage is further from rest than v_v exp(-t / tau), and a
-        # column's at most the part `onto / kept` of it times its resistance.
-        onto = g_column_s.max(axis=1, keepdims=True)
-        kept = 1.0 - r_column * net.c_column_f / tau + r_column * onto
-        gate = -math.expm1(-timing.gate_clocks / c.f_clk_hz / tau)
-        slow = onto * v_v * tau * rest * gate / np.maximum(kept, 1e-30)
-        charge = np.minimum(charge, slow)
-    return charge * c.f_clk_hz * np.maximum(1.0, np.abs(c.gain)) / (c.k * c.i0_a)
-
-
-# --- levels ------------------------------------------------------------------------------------------------------
 
 
 @_compiled

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Time dependence (supply, motion): means of all functions of time over each clock of a slot, from basis.bin, preceded
 // by their values at the start of the row. A column current is a sum of them with its own coefficients (course.sv).
-// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o and row_start_o are high in the first clock of
-// row 0 and of any row, break_start_o in the first clock of a break, dark_o while no row is driven.
+// Interface: basis_o and basis_begin_o hold TERMS doubles; frame_start_o is high in the first clock of row 0, dark_o
+// while no row is driven.
 // Timing: a slot begins with preset, its row follows BREAK_CLOCKS later. The first slot after a pause has no break.
 `default_nettype none
 
@@ -18,14 +18,14 @@ module drive #(
   output wire [64*TERMS-1:0] basis_o,
   output wire [64*TERMS-1:0] basis_begin_o,
   output wire                frame_start_o,
-  output wire                row_start_o,
-  output wire                break_start_o,
   output wire                dark_o
 );
 
   localparam CLOCK_BITS = $clog2(SLOT_CLOCKS + 1);
 
   wire                  settling;
+  wire                  row_start;
+  wire                  break_start;
   reg                   preset_q;
   reg                   settling_q;
   reg  [CLOCK_BITS-1:0] clock_q;
@@ -33,10 +33,10 @@ module drive #(
 
   assign settling      = preset_i & driven_i;
   assign dark_o        = ~driven_i;
-  assign row_start_o   = settling & ~settling_q;
-  assign break_start_o = preset_i & ~preset_q & dark_o;
-  assign frame_start_o = row_start_o & first_row_i;
-  assign now           = row_start_o ? BREAK_CLOCKS[CLOCK_BITS-1:0] : break_start_o ? {CLOCK_BITS{1'b0}} : clock_q;
+  assign row_start     = settling & ~settling_q;
+  assign break_start   = preset_i & ~preset_q & dark_o;
+  assign frame_start_o = row_start & first_row_i;
+  assign now           = row_start ? BREAK_CLOCKS[CLOCK_BITS-1:0] : break_start ? {CLOCK_BITS{1'b0}} : clock_q;
 
   initial begin
     preset_q   = 1'b0;

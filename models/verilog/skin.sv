@@ -4,7 +4,7 @@
 // frames.txt has one line per frame: the answer of the chip in hex, from the token to the last byte (docs/spi.md).
 // Why the clock is made here: a call of a Verilator model costs as much as a clock. Why nonblocking assignments: each
 // level of the clock settles before the next in any simulator.
-// TERMS, MODES, DARK, FADE: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
+// TERMS, DARK: docs/rtl_engine.md. TOPOLOGY: 0 direct, 1 conveyor_mirror, 2 conveyor_mirror_inverted, 3 multi_output_conveyor. EFFECTS: values.vh.
 `include "dermis_design.vh"
 `include "values.vh"
 `default_nettype none
@@ -20,17 +20,15 @@ module skin #(
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
-  parameter MODES         = 0,
   parameter DARK          = 0,
-  parameter FADE          = 0,
   parameter BURST         = `DERMIS_SLOT_CLOCKS
 ) (
   input wire go_i
 );
 
-  localparam CELL     = (1 + DARK)*TERMS + 2*(1 + FADE)*MODES;
+  localparam CELL     = (1 + DARK)*TERMS;
   localparam MEMORY   = (BREAK_CLOCKS > 0) && EFFECTS[`DERMIS_Q_MIRROR];
-  localparam VARIES   = (TERMS > 1) || (MODES > 0) || EFFECTS[`DERMIS_Q_MIRROR];
+  localparam VARIES   = (TERMS > 1) || EFFECTS[`DERMIS_Q_MIRROR];
 
   // Ticks of the host per clock of the chip, so that it reads a frame in less than 0.8 of a frame time.
   localparam FRAME_BITS = 8*(24 + ROWS*(1 + COLS*((CODE_BITS > 8) ? 2 : 1) + (COLS + 7)/8));
@@ -157,8 +155,6 @@ module skin #(
   wire [64*TERMS-1:0] basis_begin;
   wire                frame_start;
   wire                dark;
-  wire                row_start;
-  wire                break_start;
   generate
     if (VARIES) begin : gen_drive
       drive #(.TERMS(TERMS), .SLOT_CLOCKS(SETTLE_CLOCKS + GATE_CLOCKS), .BREAK_CLOCKS(BREAK_CLOCKS)) u_drive (
@@ -169,8 +165,6 @@ module skin #(
         .basis_o       (basis),
         .basis_begin_o (basis_begin),
         .frame_start_o (frame_start),
-        .row_start_o   (row_start),
-        .break_start_o (break_start),
         .dark_o        (dark)
       );
     end else begin : gen_still
@@ -178,8 +172,6 @@ module skin #(
       assign basis_begin = {(64*TERMS){1'b0}};
       assign frame_start = 1'b0;
       assign dark        = 1'b0;
-      assign row_start   = 1'b0;
-      assign break_start = 1'b0;
     end
   endgenerate
 
@@ -195,12 +187,8 @@ module skin #(
       for (v = 0; v < CELL; v = v + 1) begin : gen_cell
         assign i_bits[64*v +: 64] = u_array.i_column[CELL*c + v];
       end
-      course #(.TERMS(TERMS), .MODES(MODES), .MEMORY(MEMORY), .DARK(DARK), .FADE(FADE)) u_course (
-        .clk_i         (clk),
-        .preset_i      (preset),
+      course #(.TERMS(TERMS), .MEMORY(MEMORY), .DARK(DARK)) u_course (
         .dark_i        (dark),
-        .row_start_i   (row_start),
-        .break_start_i (break_start),
         .cell_i        (i_bits),
         .basis_i       (basis),
         .basis_begin_i (basis_begin),

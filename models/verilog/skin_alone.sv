@@ -14,9 +14,7 @@ module skin_alone #(
   parameter TOPOLOGY      = 1,
   parameter EFFECTS       = 0,
   parameter TERMS         = 1,
-  parameter MODES         = 0,
-  parameter DARK          = 0,
-  parameter FADE          = 0
+  parameter DARK          = 0
 );
 
   reg go;
@@ -34,9 +32,7 @@ module skin_alone #(
     .TOPOLOGY      (TOPOLOGY),
     .EFFECTS       (EFFECTS),
     .TERMS         (TERMS),
-    .MODES         (MODES),
-    .DARK          (DARK),
-    .FADE          (FADE)
+    .DARK          (DARK)
   ) u_skin (
     .go_i (go)
   );

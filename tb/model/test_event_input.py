@@ -15,15 +15,12 @@ from made_plans import made, ohms
 from scipy.integrate import quad, solve_ivp
 
 from dermis import records
-from dermis.array import settling
 from dermis.array.array import Network, column_currents
 from dermis.converter import currents, injection
 from dermis.converter.currents import Slots, course
 from dermis.converter.vfc import X_MAX, Y_MIN
-from dermis.engines import event, filter
-from dermis.errors import InputError
+from dermis.engines import event
 from dermis.scene.design import ROOT
-from tb.reference.lines_reference import charge_reference
 
 RIPPLE = {"relative": 0.05, "frequency_hz": 31e3, "phase_deg": 40.0}
 SERIES = {
@@ -35,7 +32,7 @@ SERIES = {
 
 def charges(plan: records.Plan) -> np.ndarray:
     """Charge a clock, [frames, rows, cols, clocks]."""
-    slots = Slots.of(plan, slice(0, plan.frames))
+    slots = Slots(plan, slice(0, plan.frames))
     out = np.empty((plan.frames, plan.rows, plan.cols, plan.timing.gate_clocks))
     for row, block, charge, mean in slots.blocks(5):
         for c in range(block.start, block.stop):
@@ -167,7 +164,7 @@ def test_slow_mirror_is_its_differential_equation(tmp_path: Path, extra: dict) -
     found = charges(plan)
     kappa = 2e-13 / 5e-12
     offset = (plan.converter.i_offset_a / plan.converter.i0_a)[0]
-    slots = Slots.of(plan, slice(0, 1))
+    slots = Slots(plan, slice(0, 1))
     for col in range(2):
         inverse = None
         for row in range(3):
@@ -204,7 +201,7 @@ def test_slow_mirror_is_exact_however_far_its_input_jumps(far: float, kappa: flo
     settle, one = 2, np.ones(1)
     out, mean = np.empty((x.size, 1)), np.empty(1)
     found = currents.charges(
-        0, 0, x[:, None], np.zeros(1), settle, np.ones((1, 1, 1)), None, None, None, None, None, None, kappa * one,
+        0, 0, x[:, None], np.zeros(1), settle, np.ones((1, 1, 1)), None, kappa * one,
         np.zeros(1), 0, None, np.zeros((1, 1)), X_MAX * one, out, mean,
     )[:, 0]  # fmt: skip
     with mpmath.workdps(60):
@@ -315,7 +312,7 @@ def test_dark_current_is_the_network_with_every_row_grounded_at_its_instant(
         ),
         2,
     )
-    slots, drive, timing = Slots.of(plan, slice(0, 3)), plan.drive, plan.timing
+    slots, drive, timing = Slots(plan, slice(0, 3)), plan.drive, plan.timing
     unit = (plan.converter.k * plan.converter.i0_a)[0]
     for frame, row, clock in ((0, 1, 0), (1, 4, 1), (2, 2, 0)):
         share = (row * timing.slot_clocks + clock + 0.5) / (timing.f_clk_hz * drive.t_frame_s)
@@ -341,55 +338,6 @@ def test_a_break_changes_nothing_that_has_no_memory(tmp_path: Path, effects: dic
     assert (event.run(with_break(plan, 1)).codes == event.run(plan).codes).all()
 
 
-@pytest.mark.paper
-@pytest.mark.parametrize("clocks", [0, 1, 4])
-def test_a_slow_mirror_feels_slow_lines_from_the_first_clock_of_a_slot(tmp_path: Path, clocks: int) -> None:
-    ohm = np.array([[[5e3, 3e5], [8e5, 6e2], [2e4, np.inf]]])
-    lines = {
-        "row_driver": {"r_ohm": 60.0, "grounded_r_ohm": 90.0},
-        "column_input": {"r_ohm": 70.0},
-        "mux_leakage": {"i_a": 3e-6},
-        "line_capacitance": {"c_row_f": 2e-8, "c_column_f": 9e-9, "c_taxel_f": 1e-10},
-    }
-    q_c = 6e-11
-    plan = with_break(made(tmp_path, ohm, {"mirror_lag": {"q_c": q_c}, **lines}), clocks)
-    timing, unit = plan.timing, plan.converter.k * plan.converter.i0_a
-    found, extra = charges(plan)[0], charge_reference(plan.network(0), timing) * timing.f_clk_hz / unit[0]
-    lit, dark = column_currents(plan.network(0)) / unit, dark_at(plan, plan.conductance_s(0)) / unit
-    alone = mirror_in_many_digits(plan, clocks, q_c)
-    assert np.abs(found - alone).sum(axis=2).max() > 1  # counts that this is about
-    with mpmath.workdps(50):
-        kappa = mpmath.mpf(q_c) / (mpmath.mpf(plan.converter.i0_a[0]) / mpmath.mpf(timing.f_clk_hz))
-        for col in range(2):
-            y = mpmath.mpf(lit[0, col])
-            for row in range(3):
-                for n in range(clocks if row == 0 else 0, timing.slot_clocks):
-                    x = max(
-                        mpmath.mpf((dark[col] if n < clocks else lit[row, col]) + extra[row, col, n]), Y_MIN
-                    )
-                    if n >= timing.settle_clocks:
-                        charge = kappa * mpmath.log1p(y * mpmath.expm1(x / kappa) / x)
-                        # The exponential by ten squarings is good to 1e-13 (event_input._exp_of_minus).
-                        assert abs(found[row, col, n - timing.settle_clocks] - charge) < 1e-12
-                    y = after(y, x, 1 / kappa)
-
-
-def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
-    lag, at = {"mirror_lag": {"q_c": 1e-12}}, 1.0 / made(tmp_path, ohms(1, 1, 2, 2), {}).timing.f_clk_hz
-    for part, felt in ((0.5, False), (2.0, True)):
-        farad = part * settling.FAST_CLOCKS * at / 10.0
-        lines = {
-            "row_driver": {"r_ohm": 10.0},
-            "line_capacitance": {"c_row_f": farad, "c_column_f": 0.0, "c_taxel_f": 0.0},
-        }
-        plan = made(tmp_path, ohms(1, 1, 3, 2), lag | lines)
-        # The taxels beside 10 ohm of driver: a slowest time known to their ratio.
-        assert settling.slowest_s(plan.network(0)) == pytest.approx(part * settling.FAST_CLOCKS * at, rel=0.1)
-        assert (Slots.of(plan, slice(0, 1)).onset is not None) == felt
-        # and the filter agrees: what is felt is walked
-        assert np.isinf(filter.largest(plan)["line_capacitance"]) == felt
-
-
 # --- settling --------------------------------------------------------------------------------------------------------
 
 
@@ -403,54 +351,6 @@ def test_a_slow_mirror_lets_brisk_lines_pass(tmp_path: Path) -> None:
 def test_the_slow_mirror_has_the_same_floor_in_every_engine(file: str, floor: str) -> None:
     found = re.findall(floor, (ROOT / file).read_text(encoding="utf-8"))
     assert [float(f) for f in found] == [Y_MIN]
-
-
-@pytest.mark.paper
-def test_what_has_not_settled_is_counted_and_is_none_at_the_chip_s_values(tmp_path: Path) -> None:
-    ohm = ohms(3, 2, 3, 3)
-    series = {"row_driver": {"r_ohm": 1.0}, "column_input": {"r_ohm": 0.5}}
-    plan = made(tmp_path, ohm, {"line_capacitance": True, **series})
-    assert Slots.of(plan, slice(0, 2)).extra is None
-    assert (event.run(plan).codes == event.run(made(tmp_path, ohm, series)).codes).all()
-    slow = made(tmp_path, ohm, {"line_capacitance": {"c_row_f": 2e-5}, **series})
-    slots = Slots.of(slow, slice(0, 2))
-    extra = slots.extra.sum(axis=1)
-    settled = charges(made(tmp_path, ohm, series))
-    found = charges(slow)
-    row, cell = 1, 4
-    expected = settled[1, row, 1, :] + (
-        slots.extra[row, :, cell, None] * slots.decay[row, :, cell, None] ** np.arange(510)
-    ).sum(axis=0)
-    # There is something to compare; then the same exponentials summed in another order, a few dozen
-    # roundings.
-    assert np.abs(extra).max() > 1e-3
-    assert found[1, row, 1] == pytest.approx(expected, rel=1e-12)
-
-
-def test_lines_with_resistance_that_have_all_but_settled_are_taken_as_settled(tmp_path: Path) -> None:
-    """What cannot be followed is left out where its bound is below a hundredth of what certificates allow for."""
-    ohm = ohms(3, 1, 3, 4)
-    taken = refused = 0
-    lines = {"r_row_ohm": 100.0, "r_column_ohm": 100.0}
-    for c in 10 ** np.arange(-11.0, -6.0, 0.25):
-        plan = made(tmp_path, ohm, {"trace": lines, "line_capacitance": {"c_row_f": c, "c_column_f": c}})
-        converter = plan.converter
-        per_c = converter.gain / (converter.k * converter.i0_a) * plan.timing.f_clk_hz
-        left = (settling.bound_c(plan.network(0), plan.conductance_s(), plan.timing) * per_c).max()
-        if left < filter.ROUNDING_LSB / 100:
-            # Below a packet in 1e18 there is nothing to be left out.
-            taken += left > 1e-18
-            assert next(currents.groups(plan, slice(0, 1)))[1] is None
-            assert event.refuses(plan) is None
-            continue
-        refused += 1
-        assert str(event.refuses(plan)).endswith("lines that settle before the gate, or engine cosim")
-        with pytest.raises(
-            InputError, match="on together with trace, and not settled when the gate opens: lines"
-        ):
-            event.run(plan)
-    assert taken
-    assert refused
 
 
 EVERY = {

@@ -78,7 +78,7 @@ def test_a_charge_that_is_no_number_is_an_error_and_not_an_unpressed_taxel(
 def test_an_input_charge_that_is_no_number_is_an_error_behind_every_clip(name: str, tmp_path: Path) -> None:
     topology, on = plain_loops.WORLDS[name]
     plan = made(tmp_path, plain_loops.ohms(), on, topology)
-    slots = currents.Slots.of(plan, slice(0, 2))
+    slots = currents.Slots(plan, slice(0, 2))
     slots.terms[1, 0, 5] = np.nan
     with pytest.raises(SimulatorError, match="input charge of row 1"):
         for _ in slots.blocks(128):

@@ -64,7 +64,9 @@ def world(name: str, forces: np.ndarray | None = None) -> tuple[Skin, np.ndarray
         )
         # A sheet that remembers is pressed and let go over several frames.
         forces = (
-            np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1] if name.startswith("worn") else forces
+            np.abs(np.sin(np.linspace(0, 6, 40)))[:, None, None] * forces[:1]
+            if name.startswith("worn")
+            else forces
         )
     from dermis.records import setting_of
     from dermis.scene.sensor import SensorState, age

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The break between two rows: what lines and mirrors carry across it, in ngspice, the Verilog and the event engine."""
+"""The break between two rows: what mirrors carry across it, in ngspice, the Verilog and the event engine."""
 
 from __future__ import annotations
 
@@ -14,14 +14,9 @@ from system_bench import MakePlan
 from dermis.engines import event, rtl
 from dermis.records import Plan
 
-LINES = """
-row_driver = { r_ohm = 100.0, grounded_r_ohm = 150.0 }
-column_input = { r_ohm = 90.0 }
-line_capacitance = { c_row_f = 3e-8, c_column_f = 1e-8, c_taxel_f = 1e-10 }
-"""
 MIRROR = "mirror_lag = { q_c = 9e-11 }\n"
 SOURCES = "mux_leakage = { i_a = 2e-5 }\ncolumn_offset = { v_v = 3e-4 }\n"
-KINDS = {"lines": LINES, "mirror": MIRROR + SOURCES, "both": MIRROR + LINES, "all": MIRROR + LINES + SOURCES}
+EFFECTS = MIRROR + SOURCES
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +34,12 @@ def ohm(seed: int) -> np.ndarray:
     return 500.0 * 10 ** np.random.default_rng(seed).uniform(0, 3, (1, 4, 3))
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("clocks", [1, 100])
 @pytest.mark.paper
 def test_what_is_carried_across_a_break_reads_as_in_ngspice(
-    resistance_plan: MakePlan, reader: DeckReader, kind: str, clocks: int
+    resistance_plan: MakePlan, reader: DeckReader, clocks: int
 ) -> None:
-    made = with_break(resistance_plan(ohm(3), effects=KINDS[kind]), clocks)
+    made = with_break(resistance_plan(ohm(3), effects=EFFECTS), clocks)
     got = reader.codes(made)
     # A count may fall either side of a half in another engine's rounding.
     assert np.abs(got - event.run(made).codes).max() <= 1
@@ -53,12 +47,11 @@ def test_what_is_carried_across_a_break_reads_as_in_ngspice(
         assert np.abs(got - event.run(with_break(made, 0)).codes).max() > 1
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("clocks", [1, 100])
 def test_what_is_carried_across_a_break_reads_alike_in_the_verilog(
-    resistance_plan: MakePlan, kind: str, clocks: int
+    resistance_plan: MakePlan, clocks: int
 ) -> None:
-    made = with_break(resistance_plan(ohm(4), effects=KINDS[kind]), clocks)
+    made = with_break(resistance_plan(ohm(4), effects=EFFECTS), clocks)
     got = rtl.run(made, simulator="icarus").codes.astype(int)
     assert np.array_equal(got, event.run(made).codes)
     if clocks == 100:

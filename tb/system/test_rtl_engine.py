@@ -222,11 +222,11 @@ def test_a_build_holds_the_effects_it_was_asked_for_and_no_other(tmp_path: Path)
     assert BUILDS.keys() == {bit for bits in rtl.BUILT_FOR.values() for bit in bits}
     places = rtl.value_places()
     ideal = elaborated(tmp_path)
-    assert not ideal & {*BUILDS.values(), "gen_bent", "gen_drive", "gen_mode"}
+    assert not ideal & {*BUILDS.values(), "gen_bent", "gen_drive"}
     for name, block in BUILDS.items():
         found = elaborated(tmp_path, EFFECTS=1 << places[name]) & set(BUILDS.values())
         assert found == {block}
-    assert {"gen_drive", "gen_basis", "gen_bent", "gen_mode"} <= elaborated(tmp_path, TERMS=2, MODES=1)
+    assert {"gen_drive", "gen_basis", "gen_bent"} <= elaborated(tmp_path, TERMS=2)
 
 
 @pytest.mark.paper

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input charge of the converters clock by clock, if it changes inside a gate: ripple, motion, slow mirror,
-settling.
+"""Input charge of the converters clock by clock, if it changes inside a gate: ripple, motion, slow mirror.
 
 Ripple and motion make a column current a sum of six functions of time with one coefficient each a cell; the
 mean of such a function over a clock is known in closed form, so nothing is sampled. A plan without any of these
@@ -19,7 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import settling, solve_error
+from dermis.array import settling
 from dermis.array.array import Network, column_currents_by_source
 from dermis.converter import ripple
 from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
@@ -31,7 +30,8 @@ from dermis.records import Drive, Plan
 Floats = NDArray[np.float64]
 
 CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
-FIELDS = frozenset({"ripple", "motion", "q_mirror_c"}) | CAPACITANCES
+FIELDS = frozenset({"ripple", "motion", "q_mirror_c"})
+"""Fields that make the charge of a clock change within a gate."""
 
 # Cells of a row that `charges` takes at once.
 WIDEST = 128
@@ -43,13 +43,8 @@ _NEAR = 0.05
 _G_SHORT_S = 1e40
 # A driver that is not there; as in dermis.array.array.
 _OPEN_OHM = 1e30
-# Packets of charge that a transient may leave out: below the rounding of a sum over a gate.
-_NEGLIGIBLE = 1e-18
-# Packets of charge in a whole gate that a transient which cannot be followed may bring and is left out with: a
-# thousandth of the rounding that any level is allowed. Where it can be followed, it is.
-_LEFT_OUT = 1e-6
-# Packets in a whole slot of an exponential that a slow mirror does not feel.
-_UNFELT = 1e-6
+# Packets in a whole gate that lines may bring after they have settled: far below any bound of a level.
+LEFT_OUT = 1e-6
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
 # in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
 # in a gate.
@@ -176,65 +171,20 @@ def _per_c(plan: Plan) -> Floats:
     return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
 
 
-def _transients(plan: Plan, frame: int) -> settling.Transients | None:
-    """Return the unsettled transients of one frame; the method depends on the frame alone."""
-    network = plan.network(0)
-    if not network.active_fields() & CAPACITANCES:
-        return None
-    g, per_c = plan.conductance_s(slice(frame, frame + 1)), np.abs(_per_c(plan))
-    most = float(per_c.max())
-    felt = "q_mirror_c" in plan.active_fields()
-    felt = felt and settling.slowest_s(network, g) * plan.timing.f_clk_hz > settling.FAST_CLOCKS
-    try:
-        return settling.transients(
-            network,
-            g,
-            plan.timing,
-            _NEGLIGIBLE / most,
-            _UNFELT / most if felt else None,
-            solve_error.LIMIT_LSB / most,
-        )
-    except settling.Unsupported as error:
-        if (settling.bound_c(network, g, plan.timing) * per_c).max() < _LEFT_OUT:
-            return None
-        raise InputError(plan.scene.path, "effects.line_capacitance", error.what, error.instead) from None
+def check_lines(plan: Plan, frames: slice = slice(None)) -> None:
+    """Refuse lines that have not settled when a gate opens: InputError.
 
-
-def _joined(found: list[settling.Transients | None], rows: int, cols: int) -> settling.Transients | None:
-    """Join frames; those with fewer exponentials are padded with exponentials of zero charge."""
-    if all(f is None for f in found):
-        return None
-    # [rows, modes] or [rows, cols, modes] of no mode
-    nothing = {"decay": (1, rows, 0), "break_decay": (1, rows, 0)}
-
-    def join(name: str) -> Floats | None:
-        arrays = [None if f is None else getattr(f, name) for f in found]
-        if all(a is None for a in arrays):
-            return None
-        full = [np.zeros(nothing.get(name, (1, rows, cols, 0))) if a is None else a for a in arrays]
-        most = max(a.shape[-1] for a in full)
-        return np.concatenate([np.pad(a, [(0, 0)] * (a.ndim - 1) + [(0, most - a.shape[-1])]) for a in full])
-
-    return settling.Transients(*(join(f.name) for f in dataclasses.fields(settling.Transients)))  # type: ignore[arg-type]
-
-
-def groups(plan: Plan, part: slice) -> Iterator[tuple[slice, Slots | None]]:
-    """Yield runs of frames that are computed in the same way, in order, with their slots.
-
-    None where nothing changes inside a gate: capacitance is all that could, and what it holds has settled before.
+    They may bring at most `LEFT_OUT` packets in a gate.
     """
     if not plan.active_fields() & CAPACITANCES:
-        yield part, Slots(plan, part, None) if plan.active_fields() & FIELDS else None
         return
-    always = bool(plan.active_fields() & FIELDS - CAPACITANCES)
-    found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
-    kinds = [(f is not None, f is not None and f.driven_c is not None) for f in found]
-    first = part.start
-    for (followed, _), same in itertools.groupby(kinds):
-        alike = slice(first, first + len(list(same)))
-        of = found[alike.start - part.start : alike.stop - part.start]
-        yield alike, Slots(plan, alike, _joined(of, plan.rows, plan.cols)) if followed or always else None
-        first = alike.stop
+    network, g = plan.network(0), plan.conductance_s(frames)
+    per_c = np.abs(plan.converter.gain / (plan.converter.k * plan.converter.i0_a)) * plan.timing.f_clk_hz
+    left = float((settling.bound_c(network, g, plan.timing) * per_c).max())
+    if not left <= LEFT_OUT:
+        said = f"not settled when the gate opens (up to {left:.2g} LSB)"
+        allowed = f"lines that settle to {LEFT_OUT:g} LSB, or engine cosim"
+        raise InputError(plan.scene.path, "effects.line_capacitance", said, allowed)
 
 
 def _terms(drive: Drive, ways: Course, sine: Floats, cosine: Floats, limit_a: Floats) -> list[Floats]:
@@ -302,7 +252,7 @@ def charges_of(
     Parameters
     ----------
     plan : Plan
-        Without coupled columns and without what has not settled.
+        Without coupled columns.
     ways, idle : Course
         Of the frames that `cells` counts in; `idle` where a slow mirror sees a current while no row is driven.
     phase : ndarray
@@ -358,7 +308,7 @@ def charges_of(
                 out = np.empty(out.shape)
             for k in range(0 if from_start else 1, r.shape[0]):
                 charge = charges(
-                    k, at, basis, begin, settle, terms, None, None, None, None, None,
+                    k, at, basis, begin, settle, terms,
                     None if squeeze is None else squeeze[c], None if lag is None else lag[c],
                     slow, pause, resting, offsets, most[c], out, mean,
                 )  # fmt: skip
@@ -374,12 +324,12 @@ def has_idle_current(plan: Plan) -> bool:
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """Return the error of `Slots` and `coupling` for the frame with the most conductance, or None."""
-    if not couples(plan) and not plan.active_fields() & CAPACITANCES and not ripple.may_bend(plan):
-        return None
-    first = plan.fullest_frame()
+    """Return the error of `check_lines`, or of `Slots` for the frame with the most conductance, or None."""
     try:
-        Slots.of(plan, slice(first, first + 1))
+        check_lines(plan)
+        if couples(plan) or ripple.may_bend(plan):
+            first = plan.fullest_frame()
+            Slots(plan, slice(first, first + 1))
     except InputError as error:
         return error
     return None
@@ -393,8 +343,6 @@ class Slots:
     plan : Plan
     part : slice
         Frames.
-    found : settling.Transients or None
-        What has not settled in them; `of` solves for it.
 
     Attributes
     ----------
@@ -405,12 +353,6 @@ class Slots:
         and offset current.
     idle : ndarray or None
         Such coefficients while no row is driven, where that matters and is not nothing.
-    extra, decay : ndarray or None
-        What has not settled: charge in the first clock of the gate, and what is left of it a clock later, [rows,
-        modes, frames * cols].
-    onset, fade, fade_decay : ndarray or None
-        What a slow mirror feels of it: the charge in the first clock in which the row is driven, in the first clock of
-        the break before, and what is left of that a clock later, shaped alike.
     offset : ndarray
         Added behind compression and mirror, packets a clock, [rows, frames * cols].
     coupling : Coupling or None
@@ -419,13 +361,7 @@ class Slots:
         Charge a clock, mean over the gate, [frames, rows, cols] in packets; complete behind the last row.
     """
 
-    @classmethod
-    def of(cls, plan: Plan, part: slice) -> Slots:
-        """Return the slots of some frames of a plan."""
-        found = [_transients(plan, frame) for frame in range(part.start, part.stop)]
-        return cls(plan, part, _joined(found, plan.rows, plan.cols))
-
-    def __init__(self, plan: Plan, part: slice, found: settling.Transients | None) -> None:
+    def __init__(self, plan: Plan, part: slice) -> None:
         converter, timing, drive = plan.converter, plan.timing, plan.drive
         ways = course(plan, part)
         if drive.ripple:
@@ -477,9 +413,6 @@ class Slots:
             network = plan.network(0)
             same = network.r_row_driven_ohm == network.r_row_grounded_ohm
             self.idle = self._idle(ways if same else course(plan, part, idle=True), drive, per_a, limit_a)
-        self.extra = self.decay = self.onset = self.fade = self.fade_decay = None
-        if found is not None:
-            self._settling(found, _per_c(plan))
         self.mean = np.empty((self.frames, self.rows, self.cols))
 
     def _duty_range(self, g_behind: Floats | None) -> tuple[Floats, DutyRange]:
@@ -499,22 +432,6 @@ class Slots:
         cells = self.frames * self.cols
         return np.ascontiguousarray((idle * per_a).transpose(2, 0, 1, 3).reshape(self.rows, -1, cells))
 
-    def _settling(self, found: settling.Transients, per_c: Floats) -> None:
-        cells = self.frames * self.cols
-
-        def by_row(charge_c: Floats) -> Floats:
-            charge = charge_c * per_c[:, None]
-            return np.ascontiguousarray(charge.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
-
-        def across(decay: Floats) -> Floats:
-            each = np.repeat(decay[:, :, None, :], self.cols, axis=2)
-            return np.ascontiguousarray(each.transpose(1, 3, 0, 2).reshape(self.rows, -1, cells))
-
-        self.extra, self.decay = by_row(found.charge_c), across(found.decay)
-        if found.driven_c is not None:
-            self.onset = by_row(found.driven_c)
-            self.fade, self.fade_decay = by_row(found.break_c), across(found.break_decay)
-
     def blocks(self, size: int) -> Iterator[tuple[int, slice, Floats, Floats]]:
         """(row, its cells, charge [clocks, cells], mean) in the order of time; the array is used again."""
         cells = self.frames * self.cols
@@ -527,9 +444,8 @@ class Slots:
                 if out.shape[1] != scratch.shape[1]:
                     out = np.empty(out.shape)
                 charge = charges(
-                    row, block.start, self.basis, self.begin, self._settle, self.terms, self.extra,
-                    self.decay, self.onset, self.fade, self.fade_decay, self._squeeze, self._lag,
-                    self._slow, self._break, self.idle, self.offset, self._most, out, mean,
+                    row, block.start, self.basis, self.begin, self._settle, self.terms, self._squeeze,
+                    self._lag, self._slow, self._break, self.idle, self.offset, self._most, out, mean,
                 )  # fmt: skip
                 # `charges` divides by currents and clips: a clip keeps NaN, so the mean shows every NaN.
                 if not np.isfinite(mean[block]).all():
@@ -635,11 +551,6 @@ def charges(  # type: ignore
     begin,
     settle,
     terms,
-    extra,
-    decay,
-    onset,
-    fade,
-    fade_decay,
     squeeze,
     lag,
     slow,
@@ -660,10 +571,6 @@ def charges(  # type: ignore
         frame is settled there.
     terms : [rows, terms, cells]
         Their coefficients, packets a clock.
-    extra, decay : [rows, modes, cells] or None
-        Charge in the first clock of the gate that has not settled, and what is left of it a clock later.
-    onset, fade, fade_decay : [rows, modes, cells] or None
-        The same from where the row is driven, and in the pause before; for the mirror.
     squeeze : [cells] or None
         Compression: x becomes x / (1 + |x| squeeze).
     lag, slow : [cells] or None
@@ -679,7 +586,6 @@ def charges(  # type: ignore
     """
     clocks, count = basis.shape
     cells = out.shape[1]
-    behind = first + cells
     factors = np.empty((count, WIDEST))
     for k in range(count):
         for c in range(cells):
@@ -691,11 +597,6 @@ def charges(  # type: ignore
     limit = own[8 * size : 9 * size]
     for c in range(cells):
         added[c], limit[c] = offset[row_number, first + c], most[first + c]
-    if extra is not None:
-        late, kept = extra[row_number, :, first:behind], decay[row_number, :, first:behind]
-    if onset is not None:
-        early, fading = onset[row_number, :, first:behind], fade[row_number, :, first:behind]
-        faded = fade_decay[row_number, :, first:behind]
     if squeeze is not None:
         hard = own[3 * size : 4 * size]
         for c in range(cells):
@@ -723,9 +624,6 @@ def charges(  # type: ignore
                     if idle is not None:
                         for k in range(count):
                             x += basis[n, k] * idle[row_number, k, first + c]
-                    if onset is not None:
-                        for k in range(fading.shape[0]):
-                            x += fading[k, c] * faded[k, c] ** n
                     if squeeze is not None:
                         x = x / (1.0 + abs(x) * hard[c])
                     x = Y_MIN if x < Y_MIN else x
@@ -740,15 +638,6 @@ def charges(  # type: ignore
             factor, of = basis[n, k], factors[k]
             for c in range(cells):
                 row[c] += factor * of[c]
-        if extra is not None:
-            if n >= settle:
-                for k in range(late.shape[0]):
-                    for c in range(cells):
-                        row[c] += late[k, c] * kept[k, c] ** (n - settle)
-            elif onset is not None:
-                for k in range(early.shape[0]):
-                    for c in range(cells):
-                        row[c] += early[k, c] * kept[k, c] ** (n - pause)
         if squeeze is not None:
             for c in range(cells):
                 row[c] = row[c] / (1.0 + abs(row[c]) * hard[c])

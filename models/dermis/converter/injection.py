@@ -27,8 +27,8 @@ def counts(plan: Any) -> dict[str, Floats]:
     u = v / A + t v' is the amplifier: of a charge w, C / c_int / (1 + A) stands there, and t grows by C / c_int. The
     output moves by no more than a packet a clock.
 
-    `q_mirror_c`: where both lines of a taxel are held, or settle too fast or too intricately to be
-    followed, a row that is driven pushes C V into a slow mirror at once. None of y' = y (x - y) / q
+    `q_mirror_c`: a row that is driven pushes C V through a taxel into a slow mirror, and lines hold back the charge of
+    a time constant until they have settled. None of y' = y (x - y) / q
     brings more than came, nor more than waking it up, q ln(y / y_min) with y = q / (e settle), and
     q ln(1 + gate / settle) from however far above.
 
@@ -36,8 +36,7 @@ def counts(plan: Any) -> dict[str, Floats]:
     taken without resistance, where all but the last is largest.
     """
     converter, drive, timing, found = plan.converter, plan.drive, plan.timing, {}
-    around = {name: plan.surrounding.get(name, 0.0) for name in ("c_taxel_f", "c_column_f")}
-    taxel_f, column_f = (float(value) for value in around.values())
+    taxel_f, column_f = (float(plan.surrounding.get(name, 0.0)) for name in ("c_taxel_f", "c_column_f"))
     packet_c = converter.k * converter.i0_a / converter.f_clk_hz
     if drive.ripple and taxel_f:
         angle = 2.0 * math.pi * drive.f_ripple_hz * timing.gate_clocks / converter.f_clk_hz
@@ -52,27 +51,16 @@ def counts(plan: Any) -> dict[str, Floats]:
         share = converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
         found["inv_gain_dc"] = share * across_f / converter.c_int_f * reach
         found["t_gbw_s"] = converter.t_gbw_s * converter.f_clk_hz * across_f / converter.c_int_f
-    if taxel_f and converter.q_mirror_c.any():
+    g = plan.conductance_s()
+    lines_s = settling.slowest_s(plan.network(0), g) if converter.q_mirror_c.any() else 0.0
+    if lines_s or (taxel_f and converter.q_mirror_c.any()):
         jump = np.abs(converter.gain) * taxel_f * plan.v_bias_v * (1.0 + abs(drive.ripple)) / packet_c
         slow = converter.q_mirror_c * converter.f_clk_hz / converter.i0_a
         settle = max(timing.settle_clocks - timing.break_clocks, 1)
         woken = np.log1p(slow / (math.e * settle * Y_MIN))
         most = slow * (woken + math.log1p(timing.gate_clocks / settle))
-        found["q_mirror_c"] = np.where(_follows_jumps(plan), 0.0, np.minimum(jump, most))
+        brightest = np.abs(converter.gain) * plan.v_bias_v * min(float(g.max()), 1e12) / packet_c
+        found["q_mirror_c"] = np.minimum(jump + lines_s * brightest, most)
     if converter.range_clips():
         found = {name: counts * (1.0 + (timing.gate_clocks + 1) / 2) for name, counts in found.items()}
     return found
-
-
-def _follows_jumps(plan: Any) -> NDArray[np.bool_]:
-    """Return True, by column, where a slow mirror follows the charge of a taxel when its row is
-    driven.
-    """
-    network = plan.network(0)
-    if network.r_trace_row_ohm or network.r_trace_column_ohm:
-        return np.zeros(plan.cols, dtype=bool)
-    # Time constants depend on taxels only where rows float.
-    frames = range(plan.frames if not np.isfinite(network.r_row_grounded_ohm) else 1)
-    slowest_s = min(settling.slowest_s(network, plan.conductance_s(slice(f, f + 1))) for f in frames)
-    felt = slowest_s * plan.timing.f_clk_hz > settling.FAST_CLOCKS
-    return felt & ((network.r_row_driven_ohm > 0) | (network.r_column_ohm > 0))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from dermis.array.array import column_currents
 from dermis.converter import currents, injection, loops, noise
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
-from dermis.converter.currents import Slots, groups
+from dermis.converter.currents import Slots
 from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
 from dermis.engines import Result, code_type
 from dermis.errors import InputError, SimulatorError
@@ -150,7 +150,7 @@ def _refuses_return(plan: Plan) -> InputError | None:
 
 
 def _refuses_displaced(plan: Plan) -> InputError | None:
-    if not plan.surrounding.keys() & {"c_taxel_f", "c_column_f"}:
+    if not plan.surrounding.keys() & currents.CAPACITANCES:
         return None
     for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
@@ -189,24 +189,23 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     x_all, w_end = np.empty(shape), np.empty(shape)
     timing = plan.timing
     random = bool(plan.active_fields() & RANDOM)
+    currents.check_lines(plan)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))
-        for alike, slots in groups(plan, part):
-            counts, x_all[alike], w_end[alike] = count_frames(plan, alike, slots, random)
-            codes[alike] = np.minimum(counts, timing.code_max)
+        counts, x_all[part], w_end[part] = count_frames(plan, part, random)
+        codes[part] = np.minimum(counts, timing.code_max)
         if progress is not None:
             progress(part.stop * plan.rows)
     return Result(codes, {"x": x_all, "w_end": w_end})
 
 
-def count_frames(
-    plan: Plan, part: slice, slots: Slots | None, random: bool
-) -> tuple[NDArray[np.int64], Floats, Floats]:
+def count_frames(plan: Plan, part: slice, random: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Counts, duties and charges at the end of some frames, [frames, rows, cols] each."""
     timing, g = plan.timing, plan.conductance_s(part)
     keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
-    if slots is not None:
+    if plan.active_fields() & currents.FIELDS:
+        slots = Slots(plan, part)
         counts, end = _count_slots(plan, part, slots, g, keys)
         return counts, slots.mean, end
     x = plan.converter.duty(column_currents(plan.network(0), g))
@@ -524,7 +523,7 @@ def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
     cells = _cells_chosen(plan, chosen, converter)
     walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
     variance = path_variance(converter, chosen.column_s) if walks else None
-    if not active & currents.FIELDS - currents.CAPACITANCES:
+    if not active & currents.FIELDS:
         draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
         return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
     rows = rows_of(cells, timing.charge_delay_clocks)

@@ -35,8 +35,6 @@ Cells = tuple[NDArray[np.intp], ...]
 
 # Cells at once, as in engine event.
 _VALUES_AT_ONCE = 1 << 14
-# Error in packets of lines that settle.
-_SETTLED = 1e-10
 # Time constants after which a mirror that was anywhere is where it goes, to 1e-17.
 _MEMORY = 60.0
 
@@ -115,6 +113,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         result = event.run(plan, progress)
         result.info["filter"] = Table(walked=result.codes.size, reason=reason).as_dict()
         return result
+    currents.check_lines(plan)
     table = Table(bounding(plan))
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     for part in _parts(plan):
@@ -180,12 +179,7 @@ class _Part:
             begin = self.phase + omega * timing.settle_clocks
             swing_sum = (np.cos(begin) - np.cos(begin + omega * timing.gate_clocks)) / omega
             reach = min(float(timing.gate_clocks), 2.0 / omega)
-        idle = self.unsettled = np.zeros((frames, cols))
-        network, driven_v, others_v = (
-            plan.network(0),
-            plan.v_bias_v * (1.0 + abs(drive.ripple)),
-            _largest_v(plan),
-        )
+        idle, network = np.zeros((frames, cols)), plan.network(0)
         if self.slow_mirror and currents.has_idle_current(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
             side = 2.0 * rows * network.g_lateral_row_s
@@ -193,20 +187,17 @@ class _Part:
             if drive.motion:
                 later = np.minimum(plan.next_conductance_s(self.part), G_ACROSS_S).sum(axis=1)
                 most_s = np.maximum(most_s, later)
-            amperes = np.abs(network.i_leak_a).sum() + others_v * (most_s + side)
+            amperes = np.abs(network.i_leak_a).sum() + _largest_v(plan) * (most_s + side)
             idle = amperes * np.abs(c.gain) / (c.k * c.i0_a)
             if drive.motion:
                 # Straight on from the gate, back to the start of the slot; a bend is at most twice the largest.
                 back = timing.settle_clocks / timing.gate_clocks
                 idle *= 1.0 + 2.0 * back + 8.0 * back * (1.0 + back)
-        self.settles_fast = True
-        if self.active & currents.CAPACITANCES:
-            self.settles_fast = not self.slow_mirror or bounds.settles_fast(network, c)
-            self.unsettled = bounds.unsettled(network, c, timing, self.g_column_s, driven_v + others_v)
         self.gate = self.loops.Gate(
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion),
             self.slow_mirror, plan.topology == "direct", self.random,
+            currents.LEFT_OUT if self.active & currents.CAPACITANCES else 0.0,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.table.functions.values():
@@ -223,9 +214,8 @@ class _Part:
             *values[:2], mirrors[:2], mirrors[2], mirrors[3:], *values[2:], open_, *whole
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
-        unsettled = self.unsettled if self.settles_fast else np.full((frames, cols), np.inf)
         sampled, self.drawn = self.loops.verdicts(
-            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, unsettled, apart_lsb,
+            self.gate, on, self.columns, self.g_column_s, idle, swing_sum, apart_lsb,
             *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.table.tally, ratios,
         )  # fmt: skip
         if sampled:
@@ -245,7 +235,7 @@ class _Part:
 
     def _chosen(self, cells: Cells, depth: NDArray[np.intp]) -> event.Chosen:
         x = self.s.x[cells]
-        if not self.active & currents.FIELDS - currents.CAPACITANCES:
+        if not self.active & currents.FIELDS:
             # As engine event takes them where nothing changes within a gate.
             i = self.ways.follows_begin[cells] + self.ways.rest_begin[cells]
             x = event.columns_of(self.plan.converter, cells[2]).duty(i)
@@ -264,29 +254,12 @@ class _Part:
 
     def _walk(self, cells: Cells) -> NDArray[np.int64]:
         """Counts of open cells by engine event."""
-        plan, part = self.plan, self.part
-        counts = np.empty(cells[0].size, dtype=np.int64)
-        slow = self._unsettled_frames(cells[0])
-        for frame in slow:
-            here = cells[0] == frame
-            one = slice(part.start + int(frame), part.start + int(frame) + 1)
-            for alike, slots in currents.groups(plan, one):
-                found = event.count_frames(plan, alike, slots, self.random)[0]
-                counts[here] = found[0][tuple(index[here] for index in cells[1:])]
-        rest = np.flatnonzero(~np.isin(cells[0], slow)) if slow else np.arange(cells[0].size)
-        if rest.size:
-            depth = self._depth(tuple(index[rest] for index in cells))
-            # Alike side by side.
-            order = np.argsort(2 * depth + (depth == cells[1][rest]), kind="stable")
-            rest = rest[order]
-            counts[rest] = event.count_chosen(plan, self._chosen(tuple(i[rest] for i in cells), depth[order]))
+        counts, depth = np.empty(cells[0].size, dtype=np.int64), self._depth(cells)
+        # Alike side by side.
+        order = np.argsort(2 * depth + (depth == cells[1]), kind="stable")
+        chosen = self._chosen(tuple(index[order] for index in cells), depth[order])
+        counts[order] = event.count_chosen(self.plan, chosen)
         return counts
-
-    def _unsettled_frames(self, frames: NDArray[np.intp]) -> list[int]:
-        """Frames in which lines that have not settled bring charge that engine event follows."""
-        if not self.active & currents.CAPACITANCES or (self.settles_fast and self.unsettled.max() < _SETTLED):
-            return []
-        return [int(f) for f in np.unique(frames)]
 
     def _depth(self, cells: Cells) -> NDArray[np.intp]:
         """Rows before each cell whose slow mirror its own still remembers."""

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import bounds, engines
-from dermis.array import settling
 from dermis.array.array import Network, column_currents
 from dermis.converter import injection
 from dermis.converter.vfc import Y_MIN
@@ -181,22 +180,11 @@ def _memory(plan: Plan, open_: Bools) -> NDArray[np.intp]:
     depth = np.zeros(open_.shape[:2], dtype=np.intp)
     for frame in np.flatnonzero(open_.any(axis=(1, 2))):
         network, g = plan.network(frame), plan.conductance_s(slice(frame, frame + 1))
-        left = np.maximum(_lines(plan, network, g), _mirrors(plan, network, g))
+        left = _mirrors(plan, network, g)
         kept = np.where(open_[frame], left, 0.0).max(axis=2) > FORGOTTEN_LSB
         # Row 0 needs no row before: the last entry that counts is that of the whole way back.
         depth[frame] = np.minimum(kept.argmin(axis=0), np.arange(plan.rows))
     return depth
-
-
-def _lines(plan: Plan, network: Network, g: Floats) -> Floats:
-    """Packets [rows + 1, 1, cols] of unsettled lines in a gate, after no, one, ... rows before."""
-    c, back = plan.converter, np.arange(plan.rows + 1)[:, None, None]
-    charge = settling.bound_c(network, g, plan.timing) * np.abs(c.gain) * c.f_clk_hz / (c.k * c.i0_a)
-    tau = settling.slowest_s(network, g) * c.f_clk_hz
-    fade = np.exp(-back * plan.timing.slot_clocks / tau) if tau else 1.0 * (back == 0)
-    left = np.where(charge > 0, charge * fade, 0.0)
-    left[-1] = 0.0
-    return left
 
 
 def _mirrors(plan: Plan, network: Network, g: Floats) -> Floats:

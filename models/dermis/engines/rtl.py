@@ -197,9 +197,7 @@ def build(
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
         "EFFECTS": effects,
         "TERMS": currents.terms,
-        "MODES": currents.modes,
         "DARK": currents.idle,
-        "FADE": currents.fade,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     sources = [*hdl.with_modules(rtl_sources(), instead), *model_sources(models)]
@@ -222,13 +220,13 @@ class Currents:
     Attributes
     ----------
     cells : ndarray
-        [frames, rows, cols, (1 + idle) terms + 2 (1 + fade) modes]: the input of course.sv.
+        [frames, rows, cols, (1 + idle) terms]: the input of course.sv.
     basis : ndarray
         [1 + clocks of a slot, terms]: the functions of time, where a row is driven and as means over a slot's clocks.
-    terms, modes : int
-        1 and 0 where a current is constant in its slot.
-    idle, fade : int
-        1 where a slow mirror sees a current in the break after a row, and where it sees lines settle.
+    terms : int
+        1 where a current is constant in its slot.
+    idle : int
+        1 where a slow mirror sees a current in the break after a row.
     coupling : Coupling or None
         How columns of the direct interface move each other; its current is in `cells` already.
     """
@@ -236,14 +234,13 @@ class Currents:
     cells: Floats
     basis: Floats
     terms: int = 1
-    modes: int = 0
     idle: int = 0
-    fade: int = 0
     coupling: coupling.Coupling | None = None
 
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
+    currents.check_lines(plan, part)
     converter = plan.converter
     if not plan.active_fields() & (currents.FIELDS - {"q_mirror_c"}) and not currents.has_idle_current(plan):
         g, most = plan.conductance_s(part), converter.saturating_duty()
@@ -254,29 +251,16 @@ def currents_of(plan: Plan, part: slice) -> Currents:
         if coupled is not None:
             unit = unit + coupled.x
         return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
-    slots = currents.Slots.of(plan, part)
-    terms, gain, modes = slots.terms.shape[1], np.tile(converter.gain, slots.frames), 0
-    found = [slots.terms / gain]
-    behind = [] if slots.idle is None else [slots.idle / gain]
-    if slots.extra is not None and slots.decay is not None:
-        # A power of two, so that few builds serve all scenes.
-        fading = 0 if slots.fade is None else slots.fade.shape[1]
-        modes = 1 << (max(slots.extra.shape[1], fading, 1) - 1).bit_length()
-
-        def padded(values: Floats) -> Floats:
-            return np.pad(values, ((0, 0), (0, modes - values.shape[1]), (0, 0)))
-
-        found += [padded(slots.extra if slots.onset is None else slots.onset) / gain, padded(slots.decay)]
-        if slots.fade is not None and slots.fade_decay is not None:
-            behind += [padded(slots.fade) / gain, padded(slots.fade_decay)]
+    slots = currents.Slots(plan, part)
+    gain = np.tile(converter.gain, slots.frames)
     # A row is followed by the break in front of the next one.
-    cells = np.concatenate([*found, *(np.roll(values, -1, axis=0) for values in behind)], axis=1)
+    behind = [] if slots.idle is None else [np.roll(slots.idle / gain, -1, axis=0)]
+    cells = np.concatenate([slots.terms / gain, *behind], axis=1)
     cells = cells.reshape(slots.rows, -1, slots.frames, slots.cols).transpose(2, 0, 3, 1)
     if slots.coupling is not None:
         cells[..., 0] += slots.coupling.x
     basis = np.concatenate([slots.begin[np.newaxis], slots.basis])
-    has_idle_current, fades = int(slots.idle is not None), int(slots.onset is not None)
-    return Currents(cells, basis, terms, modes, has_idle_current, fades, slots.coupling)
+    return Currents(cells, basis, slots.terms.shape[1], int(slots.idle is not None), slots.coupling)
 
 
 def write_inputs(

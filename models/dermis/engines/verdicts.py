@@ -35,13 +35,13 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 class Gate(
     namedtuple(
         "Gate",
-        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random",
+        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random unsettled",
     )
 ):
     """Numbers that all cells of a run share.
 
     Clocks of a slot, the largest code, and the error that decides a cell all the same; the amplitude of the ripple and
-    the largest sum of its sine; what there is of motion, slow mirrors and noise.
+    the largest sum of its sine; what there is of motion, slow mirrors and noise; packets of lines that settle.
     """
 
     __slots__ = ()
@@ -267,7 +267,7 @@ def _worst(s, on, calm):  # type: ignore
 
 @_compiled
 def verdicts(  # type: ignore
-    gate, on, table, g_column, idle, swing_sum, unsettled, apart_lsb,
+    gate, on, table, g_column, idle, swing_sum, apart_lsb,
     follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip
     """Fill `out` and `tally`; returns how many `ratios` of bound and shift were sampled, and how many
@@ -280,8 +280,8 @@ def verdicts(  # type: ignore
         Factor on each bound; 0 is off.
     table : [26, cols]
         bounds.columns.
-    g_column, idle, unsettled : [frames, cols]
-        Conductance on each column; most of a settled mirror while no row is driven; packets of lines that settle.
+    g_column, idle : [frames, cols]
+        Conductance on each column; most of a settled mirror while no row is driven.
     swing_sum : [frames, rows]
         Sum of the sine of the ripple over the gate.
     seed, first : of the random numbers, and the number of frame 0 in the whole run.
@@ -373,7 +373,7 @@ def verdicts(  # type: ignore
                 across = min(across * table[of.CROSS, c], 1e12)
                 s = of.Cell(
                     1.0 * gate.clocks, root, x, low, high, swings[c], swing_sum[f, r],
-                    gate.swing_reach, bends[c], moves[c], late, known, unsettled[f, c],
+                    gate.swing_reach, bends[c], moves[c], late, known, gate.unsettled,
                     across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column[f, c], packet,
                     table[of.WINDOW, c], table[of.DELAY, c],
                     table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c], table[of.PRESET, c], table[of.NOISE, c],
@@ -391,7 +391,7 @@ def verdicts(  # type: ignore
                 error = steady + climb + spread
                 level = table[of.LEVEL, c] - table[of.BEGIN, c] - shift
                 mean = x + swings[c] * swing_sum[f, r] * per_clock
-                doubt = (bends[c] + known + unsettled[f, c] + ROUNDING) * per_clock
+                doubt = (bends[c] + known + gate.unsettled + ROUNDING) * per_clock
                 key, path, bound = noise.key_in_row(of_row, c), 0.0, error
                 if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
                     # `climb` holds two hundredths of the path.
