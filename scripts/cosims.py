@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from dermis.engines import cosim
 from dermis.errors import SimulatorError
+from dermis.processes import children
 from dermis.report import progress
 
 Result = TypeVar("Result")
@@ -23,7 +22,7 @@ def run(label: str, tasks: Mapping[str, tuple[int, Task[Result]]]) -> dict[str, 
     """
     done = dict.fromkeys(tasks, 0)
     total = sum(slots for slots, _ in tasks.values())
-    with progress.slots(label, total) as show, ThreadPoolExecutor(len(tasks)) as pool:
+    with progress.slots(label, total) as show, children.threads(len(tasks)) as pool:
 
         def one(name: str) -> Result | SimulatorError:
             def on_slots(slots: int) -> None:
@@ -35,9 +34,4 @@ def run(label: str, tasks: Mapping[str, tuple[int, Task[Result]]]) -> dict[str, 
             except SimulatorError as error:
                 return error
 
-        try:
-            return dict(zip(tasks, pool.map(one, tasks), strict=True))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            cosim.end_all()
-            raise
+        return dict(zip(tasks, pool.map(one, tasks), strict=True))

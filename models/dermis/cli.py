@@ -123,7 +123,9 @@ def cli() -> None:
     type=click.Choice(["icarus", "verilator"]),
     help="Verilog simulator of rtl and cosim; default: verilator for rtl, icarus for cosim.",
 )
-@click.option("--waves", is_flag=True, help="Also write waves.vcd and waves.gtkw (cosim only).")
+@click.option(
+    "--waves", is_flag=True, help="Also write waves.vcd, waves.gtkw and transient.png (cosim only)."
+)
 @click.option(
     "--views",
     type=click.Choice(["behavioural", "sky130"]),
@@ -193,6 +195,7 @@ def run(
                 from dermis.report import waves as wave_files
 
                 wave_files.write(directory, made, result)
+                figures.transient_figure(made, result, directory / "transient.png")
 
         # The table first: if it cannot be written, earlier results stay.
         verdict.write_rows("run", rows)

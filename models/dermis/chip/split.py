@@ -5,29 +5,24 @@ clock edge.
 ngspice keeps its circuit in global variables, and a circuit steps wherever any of its columns has
 to; columns apart step by themselves, on as many cores as there are. They meet at every clock edge,
 as the whole circuit would. Row drivers in transistors are a circuit too, whose rows the others have
-as sources. A worker is `python -m dermis.chip.split`: it takes pickled calls on its
-standard input and ends with its caller.
+as sources.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
+from concurrent.futures import wait
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.chip import ladder
 from dermis.chip.analog import Edge
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
-from dermis.processes.children import Child
-from dermis.processes.pool import ONE_THREAD, receive, send
+from dermis.processes import pool
 
 
 class Workers:
@@ -36,39 +31,26 @@ class Workers:
     Parameters
     ----------
     log : Path
-        File of their output, with their number in its name; a worker that ends leaves its reason there.
+        Log of ngspice; each process has its own, with its number in the name.
     """
 
     def __init__(self, log: Path) -> None:
         self._log = log
-        self._running: list[Child] = []
+        self._running: list[pool.Workers] = []
 
     def log_of(self, index: int) -> Path:
         """Return the log of ngspice in a worker."""
         return self._log.with_name(f"{self._log.stem}_{index}{self._log.suffix}")
 
-    def first(self, count: int) -> list[Child]:
-        """Return the first `count` workers; start the missing ones."""
-        while len(self._running) < count:
-            console = self.log_of(len(self._running)).with_suffix(".console")
-            with console.open("wb") as stream:
-                child = Child(
-                    [sys.executable, "-m", "dermis.chip.split"],
-                    ONE_THREAD,
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=stream,
-                )
-            self._running.append(child)
+    def first(self, count: int) -> list[pool.Workers]:
+        """Return the first `count` workers."""
+        self._running += [pool.Workers(1, pool.ONE_THREAD) for _ in range(len(self._running), count)]
         return self._running[:count]
 
     def close(self) -> None:
         """End all workers."""
-        for child in self._running:
-            child.end()
-            for pipe in (child.stdin, child.stdout):
-                if pipe is not None:
-                    pipe.close()
+        for worker in self._running:
+            worker.shutdown(cancel_futures=True)
         self._running.clear()
 
 
@@ -112,8 +94,8 @@ class SplitHalf:
         self._still = False
         self._row_v: list[float] = []
 
-        def opening(index: int, deck: Deck) -> Any:
-            return "open", deck, {**options, "log": workers.log_of(index)}
+        def opening(index: int, deck: Deck) -> tuple[Any, ...]:
+            return _open, deck, {**options, "log": workers.log_of(index)}
 
         if self._driver:
             (self._row_v,) = self._ask(self._driver, [opening(len(self._columns), decks[()])])
@@ -124,18 +106,14 @@ class SplitHalf:
             }
         self._ask(self._workers, [opening(i, decks[part]) for i, part in enumerate(self._columns)])
 
-    def _ask(self, children: Sequence[Child], messages: Sequence[Any]) -> list[Any]:
-        """Send each circuit its message, and return the answers once all have come."""
+    def _ask(self, workers: Sequence[pool.Workers], calls: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Make a call in each process, and return the answers once all have come."""
+        tasks = [worker.submit(*call) for worker, call in zip(workers, calls, strict=True)]
+        wait(tasks)
         try:
-            for child, message in zip(children, messages, strict=True):
-                send(child.stdin, message)
-            answers = [receive(child.stdout) for child in children]
-        except (OSError, EOFError):
-            raise SimulatorError("a process of the analog side ended", self._log.parent) from None
-        for answer in answers:
-            if isinstance(answer, Exception):
-                raise answer
-        return answers
+            return [task.result() for task in tasks]
+        except pool.WorkerLost as error:
+            raise SimulatorError(f"of the analog side {error.what}", self._log.parent) from None
 
     def advance(self, to: float, edges: Sequence[Edge]) -> NDArray[np.float64]:
         """Solve up to time `to` in seconds; return the comparators there, in volt, by column.
@@ -152,7 +130,7 @@ class SplitHalf:
             else:
                 part, index = self._place[source - self._shared]
                 mine[part].append((time, index, level))
-        samples = self._ask(self._workers, [("advance", to, some) for some in mine])
+        samples = self._ask(self._workers, [(_do, "advance", to, some) for some in mine])
         for columns, sample in zip(self._columns, samples, strict=True):
             self._sample[list(columns)] = sample[: len(columns)]
         self._now = to
@@ -167,7 +145,7 @@ class SplitHalf:
         switched = [edge for edge in edges if edge[1] < self._shared - 1]
         if self._still and not switched:
             return []
-        (row_v,) = self._ask(self._driver, [("advance", to, switched)])
+        (row_v,) = self._ask(self._driver, [(_do, "advance", to, switched)])
         moved = [
             (self._now, row, new)
             for row, (old, new) in enumerate(zip(self._row_v, row_v, strict=True))
@@ -182,55 +160,34 @@ class SplitHalf:
     def statistics(self) -> dict[str, int]:
         """Sum of those of NgspiceHalf over all circuits."""
         children = [*self._workers, *self._driver]
-        found = self._ask(children, [("statistics",)] * len(children))
+        found = self._ask(children, [(_do, "statistics")] * len(children))
         return {name: sum(some[name] for some in found) for name in found[0]}
 
     def waveform(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Every circuit's record on the time points of all: straight lines between its own."""
-        found = self._ask(self._workers, [("waveform",)] * len(self._workers))
+        found = self._ask(self._workers, [(_do, "waveform")] * len(self._workers))
         time = np.unique(np.concatenate([t for t, _ in found]))
         return time, {name: np.interp(time, t, values) for t, some in found for name, values in some.items()}
 
     def close(self) -> None:
         """Release the circuits of this frame."""
         if self._driver and self._driven < self._now:
-            self._ask(self._driver, [("advance", self._now, [])])
+            self._ask(self._driver, [(_do, "advance", self._now, [])])
         children = [*self._workers, *self._driver]
-        self._ask(children, [("close",)] * len(children))
+        self._ask(children, [(_do, "close")] * len(children))
 
 
-def _serve(calls: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer the calls of a SplitHalf until it ends."""
-    half: NgspiceHalf | None = None
-    while True:
-        try:
-            call, *arguments = receive(calls)
-        except EOFError:
-            return
-        try:
-            answer: Any = None
-            if call == "open":
-                deck, options = arguments
-                half = NgspiceHalf(deck, **options)
-                answer = half.advance(0.0, []).tolist()
-            elif half is None:
-                raise SimulatorError(f"{call} without a circuit")
-            elif call == "advance":
-                answer = half.advance(*arguments).tolist()
-            elif call == "statistics":
-                answer = half.statistics
-            elif call == "waveform":
-                answer = half.waveform()
-            else:
-                half.close()
-                half = None
-        except (SimulatorError, ladder.Abort) as error:
-            answer = error
-        send(answers, answer)
+_half: NgspiceHalf
+"""Circuit of this process; only workers have one."""
 
 
-if __name__ == "__main__":
-    # ngspice prints some lines itself: they must not mix with the answers.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as to_caller:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        _serve(sys.stdin.buffer, to_caller)
+def _open(deck: Deck, options: Mapping[str, Any]) -> NDArray[np.float64]:
+    global _half
+    _half = NgspiceHalf(deck, **options)
+    return _half.advance(0.0, [])
+
+
+def _do(name: str, *arguments: Any) -> Any:
+    """Call a method of the circuit, or read its attribute."""
+    found = getattr(_half, name)
+    return found(*arguments) if callable(found) else found

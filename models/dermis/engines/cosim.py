@@ -11,16 +11,14 @@ import json
 import math
 import os
 import pickle
-import subprocess
 import sys
 import threading
 import time
-import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,7 +26,7 @@ from dermis.chip import hdl, ladder, netlist
 from dermis.engines import Result, masking
 from dermis.engines.masking import Block
 from dermis.errors import InputError, SimulatorError
-from dermis.processes.children import Child, Timeout
+from dermis.processes import children
 from dermis.records import Plan
 
 HONOURS = netlist.HONOURS
@@ -46,14 +44,12 @@ enough to pay.
 
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
-START_LIMIT_S = 120.0
-"""Longest wait for the first row slot: loading, parsing, operating point."""
 SLOT_LIMIT_S = 120.0
-"""Longest wait for each further slot; ideal ones take under a second."""
-EFFECTS_LIMIT_FACTOR = 5.0
-"""Both limits times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy
-machine.
+"""Longest wait for the first row slot (loading, parsing, operating point) and for each further one; ideal ones take
+under a second.
 """
+EFFECTS_LIMIT_FACTOR = 5.0
+"""The limit times this with effects: 16 x 16 with all of them took 11 s a row, 70 s on a busy machine."""
 VIEWS_LIMIT_FACTOR = 10.0
 """With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
 four runs may share it."""
@@ -154,7 +150,7 @@ def run(
         )
     start = time.perf_counter()
     build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
-    children = _Children()
+    ended = threading.Event()
 
     def scanned(blocks: tuple[Block, ...], files: Path) -> list[dict[str, Any]]:
         slots = sum(len(block.rows) for block in blocks)
@@ -164,6 +160,8 @@ def run(
 
         def one(index: int) -> dict[str, Any]:
             def on_slots(slots: int) -> None:
+                if ended.is_set():
+                    raise SimulatorError("the run was ended")
                 done[index] = slots
                 if progress is not None:
                     progress(masked + sum(done))
@@ -173,14 +171,14 @@ def run(
             scans = tuple((block,) for block in mine) if masked else (mine,)
             job = Job(plan, scans, simulator, build, sync_latch, analog, solver or Solver(), record)
             with _cores:
-                return _run_job(job, files / f"job_{index}", on_slots, children)
+                return _run_job(job, files / f"job_{index}", on_slots)
 
         with ThreadPoolExecutor(max(jobs, 1)) as pool:
             futures = [pool.submit(one, i) for i in range(jobs)]
             try:
                 return [future.result() for future in futures]
             except BaseException:
-                children.end()
+                ended.set()  # the others end at their next look
                 raise
 
     rows = masking.everything(plan, "waveforms are of whole frames")
@@ -209,47 +207,6 @@ def run(
     return Result(codes, info)
 
 
-class _Children:
-    """The child processes of one run; once ended, no further one starts."""
-
-    everyone: ClassVar[weakref.WeakSet[_Children]] = weakref.WeakSet()
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._running: set[Child] = set()
-        self._ended = False
-        self.everyone.add(self)
-
-    def start(self, command: list[str], environment: dict[str, str], **options: Any) -> Child:
-        """Start a child."""
-        with self._lock:
-            if self._ended:
-                raise SimulatorError("the run was ended")
-            child = Child(command, environment, **options)
-            self._running.add(child)
-            return child
-
-    def end_one(self, child: Child) -> None:
-        """End a child and its descendants."""
-        child.end()
-        with self._lock:
-            self._running.discard(child)
-
-    def end(self) -> None:
-        """End them all, for good."""
-        with self._lock:
-            self._ended = True
-            running = list(self._running)
-        for child in running:
-            self.end_one(child)
-
-
-def end_all() -> None:
-    """End every run of this process, for good."""
-    for run in list(_Children.everyone):
-        run.end()
-
-
 def _retries(part: dict[str, Any]) -> dict[str, Any]:
     """Return the retries of ngspice by frame, and report them on stderr."""
     found = {}
@@ -267,47 +224,26 @@ def _slots_done(path: Path) -> int:
         return 0
 
 
-def _run_job(
-    job: Job, directory: Path, on_slots: Callable[[int], None], children: _Children
-) -> dict[str, Any]:
+def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict[str, Any]:
     directory.mkdir(parents=True)
-    directory = directory.resolve()
+    directory = directory.resolve()  # ngspice leaves its check of transistors, bsim4v5.out, where it runs
     (directory / "job.pickle").write_bytes(pickle.dumps(job))
-    with (directory / "console.log").open("wb") as console:
-        child = children.start(
-            [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)],
-            {"OPENBLAS_NUM_THREADS": "1"},
-            cwd=directory,  # ngspice leaves its check of transistors, bsim4v5.out, where it runs
-            stdin=subprocess.DEVNULL,
-            stdout=console,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        slots, waited = 0, Timeout(START_LIMIT_S)
-        factor = EFFECTS_LIMIT_FACTOR if job.plan.active_fields() else 1.0
-        if job.plan.views.in_transistors(job.plan.topology):
-            factor = VIEWS_LIMIT_FACTOR
-        while child.poll() is None:
-            time.sleep(0.05)
-            now = _slots_done(directory / "progress")
-            if now != slots:
-                slots = now
-                on_slots(slots)
-            if waited.over(slots, factor * (SLOT_LIMIT_S if slots else START_LIMIT_S)):
-                raise SimulatorError(
-                    f"the co-simulation stopped answering in {_place(job, slots)}", directory
-                )
-    finally:
-        children.end_one(child)
-    return _result(job, directory, _slots_done(directory / "progress"))
+    factor = EFFECTS_LIMIT_FACTOR if job.plan.active_fields() else 1.0
+    if job.plan.views.in_transistors(job.plan.topology):
+        factor = VIEWS_LIMIT_FACTOR
+    slots = 0
 
+    def progress() -> int:
+        nonlocal slots
+        slots = _slots_done(directory / "progress")
+        on_slots(slots)
+        return slots
 
-def _place(job: Job, slots: int) -> str:
-    frame, row = job.slots[min(slots, len(job.slots) - 1)]
-    return f"frame {frame}, row {row}"
-
-
-def _result(job: Job, directory: Path, slots: int) -> dict[str, Any]:
+    command = [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)]
+    log, alone = directory / "console.log", {"OPENBLAS_NUM_THREADS": "1"}
+    code = children.run_child(command, directory, log, factor * SLOT_LIMIT_S, alone, progress)
+    if code is None:
+        raise SimulatorError(f"the co-simulation stopped answering in {_place(job, slots)}", directory)
     failure = directory / "error.json"
     if failure.exists():
         said = json.loads(failure.read_text())
@@ -316,6 +252,10 @@ def _result(job: Job, directory: Path, slots: int) -> dict[str, Any]:
         with np.load(directory / "result.npz") as data:
             return dict(data)
     except (OSError, ValueError):
-        raise SimulatorError(
-            f"the HDL simulator ended without a result in {_place(job, slots)}", directory
-        ) from None
+        what = f"the HDL simulator ended without a result in {_place(job, slots)}"
+        raise SimulatorError(what, directory) from None
+
+
+def _place(job: Job, slots: int) -> str:
+    frame, row = job.slots[min(slots, len(job.slots) - 1)]
+    return f"frame {frame}, row {row}"

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import resource
 import sys
 import traceback
 from dataclasses import asdict, replace
@@ -27,6 +26,7 @@ from dermis.chip.ngspice import NgspiceHalf
 from dermis.chip.split import SplitHalf, Workers
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
+from dermis.processes import cpu_time
 
 if TYPE_CHECKING:
     from dermis.engines.cosim import Job
@@ -54,15 +54,12 @@ def load(job_dir: Path) -> Job:
     return pickle.loads((job_dir / "job.pickle").read_bytes())
 
 
-_STATISTICS = ("accepted", "rejected", "loads")
-
-
 async def _frames(dut: Any, job_dir: Path) -> None:
     job = load(job_dir)
     plan = job.plan
-    waveforms: list[tuple[Any, Any]] = []
-    statistics = dict.fromkeys(_STATISTICS, 0)
-    total = dict.fromkeys(_STATISTICS, 0)
+    # Steps and waveforms of the circuits: of the running scan, and of the scans before it.
+    kept: list[tuple[dict[str, int], Any]] = []
+    ended: list[tuple[dict[str, int], Any]] = []
     ways: dict[int, ladder.Climb] = {}
     running: list[int] = []
     scanned, before = [], 0
@@ -101,20 +98,6 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             workers.close()  # the others' circuits are in the middle of theirs
             raise
 
-    class Counted:
-        """A circuit whose steps and waveforms are kept when it is done."""
-
-        def __init__(self, half: NgspiceHalf | SplitHalf) -> None:
-            self._half = half
-            self.advance = half.advance
-
-        def close(self) -> None:
-            for name, value in self._half.statistics.items():
-                statistics[name] += value
-            if job.record:
-                waveforms.append(self._half.waveform())
-            self._half.close()
-
     def make_half(block: Block, levels: list[float]) -> Any:
         index, ranges = block.frame, chip.ranges() if selected else []
         running.append(index)
@@ -123,7 +106,15 @@ async def _frames(dut: Any, job_dir: Path) -> None:
             duty = plan.v_bias_v * plan.conductance_s(index) / (k * plan.converter.i0_a)
             return ExactHalf(duty, levels, t_clk_s=1.0 / plan.timing.f_clk_hz, t_edge_s=job.solver.t_edge_s)
         way = ways.setdefault(index, ladder.Climb(f"frame {index}"))
-        return Counted(ladder.climb(lambda level: circuit(block, levels, ranges, level), way))
+        half = ladder.climb(lambda level: circuit(block, levels, ranges, level), way)
+        close = half.close
+
+        def closed() -> None:
+            kept.append((half.statistics, half.waveform() if job.record else None))
+            close()
+
+        half.close = closed
+        return half
 
     progress = os.open(job_dir / "progress", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
@@ -152,17 +143,16 @@ async def _frames(dut: Any, job_dir: Path) -> None:
                 ways[running[-1]].up(abort)
                 workers.close()
                 os.ftruncate(progress, 0)
-                statistics.update(dict.fromkeys(statistics, 0))
-                waveforms.clear()
+                kept.clear()
         scanned.append(codes.reshape(-1, plan.cols))
         before += len(scanned[-1])
-        total = {name: value + statistics[name] for name, value in total.items()}
-        statistics.update(dict.fromkeys(statistics, 0))
+        ended += kept
+        kept.clear()
     workers.close()
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     arrays: dict[str, Any] = {"codes": np.concatenate(scanned)}
-    arrays |= {f"statistics_{name}": value for name, value in total.items()}
-    arrays["processor_s"] = sum(some.ru_utime + some.ru_stime for some in used)
+    for name in ("accepted", "rejected", "loads"):
+        arrays[f"statistics_{name}"] = sum(statistics[name] for statistics, _ in ended)
+    arrays["processor_s"] = cpu_time.cpu_used_s()
     arrays["retries"] = json.dumps(
         {frame: [asdict(retry) for retry in way.retries] for frame, way in ways.items() if way.retries}
     )
@@ -170,7 +160,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         for name, values in vars(chip.trace).items():
             arrays[f"trace_{name}"] = np.array([f"{v:x}" for v in values])
         arrays["trace_charge_delay_clocks"] = chip.charge_delay_clocks
-        for i, (time, probes) in enumerate(waveforms):
+        for i, (time, probes) in enumerate(waveform for _, waveform in ended):
             arrays[f"wave{i}_time_s"] = time
             arrays[f"wave{i}_begin_s"] = chip.trace.begins[i] / plan.timing.f_clk_hz
             arrays |= {f"wave{i}_{name}": values for name, values in probes.items()}
@@ -188,15 +178,14 @@ if JOB_VARIABLE in os.environ:
         job_dir = Path(os.environ[JOB_VARIABLE])
         try:
             await _frames(dut, job_dir)
-        except SimulatorError as error:
-            write_atomic(job_dir / "error.json", json.dumps({"what": error.what, "log": error.log}))
-            raise
         except Exception as error:
-            what = f"{type(error).__name__} in the co-simulation: {error}"
-            (job_dir / "traceback.log").write_text(traceback.format_exc())
-            write_atomic(
-                job_dir / "error.json", json.dumps({"what": what, "log": str(job_dir / "traceback.log")})
-            )
+            said: dict[str, Any] = {"what": f"{type(error).__name__} in the co-simulation: {error}"}
+            if isinstance(error, SimulatorError):
+                said = {"what": error.what, "log": error.log}
+            else:
+                said["log"] = str(job_dir / "traceback.log")
+                (job_dir / "traceback.log").write_text(traceback.format_exc())
+            write_atomic(job_dir / "error.json", json.dumps(said))
             raise
 
 

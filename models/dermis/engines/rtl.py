@@ -9,10 +9,8 @@ differs from column to column comes in at run time.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import re
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis.array.array import column_currents
-from dermis.chip import hdl, read_out, spi_protocol
-from dermis.chip.sources import rtl_include_dirs, rtl_sources
+from dermis.chip import hdl, netlist, read_out, spi_protocol
+from dermis.chip.sources import listed, rtl_include_dirs, rtl_sources
 from dermis.converter import coupling, currents, loops
-from dermis.engines import Result, event
+from dermis.engines import Result, code_type, event
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
 from dermis.processes import children
@@ -33,44 +31,8 @@ from dermis.scene.design import TOPOLOGIES
 
 Floats = NDArray[np.float64]
 
-HONOURS = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "r_return_ohm",
-        "v_column_offset_v",
-        "g_lateral_row_s",
-        "g_lateral_column_s",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "c_row_f",
-        "c_column_f",
-        "c_taxel_f",
-        "gain",
-        "i_offset_a",
-        "inv_gain_dc",
-        "g_in_s",
-        "v_int_max_v",
-        "v_int_min_v",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-        "v_hysteresis_v",
-        "t_comp_delay_s",
-        "inv_i_range_a",
-        "q_mirror_c",
-        "t_gbw_s",
-        "ripple",
-        "motion",
-    }
-)
-"""Record fields that the models have, none of them random; a field that is not named here is
-refused.
-"""
+HONOURS = netlist.HONOURS
+"""Record fields that the models have, as those of SPICE: all but the random ones."""
 MODELS = ROOT / "models" / "verilog"
 
 _VALUES_AT_ONCE = 1 << 19
@@ -119,12 +81,10 @@ def run(
     SimulatorError
         The simulator failed, stopped answering or left no proper result.
     """
-    effects = effect_bits(plan, models)
-    codes = np.empty(plan.resistance_ohm.shape, dtype=np.uint8 if plan.timing.code_max < 256 else np.uint16)
-    each = effects >> value_places(models)["EACH_ROW"] & 1
-    step = max(
-        1, _VALUES_AT_ONCE // (plan.rows * plan.cols * (value_places(models)["VALUES"] if each else 1))
-    )
+    effects, places = effect_bits(plan, models), value_places(models)
+    codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
+    values = places["VALUES"] if effects >> places["EACH_ROW"] & 1 else 1
+    step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols * values))
     with hdl.work_directory("rtl_runs", plan, work) as files:
         for first in range(0, plan.frames, step):
             part = slice(first, min(first + step, plan.frames))
@@ -200,14 +160,10 @@ def build(
         "DARK": currents.idle,
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
-    sources = [*hdl.with_modules(rtl_sources(), instead), *model_sources(models)]
+    # Listed by their paths from the root; a copy has them elsewhere.
+    own = [models / path.name for path in listed(models / "files.f")]
+    sources = [*hdl.with_modules(rtl_sources(), instead), *own]
     return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), models], main)
-
-
-def model_sources(models: Path = MODELS) -> list[Path]:
-    """The models that models/verilog/files.f lists, in order."""
-    lines = (line.split("//", 1)[0].strip() for line in (models / "files.f").read_text().splitlines())
-    return [models / Path(line).name for line in lines if line and not line.startswith("+")]
 
 
 # ---- what goes in -----------------------------------------------------------------------------------------------
@@ -362,33 +318,28 @@ def simulate(
     out, log = work / "frames.txt", work / "simulator.log"
     out.unlink(missing_ok=True)
     width = 2 * (ANSWER_BYTES + read_out.frame_bytes(plan.timing, plan.cols)) + 1
-    with log.open("wb") as console:
-        child = children.Child(
-            command, cwd=work, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT
-        )
-    try:
-        timeout = children.Timeout(FRAME_LIMIT_S)
-        while True:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # it still runs: check its progress
-                code = child.wait(0.05)
-                break
-            now = out.stat().st_size if out.exists() else 0
-            if timeout.over(now):
-                raise SimulatorError(f"{Path(command[0]).name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
-            on_rows(min(now // width, frames) * plan.rows)
-    finally:
-        child.end()
+
+    def written() -> int:
+        size = out.stat().st_size if out.exists() else 0
+        on_rows(min(size // width, frames) * plan.rows)
+        return size
+
+    code = children.run_child(command, work, log, FRAME_LIMIT_S, progress=written)
+    name = Path(command[0]).name
+    if code is None:
+        raise SimulatorError(f"{name} wrote no frame for {FRAME_LIMIT_S:g} s", log)
     if code != 0:
-        raise SimulatorError(f"{Path(command[0]).name} ended with {children.ended(code)}", log)
-    on_rows(frames * plan.rows)
-    return read_codes(plan, out, frames, log)
+        raise SimulatorError(f"{name} ended with {children.ended(code)}", log)
+    if not out.exists():
+        raise SimulatorError("the simulator left no frames", log)
+    return read_codes(plan, out, frames)
 
 
 ANSWER_BYTES = 3
 """Bytes before a frame: token and length."""
 
 
-def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uint16]:
+def read_codes(plan: Plan, path: Path, frames: int) -> NDArray[np.uint16]:
     """Read the answers that the host wrote, a line a frame; return codes [frames, rows, cols].
 
     Raises
@@ -396,31 +347,7 @@ def read_codes(plan: Plan, path: Path, frames: int, log: Path) -> NDArray[np.uin
     SimulatorError
         Anything but every frame once, whole and in order.
     """
-    try:
-        text = path.read_bytes()
-    except OSError:
-        raise SimulatorError("the simulator left no frames", log) from None
-    size = read_out.frame_bytes(plan.timing, plan.cols)
-    width = 2 * (ANSWER_BYTES + size) + 1
-    if len(text) == frames * width and not any(text[width - 1 :: width].strip(b"\n")):
-        try:
-            data = np.frombuffer(bytes.fromhex(text.decode()), dtype=np.uint8)
-        except ValueError:
-            data = np.zeros(0, dtype=np.uint8)
-        if data.size == frames * (ANSWER_BYTES + size):
-            answers = data.reshape(frames, -1)
-            head = np.frombuffer(
-                spi_protocol.TOKEN_DATA.to_bytes(1, "big") + size.to_bytes(2, "big"), np.uint8
-            )
-            codes = read_out.codes_of_frames(answers[:, ANSWER_BYTES:], plan.timing, plan.cols)
-            if codes is not None and (answers[:, :ANSWER_BYTES] == head).all():
-                return codes
-    return _one_by_one(plan, text, frames, path)
-
-
-def _one_by_one(plan: Plan, text: bytes, frames: int, path: Path) -> NDArray[np.uint16]:
-    """Parse the lines one by one to name the error."""
-    lines = text.decode(errors="replace").split("\n")
+    lines = path.read_text(errors="replace").split("\n")
     if lines.pop() or len(lines) != frames:
         raise SimulatorError(f"the simulator left {len(lines)} whole frames instead of {frames}", path)
     codes = []

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import FrameType
@@ -28,6 +28,9 @@ from dermis.processes import watchdog
 
 STARTED_S = 10.0
 """Longest wait for the end of the watchdog, in seconds."""
+
+LOOK_S = 0.05
+"""Seconds between two looks at the progress of a program."""
 
 _WATCHDOG = (sys.executable, "-I", "-S", watchdog.__file__)
 
@@ -147,6 +150,7 @@ def run_child(
     log: Path,
     limit_s: float,
     environment: Mapping[str, str] | None = None,
+    progress: Callable[[], Any] | None = None,
 ) -> int | None:
     """Run a command in its own session and return its exit code, None if it was ended at its time
     limit.
@@ -157,6 +161,7 @@ def run_child(
     log : file that its output is added to
     limit_s : seconds until it is ended with all that it started
     environment : variables added to those of this process
+    progress : called until it ends; the limit is then a `Timeout` without a change of its answer
 
     Raises
     ------
@@ -164,7 +169,7 @@ def run_child(
         It cannot be started, or `threads` is ending.
     """
     with log.open("ab") as out:
-        return _run(command, limit_s, environment, log, cwd=directory, stdout=out, stderr=subprocess.STDOUT)
+        return _run(command, limit_s, environment, log, progress, cwd=directory, stdout=out)
 
 
 def _run(
@@ -172,24 +177,26 @@ def _run(
     limit_s: float,
     environment: Mapping[str, str] | None,
     log: Path | None,
+    progress: Callable[[], Any] | None = None,
     **options: Any,
 ) -> int | None:
     with _lock:
         if _stopped.is_set():
             raise SimulatorError("interrupted", log)
     try:
-        child = Child(command, environment, stdin=subprocess.DEVNULL, **options)
+        child = Child(command, environment, stdin=subprocess.DEVNULL, stderr=subprocess.STDOUT, **options)
     except OSError as error:
         said = error.strerror or str(error)
         raise SimulatorError(f"{Path(command[0]).name} cannot be started: {said}", log) from None
     with _lock:
         _running.add(child)
         late = _stopped.is_set()
-    code = None
+    code, timeout = None, Timeout(limit_s)
     try:
-        if not late:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # then the answer is None
-                code = child.wait(limit_s)
+        while not late and code is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # at its limit, the answer is None
+                code = child.wait(LOOK_S if progress else limit_s)
+            late = timeout.over(progress()) if progress else True
     finally:
         child.end()
         with _lock:
@@ -249,9 +256,7 @@ def output_of(
     try:
         # A file in place of a pipe: a grandchild that holds a pipe open would be waited for.
         with tempfile.TemporaryFile() as out:
-            code = _run(
-                command, limit_s, environment, None, cwd=directory, stdout=out, stderr=subprocess.STDOUT
-            )
+            code = _run(command, limit_s, environment, None, cwd=directory, stdout=out)
             out.seek(0)
             return code, out.read().decode(errors="replace")
     except OSError as error:
@@ -277,17 +282,6 @@ def _is_watchdog(pid: int) -> bool:
         return False
 
 
-def end_tree(child: subprocess.Popen[Any]) -> None:
-    """End any process that this one started, if it still runs, and all below it."""
-
-    def processes() -> set[watchdog.Process]:
-        return {found for pid in tree(child.pid) if (found := watchdog.identity(pid))}
-
-    if child.poll() is None:
-        watchdog.end(processes)
-        child.wait()
-
-
 class Timeout:
     """Timeout without progress, measured in time during which this process itself was running.
 
@@ -303,12 +297,12 @@ class Timeout:
         self._seen: Any = None
         self._looked = time.monotonic()
 
-    def over(self, seen: Any, limit_s: float | None = None) -> bool:
+    def over(self, seen: Any) -> bool:
         """Return True if `seen`, a measure of progress, is unchanged for longer than the limit."""
         now = time.monotonic()
         self._idle_s = 0.0 if seen != self._seen else self._idle_s + min(now - self._looked, self.LOOK_S)
         self._seen, self._looked = seen, now
-        return self._idle_s > (self._limit_s if limit_s is None else limit_s)
+        return self._idle_s > self._limit_s
 
 
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}

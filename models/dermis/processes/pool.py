@@ -13,15 +13,13 @@ import contextlib
 import math
 import os
 import pickle
-import select
 import signal
-import struct
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import IO, Any
 
@@ -46,8 +44,6 @@ STALL_S = 900.0
 
 LOOK_S = 2.0
 """Seconds between two checks of a worker."""
-
-_LENGTH = struct.Struct(">Q")
 
 
 class WorkerLost(SimulatorError):
@@ -74,6 +70,7 @@ class Workers(Executor):
     def __init__(self, processes: int, environment: Mapping[str, str]) -> None:
         self._environment = dict(environment)
         self._threads = ThreadPoolExecutor(processes)
+        self._pipes = ThreadPoolExecutor(processes)
         self._own = threading.local()
         self._lock = threading.Lock()
         self._workers: set[Child] = set()
@@ -101,6 +98,7 @@ class Workers(Executor):
             for worker in workers:
                 worker.end()
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures)
+        self._pipes.shutdown()
         for worker in list(self._workers):
             self._drop(worker)
 
@@ -112,11 +110,10 @@ class Workers(Executor):
                 if self._ended:
                     raise WorkerLost("the run was ended")
                 command = [sys.executable, "-m", "dermis.processes.pool"]
-                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "bufsize": 0}
-                worker = Child(command, self._environment, **pipes)
+                worker = Child(command, self._environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
                 self._workers.add(worker)
             self._own.worker = worker
-            self._put(worker, _packed([path or os.getcwd() for path in sys.path]))
+            pickle.dump([path or os.getcwd() for path in sys.path], worker.stdin)
         return worker
 
     def _drop(self, worker: Child) -> list[str]:
@@ -135,19 +132,16 @@ class Workers(Executor):
     def _call(
         self, call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]], limit_s: float = math.inf
     ) -> Any:
-        data, worker = _packed(call), self._worker()
+        data, worker = pickle.dumps(call, pickle.HIGHEST_PROTOCOL), self._worker()
         try:
-            self._put(worker, data)
-            done, value = self._get(worker)  # the call is read: its imports do not count for the limit
+            self._watched(worker, lambda: _send(worker.stdin, data))
+            done, value = self._watched(worker, lambda: _answer_of(worker))  # it is read, with its imports
             if done:
-                done, value = self._get(worker, limit_s)
-        except _Late as late:
-            raise late.kind(late.said, left=self._drop(worker)) from None
-        except (OSError, EOFError):
+                done, value = self._watched(worker, lambda: _answer_of(worker), limit_s)
+        except (OSError, EOFError, pickle.UnpicklingError):
             left = self._drop(worker)
-            raise WorkerLost(
-                f"a worker process died ({ended(worker.returncode)})", worker.returncode, left
-            ) from None
+            said = f"a worker process died ({ended(worker.returncode)})"
+            raise WorkerLost(said, worker.returncode, left) from None
         if not done:
             raise value
         return value
@@ -159,48 +153,16 @@ class Workers(Executor):
         worker = self._worker()
         return value, self._drop(worker) if fresh else worker.end_others()
 
-    def _put(self, worker: Child, data: bytes) -> None:
-        assert worker.stdin is not None
-        pipe, left = worker.stdin.fileno(), memoryview(data)
-        os.set_blocking(pipe, False)
-        while left:
-            self._wait(worker, pipe, select.POLLOUT, math.inf)
-            left = left[os.write(pipe, left) :]
-
-    def _get(self, worker: Child, limit_s: float = math.inf) -> Any:
-        """Read one answer."""
-        assert worker.stdout is not None
-        pipe, until = worker.stdout.fileno(), time.monotonic() + limit_s
-
-        def read(size: int) -> bytes:
-            data = bytearray()
-            while len(data) < size:
-                self._wait(worker, pipe, select.POLLIN, until)
-                data += (part := os.read(pipe, size - len(data)))
-                if not part:
-                    raise EOFError
-            return bytes(data)
-
-        return pickle.loads(read(_LENGTH.unpack(read(_LENGTH.size))[0]))
-
-    def _wait(self, worker: Child, pipe: int, event: int, until: float) -> None:
-        """Wait for a pipe; raise _Late at the limit, or if the worker makes no progress."""
-        ready, timeout = select.poll(), Timeout(STALL_S)
-        ready.register(pipe, event)
-        while not ready.poll(1000 * max(0.0, min(LOOK_S, until - time.monotonic()))):
+    def _watched(self, worker: Child, work: Callable[[], Any], limit_s: float = math.inf) -> Any:
+        """Do what blocks at a pipe of a worker; end that at the limit, or if it makes no progress."""
+        doing, until, timeout = self._pipes.submit(work), time.monotonic() + limit_s, Timeout(STALL_S)
+        while not wait([doing], max(0.0, min(LOOK_S, until - time.monotonic()))).done:
             if time.monotonic() >= until:
-                raise _Late(LimitReached, "a call took longer than its limit")
+                raise LimitReached("a call took longer than its limit", left=self._drop(worker))
             if timeout.over(_used(worker)):
                 said = f"a worker process used no processor for {STALL_S:g} s and was ended"
-                raise _Late(WorkerLost, said)
-
-
-class _Late(Exception):
-    """A worker must be ended: the error that says so, and its text."""
-
-    def __init__(self, kind: type[WorkerLost], said: str) -> None:
-        super().__init__(said)
-        self.kind, self.said = kind, said
+                raise WorkerLost(said, left=self._drop(worker))
+        return doing.result()
 
 
 def _used(worker: Child) -> int:
@@ -208,26 +170,14 @@ def _used(worker: Child) -> int:
     return sum(sum(map(int, watchdog.status(pid)[11:15])) for pid, _ in worker.processes())
 
 
-def _packed(value: Any) -> bytes:
-    data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    return _LENGTH.pack(len(data)) + data
-
-
-def send(pipe: IO[bytes], value: Any) -> None:
-    """Write a value to a pipe: its length, then its pickle."""
-    pipe.write(_packed(value))
+def _send(pipe: IO[bytes], data: bytes) -> None:
+    """Write a pickle into a pipe as bytes: it is read whole, also where it cannot be unpickled."""
+    pickle.dump(data, pipe, pickle.HIGHEST_PROTOCOL)
     pipe.flush()
 
 
-def receive(pipe: IO[bytes]) -> Any:
-    """Read a value of `send`; raise EOFError if the other side is gone."""
-    head = pipe.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        raise EOFError
-    data = pipe.read(_LENGTH.unpack(head)[0])
-    if len(data) < _LENGTH.unpack(head)[0]:
-        raise EOFError
-    return pickle.loads(data)
+def _answer_of(worker: Child) -> Any:
+    return pickle.loads(pickle.load(worker.stdout))
 
 
 @contextmanager
@@ -248,26 +198,32 @@ def workers(processes: int, environment: Mapping[str, str] = ONE_THREAD) -> Iter
     pool.shutdown()
 
 
-def _answer(
-    function: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]
-) -> tuple[bool, Any]:
+def _answers(data: bytes) -> Iterator[tuple[bool, Any]]:
+    """Yield that a call is read, and then its value; or False and the error."""
     try:
-        return True, function(*arguments, **options)
+        function, arguments, options = pickle.loads(data)
+    except Exception as error:  # a function that is not to be found here
+        yield False, RuntimeError(f"{type(error).__name__}: {error}")
+        return
+    yield True, None
+    try:
+        yield True, function(*arguments, **options)
     except Exception as error:  # any error belongs to the caller
-        return False, error
+        yield False, error
 
 
-def _reply(pipe: IO[bytes], done: bool, value: Any) -> None:
-    """Send an answer; one that cannot be pickled is replaced by its type and message."""
+def _packed(done: bool, value: Any) -> bytes:
+    """Pickle an answer; one that cannot be pickled is replaced by its type and message."""
     try:
+        data = pickle.dumps((done, value), pickle.HIGHEST_PROTOCOL)
         if not done:
-            pickle.loads(pickle.dumps(value))
-        send(pipe, (done, value))
-    except (BrokenPipeError, MemoryError):
+            pickle.loads(data)
+        return data
+    except MemoryError:
         raise
     except Exception as error:  # pickle raises whatever an object's own methods raise
         said = value if not done else error
-        send(pipe, (False, RuntimeError(f"{type(said).__name__}: {said}")))
+        return pickle.dumps((False, RuntimeError(f"{type(said).__name__}: {said}")))
 
 
 def main() -> None:
@@ -278,17 +234,11 @@ def main() -> None:
     # Input and output of the work must not mix with the calls.
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    sys.path[:] = receive(calls)
-    while True:
-        try:
-            call = receive(calls)
-        except EOFError:
-            return
-        except Exception as error:  # a function that is not to be found here
-            _reply(answers, False, RuntimeError(f"{type(error).__name__}: {error}"))
-            continue
-        send(answers, (True, None))
-        _reply(answers, *_answer(*call))
+    sys.path[:] = pickle.load(calls)
+    with contextlib.suppress(EOFError):  # there are no more
+        while True:
+            for answer in _answers(pickle.load(calls)):
+                _send(answers, _packed(*answer))
 
 
 if __name__ == "__main__":

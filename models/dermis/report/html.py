@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages: the verdict tables and runs of a command as one HTML file, with plots that can be
-zoomed.
+"""Report pages: the verdict tables, figures and runs of a command as one HTML file; maps of a run
+can be zoomed.
 
-Bokeh draws. Its wheel carries the JavaScript, 1.27 MB for plots alone, which goes into the page, so
+Bokeh draws those. Its wheel carries the JavaScript, 1.27 MB for plots alone, which goes into the page, so
 a page needs no network. Plotly's has 4.5 MB, and that of Vega-Altair is not in its wheel.
 """
 
 from __future__ import annotations
 
-import csv
+import base64
 import datetime
 import json
-import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dermis import plan
-from dermis.chip import vcd_file
 from dermis.converter import vfc
 from dermis.decode.force import decode
 from dermis.errors import DermisError, InputError, one_line, optional
@@ -34,14 +32,9 @@ from dermis.records import Plan
 from dermis.report import output, verdict
 from dermis.report.verdict import Row
 
-WAVE_POINTS = 3000
-"""Points of one analog trace: more than a screen is wide, and 24 kB."""
-WAVE_COLUMNS = 4
 WORST = 10
 RUNS_DRAWN = 8
 """Runs of one page that are drawn; the others are listed."""
-CSV_ROWS = 20_000
-BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 
 TEMPLATE, STYLE = Path(__file__).with_name("page.html"), Path(__file__).with_name("page.css")
 ORDER = ("ERROR", "FAIL", "SKIP", "PASS")
@@ -62,6 +55,8 @@ class Part:
     numbers: Sequence[int] = ()
     """Places of the columns that hold numbers."""
     plots: Sequence[Any] = ()
+    images: Sequence[Path] = ()
+    """PNG files."""
 
 
 def _bokeh(module: str) -> Any:
@@ -73,7 +68,7 @@ def write(
     title: str,
     tables: Mapping[str, Sequence[Row]],
     runs: Sequence[Path],
-    data: Sequence[Path] = (),
+    images: Sequence[Path] = (),
     command: Sequence[str] | None = None,
 ) -> None:
     """Write a report page.
@@ -84,20 +79,17 @@ def write(
     title : its heading
     tables : verdict rows by the name of their target
     runs : directories that `dermis run` or the like has filled
-    data : csv files of numbers, drawn column by column
+    images : figures of the command, PNG
     command : the command that repeats it; that of this process by default
     """
     command = ["dermis", *sys.argv[1:]] if command is None else command
     parts = [Part(title, 1, f"{_utc()}. Repeat with:", shlex.join(command))]
     parts += [_verdicts("Verdicts" if len(tables) == 1 else name, rows) for name, rows in tables.items()]
-    # Waves of one run are drawn: they are most of a page.
-    with_waves = next((directory for directory in runs if (directory / "waves.vcd").is_file()), None)
     for directory in runs[:RUNS_DRAWN]:
-        parts += _run(directory, waves=directory == with_waves)
+        parts += _run(directory)
     if runs[RUNS_DRAWN:]:
         parts.append(Part("Further runs", heads=("directory",), rows=[(str(d),) for d in runs[RUNS_DRAWN:]]))
-    for file in data:
-        parts += _numbers(file)
+    parts += [Part("Figures", images=images)] if images else []
     parts.append(Part("Versions", heads=("package", "version"), rows=list(output.versions().items())))
     write_atomic(path, _page(title, parts))
 
@@ -122,6 +114,7 @@ def _page(title: str, parts: Sequence[Part]) -> str:
             parts=parts,
             places={name: markup(place) for name, place in places.items()},
             script=markup(script),
+            png=lambda path: markup(base64.b64encode(path.read_bytes()).decode()),
             style=markup(STYLE.read_text(encoding="utf-8")),
             marks=(*ORDER, "on"),
         )
@@ -157,7 +150,6 @@ def _verdicts(heading: str, rows: Sequence[Row]) -> Part:
         )
         for row in sorted(rows, key=lambda row: ORDER.index(row["status"]))
     ]
-    judged = [(row["name"], share, row["status"]) for row in rows if (share := _share(row)) is not None]
     return Part(
         heading,
         text="" if rows else "no rows",
@@ -165,51 +157,13 @@ def _verdicts(heading: str, rows: Sequence[Row]) -> Part:
         heads=("name", "value", "min", "max", "unit", "status", "note"),
         rows=lines,
         numbers=(1, 2, 3),
-        plots=[_against_limits(judged)] if len(judged) > 2 else [],
     )
-
-
-def _share(row: Row) -> float | None:
-    """Return a value relative to its limit, 1 at the limit and less inside, or None."""
-    value, low, high = row["value"], row["min"], row["max"]
-    if value is None:
-        return None
-    if value < 0:
-        return float(value / low) if low is not None and low < 0 else None
-    if high:
-        return float(value / high)
-    return float(low / value) if low and value else None
-
-
-def _against_limits(judged: Sequence[tuple[str, float, str]]) -> Any:
-    names, shares, statuses = zip(*reversed(judged), strict=True)
-    source = {
-        "name": names,
-        "share": [max(share, 1e-4) for share in shares],
-        "colour": [GREEN if status == "PASS" else RED for status in statuses],
-    }
-    figure = _figure(
-        "Value relative to its limit; the limit is at 1", width=1150, height=120 + 17 * len(names), y_range=names,
-        x_axis_type="log", tooltips=[("", "@name"), ("share of the limit", "@share")]
-    )  # fmt: skip
-    models = _bokeh("models")
-    figure.scatter("share", "name", color="colour", size=8, source=models.ColumnDataSource(source))
-    line = models.Span(location=1.0, dimension="height", line_color=GREY, line_dash="dashed")
-    figure.add_layout(line)
-    return figure
-
-
-def _figure(title: str, x: str = "", y: str = "", **options: Any) -> Any:
-    options = {"width": 560, "height": 360, "tools": "pan,box_zoom,wheel_zoom,reset,save,hover", **options}
-    figure = _bokeh("plotting").figure(title=title, x_axis_label=x or None, y_axis_label=y or None, **options)
-    figure.toolbar.logo = None
-    return figure
 
 
 # ---- a run --------------------------------------------------------------------------------------------------------
 
 
-def _run(directory: Path, waves: bool) -> Iterator[Part]:
+def _run(directory: Path) -> Iterator[Part]:
     summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     engine, scene = summary["engine"], directory / "resolved.toml"
     frames = "1 frame" if summary["frames"] == 1 else f"{summary['frames']} frames"
@@ -226,9 +180,9 @@ def _run(directory: Path, waves: bool) -> Iterator[Part]:
     else:
         yield Part(heading, text=text, code=again, plots=_maps(made, codes))
         yield _worst(made, codes)
+    images = [path for name in ("frame.png", "transient.png") if (path := directory / name).is_file()]
+    yield Part("Figures", 3, images=images)
     yield _effects(summary["effects"])
-    if waves:
-        yield from _waves(directory / "waves.vcd", codes)
 
 
 def _ideal(made: Plan) -> NDArray[np.int64]:
@@ -237,29 +191,17 @@ def _ideal(made: Plan) -> NDArray[np.int64]:
 
 
 def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
-    """Draw codes, forces and errors of the strongest frame, and code against force of all."""
+    """Draw codes, forces and errors of the strongest frame."""
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     read = decode(made, codes[frame]).force_n
     off = codes[frame].astype(float) - _ideal(made)[frame]
     most = max(1.0, float(np.abs(off).max()))
-    plots = [
+    return [
         _map(f"Code{which}", codes[frame].astype(float), "code"),
         _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "force / N"),
         _map(f"Code less the ideal code{which}", off, "LSB", "RdBu11", (-most, most)),
     ]
-    if made.force_n is not None:
-        force = made.force_n.ravel()
-        keep = np.isfinite(force) & (force <= 1.2 * float(made.force_of_duty(np.full(made.cols, 0.5)).max()))
-        step = max(1, int(keep.sum()) // 5000)
-        curve = _figure(
-            "Code against force", "force on the taxel / N", "code", width=480, height=400,
-            tooltips=[("force", "$x N"), ("code", "$y")]
-        )  # fmt: skip
-        across, up = (values[keep][::step].astype(np.float32) for values in (force, codes.ravel()))
-        curve.scatter(across, up, size=4, color=BLUE)
-        plots.append(curve)
-    return plots
 
 
 def _map(
@@ -273,10 +215,12 @@ def _map(
     models = _bokeh("models")
     finite = values[np.isfinite(values)]
     low, high = limits or (0.0, float(finite.max()) if finite.size else 1.0)
-    figure = _figure(
-        title, "column", "row", width=480, height=400, x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
-        tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")]
+    figure = _bokeh("plotting").figure(
+        title=title, x_axis_label="column", y_axis_label="row", width=480, height=400,
+        x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
+        tools="pan,box_zoom,wheel_zoom,reset,save,hover", tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")]
     )  # fmt: skip
+    figure.toolbar.logo = None
     mapper = models.LinearColorMapper(palette=palette, low=low, high=high if high > low else low + 1)
     # From the first row down: the axis runs the other way.
     figure.image([values.astype(np.float32)], x=-0.5, y=-0.5, dw=cols, dh=rows, color_mapper=mapper)
@@ -324,107 +268,6 @@ def _effects(states: Sequence[Mapping[str, Any]]) -> Part:
     )
 
 
-# ---- waves --------------------------------------------------------------------------------------------------------
-
-
-def _waves(path: Path, codes: NDArray[Any]) -> Iterator[Part]:
-    """Draw integrators, comparators and charge pulses in the slot of the strongest row."""
-    file = vcd_file.read(path)
-    if "chip.row_select" not in file:
-        return
-    frame = codes[0].astype(int)
-    row = int(np.argmax(frame.sum(axis=1)))
-    time, words = file["chip.row_select"]
-    at = next((i for i, word in enumerate(words) if int(word) == 1 << row), 0)
-    begin, end = float(time[at]), float(time[at + 1] if at + 1 < time.size else time[-1])
-    plots: list[Any] = []
-    for column in sorted(np.argsort(-frame[row], kind="stable")[:WAVE_COLUMNS].tolist()):
-        shared = {"x_range": plots[0].x_range} if plots else {}
-        title = f"Column {column}, code {frame[row, column]}"
-        figure = _figure(title, "time in the slot / us", "V", width=1150, height=225, **shared)
-        time_us, volts = _cut(file[f"analog.v_int{column}"], begin, end, WAVE_POINTS)
-        figure.line(time_us, volts.astype(np.float32), color=BLUE, legend_label="integrator / V")
-        for net, place, colour in (("comparator", -3.0, GREY), ("charge", -4.4, ORANGE)):
-            time_us, words = _cut(file[f"chip.{net}"], begin, end, 1 << 30)
-            bits = np.array([int(word) >> column & 1 for word in words], dtype=np.float32)
-            kept = np.concatenate([[True], bits[1:] != bits[:-1]])
-            figure.step(time_us[kept], place + bits[kept], mode="after", color=colour, legend_label=net)
-        figure.legend.orientation, figure.legend.label_text_font_size = "horizontal", "11px"
-        plots.append(figure)
-    text = "Zoom with the wheel or a box; all share one time axis. The whole run is for GTKWave in"
-    yield Part(f"Waves of row {row}", 3, text, str(path), plots=plots)
-
-
-def _cut(
-    wave: tuple[NDArray[np.float64], NDArray[Any]], begin: float, end: float, most: int
-) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Return at most `most` points of a wave between two times, as us from the first."""
-    time, values = wave
-    first, last = np.searchsorted(time, [begin, end])
-    first = max(0, first - 1)  # the value at the beginning
-    step = max(1, math.ceil((last - first) / most))
-    time_us = (np.maximum(time[first:last:step], begin) - begin) * 1e6
-    return time_us.astype(np.float32), values[first:last:step]
-
-
-# ---- numbers ------------------------------------------------------------------------------------------------------
-
-
-def _numbers(path: Path) -> Iterator[Part]:
-    """Draw the columns of a csv file against its first one, where all are numbers."""
-    with path.open(encoding="utf-8", newline="") as file:
-        lines = [line for line in csv.reader(file) if line and not line[0].startswith("#")][: CSV_ROWS + 1]
-    lines = [line for line in lines if len(line) == len(lines[0])]
-    if len(lines) < 3:
-        return
-    head, *rows = lines
-    columns = [_floats([row[i] for row in rows]) for i in range(len(head))]
-    different = [0 if column is None else np.unique(column).size for column in columns]
-    drawn = [i for i, number in enumerate(different) if number > 2]
-    if not drawn:
-        return
-    kinds = [i for i, column in enumerate(columns) if column is None]
-    groups = [tuple(row[i] for i in kinds) for row in rows]
-    yield Part(path.name, plots=[_curves(head, columns, drawn[0], y, groups) for y in drawn[1:13]])
-
-
-def _curves(
-    head: Sequence[str], columns: Sequence[Any], x: int, y: int, groups: Sequence[tuple[str, ...]]
-) -> Any:
-    spread = columns[x][columns[x] > 0]
-    log = bool(spread.size == columns[x].size and spread.max() > 100 * spread.min())
-    figure = _figure(
-        f"{head[y]} against {head[x]}", _with_unit(head[x]), _with_unit(head[y]),
-        x_axis_type="log" if log else "linear", tooltips=[(head[x], "$x"), (head[y], "$y")]
-    )  # fmt: skip
-    paints = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", GREY)
-    names = sorted(set(groups))[:14]
-    for n, group in enumerate(names):
-        own = np.array([g == group for g in groups]) & np.isfinite(columns[y])
-        order = np.argsort(columns[x][own], kind="stable")
-        across, up = (columns[i][own][order].astype(np.float32) for i in (x, y))
-        label = {"legend_label": ", ".join(group)} if any(group) and len(names) > 1 else {}
-        figure.line(across, up, color=paints[n % len(paints)], **label)
-        figure.scatter(across, up, color=paints[n % len(paints)], size=4, **label)
-    if figure.legend:
-        figure.legend.click_policy, figure.legend.label_text_font_size = "hide", "11px"
-    return figure
-
-
-def _with_unit(name: str) -> str:
-    """Return a quantity and its unit from a column name: `r_ohm` is `r / ohm`."""
-    units = {unit.lower(): unit for unit in ("A", "F", "Hz", "J", "LSB", "N", "nJ", "ohm", "s", "V")}
-    quantity, _, unit = name.rpartition("_")
-    return f"{quantity.replace('_', ' ')} / {units[unit]}" if quantity and unit in units else name
-
-
-def _floats(cells: Sequence[str]) -> NDArray[np.float64] | None:
-    try:
-        return np.array([float(cell) if cell else math.nan for cell in cells])
-    except ValueError:
-        return None
-
-
 # ---- commands -----------------------------------------------------------------------------------------------------
 
 
@@ -444,11 +287,15 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     code = call()
     written = dict(verdict.WRITTEN[tables:])
     done = list(dict.fromkeys(output.WRITTEN[runs:]))
-    # run and sim leave codes; the other commands leave tables of their own.
-    folders = [] if done else [BUILD / target for target in written]
-    data = [file for folder in folders for file in sorted(folder.glob("*.csv"))]
-    write(path, f"dermis {name}", written, done, data)
+    # run and sim leave codes; the other commands leave figures of their own.
+    images = [] if done else [image for target in written for image in _images(target)]
+    write(path, f"dermis {name}", written, done, images)
     return code
+
+
+def _images(target: str) -> list[Path]:
+    """Return the figures that a command leaves in build/."""
+    return [*BUILD.glob(f"{target}.png"), *sorted((BUILD / target).glob("*.png"))]
 
 
 @click.command("report")
@@ -466,8 +313,8 @@ def report_command(out: Path | None) -> int:
         if not rows:
             continue
         runs = sorted(path.parent for path in (BUILD / name).glob("*/summary.json"))
-        data = [] if runs else sorted((BUILD / name).glob("*.csv"))
-        write(out / f"{name}.html", name, {name: rows}, runs, data, ["dermis", name])
+        images = [] if runs else _images(name)
+        write(out / f"{name}.html", name, {name: rows}, runs, images, ["dermis", name])
         counts = dict(_counts(rows))
         worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
         link = {"href": f"{name}.html", "text": name}

@@ -74,7 +74,7 @@ def _engine(name: str, effects: str = "") -> str:
 
 _POOL = ("dermis.processes.pool:STALL_S=4",)
 _RTL = ("dermis.engines.rtl:FRAME_LIMIT_S=4", "dermis.chip.hdl:BUILD_LIMIT_S=8")
-_COSIM = ("dermis.engines.cosim:START_LIMIT_S=8", "dermis.engines.cosim:SLOT_LIMIT_S=4")
+_COSIM = ("dermis.engines.cosim:SLOT_LIMIT_S=8",)
 _ICARUS, _VERILATOR, _TWO = ("--simulator", "icarus"), ("--simulator", "verilator"), ("--processes", "2")
 _LATE = _engine("event", "comparator_delay = { t_s = 1e-8 }")
 SUBJECTS = {
