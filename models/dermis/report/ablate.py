@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from dermis.files import write_between
 from dermis.places import BUILD, ROOT
 from dermis.processes.cpu_time import cpu_seconds
 from dermis.records import Plan
-from dermis.report import figures, verdict
+from dermis.report import figures, progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene import scene
 from dermis.scene.scene import Scene
@@ -79,7 +79,7 @@ def measure(
     engine: str | None = None,
     frames: int | None = None,
     pairs: int | None = None,
-    said: Callable[[str], None] = lambda _: None,
+    show: progress.Tell = lambda done, doing="": None,
 ) -> tuple[Plan, list[Cost]]:
     """Ablate a scene.
 
@@ -91,9 +91,9 @@ def measure(
     frames : int, optional
         Largest number of frames, around the one with the most conductance; default FRAMES, 1 with cosim.
     pairs : int, optional
-        Pairs of runs, with and without an effect, for a ratio of times; default PAIRS, 1 with cosim.
-    said : callable
-        Called with a description of the next step.
+        Pairs of runs, with and without an effect, for a ratio of times, NaN without; default PAIRS, 1 with cosim.
+    show : callable
+        Called with the number of effects done and the next one.
 
     Returns
     -------
@@ -113,30 +113,27 @@ def measure(
         full = replace(full, engine=engines.cheapest(full) or full.engine)
     engines.check(full)
     slow = full.engine == "cosim"
-    full, pairs = full.busiest(frames or (1 if slow else FRAMES)), pairs or (1 if slow else PAIRS)
-    said(f"everything on, engine {full.engine}")
-    codes = engines.runner(full.engine)(full).codes.astype(int)
-    costs = []
+    full = full.busiest(frames or (1 if slow else FRAMES))
+    pairs = (1 if slow else PAIRS) if pairs is None else pairs
+    run, costs = engines.runner(full.engine), []
+    codes = run(full).codes.astype(int)
     for name in (EVERYTHING, *on):
-        said(f"{name} off, {len(costs) + 1} of {len(on) + 1}")
+        show(len(costs), f"{name} off")
         rest = {} if name == EVERYTHING else {other: p for other, p in on.items() if other != name}
-        made = with_effects(world, rest, full.engine)
-        costs.append(
-            _cost(name, full, codes, made.part(full.first_frame, full.first_frame + full.frames), pairs)
-        )
+        less = with_effects(world, rest, full.engine).part(full.first_frame, full.first_frame + full.frames)
+        costs.append(_cost(name, full, codes - run(less).codes, less, pairs))
     return full, costs[:1] + sorted(costs[1:], key=_size, reverse=True)
 
 
-def _cost(name: str, full: Plan, codes: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
+def _cost(name: str, full: Plan, shift: NDArray[np.int_], without: Plan, pairs: int) -> Cost:
     run = engines.runner(full.engine)
-    shift = codes - run(without).codes
     ratios = [cpu_seconds(lambda: run(full)) / cpu_seconds(lambda: run(without)) for _ in range(pairs)]
     return Cost(
         name,
         int(np.abs(shift).max()),
         float((shift != 0).mean()),
         float(shift.mean()),
-        statistics.median(ratios),
+        statistics.median(ratios) if ratios else np.nan,
         engines.cheapest(without) or full.engine,
     )
 
@@ -235,7 +232,8 @@ def ablate_command(
     scene, all effects that it may choose are on.
     """
     world = scene.load(scene.find(scene_name))
-    full, costs = measure(world, engine, frames, pairs, lambda what: click.echo(f"ablate: {what}", err=True))
+    with progress.slots("ablate", len(world.effects) + 1, "effects") as show:
+        full, costs = measure(world, engine, frames, pairs, show)
     last = full.first_frame + full.frames - 1
     which = f"frame {last}" if full.frames == 1 else f"frames {full.first_frame} to {last}"
     title = f"{world.path.stem}: {len(costs) - 1} effects, engine {full.engine}, {which}"

@@ -5,13 +5,9 @@ its frames.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -19,8 +15,9 @@ from rich.table import Table
 from dermis import auto, engines, records
 from dermis import plan as planning
 from dermis.converter import injection
-from dermis.engines import filter, masking
+from dermis.engines import event, masking
 from dermis.errors import DermisError, InputError
+from dermis.processes.cpu_time import cpu_seconds
 from dermis.report import ablate, progress
 from dermis.scene import scene as scenes
 
@@ -49,47 +46,32 @@ def print_plan(plan: records.Plan) -> None:
 def print_answer(plan: records.Plan) -> None:
     """Print which effects change codes, the engine that is enough for them and the time of a run, from a sample.
 
-    The sample is run with each effect off in turn, by the filter, whose codes are those of engine event.
+    The sample is run with each effect off in turn.
     """
     console, frames = _console(), max(1, min(_SAMPLE, _SAMPLE_TAXELS // (plan.rows * plan.cols)))
-    sample = plan.busiest(frames)
-    first, stop = sample.first_frame, sample.first_frame + sample.frames
-
-    def run(names: Iterable[str]) -> tuple[NDArray[np.integer], float]:
-        on = {name: plan.on[name] for name in names}
-        made = ablate.with_effects(plan.scene, on, "event").part(first, stop)
-        begin = time.process_time()
-        codes = filter.run(made).codes.astype(int)
-        return codes, time.process_time() - begin
-
     try:
-        run(plan.on)  # loops are compiled, or loaded
-        codes, seconds = run(plan.on)
-        moved = {}
+        with progress.slots("effects compared", len(plan.on) + 1, "effects") as show:
+            full, (_, *costs) = ablate.measure(plan.scene, "event", frames, 0, show)
+        moving = [cost for cost in costs if cost.code_max_lsb]
+        changing = {cost.name: plan.on[cost.name] for cost in moving}
+        fewer = ablate.with_effects(plan.scene, changing, "event")
+        fewer = fewer.part(full.first_frame, full.first_frame + full.frames)
         # The first run of a combination compiles its loops, which takes seconds.
-        with progress.slots("effects compared", len(plan.on), "effects") as show:
-            for name in plan.on:
-                moved[name] = np.abs(codes - run(n for n in plan.on if n != name)[0])
-                show(len(moved))
-        changing = [name for name in plan.on if moved[name].any()]
-        run(changing)
-        codes_fewer, seconds_fewer = run(changing)
-        together = int((codes_fewer != codes).sum())
-        if together:
-            changing = list(plan.on)
-        fewer = ablate.with_effects(plan.scene, {name: plan.on[name] for name in changing})
-        enough = engines.cheapest(fewer) or plan.engine
+        whole, part = (event.run(made).codes for made in (full, fewer))
+        seconds = [cpu_seconds(lambda made=made: event.run(made)) for made in (full, fewer)]
     except DermisError as error:
         console.print(
             f"effects not compared, for engine event cannot do this scene: {error}", highlight=False
         )
         return
-    alone = (f"{n} ({(moved[n] > 0).sum()}, by up to {moved[n].max()})" for n in plan.on if moved[n].any())
-    found = ", ".join(alone)
-    of = f"of {codes.size} in {sample.frames} of {plan.frames} frames"
-    idle = ", ".join(n for n in plan.on if not moved[n].any())
+    together = int((whole != part).sum())
+    enough = engines.cheapest(full if together else fewer) or plan.engine
+    size = whole.size
+    found = ", ".join(f"{c.name} ({round(c.moved * size)}, by up to {c.code_max_lsb})" for c in moving)
+    of = f"of {size} in {full.frames} of {plan.frames} frames"
+    idle = ", ".join(cost.name for cost in costs if not cost.code_max_lsb)
     idle += f" alone, but {together} together" if together else ""
-    times = (f"{s * plan.frames / sample.frames:.2g} s" for s in (seconds, seconds_fewer))
+    times = (f"{s * plan.frames / full.frames:.2g} s" for s in seconds)
     console.print(f"effects that change codes ({of}): {found or 'none'}", highlight=False)
     console.print(f"effects that change none of them: {idle or 'none'}", highlight=False)
     words = f"engine {enough} is enough for those that change codes; engine event takes {next(times)} "
