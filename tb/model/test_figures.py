@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from dermis import plan
@@ -48,7 +48,7 @@ def test_few_codes_are_drawn_one_by_one_and_many_are_counted_in_cells(tmp_path: 
     figure, axes = drawn(tmp_path, made(tmp_path, many))
     assert points(figure) < 100, "lines only"
     for name in ("curve", "rest"):
-        (cells,) = [c for c in axes[name].collections if isinstance(c, QuadMesh)]
+        (cells,) = [c for c in axes[name].collections if isinstance(c, PolyCollection)]
         assert cells.get_array().sum() == many.size, "no code is lost"
 
 

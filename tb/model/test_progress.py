@@ -57,6 +57,6 @@ def test_on_a_terminal_a_bar_shows_them(monkeypatch: pytest.MonkeyPatch) -> None
     with progress.slots("sim", 100) as tell:
         tell(50, "single_touch")
     text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", screen.getvalue())
-    assert "50/100" in text
+    assert "50 of 100" in text
     assert "row slots/" in text
     assert "single_touch" in text

@@ -14,7 +14,7 @@ from system_bench import MakePlan
 from dermis import engines
 from dermis.chip import hdl
 from dermis.chip.analog import ExactHalf
-from dermis.chip.netlist import integrator_node
+from dermis.chip.netlist import integrator_nodes
 from dermis.engines import Result, closed, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.report import comparison
@@ -242,7 +242,7 @@ def test_integrators_follow_the_exact_half_to_a_microvolt(resistance_plan: MakeP
     record = cosim.run(made, record=True).info["records"][0]
     t_clk, rows, cols = 1.0 / made.timing.f_clk_hz, made.rows, made.cols
     time = record["wave0_time_s"]
-    volts = np.array([record[f"wave0_{integrator_node(c)}"] for c in range(cols)])
+    volts = np.array([record[f"wave0_{integrator_nodes(c)[0]}"] for c in range(cols)])
     duty = made.duty_ideal()[0]
     levels = [1.0] + [0.0] * (rows - 1) + [1.0] + [0.0] * cols
     half = ExactHalf(duty, levels, t_clk_s=t_clk, t_edge_s=cosim.Solver().t_edge_s)

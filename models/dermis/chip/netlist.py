@@ -30,43 +30,6 @@ SPICE = ROOT / "spice"
 SHARED = ("devices.inc", "level_shifter.sp", "bias.sp", "ota.sp")
 """Files of spice/sky130 that its blocks use."""
 
-HONOURS = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "r_return_ohm",
-        "v_column_offset_v",
-        "g_lateral_row_s",
-        "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "c_row_f",
-        "c_column_f",
-        "c_taxel_f",
-        "gain",
-        "i_offset_a",
-        "inv_gain_dc",
-        "g_in_s",
-        "v_int_max_v",
-        "v_int_min_v",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-        "v_hysteresis_v",
-        "t_comp_delay_s",
-        "inv_i_range_a",
-        "q_mirror_c",
-        "t_gbw_s",
-        "ripple",
-        "motion",
-    }
-)
-"""Record fields that a deck can express; a field that is not named here is refused."""
-
 # Up to this part of a clock the delay of a comparator is the pole of its block: of a bend a clock ago 2e-9 is left.
 # Above it, a pole would round bends (3 % at 0.3 clock, 28 codes with a clamp), so the block has no pole and its output
 # is sampled that much earlier, on a time point (comparator_early_s, Deck.late_s). Nothing else in the block depends on
@@ -82,6 +45,26 @@ OF_BLOCK = {
     "charge_source": {"packet_error"},
 }
 """Record fields that set the behaviour of a block; refused for a block of transistors."""
+
+HONOURS = frozenset(
+    {
+        "r_pad_row_ohm",
+        "r_pad_column_ohm",
+        "r_return_ohm",
+        "g_lateral_row_s",
+        "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
+        "r_trace_row_ohm",
+        "r_trace_column_ohm",
+        "i_leak_a",
+        "i_offset_a",
+        "c_row_f",
+        "c_column_f",
+        "c_taxel_f",
+        "ripple",
+        "motion",
+    }
+).union(*OF_BLOCK.values())
+"""Record fields that a deck can express; a field that is not named here is refused."""
 
 # A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a
 # capacitor follows those exactly at any step: there is no truncation error to limit (trtol), and the tolerances are
@@ -219,33 +202,32 @@ def _channel_in_transistors(views: Views, topology: str) -> bool:
     return ("conveyor" if topology != "direct" else "integrator") in blocks
 
 
-def _includes(views: Views, topology: str) -> Iterator[str]:
+def _includes(views: Views, topology: str) -> list[str]:
     """The lines that bring the blocks of a deck, each from the folder of its view."""
     blocks = views.in_transistors(topology)
-    yield f'.include "{SPICE / "design.inc"}"'
     if not blocks:
-        yield f'.include "{SPICE / "behavioural" / "blocks.inc"}"'
-        return
-    yield f'.include "{sky130.models(views.corner)}"'
-    yield f".temp {spice_number(views.temperature_c)}"
-    yield f".param supply_v_logic_v={spice_number(sky130.logic_v(views.supply_scale))}"
-    yield from (f'.include "{SPICE / "sky130" / name}"' for name in SHARED)
-    fine = blocks >= set(CONVERTER)
-    where = {
-        "row_driver": ("row_driver.sp",),
-        "conveyor": ("conveyor.sp", "conveyor_multi.sp", "mirror.sp"),
-        **{name: (f"{name}.sp",) for name in CONVERTER},
-    }
-    for block, files in where.items():
-        view = "sky130" if block in blocks else "behavioural"
-        extra = (
-            {"sky130": "offset_null.sp", "behavioural": "mirror_lag.sp"}[view] if block == "conveyor" else ""
-        )
-        yield from (f'.include "{SPICE / view / name}"' for name in (*files, extra) if name)
-    yield f'.include "{SPICE / ("sky130" if fine else "behavioural") / "vfc.sp"}"'
-    channel = "sky130" if _channel_in_transistors(views, topology) else "behavioural"
-    switched = channel == "sky130" and topology == "conveyor_mirror"
-    yield f'.include "{SPICE / channel / ("channel_switched" if switched else f"channel_{topology}")}.sp"'
+        return [f'.include "{SPICE / name}"' for name in ("design.inc", "behavioural/blocks.inc")]
+
+    def of(transistors: bool) -> str:
+        return "sky130" if transistors else "behavioural"
+
+    conveyor, channel = "conveyor" in blocks, _channel_in_transistors(views, topology)
+    files = [
+        *(f"sky130/{name}" for name in SHARED),
+        f"{of('row_driver' in blocks)}/row_driver.sp",
+        *(f"{of(conveyor)}/{name}.sp" for name in ("conveyor", "conveyor_multi", "mirror")),
+        "sky130/offset_null.sp" if conveyor else "behavioural/mirror_lag.sp",
+        *(f"{of(block in blocks)}/{block}.sp" for block in CONVERTER),
+        f"{of(blocks >= set(CONVERTER))}/vfc.sp",
+        f"{of(channel)}/channel_{'switched' if channel and topology == 'conveyor_mirror' else topology}.sp",
+    ]
+    return [
+        f'.include "{SPICE / "design.inc"}"',
+        f'.include "{sky130.models(views.corner)}"',
+        f".temp {spice_number(views.temperature_c)}",
+        f".param supply_v_logic_v={spice_number(sky130.logic_v(views.supply_scale))}",
+        *(f'.include "{SPICE / name}"' for name in files),
+    ]
 
 
 def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> dict[str, float]:
@@ -558,11 +540,6 @@ def options(pole: bool, clamp_i0_a: float | None = None) -> str:
         # The reason of abstol is that of _ABSTOL_CLAMP.
         return ".options " + _assignments({**_OPTIONS_CLAMP, "abstol": _ABSTOL_CLAMP * clamp_i0_a})
     return ".options " + _assignments(_OPTIONS_POLE if pole else _OPTIONS_EXACT)
-
-
-def integrator_node(column: int) -> str:
-    """Name of the integrator output of a channel in the flattened deck."""
-    return integrator_nodes(column)[0]
 
 
 def integrator_nodes(column: int) -> tuple[str, str]:

@@ -23,8 +23,7 @@ COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "black", "#56B4E9", "#8B6F00", G
 DPI = 130
 
 POINTS_MAX = 5000
-"""Most points drawn one by one; more are counted in bins, in 0.1 s for a million."""
-_BINS = 200
+"""Most points drawn one by one; more are counted in bins."""
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -60,16 +59,8 @@ def cloud(axes: Any, x: NDArray[Any], y: NDArray[Any], label: str) -> None:
     if x.size <= POINTS_MAX:
         axes.plot(x, y, ".", color=BLUE, ms=4, label=label)
         return
-    edges = [np.linspace(v.min(), max(v.max(), v.min() + 1e-9), _BINS + 1) for v in (x, y)]
-    # Equal bins: the place follows from the value, where numpy's histogram2d would search for it.
-    place = [
-        np.clip(((v - e[0]) * (_BINS / (e[-1] - e[0]))).astype(int), 0, _BINS - 1)
-        for v, e in zip((x, y), edges, strict=True)
-    ]
-    number = np.bincount(place[1] * _BINS + place[0], minlength=_BINS**2).reshape(_BINS, _BINS)
-    shown = np.ma.masked_equal(number, 0)
-    image = axes.pcolormesh(*edges, shown, cmap="Blues", norm="log", vmin=0.3, rasterized=True)
-    axes.figure.colorbar(image, ax=axes, label=f"{label} in each cell")
+    cells = axes.hexbin(x, y, gridsize=200, cmap="Blues", norm="log", mincnt=1, vmin=0.3, rasterized=True)
+    axes.figure.colorbar(cells, ax=axes, label=f"{label} in each cell")
 
 
 def _layout(rows: int, cols: int) -> tuple[list[list[str]], tuple[float, float]]:
@@ -85,15 +76,10 @@ def _scale(made: Plan, code_max: int) -> tuple[list[int], list[str]]:
     """Return codes of the colour scale with the force, or resistance, of an ideal chip."""
     codes = [round(code_max * part / 4) for part in range(5)]
     duty = np.array(codes)[:, None] / made.timing.gate_clocks * np.ones(made.cols)
-    if made.force_n is not None:
-        return codes, [
-            f"{code}  ({n:.3g} N)" for code, n in zip(codes, made.force_of_duty(duty)[:, 0], strict=True)
-        ]
-    ohm = made.ohm_of_duty(duty)[:, 0]
-    return codes, [
-        f"{code}  ({r:.3g} ohm)" if np.isfinite(r) else f"{code}  (open)"
-        for code, r in zip(codes, ohm, strict=True)
-    ]
+    unit, of_duty = ("ohm", made.ohm_of_duty) if made.force_n is None else ("N", made.force_of_duty)
+    values = of_duty(duty)[:, 0]
+    said = [f"{value:.3g} {unit}" if np.isfinite(value) else "open" for value in values]
+    return codes, [f"{code}  ({words})" for code, words in zip(codes, said, strict=True)]
 
 
 def frame_figure(

@@ -7,19 +7,10 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.text import Text
+from rich.progress import BarColumn, Progress, TextColumn
 
 QUIET_S = 10.0
 
@@ -51,51 +42,32 @@ def duration(seconds: float) -> str:
 
 def line(what: str, done: int, total: int, unit: str, seconds: float, doing: str = "") -> str:
     """Return one line of progress after `seconds`."""
-    parts = [f"{what}: {done} of {total} {unit}"]
-    if 0 < done:
-        parts.append(rate(done, seconds, unit))
-        if done < total:
-            parts.append(f"{duration(seconds / done * (total - done))} left")
-    if doing:
-        parts.append(f"now {doing}")
-    return ", ".join(parts)
-
-
-class _Rate(ProgressColumn):
-    """The rate since the beginning."""
-
-    def __init__(self, unit: str) -> None:
-        super().__init__()
-        self._unit = unit
-
-    def render(self, task: Any) -> Text:
-        return Text(rate(int(task.completed), task.elapsed or 0.0, self._unit), style="progress.data.speed")
+    left = f"{duration(seconds / done * (total - done))} left" if 0 < done < total else ""
+    parts = (f"{what}: {done} of {total} {unit}", rate(done, seconds, unit), left, doing and f"now {doing}")
+    return ", ".join(part for part in parts if part)
 
 
 @contextmanager
 def slots(what: str, total: int, unit: str = "row slots") -> Iterator[Tell]:
     """Yield a function that takes the number of units done of `total` and the current step."""
+    begin = said = time.monotonic()
+
+    def words(now: float, done: int, doing: str = "") -> str:
+        return line(what, done, total, unit, now - begin, doing)
+
     if not sys.stderr.isatty():
-        begin = said = time.monotonic()
 
         def tell(done: int, doing: str = "") -> None:
             nonlocal said
-            now = time.monotonic()
-            if now - said > QUIET_S:
+            if (now := time.monotonic()) - said > QUIET_S:
                 said = now
-                print(line(what, done, total, unit, now - begin, doing), file=sys.stderr, flush=True)
+                print(words(now, done, doing), file=sys.stderr, flush=True)
 
         yield tell
         return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _Rate(unit),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[doing]}", style="dim"),
-    )
+    columns = BarColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total, doing="")
-        yield lambda done, doing="": bar.update(task, completed=done, doing=doing)
+        task = bar.add_task(words(begin, 0), total=total)
+        yield lambda done, doing="": bar.update(
+            task, completed=done, description=words(time.monotonic(), done, doing)
+        )

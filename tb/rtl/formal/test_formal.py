@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -82,7 +81,7 @@ def runs(pid: int) -> bool:
 def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is_in(
     how: signal.Signals, exit_code: int, tmp_path: Path
 ) -> None:
-    child = subprocess.Popen([sys.executable, "-c", STUBBORN, str(tmp_path)], start_new_session=True)
+    child = children.Child([sys.executable, "-c", STUBBORN, str(tmp_path)])
     try:
         end = time.monotonic() + 30
         # Two programs below it, each with two more.
@@ -94,7 +93,7 @@ def test_an_interrupt_ends_all_that_runs_at_once_whatever_group_or_session_it_is
         assert child.wait(20) == exit_code
         assert time.monotonic() - sent < 10
     finally:
-        children.end_tree(child)
+        child.end()
     time.sleep(0.2)
     assert not [pid for pid in tree if runs(pid)]
 
