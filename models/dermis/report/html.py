@@ -140,21 +140,16 @@ def _counts(rows: Sequence[Row], statuses: Sequence[str] = tuple(verdict.COLOURS
 
 
 def _verdicts(heading: str, rows: Sequence[Row]) -> Part:
+    heads = ("name", "value", "min", "max", "unit", "status", "note")
     lines = [
-        (
-            row["name"],
-            *(_number(row[key]) for key in ("value", "min", "max")),
-            row["unit"],
-            row["status"],
-            row["note"],
-        )
+        [_number(row[key]) if key in ("value", "min", "max") else row[key] for key in heads]
         for row in sorted(rows, key=lambda row: ORDER.index(row["status"]))
     ]
     return Part(
         heading,
         text="" if rows else "no rows",
         counts=[(status, number) for status, number in _counts(rows) if number],
-        heads=("name", "value", "min", "max", "unit", "status", "note"),
+        heads=heads,
         rows=lines,
         numbers=(1, 2, 3),
     )
@@ -235,37 +230,23 @@ def _worst(made: Plan, codes: NDArray[Any]) -> Part:
     off = codes.astype(int) - ideal
     if not off.any():
         return Part("Worst taxels", 3, f"None: each of {off.size} codes is that of an ideal read-out.")
-    lines = []
-    for flat in np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST]:
-        at = tuple(int(i) for i in np.unravel_index(flat, off.shape))
-        force = "" if made.force_n is None else _number(float(made.force_n[at]))
-        ohm = _number(float(made.resistance_ohm[at]))
-        lines.append((*at, force, ohm, int(codes[at]), int(ideal[at]), f"{off[at]:+d}"))
-    heads = (
-        "frame",
-        "row",
-        "column",
-        "force / N",
-        "resistance / ohm",
-        "code",
-        "ideal code",
-        "difference / LSB",
-    )
-    return Part("Worst taxels", 3, heads=heads, rows=lines, numbers=range(8))
+    kinds = ["code", "ideal code"] + ["force / N"] * (made.force_n is not None) + ["resistance / ohm"]
+    tables = [codes, ideal, *([] if made.force_n is None else [made.force_n]), made.resistance_ohm]
+    heads = ("frame", "row", "column", *kinds, "difference / LSB")
+    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST]
+    lines = [
+        (*place, *(_number(float(table[place])) for table in tables), f"{off[place]:+d}")
+        for place in zip(*np.unravel_index(worst, off.shape), strict=True)
+    ]
+    return Part("Worst taxels", 3, heads=heads, rows=lines, numbers=range(len(heads)))
 
 
 def _effects(states: Sequence[Mapping[str, Any]]) -> Part:
     unnamed = [state["name"] for state in states if not state["on"] and state["reason"] == "not named"]
-    lines = []
-    for state in sorted(states, key=lambda state: not state["on"]):
-        if state["name"] not in unnamed:
-            bound = state.get("bound_lsb")
-            on = "on" if state["on"] else "off"
-            lines.append((state["name"], on, state["reason"], "" if bound is None else f"{bound:.3g}"))
+    lines = [(s["name"], "on" if s["on"] else "off", s["reason"]) for s in states if s["name"] not in unnamed]
     rest = f"Off, because the scene does not name them: {', '.join(unnamed)}." if unnamed else ""
-    return Part(
-        "Effects", 3, rest, heads=("effect", "state", "reason", "bound / LSB"), rows=lines, numbers=(3,)
-    )
+    heads = ("effect", "state", "reason")
+    return Part("Effects", 3, rest, heads=heads, rows=sorted(lines, key=lambda line: line[1] == "off"))
 
 
 # ---- commands -----------------------------------------------------------------------------------------------------
@@ -338,6 +319,5 @@ def _rows(path: Path) -> list[Row]:
         rows = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
         return []
-    keys = {"name", "value", "unit", "min", "max", "status", "note"}
-    good = isinstance(rows, list) and all(isinstance(row, dict) and keys <= row.keys() for row in rows)
+    good = isinstance(rows, list) and all(isinstance(r, dict) and r.keys() >= set(verdict.KEYS) for r in rows)
     return rows if good else []

@@ -8,9 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import click
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from dermis import auto, engines, records
 from dermis import plan as planning
@@ -18,16 +15,11 @@ from dermis.converter import injection
 from dermis.engines import event, masking
 from dermis.errors import DermisError, InputError
 from dermis.processes.cpu_time import cpu_seconds
-from dermis.report import ablate, progress
+from dermis.report import ablate, progress, verdict
 from dermis.scene import scene as scenes
 
 # Frames that `dermis plan` looks at, around the fullest one, and taxels in all of them.
 _SAMPLE, _SAMPLE_TAXELS = 12, 12 * 32 * 32
-
-
-def _console() -> Console:
-    console = Console()
-    return console if console.is_terminal else Console(width=130)
 
 
 def print_plan(plan: records.Plan) -> None:
@@ -35,7 +27,7 @@ def print_plan(plan: records.Plan) -> None:
     by_reason: dict[tuple[bool, str], list[str]] = {}
     for e in plan.effects:
         by_reason.setdefault((e.on, e.reason), []).append(e.name)
-    console = _console()
+    console = verdict.console()
     console.print(f"engine {plan.engine}", highlight=False)
     for (on, reason), names in sorted(by_reason.items(), reverse=True):
         # Those that the scene does not name are all others.
@@ -48,7 +40,7 @@ def print_answer(plan: records.Plan) -> None:
 
     The sample is run with each effect off in turn.
     """
-    console, frames = _console(), max(1, min(_SAMPLE, _SAMPLE_TAXELS // (plan.rows * plan.cols)))
+    console, frames = verdict.console(), max(1, min(_SAMPLE, _SAMPLE_TAXELS // (plan.rows * plan.cols)))
     try:
         with progress.slots("effects compared", len(plan.on) + 1, "effects") as show:
             full, (_, *costs) = ablate.measure(plan.scene, "event", frames, 0, show)
@@ -82,15 +74,12 @@ def print_filter(plan: records.Plan, found: dict[str, Any]) -> None:
     """Print the result of the filter: the verdicts, and by effect its shifts and the cells walked
     because of it.
     """
-    table = Table(title=None, box=box.SIMPLE_HEAD)
-    for heading in ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it"):
-        table.add_column(heading, justify="left" if heading == "effect" else "right")
-    for name, (caused, possible, walked) in found["effects"].items():
-        table.add_row(
-            name, *(v if isinstance(v, str) else f"{v:.2g}" for v in (caused, possible)), str(walked)
-        )
-    console = _console()
-    console.print(table)
+    heads = ("effect", "largest shift / LSB", "largest possible / LSB", "cells walked for it")
+    lines = [
+        (name, *(v if isinstance(v, str) else f"{v:.2g}" for v in (caused, possible)), str(walked))
+        for name, (caused, possible, walked) in found["effects"].items()
+    ]
+    console = verdict.print_table("", heads, lines, heads[1:])
     total = found["decided"] + found["level_1"] + found["everything"]
     words = f"of {total} cells {found['decided']} are decided by one solve, {found['level_1']} with their noise drawn, "
     words += f"{found['everything']} by engine event with everything on"
@@ -110,7 +99,7 @@ def print_rows(found: dict[str, Any]) -> None:
         words += f", for {found['cells_open']} cells of which engine event is not certain"
         if found["rows_before"]:
             words += f"; {found['rows_before']} of them only because a later row remembers them"
-    console = _console()
+    console = verdict.console()
     console.print(words, highlight=False)
     if not found["reason"]:
         for frame, rows in list(found["rows"].items())[:_SAMPLE]:

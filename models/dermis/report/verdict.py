@@ -22,6 +22,7 @@ from dermis.places import BUILD
 from dermis.scene.design import Limit, spec
 
 Row = dict[str, Any]
+KEYS = ("name", "value", "unit", "min", "max", "status", "note")
 AIM_MISSED = "aim missed"
 """Start of the note of a row that misses a limit without gate; every other SKIP has no value."""
 COLOURS = {"PASS": "green", "FAIL": "bold red", "ERROR": "bold magenta", "SKIP": "yellow"}
@@ -43,31 +44,19 @@ def limit(name: str) -> Limit:
 
 
 def _number(value: Any) -> int | float | None:
-    if value is None:
-        return None
-    number = float(value)
-    if not math.isfinite(number):
+    if value is None or not math.isfinite(number := float(value)):
         return None
     # Doubles hold whole numbers up to 2^53 exactly.
-    return (
-        int(number)
-        if float(number).is_integer() and abs(number) < 2**53 and not isinstance(value, float)
-        else number
-    )
+    whole = number.is_integer() and abs(number) < 2**53 and not isinstance(value, float)
+    return int(number) if whole else number
 
 
-def _row(
-    name: str, value: Any, unit: str, low: float | None, high: float | None, status: str, note: str
-) -> Row:
-    return {
-        "name": name,
-        "value": value,
-        "unit": unit,
-        "min": low,
-        "max": high,
-        "status": status,
-        "note": note,
-    }
+def _row(*values: Any) -> Row:
+    return dict(zip(KEYS, values, strict=True))
+
+
+def _with(said: str, note: str) -> str:
+    return f"{said}; {note}" if note else said
 
 
 def judge(name: str, value: Any, note: str = "") -> Row:
@@ -82,7 +71,7 @@ def judge(name: str, value: Any, note: str = "") -> Row:
         below = rule.min is not None and row["value"] < rule.min
         aim = f"at least {rule.min:g}" if below else f"at most {rule.max:g}"
         miss = f"{AIM_MISSED}: {row['value']:.4g}, wanted {aim}"
-        return row | {"status": "SKIP", "note": f"{miss}; {note}" if note else miss}
+        return row | {"status": "SKIP", "note": _with(miss, note)}
     return row
 
 
@@ -96,7 +85,7 @@ def within(name: str, value: Any, unit: str, low: float | None, high: float | No
     number = _number(value)
     if number is None:
         said = "not measured" if value is None else f"not a number: {value}"
-        return _row(name, None, unit, low, high, "ERROR", f"{said}; {note}" if note else said)
+        return _row(name, None, unit, low, high, "ERROR", _with(said, note))
     missed = (low is not None and number < low) or (high is not None and number > high)
     return _row(name, number, unit, low, high, "FAIL" if missed else "PASS", note)
 
@@ -121,7 +110,7 @@ def measured(name: str, value: Any, unit: str, note: str = "") -> Row:
 def median(name: str, values: Sequence[float], unit: str, note: str = "") -> Row:
     """Return the row of the median of measurements: spread in the note, all in "runs"."""
     spread = f"{len(values)} runs, {min(values):.4g} .. {max(values):.4g}"
-    row = measured(name, statistics.median(values), unit, f"{spread}; {note}" if note else spread)
+    row = measured(name, statistics.median(values), unit, _with(spread, note))
     return row | {"runs": [float(value) for value in values]}
 
 
@@ -155,21 +144,25 @@ def _said(value: Any) -> str:
     return "" if value is None else f"{value:.6g}"
 
 
+def console(width: int = 150) -> Console:
+    """Return a console as wide as the terminal, or of a fixed width elsewhere."""
+    found = Console()
+    return found if found.is_terminal else Console(width=width)
+
+
 def print_table(
     title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str]
 ) -> Console:
     """Print a table whose columns `numbers` are aligned to the right; return its console."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=150)
     table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
     for heading in heads:
         number = heading in numbers
         table.add_column(heading, justify="right" if number else "left", overflow="fold", no_wrap=number)
     for row in rows:
         table.add_row(*row)
-    console.print(table)
-    return console
+    screen = console()
+    screen.print(table)
+    return screen
 
 
 def print_rows(rows: Sequence[Row], title: str = "") -> None:
@@ -181,10 +174,10 @@ def print_rows(rows: Sequence[Row], title: str = "") -> None:
         # rich would read brackets in a note as markup.
         note = row["note"].replace("[", r"\[")
         lines.append((row["name"], *(_said(row[key]) for key in numbers), row["unit"], status, note))
-    console = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
+    screen = print_table(title, ("name", *numbers, "unit", "status", "note"), lines, numbers)
     counts = ", ".join(f"{sum(r['status'] == s for r in rows)} {s}" for s in COLOURS)
     missed = len(aims_missed(rows))
-    console.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
+    screen.print(f"{counts}, {missed} of them missed aims" if missed else counts, highlight=False)
 
 
 def exit_code(rows: Sequence[Row]) -> int:
