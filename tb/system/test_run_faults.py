@@ -75,7 +75,7 @@ def results(out: Path, code: int = 7) -> None:
     codes = np.full((1, 2, 3), code, np.uint8)
     for name in ("codes.npy", "codes.csv"):
         np.save(out / name, codes)
-    (out / "codes.csv").write_text(output.codes_csv(codes))
+    (out / "codes.csv").write_text(output.csv_of(codes))
     (out / "summary.json").write_text("{}\n")
     (out / "resolved.toml").write_text("")
 

@@ -32,8 +32,6 @@ STARTED_S = 10.0
 LOOK_S = 0.05
 """Seconds between two looks at the progress of a program."""
 
-_WATCHDOG = (sys.executable, "-I", "-S", watchdog.__file__)
-
 _running: set[Child] = set()
 _stopped = threading.Event()
 _lock = threading.Lock()
@@ -49,7 +47,7 @@ def guard() -> str:
             mark = f"{os.environ.get(watchdog.VARIABLE, '')}/{secrets.token_hex(6)}"
             # In its own session, so that Ctrl-C in a terminal does not reach it; it carries the mark of this process.
             _watchdog = subprocess.Popen(
-                [*_WATCHDOG, mark],
+                [sys.executable, "-I", "-S", watchdog.__file__, mark],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,
@@ -104,10 +102,7 @@ class Child(subprocess.Popen[bytes]):
 
     def processes(self) -> set[watchdog.Process]:
         """Return the live processes of its tree, in any session, also after its own end."""
-        found = watchdog.marked(self.mark)
-        # A process that was forked and has not yet become another program shows the environment it came from.
-        pids = tree(self.pid) if self.returncode is None else set()
-        return found | {process for pid in pids if (process := watchdog.identity(pid))}
+        return watchdog.marked(self.mark)
 
     def end(self) -> None:
         """End it and all that it started, also in process groups of their own (sby's solvers)."""
@@ -119,11 +114,13 @@ class Child(subprocess.Popen[bytes]):
         commands: dict[int, str] = {}
 
         def others() -> set[watchdog.Process]:
-            found = {p for p in self.processes() if p[0] != self.pid and not _is_watchdog(p[0])}
-            for pid, _ in found:
+            found = set()
+            for process in self.processes():
                 with contextlib.suppress(OSError):  # gone meanwhile
-                    data = Path(f"/proc/{pid}/cmdline").read_bytes()
-                    commands.setdefault(pid, one_line(data.replace(b"\0", b" ").decode(errors="replace"), 60))
+                    line = Path(f"/proc/{process[0]}/cmdline").read_bytes().replace(b"\0", b" ")
+                    if process[0] != self.pid and watchdog.__file__.encode() not in line:
+                        commands.setdefault(process[0], one_line(line.decode(errors="replace"), 60))
+                        found.add(process)
             return found
 
         watchdog.end(others)
@@ -261,25 +258,6 @@ def output_of(
             return code, out.read().decode(errors="replace")
     except OSError as error:
         raise SimulatorError(f"{Path(command[0]).name}: {error.strerror or error}") from None
-
-
-def tree(root: int) -> set[int]:
-    """Return a process, those of its session and all their descendants, but no watchdogs."""
-    parents: dict[int, tuple[int, int]] = {}
-    for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
-        if fields := watchdog.status(pid):
-            parents[pid] = int(fields[1]), int(fields[3])
-    found = {pid for pid, (_, session) in parents.items() if session == root}
-    while more := {pid for pid, (parent, _) in parents.items() if parent in found} - found:
-        found |= more
-    return {pid for pid in found if not _is_watchdog(pid)}
-
-
-def _is_watchdog(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes().startswith("\0".join(_WATCHDOG).encode())
-    except OSError:  # gone meanwhile
-        return False
 
 
 class Timeout:

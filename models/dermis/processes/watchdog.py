@@ -63,25 +63,23 @@ def marked(mark: str) -> set[Process]:
 
 def end(find: Callable[[], set[Process]]) -> None:
     """Kill the processes that `find()` returns, until it returns no more or END_LIMIT_S is over."""
-    found: set[Process] = set()
+    stopped: set[Process] = set()
     # Stopped first, so that none of them starts another one meanwhile.
-    while new := find() - found:
-        found |= new
-        for process in new:
-            _send(process, signal.SIGSTOP)
+    while new := find() - stopped:
+        stopped |= new
+        _send(new, signal.SIGSTOP)
     last = time.monotonic() + END_LIMIT_S
-    while found and time.monotonic() < last:
-        for process in found:
-            _send(process, signal.SIGKILL)
-        found = {process for process in found if identity(process[0]) == process}
-        if found:
-            time.sleep(0.002)
+    # One that was becoming another program has no environment for an instant: looked for again.
+    while (found := find()) and time.monotonic() < last:
+        _send(found, signal.SIGKILL)
+        time.sleep(0.002)
 
 
-def _send(process: Process, number: signal.Signals) -> None:
-    if identity(process[0]) == process:
-        with contextlib.suppress(OSError):  # gone meanwhile
-            os.kill(process[0], number)
+def _send(processes: set[Process], number: signal.Signals) -> None:
+    for process in processes:
+        if identity(process[0]) == process:
+            with contextlib.suppress(OSError):  # gone meanwhile
+                os.kill(process[0], number)
 
 
 def main(mark: str) -> None:

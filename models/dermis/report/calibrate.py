@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import click
 import numpy as np
@@ -84,22 +84,17 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     made = Calibration.of_plan(chip_of(rows, cols, table.start.scene))
     said: list[verdict.Row] = []
 
-    def frames(name: str, key: str) -> NDArray[np.float64]:
+    def frames(name: str, key: str, kind: str = "forces") -> NDArray[Any]:
         layout = recording.Layout(rows, cols, rate_hz=1.0)
         try:
-            return recording.load(path.parent / name, layout).values
+            found = recording.load(path.parent / name, layout).values
         except InputError as error:
             allowed = f"a file to read ({error.key} = {error.value}: {error.allowed})"
             raise InputError(path, key, name, allowed) from None
-
-    def forces(name: str, key: str) -> NDArray[np.float64]:
-        found = frames(name, key)
-        if not (found >= 0).all():
-            raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
-        return found
-
-    def codes(name: str, key: str) -> NDArray[np.int64]:
-        found = frames(name, key)
+        if kind == "forces":
+            if not (found >= 0).all():
+                raise InputError(path, key, name, f"forces from 0; the least is {found.min():g}")
+            return found
         if not ((found >= 0) & (found <= made.code_max) & (found == np.floor(found))).all():
             raise InputError(path, key, name, f"codes 0..{made.code_max}")
         return found.astype(np.int64)
@@ -112,48 +107,46 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
         if table.current:
             # The same current in every row slot: rows are readings.
             readings = [
-                codes(c.file, f"current.{n}.file").reshape(-1, cols) for n, c in enumerate(table.current)
+                frames(c.file, f"current.{n}.file", "codes").reshape(-1, cols)
+                for n, c in enumerate(table.current)
             ]
             least = min(len(r) for r in readings)
             currents = np.array([r[:least] for r in readings])
             made = identify.fit_chip(made, currents, [c.current_a for c in table.current])
-            made = dataclasses.replace(
-                made, noise_code=identify.fit_noise(currents.swapaxes(0, 1)) if least > 1 else 0.0
-            )
+            noise = identify.fit_noise(currents.swapaxes(0, 1)) if least > 1 else 0.0
+            made = dataclasses.replace(made, noise_code=noise)
             value("step_a", (float(made.step_a.mean()), float((made.step_part * made.step_a).mean())), "A")
             value("start_code", (float(made.start_code.mean()), float(made.start_sigma_code.mean())), "codes")
         if table.load:
             loads = []
             for n, load in enumerate(table.load):
-                known = load.force_n
-                if not isinstance(known, str) and not 0 <= known < np.inf:
-                    raise InputError(path, f"load.{n}.force_n", known, "a number >= 0, or a file")
-                force = (
-                    forces(known, f"load.{n}.force_n")[0]
-                    if isinstance(known, str)
-                    else np.full((rows, cols), known)
-                )
-                loads.append(identify.Load(load.name or load.file, codes(load.file, f"load.{n}.file"), force))
+                known, key = load.force_n, f"load.{n}.force_n"
+                if isinstance(known, str):
+                    force = frames(known, key)[0]
+                elif 0 <= known < np.inf:
+                    force = np.full((rows, cols), known)
+                else:
+                    raise InputError(path, key, known, "a number >= 0, or a file")
+                codes = frames(load.file, f"load.{n}.file", "codes")
+                loads.append(identify.Load(load.name or load.file, codes, force))
             fit = identify.fit_sheet(made, loads, table.start.law)
             made = fit.calibration
             for name, pair in fit.values.items():
                 value(name, pair, name.rsplit("_", 1)[1], fit.remarks.get(name, ""))
             said.append(verdict.report("calibrate.law_part", made.law_part, "1", "relative error of the law"))
-            taxels = ", ".join(f"{r} {c}" for r, c in list(made.own)[:8]) + (
-                " ..." if len(made.own) > 8 else ""
-            )
-            said.append(verdict.report("calibrate.own_laws", len(made.own), "taxels", taxels))
+            own = [f"{r} {c}" for r, c in made.own]
+            taxels = ", ".join(own[:8]) + (" ..." if len(own) > 8 else "")
+            said.append(verdict.report("calibrate.own_laws", len(own), "taxels", taxels))
             odd = "; ".join(f"{r} {c} {reason}" for (r, c), reason in list(fit.bad_taxels.items())[:8])
             said.append(verdict.within("calibrate.bad_taxels", len(fit.bad_taxels), "taxels", None, 0, odd))
             named = ", ".join(fit.bad)
             said.append(verdict.within("calibrate.bad_loads", len(fit.bad), "loads", None, 0, named))
         for cycle in table.cycle:
-            force = forces(cycle.force_n, "cycle.force_n")
-            seen = codes(cycle.file, "cycle.file")
+            force = frames(cycle.force_n, "cycle.force_n")
+            seen = frames(cycle.file, "cycle.file", "codes")
             if force.shape != seen.shape:
-                raise InputError(
-                    path, "cycle.force_n", f"{len(force)} frames", f"{len(seen)}, as many as of codes"
-                )
+                allowed = f"{len(seen)}, as many as of codes"
+                raise InputError(path, "cycle.force_n", f"{len(force)} frames", allowed)
             made, values = identify.fit_memory(made, seen, force, cycle.t_frame_s)
             for name, pair in values.items():
                 value(name, pair, "1")
@@ -165,34 +158,22 @@ def session(path: Path) -> tuple[Calibration, list[verdict.Row]]:
     for n, ref in enumerate(table.reference):
         if ref.row >= rows or ref.col >= cols:
             raise InputError(path, f"reference.{n}", f"{ref.row}, {ref.col}", f"a taxel of {rows} x {cols}")
-        places.append(
-            (
-                ref.row,
-                ref.col,
-                float(
-                    made.law_of(ref.row, ref.col).conductance_s(ref.force_n) * made.factor[ref.row, ref.col]
-                ),
-            )
-        )
+        conductance_s = made.law_of(ref.row, ref.col).conductance_s(ref.force_n)
+        places.append((ref.row, ref.col, float(conductance_s * made.factor[ref.row, ref.col])))
     return dataclasses.replace(made, reference=tuple(places)), said
 
 
 def drift_rows(new: Calibration, old: Calibration) -> list[verdict.Row]:
     """Return a verdict on each column whose gain has drifted, or one row if none has."""
-    apart = new.step_a / old.step_a - 1
+    apart = np.abs(new.step_a / old.step_a - 1)
     allowed = np.maximum(DRIFT_SIGMA * np.hypot(new.step_part, old.step_part), DRIFT_MIN)
-    moved = np.nonzero(np.abs(apart) > allowed)[0]
-    if not moved.size:
-        return [
-            verdict.within(
-                "calibrate.gain_drift", float(np.abs(apart).max()), "1", None, float(allowed.max())
-            )
-        ]
-    rows, why = [], "drifted: calibrate anew"
-    for c in moved:
-        name = f"calibrate.gain_drift.column_{c}"
-        rows.append(verdict.within(name, float(abs(apart[c])), "1", None, float(allowed[c]), why))
-    return rows
+    name, why = "calibrate.gain_drift", "drifted: calibrate anew"
+    if not (moved := np.nonzero(apart > allowed)[0]).size:
+        return [verdict.within(name, float(apart.max()), "1", None, float(allowed.max()))]
+    return [
+        verdict.within(f"{name}.column_{c}", float(apart[c]), "1", None, float(allowed[c]), why)
+        for c in moved
+    ]
 
 
 @click.command("calibrate")

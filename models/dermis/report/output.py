@@ -163,11 +163,14 @@ def _commit(scratch: Path, out: Path) -> None:
             _put(left, out)
 
 
-def codes_csv(codes: NDArray[np.uint8]) -> str:
-    """Return codes [frames, rows, cols] as text: frame,row,c0,c1,..."""
-    frames, rows, cols = codes.shape
-    lines = ["frame,row," + ",".join(f"c{c}" for c in range(cols))]
-    lines += [f"{f},{r}," + ",".join(map(str, codes[f, r])) for f in range(frames) for r in range(rows)]
+def csv_of(frames: NDArray[Any], kind: str = "d", time_s: NDArray[np.float64] | None = None) -> str:
+    """Return frames [frames, rows, cols] as text: frame,row,c0,c1,...; with times, frame,time_s,row,c0,..."""
+    lines = [
+        f"frame,{'' if time_s is None else 'time_s,'}row," + ",".join(f"c{c}" for c in range(frames.shape[2]))
+    ]
+    for f, frame in enumerate(frames.tolist()):
+        start = f"{f}," if time_s is None else f"{f},{time_s[f]:.9g},"
+        lines += [f"{start}{r}," + ",".join(format(v, kind) for v in row) for r, row in enumerate(frame)]
     return "\n".join(lines) + "\n"
 
 
@@ -190,7 +193,7 @@ def _tool_version(command: Sequence[str]) -> str:
     try:
         code, said = children.output_of(command, TOOL_LIMIT_S)
     except SimulatorError:
-        return "no answer"
+        code = None
     if code is None:
         return "no answer"
     words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
@@ -210,10 +213,12 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "rows": plan.rows,
         "cols": plan.cols,
         "frame_time_s": plan.timing.frame_s,
-        "effects": [{k: _json(v) for k, v in e._asdict().items()} for e in plan.effects],
+        "effects": [e._asdict() for e in plan.effects],
         "seed": plan.seed,
         "decoded": {
-            "total_force_n": [_json(force) for force in decoded.force_n.sum(axis=(1, 2)).tolist()],
+            "total_force_n": [
+                f if math.isfinite(f) else None for f in decoded.force_n.sum(axis=(1, 2)).tolist()
+            ],
             "taxels_at_zero": int(decoded.zero.sum()),
             "taxels_at_full_scale": int(decoded.saturated.sum()),
         },
@@ -225,10 +230,6 @@ def summary(plan: Plan, result: Result, rows: Sequence[Row]) -> dict[str, Any]:
         "verdicts": list(rows),
         "versions": versions(),
     }
-
-
-def _json(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def npy_bytes(array: NDArray[Any]) -> bytes:
@@ -257,7 +258,7 @@ def write(
     """
     files: dict[str, bytes] = {
         "codes.npy": npy_bytes(result.codes),
-        "codes.csv": codes_csv(result.codes).encode(),
+        "codes.csv": csv_of(result.codes).encode(),
         "summary.json": (json.dumps(summary(plan, result, rows), indent=1, allow_nan=False) + "\n").encode(),
         "resolved.toml": plan.resolved_toml(out).encode(),
     }

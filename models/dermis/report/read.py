@@ -120,16 +120,6 @@ def error_figures(
     }
 
 
-def taxel_table(frames: Floats, time_s: Floats, kind: str) -> str:
-    """Return frames [frames, rows, cols] as csv: frame,time_s,row,c0,c1,..."""
-    out = io.StringIO()
-    out.write(",".join(["frame", "time_s", "row", *(f"c{c}" for c in range(frames.shape[2]))]) + "\n")
-    for n, (frame, time) in enumerate(zip(frames, time_s, strict=True)):
-        for r, row in enumerate(frame):
-            out.write(f"{n},{time:.9g},{r}," + ",".join(format(v, kind) for v in row) + "\n")
-    return out.getvalue()
-
-
 def read_frames(
     skin: Skin, rec: recording.Recording, force: Floats
 ) -> tuple[NDArray[np.unsignedinteger], Forces, list[verdict.Row]]:
@@ -150,32 +140,21 @@ def read_frames(
     # Bounds are computed in two steps of rounding, each far below 1e-9 of the force.
     inside = (found.low_n <= force * (1 + 1e-9)) & (force <= found.high_n * (1 + 1e-9))
     note = "a wrong --unit or --scale? k of the scene sets the range"
-    pressed = max(int((rec.present & (force > 0)).sum()), 1)
-    share = float((full & rec.present).sum() / pressed)
-    taxels = int((full & rec.present).any(axis=0).sum())
-    rows.append(
-        verdict.within(
-            "read.saturated_share",
-            share,
-            "1",
-            None,
-            SATURATED_MAX,
-            f"{taxels} taxels; {note}" if share else "",
-        )
-    )
-    inside_share = float(inside[:, rec.present].mean())
+    saturated = full & rec.present
+    share = float(saturated.sum() / max(int((rec.present & (force > 0)).sum()), 1))
+    why = f"{int(saturated.any(axis=0).sum())} taxels; {note}" if share else ""
+    rows.append(verdict.within("read.saturated_share", share, "1", None, SATURATED_MAX, why))
+    covered = float(inside[:, rec.present].mean())
     # The bound of a saturated taxel, g_max_s, need not hold for forces of a wrong unit.
-    least = COVERAGE_MIN if share <= SATURATED_MAX else None
-    why = ""
-    if least is not None and inside_share < least:
-        r, c = np.unravel_index(
-            np.argmin(np.where(rec.present, inside.mean(axis=0), np.inf)), rec.present.shape
-        )
+    least, why = COVERAGE_MIN if share <= SATURATED_MAX else None, ""
+    if least is not None and covered < least:
+        taxels = np.where(rec.present, inside.mean(axis=0), np.inf)
+        r, c = np.unravel_index(np.argmin(taxels), taxels.shape)
         why = f"the calibration does not fit; most errors at row {r}, column {c}"
-    rows.append(verdict.within("read.interval_coverage", inside_share, "1", least, None, why))
+    rows.append(verdict.within("read.interval_coverage", covered, "1", least, None, why))
     most = int(codes.max(initial=0))
-    low = f"the recording uses little of the range: {note}" if most < LEAST_CODE else ""
-    rows.append(verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, low))
+    why = f"the recording uses little of the range: {note}" if most < LEAST_CODE else ""
+    rows.append(verdict.within("read.largest_code", most, "codes", LEAST_CODE, None, why))
     return codes, found, rows
 
 
@@ -240,25 +219,17 @@ def read_command(
             rec = dataclasses.replace(rec, values=np.maximum(rec.values, 0.0))
         frames, rows, cols = rec.values.shape
         chip = chip_of(rows, cols, scene)
-        force = np.where(
-            rec.present,
-            forces_of(
-                np.where(rec.present, rec.values, 0 if unit != "ohm" else np.inf), unit, chip, area_mm2, scale
-            ),
-            0.0,
-        )
+        values = np.where(rec.present, rec.values, np.inf if unit == "ohm" else 0)
+        force = np.where(rec.present, forces_of(values, unit, chip, area_mm2, scale), 0.0)
         # Times of a file have six digits; a frame that is shorter by less is the same.
         if frames > 1 and rec.t_frame_s < chip.timing.frame_s * (1 - 1e-6):
-            least_s = chip.timing.frame_s
-            allowed = (
-                f"at most {1 / least_s:.4g} frames a second: the chip reads {rows} rows in {least_s:g} s"
-            )
+            most = 1 / chip.timing.frame_s
+            allowed = f"at most {most:.4g} frames a second: the chip reads {rows} rows in {1 / most:g} s"
             raise InputError(file, "rate", f"{1 / rec.t_frame_s:.6g}", allowed)
-        skin = Skin(chip)
-        if known is not None:
-            own = calibration.load(known)
+        own = None if known is None else calibration.load(known)
+        if own is not None:
             own.check(rows, cols, known)
-            skin = Skin(chip, calibration=own)
+        skin = Skin(chip, calibration=own)
         codes, found, judged = read_frames(skin, rec, force)
         said = {"file": str(file), "unit": unit, "scene": scene or "default chip", "calibration": known}
         write(target, rec, codes, found, judged, said, hdf5)
@@ -303,18 +274,20 @@ def write(
         "time_from": rec.time_from,
         "verdicts": rows,
     }
-    files: dict[str, bytes | str] = {
-        "codes.npy": output.npy_bytes(codes),
-        "forces_n.npy": output.npy_bytes(found.force_n),
-        "forces_low_n.npy": output.npy_bytes(found.low_n),
-        "forces_high_n.npy": output.npy_bytes(found.high_n),
+    arrays = {
+        "codes": codes,
+        "forces_n": found.force_n,
+        "forces_low_n": found.low_n,
+        "forces_high_n": found.high_n,
+    }
+    files: dict[str, bytes | str] = {"forces.h5": _hdf5(arrays, rec)} if hdf5 else {}
+    files |= {f"{name}.npy": output.npy_bytes(array) for name, array in arrays.items()}
+    files |= {
         "time_s.npy": output.npy_bytes(rec.time_s),
-        "codes.csv": taxel_table(codes, rec.time_s, "d"),
-        "forces_n.csv": taxel_table(found.force_n, rec.time_s, ".6g"),
+        "codes.csv": output.csv_of(codes, time_s=rec.time_s),
+        "forces_n.csv": output.csv_of(found.force_n, ".6g", rec.time_s),
         "summary.json": json.dumps(summary, indent=1, allow_nan=False) + "\n",
     }
-    if hdf5:
-        files = {"forces.h5": _hdf5(rec, codes, found)} | files
     # A summary is there only with the files that it describes.
     for name in ("summary.json", "forces.h5"):
         (target / name).unlink(missing_ok=True)
@@ -322,16 +295,9 @@ def write(
         write_atomic(target / name, content)
 
 
-def _hdf5(rec: recording.Recording, codes: NDArray, found: Forces) -> bytes:
-    h5py = optional("h5py", "recordings")
+def _hdf5(arrays: dict[str, NDArray], rec: recording.Recording) -> bytes:
     held = io.BytesIO()
-    with h5py.File(held, "w") as file:
-        arrays = {
-            "codes": codes,
-            "forces_n": found.force_n,
-            "forces_low_n": found.low_n,
-            "forces_high_n": found.high_n,
-        }
+    with optional("h5py", "recordings").File(held, "w") as file:
         for name, array in arrays.items():
             file.create_dataset(name, data=array, compression="gzip")
         file["time_s"], file["present"] = rec.time_s, rec.present

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +23,10 @@ from dermis.records import Plan
 def integrator_waves(record: dict[str, Any], cols: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times [points] in seconds over all frames, and voltages [cols, points]."""
     times, volts = [], []
-    frame = 0
-    while f"wave{frame}_time_s" in record:
-        time = record[f"wave{frame}_time_s"]
-        times.append(time + float(record[f"wave{frame}_begin_s"]))
-        names = [
-            next(n for n in (f"wave{frame}_{node}" for node in integrator_nodes(c)) if n in record)
-            for c in range(cols)
-        ]
-        volts.append([record[name] for name in names])
-        frame += 1
+    for frame in itertools.takewhile(lambda n: f"wave{n}_time_s" in record, itertools.count()):
+        times.append(record[f"wave{frame}_time_s"] + float(record[f"wave{frame}_begin_s"]))
+        nodes = ([f"wave{frame}_{node}" for node in integrator_nodes(c)] for c in range(cols))
+        volts.append([next(record[name] for name in names if name in record) for names in nodes])
     if not times:
         return np.zeros(0), np.zeros((cols, 0))
     return np.concatenate(times), np.concatenate([np.array(v) for v in volts], axis=1)
@@ -53,43 +49,39 @@ def write(out: Path, made: Plan, result: Result, part: int = 0) -> Path:
     """Write waves.vcd and waves.gtkw of one part of a run into `out`; return the VCD's path."""
     vcd, gtkw = optional("vcd", "chip"), optional("vcd.gtkw", "chip")
     record = result.info["records"][part]
-    rows, cols = made.rows, made.cols
+    nets = {"preset": 1, "row_select": made.rows, "charge": made.cols, "comparator": made.cols}
     t_clk_ps = 1e12 / made.timing.f_clk_hz
-    time_s, v_int = integrator_waves(record, cols)
+    time_s, v_int = integrator_waves(record, made.cols)
     events: list[tuple[int, str, Any]] = []
-    for net in ("preset", "row_select", "charge", "comparator"):
+    for net in nets:
         delay = float(record["trace_charge_delay_clocks"]) if net == "charge" else 0.0
         events += [(time, net, value) for time, value in _changes(trace(record, net), t_clk_ps, delay)]
-    for column in range(cols):
-        name = f"v_int{column}"
-        events += [(round(t * 1e12), name, float(v)) for t, v in zip(time_s, v_int[column], strict=True)]
+    for column, volts in enumerate(v_int):
+        events += [(round(t * 1e12), f"v_int{column}", float(v)) for t, v in zip(time_s, volts, strict=True)]
     events.sort(key=lambda event: event[0])
     out.mkdir(parents=True, exist_ok=True)
-    target = out / "waves.vcd"
-    with atomic(target) as binary:
-        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
+    with _text(out / "waves.vcd") as file:
         with vcd.VCDWriter(file, timescale="1 ps", date="", version="dermis") as writer:
-            variables = {
-                "preset": writer.register_var("chip", "preset", "wire", size=1),
-                "row_select": writer.register_var("chip", "row_select", "wire", size=rows),
-                "charge": writer.register_var("chip", "charge", "wire", size=cols),
-                "comparator": writer.register_var("chip", "comparator", "wire", size=cols),
-            }
-            for column in range(cols):
-                name = f"v_int{column}"
+            variables = {net: writer.register_var("chip", net, "wire", size=n) for net, n in nets.items()}
+            for name in (f"v_int{column}" for column in range(made.cols)):
                 variables[name] = writer.register_var("analog", name, "real", init=0.0)
             for time, name, value in events:
                 writer.change(variables[name], time, value)
-        file.detach()  # flushed by then; the file below it is closed where it was opened
-    with atomic(out / "waves.gtkw") as binary:
-        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
+    with _text(out / "waves.gtkw") as file:
         save = gtkw.GTKWSave(file)
-        save.dumpfile(target.name, abspath=False)
+        save.dumpfile("waves.vcd", abspath=False)
         save.zoom_markers(-22.0)
         save.trace("chip.preset")
-        for net, width in (("row_select", rows), ("charge", cols), ("comparator", cols)):
+        for net, width in list(nets.items())[1:]:
             save.trace(f"chip.{net}[{width - 1}:0]" if width > 1 else f"chip.{net}", datafmt="hex")
-        for column in range(cols):
+        for column in range(made.cols):
             save.trace(f"analog.v_int{column}", extraflags=["analog_step"])
-        file.detach()
-    return target
+    return out / "waves.vcd"
+
+
+@contextmanager
+def _text(path: Path) -> Iterator[IO[str]]:
+    with atomic(path) as binary:
+        file = io.TextIOWrapper(binary, encoding="utf-8", newline="\n")
+        yield file
+        file.detach()  # flushed by then; the file below it is closed where it was opened
