@@ -86,14 +86,6 @@ def code(x: Duty, gate_clocks: int, code_bits: int, w_preset: Duty = (-1, 2)) ->
     return count(x, gate_clocks, code_bits, w_preset)
 
 
-def code_closed(x: Duty, gate_clocks: int, code_bits: int) -> int:
-    """Code for x <= 1/2 by rounding: floor(N x + 1/2), saturated."""
-    p, q = x
-    if 2 * p > q:
-        raise ValueError("the closed form holds for x <= 1/2")
-    return min(2**code_bits - 1, (2 * gate_clocks * p + q) // (2 * q))
-
-
 def duty_of_resistance(r_ohm: Duty) -> Duty:
     """Duty of a taxel in the paper's design: V_b / (k i0) is 250 ohm, so x = 250 / R."""
     return (250 * r_ohm[1], r_ohm[0])

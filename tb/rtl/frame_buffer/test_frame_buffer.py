@@ -10,30 +10,23 @@ from rtl_run import changed, simulate
 
 SYNC_RANDOM = Path(__file__).parent / "sync_random.v"
 SIZE = {"BANK_BYTES": 20}
-SEEDS = 1
 
 
-def whole_frames(simulator: str, seed: int, trap: Path | None, reads: int = 150) -> dict[str, int]:
-    scenario = {"seed": seed, "bank_bytes": SIZE["BANK_BYTES"], "reads": reads}
+def whole_frames(simulator: str, trap: Path | None) -> dict[str, int]:
+    scenario = {"seed": 0, "bank_bytes": SIZE["BANK_BYTES"], "reads": 150}
     return simulate(
         simulator, "bench_frame_buffer", "dermis_frame_buffer", "whole_frames", SIZE, scenario, trap=trap
     )
 
 
-@pytest.mark.parametrize("seed", range(SEEDS))
-def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str, seed: int) -> None:
-    got = whole_frames(simulator, seed, SYNC_RANDOM)
+def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str) -> None:
+    got = whole_frames(simulator, SYNC_RANDOM)
     assert got["different"] > 20
     assert got["lost"] > 0
 
 
 def test_ready_waiting_and_lost(simulator: str) -> None:
     simulate(simulator, "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE)
-
-
-@pytest.mark.long
-def test_the_count_of_lost_frames_stops_at_its_end() -> None:
-    simulate("verilator", "bench_frame_buffer", "dermis_frame_buffer", "many_lost", SIZE)
 
 
 # CS always seen a clock late: the worst that a metastable flop may do to the order of CS and claim.
@@ -63,12 +56,12 @@ FAULTS = {
 @pytest.mark.long
 def test_a_cs_that_is_seen_late_lets_go_of_nothing(tmp_path: Path) -> None:
     trap = changed(tmp_path, "dermis_frame_buffer", LATE_CS, more=LATE)
-    assert whole_frames("icarus", 0, trap)["different"] > 20
+    assert whole_frames("icarus", trap)["different"] > 20
 
 
 def both(trap: Path) -> None:
     simulate("icarus", "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE, trap=trap)
-    whole_frames("icarus", 0, trap)
+    whole_frames("icarus", trap)
 
 
 @pytest.mark.parametrize("fault", FAULTS)

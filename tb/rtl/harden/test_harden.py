@@ -24,12 +24,8 @@ STUB = Path(__file__).resolve().parent / "dermis_analog_front_end.v"
 CIPO, READY, PADS = 8, 9, 27
 
 
-def read_out(wrapper: Path = WRAPPER) -> dict:
-    return simulate("icarus", "bench_wrapper", WRAPPER.stem, "read_out", around=[STUB, wrapper])
-
-
 def test_chip_is_read_through_the_pads_of_the_wrapper() -> None:
-    seen = read_out()
+    seen = simulate("icarus", "bench_wrapper", WRAPPER.stem, "read_out", around=[STUB, WRAPPER])
     every = (1 << PADS) - 1
     assert seen["identity"] == 0xDE01
     assert seen["geometry"] == 0x0808
@@ -38,20 +34,6 @@ def test_chip_is_read_through_the_pads_of_the_wrapper() -> None:
     # Only the interrupt pad drives, and the host's input while it talks.
     assert seen["idle"] == every & ~(1 << READY)
     assert seen["selected"] == every & ~(1 << READY) & ~(1 << CIPO)
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("io_in[SCK]", "io_in[COPI + 4]"), ("(n == CIPO) ? cipo :", "(n == CIPO + 2) ? cipo :")],
-    ids=["sck_elsewhere", "cipo_elsewhere"],
-)
-def test_wrong_pad_is_seen(tmp_path: Path, old: str, new: str) -> None:
-    text = WRAPPER.read_text()
-    assert text.count(old) == 1
-    wrong = tmp_path / WRAPPER.name
-    wrong.write_text(text.replace(old, new))
-    with pytest.raises(AssertionError, match="read_out on icarus"):
-        read_out(wrong)
 
 
 def ports(path: Path) -> set[str]:
@@ -163,27 +145,15 @@ def pads_of_table(text: str) -> dict[str, tuple[int, str, int]]:
     return {NAMES.get(signal, signal): (int(p), port, int(n)) for p, port, n, signal in lines}
 
 
-def clashes(wrapper: str) -> list[int]:
-    """Pads with two signals, or that the wrapper leaves to the housekeeping SPI."""
-    used = [pad(*where) for where in pads_of_wrapper(wrapper).values()]
-    return sorted({p for p in used if used.count(p) > 1 or p < 5})
-
-
 def test_table_and_wrapper_name_the_same_pads_and_none_twice() -> None:
     wrapper = pads_of_wrapper(WRAPPER.read_text())
     assert len(wrapper) == 6 + 2 * 8 + 4
     table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
     assert table == {signal: (pad(*where), *where) for signal, where in wrapper.items()}
-    assert clashes(WRAPPER.read_text()) == []
-
-
-def test_rows_on_the_pads_of_the_host_are_seen() -> None:
-    text = WRAPPER.read_text()
-    assert clashes(re.sub(r"(localparam ROW_0 +=) 7", r"\1 1", text)) == [8, 9, 10, 11]
-    # Rows one index higher lie on other pads than the table says, without a clash.
-    table = pads_of_table((ROOT / "docs" / "handover.md").read_text())
-    moved = pads_of_wrapper(re.sub(r"(localparam ROW_0 +=) 7", r"\1 8", text))
-    assert table["row 0"][0] != pad(*moved["row 0"])
+    # The lowest five are left to the housekeeping SPI.
+    used = [number for number, *_ in table.values()]
+    assert len(set(used)) == len(used)
+    assert min(used) >= 5
 
 
 def macro(text: str) -> str:

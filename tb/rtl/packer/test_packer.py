@@ -133,67 +133,34 @@ def frames_of(rows: list[Row]) -> list[list[Row]]:
     return frames
 
 
-def row_of(slot: int, counts: list[int], first: int, last: int, **more: Any) -> Row:
-    """A row of nine columns, the last ones empty."""
-    counts = [*counts, *[0] * (9 - len(counts))]
-    return {"slot_i": slot, "counts": counts, "first_i": first, "last_i": last, "gate_clocks_i": 510, **more}
+def row_of(slot: int, counts: list[int], first: int, last: int, mode: int = 0) -> Row:
+    more = {"gate_clocks_i": 510, "pedestal_mode_i": mode, "pedestals": [4] * 3}
+    return {"slot_i": slot, "counts": counts, "first_i": first, "last_i": last, **more}
 
 
-def slots_of(frame: list[int], columns: int) -> list[list[int]]:
-    """Number, first codes and overflow bits of each slot of a frame of nine columns of a byte."""
-    body = frame[8:-2]
-    assert len(body) % 12 == 0
-    slots = [body[n : n + 12] for n in range(0, len(body), 12)]
-    return [[s[0], *s[1 : 1 + columns], s[10] | s[11] << 8] for s in slots]
-
-
-def test_overflow_bit_says_that_a_corrected_count_does_not_fit_its_code(simulator: str) -> None:
-    counts = [255, 256, 511, 300, 0, 10, 265, 266, 511]
-    more = {"pedestals": [0, 0, 255, 45, 5, 10, 10, 10, 0], "pedestal_mode_i": 1}
-    result = run(simulator, [row_of(0, counts, 1, 1, **more)], 9, 8)
-    assert slots_of(result["frames"][0], 9) == [[0, 255, 255, 255, 255, 0, 0, 255, 255, 255, 0b110000110]]
-
-
-def test_the_last_dark_slot_is_the_pedestal_of_rows_until_the_next_and_of_no_special_slot(
-    simulator: str,
-) -> None:
-    auto = {"pedestal_mode_i": 2}
+def test_pedestals_and_a_frame_that_is_cut(simulator: str) -> None:
+    """The last dark slot is the pedestal of rows, not of special slots; the mode changes between
+    frames only, and 3 is none; a cut frame never ends, and the next is whole.
+    """
     rows = [
-        row_of(DARK, [3, 300, 0], 1, 0, **auto),
+        row_of(DARK, [3, 300, 0], 1, 0, 2),
         row_of(7, [10, 400, 5], 0, 1),
-        row_of(9, [2, 256, 5], 1, 0, **auto),
+        row_of(9, [2, 256, 5], 1, 0, 2),
         row_of(FULL_EVEN, [9, 9, 9], 0, 1),
-        row_of(DARK, [1, 2, 3], 1, 1, **auto),
-        row_of(1, [5, 5, 5], 1, 1, **auto),
-        row_of(1, [5, 5, 5], 1, 1),
+        row_of(0, [9, 3, 0], 1, 0, 1),
+        row_of(1, [9, 300, 9], 0, 1, 0),
+        row_of(2, [1, 2, 3], 1, 0),
+        row_of(0, [9, 9, 9], 1, 1, 3),
     ]
-    result = run(simulator, rows, 9, 8)
-    assert [slots_of(frame, 3) for frame in result["frames"]] == [
-        [[DARK, 3, 255, 0, 0b010], [7, 7, 145, 5, 0]],
-        [[9, 0, 1, 5, 0], [FULL_EVEN, 9, 9, 9, 0]],
-        [[DARK, 1, 2, 3, 0]],
-        [[1, 4, 3, 2, 0]],
-        [[1, 5, 5, 5, 0]],
+    frames = run(simulator, rows, 3, 8)["frames"]
+    assert [frame[8:-2] for frame in frames] == [
+        [DARK, 3, 255, 0, 0b010, 7, 7, 145, 5, 0],
+        [9, 0, 1, 5, 0, FULL_EVEN, 9, 9, 9, 0],
+        [0, 5, 0, 0, 0, 1, 5, 255, 5, 0b010],
+        [0, 9, 9, 9, 0],
     ]
-
-
-def test_the_pedestal_mode_changes_between_frames_only_and_3_is_none(simulator: str) -> None:
-    fours = {"pedestals": [4] * 9}
-    rows = [
-        row_of(0, [9], 1, 0, pedestal_mode_i=1, **fours),
-        row_of(1, [9], 0, 1, pedestal_mode_i=0, **fours),
-        row_of(0, [9], 1, 1, pedestal_mode_i=3, **fours),
-    ]
-    result = run(simulator, rows, 9, 8)
-    assert [frame[1] for frame in result["frames"]] == [0b010, 0]
-    assert [slots_of(f, 1) for f in result["frames"]] == [[[0, 5, 0], [1, 5, 0]], [[0, 9, 0]]]
-
-
-def test_a_frame_that_is_cut_never_ends_and_the_next_is_whole(simulator: str) -> None:
-    rows = [row_of(0, [1, 2], 1, 0), row_of(1, [3, 4], 0, 0), row_of(0, [5, 6], 1, 1)]
-    result = run(simulator, rows, 9, 8)
-    assert result["frames"] == pack(rows, 9, 8)
-    assert result["frames"][0][2:4] == [0, 2]
+    assert [frame[1] for frame in frames] == [0b100, 0b100, 0b010, 0]
+    assert frames[-1][2:4] == [0, 5]
 
 
 SEEDED = {

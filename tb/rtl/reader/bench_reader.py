@@ -6,8 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import cocotb
-from cocotb.clock import Clock
-from cocotb.triggers import FallingEdge, RisingEdge, Timer
+from cocotb.triggers import Timer
 from rtl_bench import ReaderBench, report, scenario
 
 
@@ -130,78 +129,3 @@ async def power_up(dut: Any) -> None:
     dut.clk_i.value = 1
     await look("and the clock stops high")
     report(seen)
-
-
-@cocotb.test(timeout_time=10, timeout_unit="ms")
-async def long_gate(dut: Any) -> None:
-    """All settings at both their ends while idle, then a frame, a self-test frame and a frame with
-    comparators high.
-
-    The clock runs by itself, 10 ns; reports gates, counts of the last slot and test counts of the
-    frames.
-    """
-    settings = (
-        "dark_i",
-        "settle_i",
-        "gate_i",
-        "row_mask_i",
-        "range_i",
-        "test_rate_i",
-        "row_sense_i",
-        "comp_async_i",
-    )
-    for name in (
-        *settings,
-        "enable_i",
-        "continuous_i",
-        "shot_i",
-        "test_i",
-        "busy_i",
-        "count_shift_i",
-    ):
-        getattr(dut, name).value = 0
-    dut.clk_i.value = 0
-    for level in (
-        1,
-        0,
-        1,
-    ):  # a falling edge: Verilator starts at 0, and a reset that never fell resets nothing there
-        dut.rst_ni.value = level
-        await Timer(5, "ns")
-    Clock(dut.clk_i, 10, "ns").start()
-    for level in (1, 0, 1, 0):
-        for name in settings:
-            port = getattr(dut, name)
-            port.value = level * (2 ** len(port) - 1)
-        dut.enable_i.value = level  # nothing asks for a frame
-        for _ in range(3):
-            await FallingEdge(dut.clk_i)
-        assert not int(dut.scanning_o.value)
-        assert (int(dut.row_select_o.value), int(dut.preset_o.value)) == (0, 1)
-        assert not int(dut.charge_o.value)
-    gates, counts, test_counts = [], [], []
-    dut.enable_i.value = 1
-    dut.comp_async_i.value = 2 ** len(dut.comp_async_i) - 1
-    dut.row_mask_i.value = 1
-    for ask, gate, rate in (("shot_i", 65535, 0), ("test_i", 2047, 0x8001), ("shot_i", 1, 0)):
-        dut.gate_i.value = gate
-        dut.range_i.value = (2 ** len(dut.range_i) - 1) * (gate > 1)
-        dut.test_rate_i.value = rate
-        getattr(dut, ask).value = 1
-        await FallingEdge(dut.clk_i)
-        getattr(dut, ask).value = 0
-        while True:
-            await RisingEdge(dut.row_valid_o)
-            await FallingEdge(dut.clk_i)
-            if int(dut.last_o.value):
-                break
-        gates.append(int(dut.gate_clocks_o.value))
-        test_counts.append(int(dut.test_count_o.value))
-        row = []
-        dut.count_shift_i.value = 1
-        for _ in range(len(dut.comp_async_i)):
-            row.append(int(dut.count_o.value))
-            await FallingEdge(dut.clk_i)
-        dut.count_shift_i.value = 0
-        counts.append(row)
-    report({"gates": gates, "counts": counts, "test_counts": test_counts})

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rtl_run import simulate
 
@@ -16,7 +17,7 @@ from dermis.chip.hdl import PACK_MARGIN_CLOCKS
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.chip.spi_protocol import slot_bytes
 from scripts.lint import header_values
-from tb.reference.chip import SHORT, Duty, code_closed, count, duty_of_resistance, ones
+from tb.reference.chip import SHORT, Duty, count, duty_of_resistance, ones
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -30,10 +31,6 @@ DEFAULT = {
     "settle": HEADER["DERMIS_SETTLE_CLOCKS"],
 }
 SYNCHRONIZERS = pytest.mark.parametrize("sync_latch", [0, 1], ids=["sync_ff", "sync_latch"])
-# Whole frames take a second; the small arrays below read through both synchronizers in the short run.
-ONE_SYNCHRONIZER = pytest.mark.parametrize(
-    "sync_latch", [pytest.param(0, id="sync_ff"), pytest.param(1, id="sync_latch", marks=pytest.mark.long)]
-)
 INJECT, DARK, FULL_EVEN, FULL_ODD = 0xF0, 0xF1, 0xF2, 0xF3
 
 
@@ -74,55 +71,44 @@ def random_duties(rows: int, cols: int, seed: int, top: float = 0.5) -> list[lis
     return [[duty() for _ in range(cols)] for _ in range(rows)]
 
 
-@pytest.mark.paper
-@ONE_SYNCHRONIZER
-def test_duty_c_over_510_reads_code_c_for_every_code(simulator: str, sync_latch: int) -> None:
-    values = random.Random(2).sample(range(256), 256)  # in random order
-    table = [values[16 * r : 16 * r + 16] for r in range(16)]
-    result = read(simulator, [[(c, 510) for c in row] for row in table], {"SYNC_LATCH": sync_latch})
-    assert counts(result) == table
+def every_code() -> tuple[list[Duty], list[int]]:
+    """Duties c/510 in random order; each reads c."""
+    values = random.Random(2).sample(range(256), 256)
+    return [(c, 510) for c in values], values
 
 
-@pytest.mark.paper
-@ONE_SYNCHRONIZER
-def test_random_duties_read_the_exact_charge_balance(simulator: str, sync_latch: int) -> None:
-    x = random_duties(16, 16, seed=3)
-    assert expected(x, DEFAULT) == [[code_closed(taxel, 510, 8) for taxel in row] for row in x]
-    result = read(simulator, x, {"SYNC_LATCH": sync_latch})
-    assert counts(result) == expected(x, DEFAULT)
-
-
-@pytest.mark.long
-@pytest.mark.paper
-@SYNCHRONIZERS
-def test_half_a_count_either_side_of_each_code_boundary_is_resolved(simulator: str, sync_latch: int) -> None:
+def boundaries() -> tuple[list[Duty], list[int]]:
     """x = (c - 1/2)/510 is the lowest duty that reads c; a ten-millionth of a count below it reads c - 1."""
-    fine = 10**7
-    edges = list(range(1, 256, 2))  # 128 boundaries, each from both sides
-    flat = [d for c in edges for d in ((2 * c - 1, 1020), (fine * (2 * c - 1) - 2, 1020 * fine))]
-    x = [flat[16 * r : 16 * r + 16] for r in range(16)]
-    result = read(simulator, x, {"SYNC_LATCH": sync_latch})
-    wanted = [v for c in edges for v in (c, c - 1)]
-    assert counts(result) == [wanted[16 * r : 16 * r + 16] for r in range(16)]
+    fine, edges = 10**7, list(range(1, 256, 2))
+    x = [d for c in edges for d in ((2 * c - 1, 1020), (fine * (2 * c - 1) - 2, 1020 * fine))]
+    return x, [v for c in edges for v in (c, c - 1)]
+
+
+def overloads() -> tuple[list[Duty], list[int]]:
+    """Duties from just above 1/2 to a short circuit in every other row; small codes between them."""
+    over = [(1001, 2000), (2, 3), duty_of_resistance((312, 1)), (1, 1), (3, 2), (100, 1), SHORT, (256, 510)]
+    small = [(r + c) % 4 for r in range(16) for c in range(16)]
+    rows = [n // 16 for n in range(256)]
+    x = [over[(r // 2 + n) % 8] if r % 2 == 0 else (small[n], 510) for n, r in enumerate(rows)]
+    return x, [255 if r % 2 == 0 else small[n] for n, r in enumerate(rows)]
 
 
 @pytest.mark.paper
-@ONE_SYNCHRONIZER
-def test_taxels_below_500_ohm_read_full_scale_and_leave_the_next_row_alone(
-    simulator: str, sync_latch: int
-) -> None:
-    """Duties from just above 1/2 to a short circuit, in every other row; the rows between hold small codes."""
-    over = [(1001, 2000), (2, 3), duty_of_resistance((312, 1)), (1, 1), (3, 2), (100, 1), SHORT, (256, 510)]
-    x = [[over[(r // 2 + c) % 8] if r % 2 == 0 else ((r + c) % 4, 510) for c in range(16)] for r in range(16)]
-    result = read(simulator, x, {"SYNC_LATCH": sync_latch}, slots=17)
-    wanted = [[255 if r % 2 == 0 else (r + c) % 4 for c in range(16)] for r in range(16)]
+# Whole frames take a second; the small arrays below read through both synchronizers in the short run.
+@pytest.mark.parametrize(
+    "sync_latch", [pytest.param(0, id="sync_ff"), pytest.param(1, id="sync_latch", marks=pytest.mark.long)]
+)
+@pytest.mark.parametrize("taxels", [every_code, boundaries, overloads])
+def test_a_frame_reads_the_exact_codes(simulator: str, sync_latch: int, taxels: Any) -> None:
+    x, codes = (np.array(values, dtype=object) for values in taxels())
+    result = read(simulator, x.reshape(16, 16, 2).tolist(), {"SYNC_LATCH": sync_latch}, slots=17)
+    wanted = codes.reshape(16, 16).tolist()
     assert counts(result) == [*wanted, wanted[0]]
 
 
 SMALL = {"ROWS": 3, "COLS": 5}
 
-# Each with one synchronizer: what depends on both, size and form, the lint and test_shortest_slots
-# see.
+# Each with one synchronizer: what depends on both, size and form, the lint and short slots see.
 SHAPES: dict[str, dict[str, int]] = {
     "8x8": {"ROWS": 8, "COLS": 8, "SYNC_LATCH": 1},
     "16x1": {"ROWS": 16, "COLS": 1, "gate": 126, "settle": 30},
@@ -140,13 +126,13 @@ SHAPES: dict[str, dict[str, int]] = {
 }
 
 
-def reads_every_row(simulator: str, shape: dict[str, int], slots: int) -> Any:
+def reads_every_row(simulator: str, shape: dict[str, int], slots: int, **scenario: Any) -> None:
     """A scan of random taxels, a short among them, must show the exact counts and describe its rows."""
     p = DEFAULT | shape
     x = random_duties(p["ROWS"], p["COLS"], seed=4, top=0.8)
     x[0][0] = SHORT
     x[-1][-1] = (1, 2) if p["gate"] > 1 else (1, 2 * 10**6)
-    result = read(simulator, x, shape, slots=slots)
+    result = read(simulator, x, shape, slots=slots, **scenario)
     wanted = expected(x, p)
     assert counts(result) == [wanted[s % p["ROWS"]] for s in range(slots)]
     last = p["ROWS"] - 1
@@ -154,7 +140,6 @@ def reads_every_row(simulator: str, shape: dict[str, int], slots: int) -> Any:
         row = s % p["ROWS"]
         seen = [slot[key] for key in ("slot", "first", "last", "test", "dark", "gate", "row_fault")]
         assert seen == [row, row == 0, row == last, 0, 0, p["gate"], 0]
-    return result
 
 
 @pytest.mark.parametrize(
@@ -166,15 +151,18 @@ def test_other_sizes_read_the_exact_charge_balance(simulator: str, shape: str) -
 
 
 @SYNCHRONIZERS
-@pytest.mark.parametrize(("gate", "settle"), [(30, 3), (1, 3), (1, 0), (5, 0)])
-def test_shortest_slots_read_the_exact_charge_balance(
-    simulator: str, sync_latch: int, gate: int, settle: int
+@pytest.mark.parametrize(
+    ("gate", "settle", "in_preset"), [(62, 12, "random"), (30, 3, "ones"), (1, 3, "model"), (5, 0, "random")]
+)
+def test_short_slots_read_the_exact_charge_balance_whatever_comparators_show_in_preset(
+    simulator: str, sync_latch: int, gate: int, settle: int, in_preset: str
 ) -> None:
-    reads_every_row(simulator, SMALL | {"SYNC_LATCH": sync_latch, "gate": gate, "settle": settle}, 7)
+    shape = SMALL | {"SYNC_LATCH": sync_latch, "gate": gate, "settle": settle}
+    reads_every_row(simulator, shape, 7, comp_in_preset=in_preset)
 
 
 @SYNCHRONIZERS
-@pytest.mark.parametrize("shape", ["16x16", "small"])
+@pytest.mark.parametrize("shape", [pytest.param("16x16", marks=pytest.mark.long), "small"])
 def test_switches_and_rows_move_on_the_stated_edges(simulator: str, sync_latch: int, shape: str) -> None:
     """e0: row off, preset; e0 + break: row; e0 + settle: gate; the next e0 a gate later; counts SYNC_CLOCKS + 1 on."""
     p = DEFAULT | SHAPES.get(shape, {})
@@ -193,18 +181,6 @@ def test_switches_and_rows_move_on_the_stated_edges(simulator: str, sync_latch: 
     assert [s["edge"] for s in result["slots"]] == edges
     assert [w for w in result["switches"] if w[0] < edges[-1] - delay] == wanted
     assert result["frame_starts"][:2] == [e0, e0 + p["ROWS"] * slot]
-
-
-@SYNCHRONIZERS
-@pytest.mark.parametrize("comparators", ["ones", "random"])
-def test_comparators_that_chatter_during_preset_change_no_code(
-    simulator: str, sync_latch: int, comparators: str
-) -> None:
-    p = SMALL | {"gate": 62, "settle": 12}
-    x = random_duties(3, 5, seed=6, top=0.6)
-    result = read(simulator, x, p | {"SYNC_LATCH": sync_latch}, slots=4, comp_in_preset=comparators)
-    wanted = expected(x, DEFAULT | p)
-    assert counts(result) == [*wanted, wanted[0]]
 
 
 @SYNCHRONIZERS
@@ -266,13 +242,6 @@ def test_a_self_test_frame_injects_the_same_pulses_everywhere(
     assert counts(result) == wanted
     assert {s["test_count"] for s in result["slots"]} == {total}
     assert not result["scanning"]
-
-
-def test_row_read_back_that_differs_is_named_at_its_slot(simulator: str) -> None:
-    """The bench reads back what is driven, so a healthy scan shows none; test_self_test.py has the faults."""
-    p = SMALL | {"gate": 30, "settle": 10}
-    result = read(simulator, [[(1, 3)] * 5] * 3, p, slots=6)
-    assert {s["row_fault"] for s in result["slots"]} == {0}
 
 
 def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) -> None:
@@ -339,16 +308,6 @@ def test_power_up_and_reset_leave_no_row_driven_and_preset_on(simulator: str, sy
     assert len(seen) == 15
     for what, *outputs in seen:
         assert outputs == ["000", "1", "00000", "00000", "0", "0" * 10, "000"], what
-
-
-@pytest.mark.long
-@pytest.mark.paper
-def test_the_longest_gate_saturates_every_counter_and_settings_do_nothing_while_idle(simulator: str) -> None:
-    """Comparators that are always high give a pulse every second clock: 32768 in 65535 clocks."""
-    seen = simulate(simulator, "bench_reader", "dermis_reader", "long_gate", SMALL)
-    assert seen["gates"] == [65535, 2047, 1]
-    assert seen["counts"] == [[511] * 5, [511] * 5, [1] * 5]
-    assert seen["test_counts"][1] == 511
 
 
 def test_a_gate_that_waits_for_packing_is_the_one_that_a_plan_is_refused_for(tmp_path: Path) -> None:

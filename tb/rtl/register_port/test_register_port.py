@@ -25,11 +25,6 @@ def test_each_request_is_one_access(simulator: str) -> None:
     assert requests(simulator, None) <= 3.2
 
 
-@pytest.mark.long
-def test_the_error_count_stops_at_its_end() -> None:
-    simulate("verilator", "bench_register_port", "dermis_register_port", "many_errors")
-
-
 FAULTS = {
     "the answer of another clock": ("if (valid_o) begin", "if (request) begin"),
     "two accesses for a request": (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Claims about dermis_spi and dermis_crc8 alone."""
+"""Claims about dermis_spi alone, with its CRC."""
 
 from __future__ import annotations
 
@@ -23,10 +23,6 @@ def test_a_request_that_never_comes_back_blocks_nothing(simulator: str) -> None:
 
 def test_no_part_of_a_command_is_one(simulator: str) -> None:
     simulate(simulator, "bench_spi", "dermis_spi", "bits_and_resets")
-
-
-def test_crc8(simulator: str) -> None:
-    simulate(simulator, "bench_crc8", "dermis_crc8", "every_pair")
 
 
 FAULTS = {

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import random
-from itertools import pairwise
 
 import pytest
 from rtl_run import play, simulate
@@ -46,14 +45,6 @@ def test_pulse_is_the_gated_sample_at_its_stated_half_clock(simulator: str, form
     delay = 2 if form == "dermis_sync_ff" else 1
     wanted = [0] * delay + [v for v in q for _ in (0, 1)]
     assert halves == wanted[: len(halves)]
-
-
-@FORMS
-def test_two_consecutive_ones_never_appear(simulator: str, form: str) -> None:
-    seen = random_levels(simulator, form)
-    lows = [low for *_, low in seen]
-    assert any(lows)
-    assert all(not (a and b) for a, b in pairwise(lows))
 
 
 @FORMS

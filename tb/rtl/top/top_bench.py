@@ -50,7 +50,7 @@ class Chip:
         self.levels = levels or (lambda _frame, row: row * 0x55 + 1)
         self.x = [[tuple(d) for d in row] for row in x] if x else None
         self.frame = 0
-        self.broken_rows = 0
+        self.broken_rows = self.stuck_high = self.stuck_low = 0
         dut.rst_ni.value = 0
         dut.enable_i.value = 0
         dut.comp_async_i.value = 0
@@ -93,7 +93,8 @@ class Chip:
         self.dut.row_sense_i.value = driven & ~self.broken_rows
         if self.x is None:
             level = self.levels(self.frame, driven.bit_length() - 1) if driven else 0
-            self.dut.comp_async_i.value = (level | test_current) & ((1 << self.cols) - 1)
+            level = (level | test_current | self.stuck_high) & ~self.stuck_low
+            self.dut.comp_async_i.value = level & ((1 << self.cols) - 1)
 
     @staticmethod
     def _level(handle: Any) -> int:
