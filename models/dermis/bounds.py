@@ -34,7 +34,7 @@ _compiled = numba.njit(cache=True, error_model="numpy", forceinline=True, fastma
 
 @dataclass(frozen=True)
 class Bounding:
-    """Bound of an effect: the number of its function in `verdicts`, and a factor on all of it, for
+    """Bound of an effect: the number of its function in `converter.decide`, and a factor on all of it, for
     tests.
     """
 
@@ -116,7 +116,7 @@ class Cell(namedtuple("Cell", _CELL_FIELDS)):
     its sine over the gate, `swing_bent` packets of second order of ripple and motion; `moved` the
     largest partial sum of what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
     already, known to `late_known`. `unsettled` is what lines may bring. `leak` of the charge is
-    lost a clock, and `across` of what an output has not followed yet (as in event.Cells). `thermal`
+    lost a clock, and `across` of what an output has not followed yet (as in walk.Cells). `thermal`
     is the variance of its noise a clock. The others are those of the converter. `root` is
     the deviation of a path of variance 1 at the end of the gate.
     """
@@ -203,7 +203,7 @@ def _mirror_lag(s):  # type: ignore
 
 @_compiled
 def _line_capacitance(s):  # type: ignore
-    """Charge of lines after they have settled (converter.currents.check_lines)."""
+    """Charge of lines after they have settled (converter.course.check_lines)."""
     return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -22,7 +22,7 @@ sys.path.append(str(Path(__file__).parent))
 from made_plans import made
 
 from dermis import effects
-from dermis.converter import currents, noise
+from dermis.converter import course, noise, walk
 from dermis.engines import event
 from dermis.scene.design import load
 
@@ -73,16 +73,16 @@ def codes(name: str, scratch: Path) -> np.ndarray:
 
 def long_gate() -> np.ndarray:
     """Counts of gates beyond the longest of the chip, without and with an effect."""
-    clocks = event.LONGEST_GATE + 1
+    clocks = walk.LONGEST_GATE + 1
     found = []
     for hysteresis in (0.0, 0.05):
         x = np.array([0.3, 0.01])
         ones, none = np.ones(2), np.zeros(2)
-        cells = event.Cells(
+        cells = walk.Cells(
             x, none, -0.5 * ones, ones, none + 0.5 * hysteresis, none - 0.5 * hysteresis,
             -np.inf * ones, np.inf * ones, none, none, none,
         )  # fmt: skip
-        found.append(event.count_cells(cells, clocks, 1.0)[0])
+        found.append(walk.count_cells(cells, clocks, 1.0)[0])
     return np.array(found)
 
 
@@ -103,7 +103,7 @@ def main(path: str) -> None:
     for name in ("_mix", "_uniform", "_keys"):
         setattr(noise, name, _wraps(getattr(noise, name)))
     if "--seeded" in sys.argv:  # a fault: what the mirror divides by is 0 and its quotient is not used
-        currents.approach = lambda x, y, t: np.float64(0.0)
+        course.approach = lambda x, y, t: np.float64(0.0)
     load()
     with np.errstate(divide="raise", over="raise", invalid="raise"), tempfile.TemporaryDirectory() as scratch:
         found = {name: codes(name, Path(scratch)) for name in WORLDS}

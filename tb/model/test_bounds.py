@@ -17,10 +17,10 @@ import pytest
 
 from dermis import bounds, engines, records
 from dermis import plan as planning
-from dermis.converter import currents
-from dermis.converter.vfc import count
+from dermis.converter import course
+from dermis.converter.vfc import count, count_one
 from dermis.effects import EFFECTS
-from dermis.engines import event, filter, verdicts
+from dermis.engines import event, filter
 from dermis.scene import scene
 
 N = 510
@@ -373,7 +373,7 @@ def test_slow_mirrors_in_closed_form_give_the_charge_of_clocks() -> None:
     assert found.s.x == pytest.approx(np.clip(event.run(plan).info["x"], -0.75, 0.75), abs=1e-11)
 
     def after(u: float, x: float, clocks: float) -> float:
-        return currents.approach(u, 1.0 / x, x * clocks / 5.0)
+        return course.approach(u, 1.0 / x, x * clocks / 5.0)
 
     # In two steps as in one, and settled after many.
     whole = after(2.0, 0.3, 20.0)
@@ -389,7 +389,7 @@ def test_counts_of_one_cell_are_those_of_the_closed_formula() -> None:
     for clocks in (1, 37, N):
         start, packet = rng.choice([-1.2, -0.5, 0.0, 0.25, 0.5, 1.5], 4000), rng.choice([0.7, 1.0, 1.2], 4000)
         cells = zip(x, start, packet, strict=True)
-        alone = [verdicts.count(cell, clocks, level, size) for cell, level, size in cells]
+        alone = [count_one(cell, clocks, level, size) for cell, level, size in cells]
         assert (alone == count(x, clocks, 0.0, packet, start)).all()
 
 
@@ -414,4 +414,4 @@ def test_chosen_cells_are_counted_as_in_a_whole_run(effects: dict[str, Any]) -> 
     assert (counts == event.run(plan).codes[cells]).all()
     if "mirror_lag" in effects:
         assert (part._depth(cells) >= 0).all()
-        assert currents.has_idle_current(plan)
+        assert course.has_idle_current(plan)

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from dermis import engines, records
 from dermis import plan as planning
 from dermis.array.array import Network, NoSolution
-from dermis.converter import loops
+from dermis.converter import walk, walk_loops
 from dermis.converter.vfc import Converter, count
+from dermis.converter.walk import Cells, cells_of, count_cells
 from dermis.effects import EFFECTS
 from dermis.engines import closed, event, rtl
-from dermis.engines.event import Cells, cells_of, count_cells
 from dermis.errors import InputError
 from dermis.records import Drive
 from dermis.scene import scene
@@ -175,7 +175,7 @@ def test_engines_list_only_fields_that_exist() -> None:
     for engine in records.ENGINES:
         assert engines.honours(engine) < there
     assert closed.HONOURS < event.HONOURS
-    assert rtl.HONOURS == event.HONOURS - event.RANDOM
+    assert rtl.HONOURS == event.HONOURS - walk.RANDOM
 
 
 @pytest.mark.parametrize("engine", records.ENGINES)
@@ -293,29 +293,29 @@ def test_a_charge_that_changes_every_clock_is_the_walk_in_fifty_digits_too(kind:
         )
     x = rng.uniform(0, 0.6, len(cells)) * (1 + 0.2 * np.sin(0.3 * np.arange(clocks))[:, None])
     counts, end = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
-    event.walk_cells(
-        clocks, 1.0, None, x, event.rows_of(cells_from(cells), 1.0), None, 0, len(cells), counts, end
+    walk.walk_cells(
+        clocks, 1.0, None, x, walk.rows_of(cells_from(cells), 1.0), None, 0, len(cells), counts, end
     )
     for i, one in enumerate(cells):
-        walk = walk_reference(one, clocks, 1.0, vary=list(x[:, i]))
-        assert walk.nearest > 1e-12, "take another seed"
+        exact = walk_reference(one, clocks, 1.0, vary=list(x[:, i]))
+        assert exact.nearest > 1e-12, "take another seed"
         # The accuracy that docs/event.md claims of the charge.
-        assert counts[i] == sum(walk.bits)
-        assert abs(end[i] - float(walk.charge[-1])) <= 1e-12 * max(1.0, abs(end[i]))
+        assert counts[i] == sum(exact.bits)
+        assert abs(end[i] - float(exact.charge[-1])) <= 1e-12 * max(1.0, abs(end[i]))
 
 
 @pytest.mark.parametrize(("row", "by"), [("KEEP", 1e-9), ("GAIN", 1e-9), ("TAKE", 1e-9)])
 def test_the_tie_sees_a_coefficient_that_is_off_by_a_billionth(row: str, by: float) -> None:
     one = IDEAL | {"x": 0.37, "leak": 1e-3, "lag": 0.05, "across": 0.1, "w0": -0.47}
-    rows = event.rows_of(cells_from([one]), 1.0)
-    rows.slow[getattr(loops, row)] *= 1 + by
+    rows = walk.rows_of(cells_from([one]), 1.0)
+    rows.slow[getattr(walk_loops, row)] *= 1 + by
     counts, end = np.empty(1, dtype=np.int64), np.empty(1)
-    event.walk_cells(40, 1.0, np.array([one["x"]]), None, rows, None, 0, 1, counts, end)
+    walk.walk_cells(40, 1.0, np.array([one["x"]]), None, rows, None, 0, 1, counts, end)
     # Ten times what the tie above allows: the fault would be seen.
     assert abs(end[0] - float(walk_reference(one, 40, 1.0).charge[-1])) > 1e-11
 
 
-# What converter.loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
+# What walk_loops.walk is handed for an effect alone; the rest is None and leaves no trace in the compiled loop.
 HANDED = {
     "integrator_gain": {"x"},
     "integrator_bandwidth": {"x", "fast", "lag"},
@@ -338,14 +338,14 @@ def test_an_effect_reaches_the_loop_with_its_own_parameters_and_no_others(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     handed: list[set[str]] = []
-    names = list(inspect.signature(loops.walk.py_func).parameters)
+    names = list(inspect.signature(walk_loops.walk.py_func).parameters)
 
     def spy(*given: object) -> None:
         handed.append({n for n, value in zip(names, given, strict=True) if value is not None} - always)
         given[-2][:], given[-1][:] = 0, 0.0  # type: ignore[index]
 
     always = {"clocks", "late", "slow", "rise", "begin", "stop", "counts", "end"}
-    monkeypatch.setattr(loops, "walk", spy)
+    monkeypatch.setattr(walk_loops, "walk", spy)
     value = {"r_ohm": 1.0} if name == "column_input" else True
     event.run(made({"stimulus": {"kind": "uniform", "code": 5}, "effects": {name: value}}))
     assert all(got == HANDED[name] for got in handed)
@@ -554,9 +554,7 @@ def test_closed_and_event_start_from_packets_above_and_below_the_threshold() -> 
 
 
 def test_an_effect_that_is_off_leaves_the_records_and_the_loop_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        event.loops, "walk", lambda *_: pytest.fail("an ideal scene took a loop with effects")
-    )
+    monkeypatch.setattr(walk_loops, "walk", lambda *_: pytest.fail("an ideal scene took a loop with effects"))
     event.run(made({"stimulus": {"kind": "uniform", "code": [0, 255]}}))
 
 

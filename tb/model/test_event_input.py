@@ -16,8 +16,8 @@ from scipy.integrate import quad, solve_ivp
 
 from dermis import records
 from dermis.array.array import Network, column_currents
-from dermis.converter import currents, injection
-from dermis.converter.currents import Slots, course
+from dermis.converter import course, injection
+from dermis.converter.course import Slots, solve_gate
 from dermis.converter.vfc import X_MAX, Y_MIN
 from dermis.engines import event
 from dermis.scene.design import ROOT
@@ -88,7 +88,7 @@ def test_motion_through_a_network_is_solved_at_both_ends_and_in_the_middle_of_a_
     ohm[1] /= ratio
     plan = made(tmp_path, ohm, {"motion": True, "supply_ripple": RIPPLE, "column_offset": True, **SERIES})
     still = dataclasses.replace(plan, drive=dataclasses.replace(plan.drive, ripple=0.0))
-    found = course(plan, slice(0, 3))
+    found = solve_gate(plan, slice(0, 3))
     timing, unit = plan.timing, (plan.converter.k * plan.converter.i0_a)[0]
     for frame in range(3):
         for row in range(plan.rows):
@@ -200,7 +200,7 @@ def test_slow_mirror_is_exact_however_far_its_input_jumps(far: float, kappa: flo
     x = np.array([0.0, 0.0, far, far, 0.0, 0.0, 3.0, 0.5])
     settle, one = 2, np.ones(1)
     out, mean = np.empty((x.size, 1)), np.empty(1)
-    found = currents.charges(
+    found = course.charges(
         0, 0, x[:, None], np.zeros(1), settle, np.ones((1, 1, 1)), None, kappa * one,
         np.zeros(1), 0, None, np.zeros((1, 1)), X_MAX * one, out, mean,
     )[:, 0]  # fmt: skip

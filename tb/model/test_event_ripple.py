@@ -13,7 +13,7 @@ from made_plans import made
 
 from dermis import engines, records
 from dermis.converter import ripple
-from dermis.converter.currents import course
+from dermis.converter.course import solve_gate
 from dermis.engines import event
 from dermis.errors import InputError
 
@@ -94,7 +94,7 @@ def test_what_a_ripple_s_course_does_beyond_its_mean_is_within_its_bound(
         x, h = 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-2.0, 1.0)
         f_hz = 5e6 * 10 ** rng.uniform(-1.5, 0.7)
         plan = rippling(tmp_path, x, rng.uniform(0.1, 1.0), f_hz, range_switch=compressed(h))
-        counts = ripple.bent(plan, course(plan, slice(0, 1)))["inv_i_range_a"].max()
+        counts = ripple.bent(plan, solve_gate(plan, slice(0, 1)))["inv_i_range_a"].max()
         off.append(min(255, counted_in_small_steps(plan)) - int(event.run(plan).codes[0, 0, 0]))
         # So much charge moves a code by its next whole number; the mean of a bent course is never above.
         assert -counts - 1 < off[-1] <= 0

@@ -16,10 +16,10 @@ from scipy import special, stats
 
 from dermis import bounds, records
 from dermis import plan as planning
-from dermis.converter import loops, noise
+from dermis.converter import noise, walk, walk_loops
+from dermis.converter.walk import Cells, Noise, count_cells
 from dermis.effects import EFFECTS
 from dermis.engines import event, filter
-from dermis.engines.event import Cells, Noise, count_cells
 from dermis.scene import scene
 from tb.reference.converter_walk import Draws, walk_reference
 
@@ -184,7 +184,7 @@ def test_noise_of_a_charge_that_stands_at_its_limit_is_all_there(
     monkeypatch: pytest.MonkeyPatch, step: int, lag: float
 ) -> None:
     """A current of ten packets a clock would be far above every level, were it not for the limit."""
-    monkeypatch.setattr(loops, "grid_step", lambda *_: step)
+    monkeypatch.setattr(walk_loops, "grid_step", lambda *_: step)
     clocks, own = 64, keys(12)
     one = {"x": 10.0, "leak": 1e-4, "w0": -0.5, "packet": 1.0, "rise": 0.01, "fall": -0.01, "low": -1.2, "high": 0.9,
            "delay": 0.03, "lag": lag, "across": 1e-2}  # fmt: skip
@@ -212,7 +212,7 @@ def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -
     size, own = np.full((4, 300), 1e-3), keys(300)
     expected = count_cells(made, GATE, 1.0, Noise(size, own))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loops, "grid_step", lambda *_: step)
+        patch.setattr(walk_loops, "grid_step", lambda *_: step)
         part = Cells(**{name: np.array([c[name] for c in cells[first:]]) for name in cells[0]})
         got = count_cells(part, GATE, 1.0, Noise(size[:, first:], own[first:]))
     assert (got[0] == expected[0][first:]).all()
@@ -348,8 +348,8 @@ def test_numbers_hang_on_the_seed_alone() -> None:
 
 def test_no_number_is_drawn_where_nothing_is_random(monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[tuple] = []
-    walk = loops.walk
-    monkeypatch.setattr(loops, "walk", lambda *a: (taken.append(a), walk(*a)))
+    walk = walk_loops.walk
+    monkeypatch.setattr(walk_loops, "walk", lambda *a: (taken.append(a), walk(*a)))
     for name in ("cell_keys", "normals", "normal", "uniform", "walk_grid"):
         monkeypatch.setattr(noise, name, lambda *_: pytest.fail("a number was drawn"))
     effects = {"integrator_gain": True, "comparator_hysteresis": True, "supply_ripple": True}
@@ -363,9 +363,9 @@ def test_the_compiled_loop_of_a_sure_converter_holds_no_random_number() -> None:
     # Compiled here, since numba shows no code that comes from its cache.
     ideal = {"leak": 1e-3, "packet": 1.0, "low": -np.inf, "high": np.inf}
     leaky = Cells(**{f.name: np.full(1, ideal.get(f.name, 0.0)) for f in dataclasses.fields(Cells)})
-    fresh = numba.njit(error_model="numpy")(loops.walk.py_func)
+    fresh = numba.njit(error_model="numpy")(walk_loops.walk.py_func)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loops, "walk", fresh)
+        patch.setattr(walk_loops, "walk", fresh)
         count_cells(leaky, 10, 1.0)
         count_cells(leaky, 10, 1.0, Noise(np.full((4, 1), 1e-3), keys(1)))
     sure, noisy = (fresh.inspect_llvm(kind) for kind in fresh.signatures)
@@ -379,7 +379,7 @@ def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> 
         effects = {"thermal_noise": True, "mirror_ratio": {"ratio_error": ratio_error, "spread": 0.0}}
         data = {"stimulus": {"kind": "uniform", "code": 50}, "effects": effects}
         plan = planning.whole(scene.from_data(data, tmp_path / "made.toml"), "event")
-        variances.append(event._noise_variance(plan, plan.conductance_s()))
+        variances.append(walk._noise_variance(plan, plan.conductance_s()))
         # The bound is as many standard deviations of the path at the end of the gate.
         most = bounds.SIGMAS * np.sqrt(plan.timing.gate_clocks * variances[-1].max())
         # The same product in two orders.

@@ -13,8 +13,7 @@ import plain_loops
 import pytest
 from made_plans import made
 
-from dermis.converter import currents
-from dermis.engines import event
+from dermis.converter import course, walk
 from dermis.errors import SimulatorError
 
 PROGRAM = Path(plain_loops.__file__)
@@ -57,7 +56,7 @@ def test_a_seeded_division_by_zero_raises_in_plain_python(tmp_path: Path) -> Non
     done = in_plain_python(tmp_path / "codes.npz", "--seeded")
     assert done.returncode != 0
     assert "divide by zero" in done.stderr
-    assert "currents.py" in done.stderr
+    assert "course.py" in done.stderr
 
 
 @pytest.mark.parametrize("on", [{}, {"comparator_hysteresis": {"v_v": 0.02}}])
@@ -66,19 +65,19 @@ def test_a_charge_that_is_no_number_is_an_error_and_not_an_unpressed_taxel(
 ) -> None:
     plan = made(tmp_path, np.full((1, 2, 3), 5e3), on)
     x = np.full((1, 2, 3), 0.1)
-    cells = event.cells_of(plan, x, 1.0 / plan.resistance_ohm)
-    counts, _ = event.count_cells(cells, 510, 1.0)
+    cells = walk.cells_of(plan, x, 1.0 / plan.resistance_ohm)
+    counts, _ = walk.count_cells(cells, 510, 1.0)
     assert (counts == 51).all()
     cells.x[0, 1, 2] = np.nan
     with pytest.raises(SimulatorError, match="not a finite number"):
-        event.count_cells(cells, 510, 1.0)
+        walk.count_cells(cells, 510, 1.0)
 
 
 @pytest.mark.parametrize("name", ["moving", "bent_moving"])
 def test_an_input_charge_that_is_no_number_is_an_error_behind_every_clip(name: str, tmp_path: Path) -> None:
     topology, on = plain_loops.WORLDS[name]
     plan = made(tmp_path, plain_loops.ohms(), on, topology)
-    slots = currents.Slots(plan, slice(0, 2))
+    slots = course.Slots(plan, slice(0, 2))
     slots.terms[1, 0, 5] = np.nan
     with pytest.raises(SimulatorError, match="input charge of row 1"):
         for _ in slots.blocks(128):

@@ -15,9 +15,9 @@ import pytest
 
 from dermis import plan as planning
 from dermis.chip import netlist
-from dermis.converter import noise, vfc
+from dermis.converter import noise, vfc, walk
+from dermis.converter.walk import Cells, count_cells
 from dermis.engines import event
-from dermis.engines.event import Cells, count_cells
 from dermis.records import Drive
 
 Write = Callable[..., Path]
@@ -73,7 +73,7 @@ def test_the_event_loop_s_charge_is_as_exact_after_5e6_clocks_as_after_1e5(field
 
 
 def test_a_loop_that_drops_what_it_rounds_off_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event, "LONGEST_GATE", 10**9)
+    monkeypatch.setattr(walk, "LONGEST_GATE", 10**9)
     # A hundred times the tolerance of the test above.
     assert exact_end_miss(1_000_000) > 1e-14
 

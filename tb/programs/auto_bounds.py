@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from dermis import bounds, effects, records
 from dermis import plan as planning
-from dermis.converter import noise
-from dermis.engines import event, filter, verdicts
+from dermis.converter import decide, noise, vfc
+from dermis.engines import event, filter
 from dermis.errors import InputError
 from dermis.scene import scene, schema
 
@@ -129,12 +129,12 @@ def violations(plan: records.Plan) -> int:
         for sign in (1.0, -1.0)
     )
     # More than the charge at which x is clipped moves a code up only.
-    most = np.where(s.x >= verdicts.X_CLIP * np.maximum(packet, 1.0) * (1.0 - 1e-12), full, most)
+    most = np.where(s.x >= decide.X_CLIP * np.maximum(packet, 1.0) * (1.0 - 1e-12), full, most)
     codes = event.run(plan).codes
     return int(((codes < least) | (codes > most)).sum())
 
 
-_counts = np.vectorize(verdicts.count, otypes=[int])
+_counts = np.vectorize(vfc.count_one, otypes=[int])
 
 
 def wrong(name: str, trial: int) -> int:

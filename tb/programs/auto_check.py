@@ -16,7 +16,7 @@ import numpy as np
 
 from dermis import auto, effects, engines, records
 from dermis import plan as planning
-from dermis.converter import currents
+from dermis.converter import course
 from dermis.engines import event, masking
 from dermis.errors import InputError
 from dermis.places import ROOT
@@ -131,7 +131,7 @@ def fixed_cost(repeats: int = 101) -> verdict.Row:
         made = planning.make(world, "event")
         result = engines.run(made)
         middle = time.process_time()
-        currents.course(made, slice(0, 1))
+        course.solve_gate(made, slice(0, 1))
         found.append(1e3 * (2.0 * middle - start - time.process_time()))
     walked = result.info["filter"]["everything"]
     return verdict.judge(

@@ -15,7 +15,7 @@ import pytest
 from dermis import engines, plan
 from dermis.array.array import column_currents
 from dermis.chip import netlist
-from dermis.engines import event
+from dermis.converter import walk
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import extracted, scene
@@ -132,13 +132,13 @@ def test_the_charge_of_the_model_is_that_of_the_slow_reference_clock_by_clock() 
     case = Case(codes=(64, 240), clocks=24)
     made = gate.model(case)
     g = made.conductance_s()
-    cells = event.cells_of(made, made.converter.duty(column_currents(made.network(0), g)), g)
+    cells = walk.cells_of(made, made.converter.duty(column_currents(made.network(0), g)), g)
     for row, slot in enumerate(gate.model_slots(made, case.clocks)):
         cell = {f.name: float(getattr(cells, f.name)[0, row, 0]) for f in dataclasses.fields(cells)}
-        walk = walk_reference(cell, case.clocks, made.timing.charge_delay_clocks, digits=20)
-        assert walk.bits == slot.bits.tolist()
+        exact = walk_reference(cell, case.clocks, made.timing.charge_delay_clocks, digits=20)
+        assert exact.bits == slot.bits.tolist()
         # What doubles sum up over so few clocks, many times over.
-        assert np.allclose(np.array(walk.charge, dtype=float), slot.stored_v[1:], atol=1e-9)
+        assert np.allclose(np.array(exact.charge, dtype=float), slot.stored_v[1:], atol=1e-9)
 
 
 def test_a_calibrated_model_forgives_a_gain_and_a_start_and_no_bend() -> None:

@@ -15,9 +15,9 @@ import pytest
 
 from dermis.array import array
 from dermis.array.array import column_currents
-from dermis.converter import coupling
+from dermis.converter import coupling, walk
 from dermis.effects import EFFECTS
-from dermis.engines import Result, closed, cosim, event, rtl
+from dermis.engines import Result, closed, cosim, rtl
 from dermis.records import Plan
 from scripts import workers
 from scripts.checkpoint import Checkpoint
@@ -166,9 +166,9 @@ def test_scenes_of_a_campaign_break_no_law(engines: str, wanted: int) -> None:
 
 
 def _counts(change: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    original = event.count_cells
+    original = walk.count_cells
 
-    def wrong(cells: event.Cells, clocks: int, *rest: Any) -> Any:
+    def wrong(cells: walk.Cells, clocks: int, *rest: Any) -> Any:
         counts, end = original(cells, clocks, *rest)
         return change(counts, cells), end
 
@@ -192,14 +192,14 @@ def test_nothing_is_found_where_nothing_is_wrong() -> None:
 
 
 def test_one_count_too_many_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event, "count_cells", _counts(lambda n, cells: n + (n > 100)))
+    monkeypatch.setattr(walk, "count_cells", _counts(lambda n, cells: n + (n > 100)))
     assert "closed_equals_event" in broken(made())
 
 
 def test_a_clock_too_few_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = event.count_cells
+    original = walk.count_cells
     monkeypatch.setattr(
-        event, "count_cells", lambda cells, clocks, *rest: original(cells, max(clocks - 1, 1), *rest)
+        walk, "count_cells", lambda cells, clocks, *rest: original(cells, max(clocks - 1, 1), *rest)
     )
     assert "closed_equals_event" in broken(made())
 
@@ -207,12 +207,12 @@ def test_a_clock_too_few_in_event_is_found(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.paper
 def test_a_wrong_sign_in_event_alone_is_found_by_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     """The reference of fifty digits covers scenes that engine closed refuses."""
-    original = event.rows_of
+    original = walk.rows_of
 
-    def wrong(cells: event.Cells, charge_delay: float) -> event.Rows:
+    def wrong(cells: walk.Cells, charge_delay: float) -> walk.Rows:
         return original(dataclasses.replace(cells, leak=-cells.leak), charge_delay)
 
-    monkeypatch.setattr(event, "rows_of", wrong)
+    monkeypatch.setattr(walk, "rows_of", wrong)
     found = broken(made({"integrator_gain": {"gain_dc": 20.0, "r_in_ohm": 1e5}}), seeds=8)
     assert found & {"fifty_digits", "monotone", "typed_errors"}
 
@@ -236,20 +236,20 @@ def test_frames_that_move_each_other_are_found(monkeypatch: pytest.MonkeyPatch) 
         found = original(plan, g, x)
         return found and dataclasses.replace(found, x=found.x + 1e-9 * len(g))
 
-    monkeypatch.setattr(event, "coupling", wrong)
+    monkeypatch.setattr(walk, "coupling", wrong)
     direct = {"topology": "direct"}
     assert "parts" in broken(made({"integrator_gain": True, "row_driver": True}, **direct))
 
 
 def test_a_current_that_leaves_the_wrong_column_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = event.column_currents
+    original = walk.column_currents
 
     def wrong(network: Any, g: Any) -> Any:
         current = original(network, g).copy()
         current[..., 0] *= 1.01
         return current
 
-    monkeypatch.setattr(event, "column_currents", wrong)
+    monkeypatch.setattr(walk, "column_currents", wrong)
     assert {"closed_equals_event", "symmetric"} <= broken(made({"row_driver": {"r_ohm": 5.0}}), seeds=5)
 
 
@@ -283,7 +283,7 @@ def test_columns_that_shorts_join_are_known_to_what_the_engine_says_and_others_t
 
 
 def test_a_warning_and_a_foreign_exception_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event, "count_cells", _counts(lambda n, cells: n // np.zeros_like(n)))
+    monkeypatch.setattr(walk, "count_cells", _counts(lambda n, cells: n // np.zeros_like(n)))
     assert laws.judge(made(), "closed,event", 0).laws == {"typed_errors"}
 
 

@@ -21,6 +21,7 @@ from system_bench import MakePlan, dermis, processes_with
 
 from dermis import effects, engines
 from dermis.chip import hdl, spi_protocol
+from dermis.converter import walk
 from dermis.engines import closed, event, rtl
 from dermis.errors import InputError, SimulatorError
 from dermis.processes import children
@@ -161,7 +162,7 @@ def test_all_effects_together_equal_the_event_engine(
 
 
 def test_every_field_an_engine_can_be_asked_for_is_here_or_random() -> None:
-    assert rtl.HONOURS | event.RANDOM == event.HONOURS
+    assert rtl.HONOURS | walk.RANDOM == event.HONOURS
     built = set(rtl.BUILT_FOR)
     in_the_currents = {
         f for f in rtl.HONOURS - built if f.startswith(("r_", "g_", "c_", "i_leak", "v_column"))

@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 _G_MAX_S = 1e4
 # Time constants of smaller conductances exceed any simulated time.
 _G_MIN_S = 1e-60
+# Time constant in clocks up to which settling before the gate is negligible: the charge that lines hold back is less
+# than this part of the charge of a clock.
+FAST_CLOCKS = 0.05
 
 
 def _frames(network: Network, g_frames_s: ArrayLike | None) -> Floats:

@@ -51,16 +51,19 @@ def counts(plan: Any) -> dict[str, Floats]:
         share = converter.inv_gain_dc / (1.0 + converter.inv_gain_dc)
         found["inv_gain_dc"] = share * across_f / converter.c_int_f * reach
         found["t_gbw_s"] = converter.t_gbw_s * converter.f_clk_hz * across_f / converter.c_int_f
-    g = plan.conductance_s()
-    lines_s = settling.slowest_s(plan.network(0), g) if converter.q_mirror_c.any() else 0.0
-    if lines_s or (taxel_f and converter.q_mirror_c.any()):
+    slow_mirror = bool(converter.q_mirror_c.any())
+    late = (
+        settling.slowest_s(plan.network(0), plan.conductance_s()) * converter.f_clk_hz if slow_mirror else 0.0
+    )
+    late = late if late > settling.FAST_CLOCKS else 0.0
+    if slow_mirror and (taxel_f or late):
         jump = np.abs(converter.gain) * taxel_f * plan.v_bias_v * (1.0 + abs(drive.ripple)) / packet_c
         slow = converter.q_mirror_c * converter.f_clk_hz / converter.i0_a
         settle = max(timing.settle_clocks - timing.break_clocks, 1)
         woken = np.log1p(slow / (math.e * settle * Y_MIN))
         most = slow * (woken + math.log1p(timing.gate_clocks / settle))
-        brightest = np.abs(converter.gain) * plan.v_bias_v * min(float(g.max()), 1e12) / packet_c
-        found["q_mirror_c"] = np.minimum(jump + lines_s * brightest, most)
+        # A packet a clock is twice full scale; a mirror forgets from how far above it falls.
+        found["q_mirror_c"] = np.minimum(jump + late, most)
     if converter.range_clips():
         found = {name: counts * (1.0 + (timing.gate_clocks + 1) / 2) for name, counts in found.items()}
     return found

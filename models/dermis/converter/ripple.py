@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effect of a ripple within a clock, beyond its mean: a bound, since engine event uses means
-(converter.currents).
+(converter.course).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.converter.course import Course
+from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import X_INFINITE
 from dermis.errors import InputError
 from dermis.records import Plan
@@ -56,7 +56,7 @@ def bends_courses(plan: Plan) -> bool:
     return bool(converter.inv_i_range_a.any() or converter.q_mirror_c.any() or converter.range_clips())
 
 
-def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
+def bent(plan: Plan, gate_currents: GateCurrents) -> dict[str, Floats]:
     """Return the largest shift of codes [frames, rows, cols] by a ripple's course within clocks,
     beyond its mean, by the field that does it.
 
@@ -86,8 +86,8 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
         more = np.zeros(()) if bend is None else np.clip(bend, -limit_a, limit_a) * per_a
         return np.minimum(*both) + np.minimum(more, 0.0), np.maximum(*both) + np.maximum(more, 0.0)
 
-    follows = reach(ways.follows_begin, ways.follows_end, ways.follows_bend)
-    rest = reach(ways.rest_begin, ways.rest_end, ways.rest_bend)
+    follows = reach(gate_currents.follows_begin, gate_currents.follows_end, gate_currents.follows_bend)
+    rest = reach(gate_currents.rest_begin, gate_currents.rest_end, gate_currents.rest_bend)
     most = np.maximum(np.abs(follows[0]), np.abs(follows[1]))
 
     def swung(part: float) -> tuple[Floats, Floats]:
@@ -131,7 +131,7 @@ def bent(plan: Plan, ways: Course) -> dict[str, Floats]:
     return {name: np.minimum(counts / size, plan.timing.code_max) for name, counts in found.items()}
 
 
-def check(plan: Plan, ways: Course) -> None:
+def check(plan: Plan, gate_currents: GateCurrents) -> None:
     """Refuse frames in which the waveform of a ripple within clocks may move a code by more than 1
     LSB.
 
@@ -142,7 +142,7 @@ def check(plan: Plan, ways: Course) -> None:
     """
     if not bends_courses(plan):
         return
-    for name, counts in bent(plan, ways).items():
+    for name, counts in bent(plan, gate_currents).items():
         if (counts > _BENT).any():
             beside = plan.effects_of_field(name)
             raise InputError(

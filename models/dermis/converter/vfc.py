@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -290,29 +291,44 @@ def count(
     if clocks > LONGEST_GATE:
         each = np.vectorize(lambda *cell: _count_of_rationals(clocks, *cell), otypes=[np.int64])
         return each(x, w0, packet, threshold)
-    start = threshold - w0
+    found = np.empty(x.size, dtype=np.int64)
+    _count_all(x.ravel(), clocks, (threshold - w0).ravel(), packet.ravel(), found)
+    return found.reshape(x.shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def count_one(x, clocks, start, packet):  # type: ignore
+    """Count of `count` for one cell, compiled; `start` is the threshold less w0."""
     every_second = (clocks + 1) // 2
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        # N x >= start + m * packet  <=>  at least m + 1 ones.
-        ones = _settled(np.floor(np.divide(clocks * x - start, packet)), clocks)
-        ones += clocks * x >= start + (ones + 1) * packet  # division and difference may round either way
-        ones -= clocks * x < start + ones * packet
-        found = np.clip(ones + 1, 0, every_second)
-    fast = 2 * x > packet
-    if fast.any():
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            first = np.clip(_settled(np.ceil(np.divide(start, x)), clocks + 1), 1, clocks + 1)
-            first += (first * x < start) & (first <= clocks)
-            first -= (first > 1) & ((first - 1) * x >= start)
-        found = np.where(fast, np.where(first > clocks, 0, (clocks - first) // 2 + 1), found)
-    falling = x < 0
-    if falling.any():
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            last = _settled(np.floor(np.divide(x - start, packet - 2 * x)), every_second)
-            last += (2 * last + 3) * x >= start + (last + 1) * packet
-            last -= (2 * last + 1) * x < start + last * packet
-        found = np.where(falling, np.where(x >= start, np.clip(last + 1, 0, every_second), 0), found)
-    return found.astype(np.int64)
+    if 2.0 * x > packet:
+        first = min(max(np.ceil(start / x), 1.0), clocks + 1.0)
+        if first * x < start and first <= clocks:
+            first += 1.0
+        elif first > 1.0 and (first - 1.0) * x >= start:
+            first -= 1.0
+        return 0 if first > clocks else (clocks - int(first)) // 2 + 1
+    # Ones that are paid for: division and difference may round either way.
+    if x < 0.0:
+        if x < start:
+            return 0
+        last = min(max(np.floor((x - start) / (packet - 2.0 * x)), -1.0), 1.0 * every_second)
+        if (2.0 * last + 3.0) * x >= start + (last + 1.0) * packet:
+            last += 1.0
+        elif (2.0 * last + 1.0) * x < start + last * packet:
+            last -= 1.0
+        return int(min(max(last + 1.0, 0.0), 1.0 * every_second))
+    ones = min(max(np.floor((clocks * x - start) / packet), -1.0), 1.0 * clocks)
+    if clocks * x >= start + (ones + 1.0) * packet:
+        ones += 1.0
+    elif clocks * x < start + ones * packet:
+        ones -= 1.0
+    return int(min(max(ones + 1.0, 0.0), 1.0 * every_second))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _count_all(x, clocks, start, packet, found):  # type: ignore
+    for i in range(x.size):
+        found[i] = count_one(x[i], clocks, start[i], packet[i])
 
 
 def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, threshold: float) -> int:
@@ -327,11 +343,6 @@ def _count_of_rationals(clocks: int, x: float, w0: float, packet: float, thresho
         return min(every_second, max(0, math.floor((clocks * x - s) / p) + 1))
     first = max(1, math.ceil(s / x))
     return (clocks - first) // 2 + 1 if first <= clocks else 0
-
-
-def _settled(value: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Limit whole numbers to -1..most, infinite ones too."""
-    return np.clip(np.where(np.isnan(value), -1.0, value), -1.0, most)
 
 
 def code(x: ArrayLike, clocks: int = 510, code_max: int = 255, **start: ArrayLike) -> NDArray[np.int64]:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from dermis import bounds
 from dermis.bounds import Bounding
-from dermis.converter import currents, noise
+from dermis.converter import course, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
-from dermis.converter.course import Course
+from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import LONGEST_GATE
 from dermis.effects import EFFECTS
 from dermis.engines import Result, code_type, event
@@ -43,8 +43,8 @@ _MEMORY = 60.0
 class Table:
     """Cells decided from the solved currents, decided once their noise was drawn, and walked; each effect's part.
 
-    `tally` [bounds.COUNT, 3] is that of `verdicts.verdicts`, `blamed` [bounds.COUNT] counts walked cells by the effect
-    with the largest bound.
+    `tally` [bounds.COUNT, 2] is that of `decide.decide_cells`, `blamed` [bounds.COUNT] counts walked cells by the
+    effect with the largest bound.
     """
 
     functions: dict[str, Bounding] = field(default_factory=dict)
@@ -113,7 +113,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         result = event.run(plan, progress)
         result.info["filter"] = Table(walked=result.codes.size, reason=reason).as_dict()
         return result
-    currents.check_lines(plan)
+    course.check_lines(plan)
     table = Table(bounding(plan))
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     for part in _parts(plan):
@@ -155,13 +155,13 @@ class _Part:
 
     def __init__(self, plan: Plan, part: slice, table: Table, apart_lsb: Floats | float = 0.0) -> None:
         # Loading the compiled loop takes a moment that a scene without it does not need to wait.
-        from dermis.engines import verdicts
+        from dermis.converter import decide
 
-        self.loops = verdicts
+        self.loops = decide
         self.plan, self.part, self.table = plan, part, table
         self.g = plan.conductance_s(part)
         self.active = plan.active_fields()
-        self.random = bool(self.active & event.RANDOM)
+        self.random = bool(self.active & walk.RANDOM)
         self.slow_mirror = "q_mirror_c" in self.active
         self.g_column_s = np.minimum(self.g, G_ACROSS_S).sum(axis=1)
         self.seed, self.first = np.uint64(plan.seed), plan.first_frame + part.start
@@ -170,17 +170,17 @@ class _Part:
     def _solve(self, apart_lsb: Floats) -> None:
         plan, c, timing, drive = self.plan, self.plan.converter, self.plan.timing, self.plan.drive
         frames, rows, cols = shape = self.g.shape
-        self.ways = ways = currents.course(plan, self.part)
+        self.gate_currents = gate_currents = course.solve_gate(plan, self.part)
         self.phase = swing_sum = np.zeros((frames, rows))
         reach = 0.0
         if drive.ripple:
-            self.phase = currents.phases(plan, self.part)
+            self.phase = course.phases(plan, self.part)
             omega = 2.0 * math.pi * drive.f_ripple_hz / timing.f_clk_hz
             begin = self.phase + omega * timing.settle_clocks
             swing_sum = (np.cos(begin) - np.cos(begin + omega * timing.gate_clocks)) / omega
             reach = min(float(timing.gate_clocks), 2.0 / omega)
         idle, network = np.zeros((frames, cols)), plan.network(0)
-        if self.slow_mirror and currents.has_idle_current(plan):
+        if self.slow_mirror and course.has_idle_current(plan):
             # No line is further from the others than the sources of offsets and leaks, whatever is on.
             side = 2.0 * rows * network.g_lateral_row_s
             most_s = self.g_column_s
@@ -197,16 +197,17 @@ class _Part:
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion),
             self.slow_mirror, plan.topology == "direct", self.random,
-            currents.LEFT_OUT if self.active & currents.CAPACITANCES else 0.0,
+            course.LEFT_OUT if self.active & course.CAPACITANCES else 0.0,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.table.functions.values():
             on[bound.number] = bound.factor
         self.columns = bounds.columns(c)
-        bend = (ways.follows_bend, ways.rest_bend)
-        if ways.follows_bend is None:
-            bend = (np.zeros(shape),) * 2 if drive.motion else (ways.follows_begin, ways.rest_begin)
-        solved = [ways.follows_begin, ways.rest_begin, ways.follows_end, ways.rest_end, *bend]
+        i = gate_currents
+        bend = (i.follows_bend, i.rest_bend)
+        if i.follows_bend is None:
+            bend = (np.zeros(shape),) * 2 if drive.motion else (i.follows_begin, i.rest_begin)
+        solved = [i.follows_begin, i.rest_begin, i.follows_end, i.rest_end, *bend]
         values = np.empty((4, *shape))
         open_, whole = np.empty(shape, dtype=bool), np.empty((2, *shape), dtype=np.int64)
         mirrors = np.empty((6, *shape) if self.slow_mirror else (6, 1, 1, 1))
@@ -214,9 +215,9 @@ class _Part:
             *values[:2], mirrors[:2], mirrors[2], mirrors[3:], *values[2:], open_, *whole
         )
         ratios = np.empty(self.g.size // self.loops.EACH + 1)
-        sampled, self.drawn = self.loops.verdicts(
+        sampled, self.drawn = self.loops.decide_cells(
             self.gate, on, self.columns, self.g_column_s, idle, swing_sum, apart_lsb,
-            *(np.ascontiguousarray(i) for i in solved), self.seed, self.first, self.s, self.table.tally, ratios,
+            *(np.ascontiguousarray(part) for part in solved), self.seed, self.first, self.s, self.table.tally, ratios,
         )  # fmt: skip
         if sampled:
             self.table.looseness.append(float(np.sort(ratios[:sampled])[sampled // 2]))
@@ -233,19 +234,19 @@ class _Part:
             s.codes[cells] = np.minimum(self._walk(cells), full)
         return s.codes
 
-    def _chosen(self, cells: Cells, depth: NDArray[np.intp]) -> event.Chosen:
+    def _chosen(self, cells: Cells, depth: NDArray[np.intp]) -> walk.Chosen:
         x = self.s.x[cells]
-        if not self.active & currents.FIELDS:
+        if not self.active & course.FIELDS:
             # As engine event takes them where nothing changes within a gate.
-            i = self.ways.follows_begin[cells] + self.ways.rest_begin[cells]
-            x = event.columns_of(self.plan.converter, cells[2]).duty(i)
+            i = self.gate_currents.follows_begin[cells] + self.gate_currents.rest_begin[cells]
+            x = walk.columns_of(self.plan.converter, cells[2]).duty(i)
         output = self.s.end[0] if self.slow_mirror else None
-        return event.Chosen(
+        return walk.Chosen(
             self.g_column_s[cells[0], cells[2]],
             *cells,
             x,
             noise.chosen_keys(self.plan.seed, self.first, cells) if self.random else None,
-            self.ways,
+            self.gate_currents,
             self._idle_course(cells),
             self.phase,
             output,
@@ -258,7 +259,7 @@ class _Part:
         # Alike side by side.
         order = np.argsort(2 * depth + (depth == cells[1]), kind="stable")
         chosen = self._chosen(tuple(index[order] for index in cells), depth[order])
-        counts[order] = event.count_chosen(self.plan, chosen)
+        counts[order] = walk.count_chosen(self.plan, chosen)
         return counts
 
     def _depth(self, cells: Cells) -> NDArray[np.intp]:
@@ -269,9 +270,9 @@ class _Part:
             self.loops.remembered(self.gate, *mirrors, self.columns[bounds.KAPPA], *cells, depth)
         return depth
 
-    def _idle_course(self, cells: Cells) -> Course | None:
+    def _idle_course(self, cells: Cells) -> GateCurrents | None:
         """Currents while no row is driven, where the gates of chosen cells still remember them."""
-        if not self.slow_mirror or not currents.has_idle_current(self.plan):
+        if not self.slow_mirror or not course.has_idle_current(self.plan):
             return None
         remembers = self.s.passed[(0, *cells)] <= _MEMORY * self.columns[bounds.KAPPA, cells[2]]
         if not remembers.any():
@@ -279,8 +280,8 @@ class _Part:
         frames = np.unique(cells[0][remembers])
         network = self.plan.network(0)
         if network.r_row_driven_ohm == network.r_row_grounded_ohm:
-            return self.ways
-        found = currents.course(self.plan, self.part, idle=True, frames=frames)
+            return self.gate_currents
+        found = course.solve_gate(self.plan, self.part, idle=True, frames=frames)
 
         def spread(values: Floats | None) -> Floats | None:
             if values is None:
@@ -289,7 +290,7 @@ class _Part:
             out[frames] = values
             return out
 
-        return Course(*(spread(getattr(found, part.name)) for part in fields(Course)))
+        return GateCurrents(*(spread(getattr(found, part.name)) for part in fields(GateCurrents)))
 
 
 def largest(plan: Plan) -> dict[str, float]:

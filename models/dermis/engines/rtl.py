@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dermis.array.array import column_currents
 from dermis.chip import hdl, netlist, read_out, spi_protocol
 from dermis.chip.sources import listed, rtl_include_dirs, rtl_sources
-from dermis.converter import coupling, currents, loops
+from dermis.converter import coupling, course, walk, walk_loops
 from dermis.engines import Result, code_type, event
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -196,9 +196,9 @@ class Currents:
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
-    currents.check_lines(plan, part)
+    course.check_lines(plan, part)
     converter = plan.converter
-    if not plan.active_fields() & (currents.FIELDS - {"q_mirror_c"}) and not currents.has_idle_current(plan):
+    if not plan.active_fields() & (course.FIELDS - {"q_mirror_c"}) and not course.has_idle_current(plan):
         g, most = plan.conductance_s(part), converter.saturating_duty()
         current = column_currents(plan.network(0), g)
         coupled = coupling.coupling(plan, g, converter.duty(current))
@@ -207,7 +207,7 @@ def currents_of(plan: Plan, part: slice) -> Currents:
         if coupled is not None:
             unit = unit + coupled.x
         return Currents(unit[..., np.newaxis], np.ones((1, 1)), coupling=coupled)
-    slots = currents.Slots(plan, part)
+    slots = course.Slots(plan, part)
     gain = np.tile(converter.gain, slots.frames)
     # A row is followed by the break in front of the next one.
     behind = [] if slots.idle is None else [np.roll(slots.idle / gain, -1, axis=0)]
@@ -257,7 +257,7 @@ def run_time_values(
     """
     g = plan.conductance_s(part if each else slice(part.start, part.start + 1))
     converter, active = plan.converter, plan.active_fields()
-    column = event.cells_of(plan, np.zeros(g.shape), g, coupled)
+    column = walk.cells_of(plan, np.zeros(g.shape), g, coupled)
     if not each:
         first = {f.name: getattr(column, f.name)[:, :1] for f in dataclasses.fields(column)}
         column = dataclasses.replace(column, **first)
@@ -285,11 +285,13 @@ def run_time_values(
         "I_RANGE": converter.inv_i_range_a * converter.k * converter.i0_a,
         "Q_MIRROR": np.maximum(converter.q_mirror_c * converter.f_clk_hz / converter.i0_a, 1e-15),
     }
-    modes = event.rows_of(column, 1.0)
+    modes = walk.rows_of(column, 1.0)
     for name, rows in (("", modes.slow), ("FAST_", modes.fast)):
         if rows is None:
             continue
-        of = {n: rows[getattr(loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")}
+        of = {
+            n: rows[getattr(walk_loops, n)].reshape(t_a.shape) for n in ("RATE", "DRIVE", "WEIGHT", "START")
+        }
         keep_a = "FAST_KEEP_A" if name else "KEEP_A"
         for piece, length in (("A", t_a), ("B", t_b - t_a), ("C", 1.0 - t_b)):
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dermis import engines
 from dermis import plan as planning
 from dermis.array.array import column_currents, column_currents_by_source, column_currents_with_bounds
-from dermis.converter import coupling, currents, vfc
+from dermis.converter import coupling, course, vfc, walk
 from dermis.engines import Result, closed, event
 from dermis.errors import InputError, SimulatorError
 from dermis.records import Plan
@@ -109,7 +109,7 @@ class Subject:
     @property
     def noisy(self) -> bool:
         """True if random numbers are drawn while frames are read."""
-        return bool(self.active & event.RANDOM)
+        return bool(self.active & walk.RANDOM)
 
     @property
     def memoryless(self) -> bool:
@@ -121,10 +121,10 @@ class Subject:
         """True if the count formula holds, with other levels and packets at most."""
         return self.memoryless and self.active & _CONVERTER <= _FORMULA
 
-    def steady(self) -> event.Cells:
+    def steady(self) -> walk.Cells:
         """Return the converters at constant duties."""
         coupled = coupling.coupling(self.plan, self.plan.conductance_s(), self.x)
-        return event.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
+        return walk.cells_of(self.plan, self.x, self.plan.conductance_s(), coupled)
 
 
 def _first(wrong: Any, text: str, *values: Any) -> Iterator[str]:
@@ -199,15 +199,15 @@ def words(s: Subject) -> Iterator[str]:
     rng = s.rng("words")
     f, r, c = s.cell(rng)
     cells = s.steady()
-    one = event.Cells(
-        **{k.name: getattr(cells, k.name)[f, r, c].reshape(1) for k in dataclasses.fields(event.Cells)}
+    one = walk.Cells(
+        **{k.name: getattr(cells, k.name)[f, r, c].reshape(1) for k in dataclasses.fields(walk.Cells)}
     )
     delay, gate = s.plan.timing.charge_delay_clocks, s.plan.timing.gate_clocks
     ideal = s.formula and not s.active & _LEVELS
     x = float(one.x[0])
     first, last = (0, gate) if ideal else (n := int(rng.integers(max(gate - 40, 1))), min(n + 40, gate))
     counts = [0] if first == 0 else []
-    counts += [int(event.count_cells(one, n, delay)[0][0]) for n in range(max(first, 1), last + 1)]
+    counts += [int(walk.count_cells(one, n, delay)[0][0]) for n in range(max(first, 1), last + 1)]
     bits = np.diff(counts)
     if not np.isin(bits, (0, 1)).all():
         yield f"a longer gate counts {bits.min()} .. {bits.max()} more a clock, x = {x!r}, cell {f}, {r}, {c}"
@@ -237,17 +237,17 @@ def fifty_digits(s: Subject) -> Iterator[str]:
     rng = s.rng("fifty_digits")
     f, r, c = s.cell(rng)
     cells = s.steady()
-    cell = {k.name: float(getattr(cells, k.name)[f, r, c]) for k in dataclasses.fields(event.Cells)}
+    cell = {k.name: float(getattr(cells, k.name)[f, r, c]) for k in dataclasses.fields(walk.Cells)}
     if abs(cell["x"]) > 1e6 or cell["across"] > 1e6:  # the reference stops at every change
         return
     yield COMPARED
     clocks = min(int(rng.integers(1, 40)), s.plan.timing.gate_clocks)
-    walk = walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
-    one = event.Cells(**{name: np.array([value]) for name, value in cell.items()})
-    count = int(event.count_cells(one, clocks, s.plan.timing.charge_delay_clocks)[0][0])
+    exact = walk_reference(cell, clocks, s.plan.timing.charge_delay_clocks)
+    one = walk.Cells(**{name: np.array([value]) for name, value in cell.items()})
+    count = int(walk.count_cells(one, clocks, s.plan.timing.charge_delay_clocks)[0][0])
     # Errors of 1e-12 packet (docs/event.md) may decide a state that is as close to a level.
-    if count != sum(walk.bits) and walk.nearest > 1e-9 * max(1.0, abs(cell["x"])):
-        yield f"{count} ones in {clocks} clocks, the reference {sum(walk.bits)}, cell {f}, {r}, {c}: {cell}"
+    if count != sum(exact.bits) and exact.nearest > 1e-9 * max(1.0, abs(cell["x"])):
+        yield f"{count} ones in {clocks} clocks, the reference {sum(exact.bits)}, cell {f}, {r}, {c}: {cell}"
 
 
 def parts(s: Subject) -> Iterator[str]:
@@ -348,16 +348,12 @@ def _coupled(s: Subject) -> Floats:
     1].
     """
     plan, g = s.plan, s.plan.conductance_s()
-    known = np.zeros((plan.frames, plan.rows, 1))
-    for alike, slots in currents.groups(plan, slice(0, plan.frames)):
-        if slots is None:
-            x = plan.converter.duty(column_currents(plan.network(0), g[alike]))
-            coupled = coupling.coupling(plan, g[alike], x)
-        else:
-            coupled = slots.coupling
-        if coupled is not None:
-            known[alike] = coupled.known / plan.timing.gate_clocks
-    return known
+    if plan.active_fields() & course.FIELDS:
+        coupled = course.Slots(plan, slice(0, plan.frames)).coupling
+    else:
+        coupled = coupling.coupling(plan, g, plan.converter.duty(column_currents(plan.network(0), g)))
+    none = np.zeros((plan.frames, plan.rows, 1))
+    return none if coupled is None else coupled.known / plan.timing.gate_clocks
 
 
 def _held(s: Subject) -> Floats:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dermis import plan
 from dermis.array.array import column_currents
 from dermis.chip.spice_text import spice_number
-from dermis.engines import event
+from dermis.converter import walk
 from dermis.records import Plan
 from dermis.scene import design as design_module
 from dermis.scene import scene
@@ -216,8 +216,8 @@ def model_slots(made: Plan, clocks: int) -> list[Slot]:
     """Return a column of the event engine clock by clock, from gates of every length; charge in packets."""
     g = made.conductance_s()
     x = made.converter.duty(column_currents(made.network(0), g))
-    cells = event.cells_of(made, x, g)
-    ends = [event.count_cells(cells, n, made.timing.charge_delay_clocks) for n in range(1, clocks + 1)]
+    cells = walk.cells_of(made, x, g)
+    ends = [walk.count_cells(cells, n, made.timing.charge_delay_clocks) for n in range(1, clocks + 1)]
     counts = np.array([count[0, :, 0] for count, _ in ends]).T
     charge = np.array([end[0, :, 0] for _, end in ends]).T
     slots = []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis import plan
 from dermis.chip import hdl
-from dermis.converter import vfc
+from dermis.converter import vfc, walk
 from dermis.engines import closed, cosim, event, rtl
 from dermis.records import Plan
 from dermis.scene import scene
@@ -192,16 +192,16 @@ def codes(engine: str, *worlds: World) -> Measured:
 
 
 def loop(cells: Mapping[str, Sequence[float]], clocks: int) -> tuple[NDArray[Any], Floats]:
-    """Return counts and charges of cells (fields of event.Cells; the others ideal) by the loops of
+    """Return counts and charges of cells (fields of walk.Cells; the others ideal) by the loops of
     engine event.
     """
     size = max(len(values) for values in cells.values())
     ideal = {"w0": -0.5, "packet": 1.0, "low": -np.inf, "high": np.inf}
     whole = {
         f.name: np.array(cells.get(f.name, [ideal.get(f.name, 0.0)] * size), dtype=float)
-        for f in dataclasses.fields(event.Cells)
+        for f in dataclasses.fields(walk.Cells)
     }
-    return event.count_cells(event.Cells(**whole), clocks, 1.0)
+    return walk.count_cells(walk.Cells(**whole), clocks, 1.0)
 
 
 def cells(fields: Mapping[str, float], duties: Sequence[float]) -> Measured:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of the filter over all cells of some frames, compiled: from currents to bounds to verdicts."""
+"""Decide cells, compiled: from currents to levels and their error bounds to codes, or to cells that stay open."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from dermis import bounds as of
 from dermis.converter import noise
-from dermis.converter.currents import FAR, approach, log_of
-from dermis.converter.vfc import Y_MIN
+from dermis.converter.course import FAR, approach, log_of
+from dermis.converter.vfc import Y_MIN, count_one
 
 # Duty beyond which a larger current changes no code: 1/2 is full scale.
 X_CLIP = 0.75
@@ -48,7 +48,7 @@ class Gate(
 
 
 class Solved(namedtuple("Solved", "x low passed begin end shift error open codes blame")):
-    """Results of `verdicts`, [frames, rows, cols] each.
+    """Results of `decide_cells`, [frames, rows, cols] each.
 
     `x` mean duty, `low` the least in any clock. Of slow mirrors: `passed` [2, ...] packets that pass at least from the
     start of a slot to its gate, and in the whole slot; `begin` the highest output where the gate begins; `end`
@@ -61,34 +61,6 @@ class Solved(namedtuple("Solved", "x low passed begin end shift error open codes
 
 
 @_compiled
-def count(x, clocks, start, packet):  # type: ignore
-    """`converter.vfc.count` of one cell; `start` is the level less the preset charge."""
-    every_second = (clocks + 1) // 2
-    if 2.0 * x > packet:
-        first = min(max(math.ceil(start / x), 1.0), clocks + 1.0)
-        if first * x < start and first <= clocks:
-            first += 1.0
-        elif first > 1.0 and (first - 1.0) * x >= start:
-            first -= 1.0
-        return 0 if first > clocks else (clocks - int(first)) // 2 + 1
-    if x < 0.0:
-        if x < start:
-            return 0
-        last = min(max(math.floor((x - start) / (packet - 2.0 * x)), -1.0), 1.0 * every_second)
-        if (2.0 * last + 3.0) * x >= start + (last + 1.0) * packet:
-            last += 1.0
-        elif (2.0 * last + 1.0) * x < start + last * packet:
-            last -= 1.0
-        return int(min(max(last + 1.0, 0.0), 1.0 * every_second))
-    ones = min(max(math.floor((clocks * x - start) / packet), -1.0), 1.0 * clocks)
-    if clocks * x >= start + (ones + 1.0) * packet:
-        ones += 1.0
-    elif clocks * x < start + ones * packet:
-        ones -= 1.0
-    return int(min(max(ones + 1.0, 0.0), 1.0 * every_second))
-
-
-@_compiled
 def _decide(x, clipped, level, error, packet, gate):  # type: ignore
     """Code of a cell whose level is known to `error`, and whether it is open.
 
@@ -97,23 +69,23 @@ def _decide(x, clipped, level, error, packet, gate):  # type: ignore
     if not (math.isfinite(error) and math.isfinite(level)):
         return 0, True
     if 0.0 <= 2.0 * x <= packet and not clipped and gate.budget <= 0.0:
-        # As `count` at either end, to roundings that `error` holds.
+        # As `count_one` at either end, to roundings that `error` holds.
         top = 1.0 * min((gate.clocks + 1) // 2, gate.code_max)
         reach, part = gate.clocks * x - level, 1.0 / packet
         low = min(max(math.floor((reach - error) * part) + 1.0, 0.0), top)
         return int(low), low != min(max(math.floor((reach + error) * part) + 1.0, 0.0), top)
-    least = min(count(x, gate.clocks, level + error, packet), gate.code_max)
+    least = min(count_one(x, gate.clocks, level + error, packet), gate.code_max)
     if clipped:
         # More charge than that at which x is clipped changes a code only upwards.
         open_ = least < gate.code_max
     else:
-        open_ = least != min(count(x, gate.clocks, level - error, packet), gate.code_max)
+        open_ = least != min(count_one(x, gate.clocks, level - error, packet), gate.code_max)
     if error <= gate.budget and gate.budget > 0.0:
-        return min(count(x, gate.clocks, level, packet), gate.code_max), False
+        return min(count_one(x, gate.clocks, level, packet), gate.code_max), False
     return least, open_
 
 
-class Course(namedtuple("Course", "mean away swing bent apart start middle least largest")):
+class SlotInput(namedtuple("SlotInput", "mean away swing bent apart start middle least largest")):
     """Input of a converter through a slot, in packets a clock.
 
     `mean` over the gate, and how far any clock of it is `away`; `swing` the amplitude of the ripple, `bent` packets of
@@ -132,7 +104,7 @@ def _parabola(begin, end, bend, t):  # type: ignore
 
 @_compiled
 def _course(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later, other_bend):  # type: ignore
-    """Course of a slot that begins `ahead` gates before its gate, from column currents in ampere.
+    """SlotInput of a slot that begins `ahead` gates before its gate, from column currents in ampere.
 
     `driven` follows the bias, `other` does not. Motion runs straight on before the gate.
     """
@@ -157,7 +129,7 @@ def _course(gate, ahead, per_a, squeeze, driven, later, bend, other, other_later
         least, largest = least / (1.0 + squeeze * abs(least)), largest / (1.0 + squeeze * abs(largest))
         slope = 1.0 / (1.0 + squeeze * abs(mean))
         mean, swing = mean * slope, swing * slope * slope
-    return Course(mean, max(mean - low, high - mean), swing, bent, apart, start, middle, least, largest)
+    return SlotInput(mean, max(mean - low, high - mean), swing, bent, apart, start, middle, least, largest)
 
 
 @_compiled
@@ -219,7 +191,7 @@ def _slot(table, c, key):  # type: ignore
 
 @_compiled
 def _sigma(table, g_column, mean, c):  # type: ignore
-    """Deviation a clock of the Brownian path at a mean charge a clock, as engine event.noise_rows has it."""
+    """Deviation a clock of the Brownian path at a mean charge a clock, as engine walk.noise_rows has it."""
     most = min(abs(mean), _X_NOISE_MAX)
     rate = min(most, 0.5)
     variance = table[of.THERMAL, c] * g_column + table[of.SHOT, c] * (most + rate)
@@ -266,7 +238,7 @@ def _worst(s, on, calm):  # type: ignore
 
 
 @_compiled
-def verdicts(  # type: ignore
+def decide_cells(  # type: ignore
     gate, on, table, g_column, idle, swing_sum, apart_lsb,
     follows, rest, follows_end, rest_end, follows_bend, rest_bend, seed, first, out, tally, ratios
 ):  # fmt: skip

@@ -133,7 +133,7 @@ def _mode(rows, i, rate, drive, weight, packet, late):  # type: ignore
 
 @numba.njit(cache=True, error_model="numpy")
 def modes(w0, packet, leak, across, delay, lag, late, slow, fast, latch, early):  # type: ignore
-    """Fill `slow`, `fast`, `latch` and `early` as `walk` takes them, from what event.Cells has of each
+    """Fill `slow`, `fast`, `latch` and `early` as `walk` takes them, from what walk.Cells has of each
     cell; those that are off have no columns.
     """
     for i in range(w0.size):

@@ -1,0 +1,422 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walk cells clock by clock: converters in packets and clocks, their noise, and counts of frames or of chosen cells.
+
+Between two clocks the current into the integrator is constant on at most three pieces (the packet
+begins or ends, the comparator is sampled a delay before the clock). On a piece the charge is a
+straight line or, with a leak, an exponential; with finite bandwidth the output follows by a second
+one. So a clock changes a cell by a few numbers, which are computed once a gate. Where an effect
+makes the input change inside a gate, its mean over each clock takes the place of the constant
+(converter.course); noise is drawn only where it can change a decision (dermis.converter.noise).
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dermis.array.array import column_currents
+from dermis.converter import course, noise, walk_loops
+from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
+from dermis.converter.course import Slots
+from dermis.converter.gate_currents import GateCurrents
+from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
+from dermis.errors import SimulatorError
+from dermis.records import Plan
+
+Floats = NDArray[np.float64]
+
+RANDOM = frozenset(
+    {
+        "v_comp_noise_v",
+        "t_meta_s",
+        "t_jitter_s",
+        "kt_noise_j",
+        "q_shot_c",
+        "v_preset_noise_v",
+        "packet_flicker",
+    }
+)
+
+# Of these, the effects drawn once a slot; they leave no decision open.
+_SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})
+
+_LEAK_MAX = 1e12
+# Duty beyond which a converter saturates whatever its noise is.
+_X_NOISE_MAX = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Converters in packets and clocks, every field [n]: the input of the loops.
+
+    `x` packets a clock; `leak` fraction of w lost a clock; `w0` start; `packet`; `rise` and `fall`
+    the levels at which the comparator goes high and low; `low` and `high` the range of w; `delay`
+    of the comparator in clocks, 0..1; `lag` time constant in clocks by which the output follows w
+    (0: at once); `across` fraction of what the output has not followed yet that flows through the
+    input a clock (the leak is the part of it that remains).
+    """
+
+    x: Floats
+    leak: Floats
+    w0: Floats
+    packet: Floats
+    rise: Floats
+    fall: Floats
+    low: Floats
+    high: Floats
+    delay: Floats
+    lag: Floats
+    across: Floats
+
+
+class Noise(NamedTuple):
+    """Noise of some cells: `rows` [4, n] (rows of converter.walk_loops.walk) and a key a cell [n]."""
+
+    rows: Floats
+    keys: NDArray[np.uint64]
+
+
+def count_frames(plan: Plan, part: slice, random: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Counts, duties and charges at the end of some frames, [frames, rows, cols] each."""
+    timing, g = plan.timing, plan.conductance_s(part)
+    keys = noise.cell_keys(plan.seed, plan.first_frame + part.start, g.shape) if random else None
+    if plan.active_fields() & course.FIELDS:
+        slots = Slots(plan, part)
+        counts, end = _count_slots(plan, part, slots, g, keys)
+        return counts, slots.mean, end
+    x = plan.converter.duty(column_currents(plan.network(0), g))
+    coupled = coupling(plan, g, x)
+    if coupled is not None:
+        x = x + coupled.x
+    cells, draws = cells_of(plan, x, g, coupled), None
+    if keys is not None:
+        cells = _with_slot_noise(plan.converter, cells, keys)
+        if plan.active_fields() & RANDOM - _SLOT_RANDOM:
+            draws = Noise(noise_rows(plan.converter, x, _noise_variance(plan, g)), keys)
+    counts, end = count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)
+    return counts, x, end
+
+
+def cells_of(plan: Plan, x: Floats, g_taxel_s: Floats, coupled: Coupling | None = None) -> Cells:
+    """Turn the converters of a plan into packets and clocks, for x and g [frames, rows, cols]."""
+    converter = plan.converter
+    g_in = None
+    if converter.inv_gain_dc.any() or converter.t_gbw_s.any():
+        g_in = converter.g_in_s
+        if coupled is not None:
+            g_in = g_in + coupled.across_s
+        elif plan.topology == "direct":
+            # The virtual ground carries the whole column, whichever row is driven.
+            g_in = g_in + np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True)
+    return _cells(converter, x, g_in)
+
+
+def _cells(converter: Converter, x: Floats, g_in_s: Floats | None) -> Cells:
+    """Cells of duties x, the fields of whose converters broadcast to x; `g_in_s` is None where no
+    charge is lost.
+    """
+    packet_v = converter.packet_v()
+    amplitude = 1.0 / (
+        1.0 + converter.inv_gain_dc
+    )  # output of the integrator over the voltage of its capacitor
+    leak = across = np.zeros(x.shape)
+    if g_in_s is not None:
+        across = np.minimum(g_in_s / converter.c_int_f / converter.f_clk_hz, _LEAK_MAX)
+        across = across if across.shape == x.shape else np.broadcast_to(across, x.shape)
+        leak = across * (converter.inv_gain_dc * amplitude)
+    scale = packet_v * amplitude
+    low, high = converter.range_v() / scale
+    columns = {
+        "w0": _within(W_PRESET + converter.preset_error_v / packet_v, low, high),
+        "packet": 1.0 + converter.packet_error,
+        "rise": (converter.v_comp_offset_v + converter.v_hysteresis_v / 2) / scale,
+        "fall": (converter.v_comp_offset_v - converter.v_hysteresis_v / 2) / scale,
+        "low": low,
+        "high": high,
+        "delay": converter.t_comp_delay_s * converter.f_clk_hz,
+        "lag": converter.t_gbw_s * amplitude * converter.f_clk_hz,
+    }
+    everywhere = {
+        name: value if value.shape == x.shape else np.broadcast_to(value, x.shape)
+        for name, value in columns.items()
+    }
+    most = converter.saturating_duty()
+    return Cells(x=_within(x, -most, most), leak=leak, across=across, **everywhere)
+
+
+def _within(value: Floats, low: Floats, high: Floats) -> Floats:
+    return np.minimum(np.maximum(value, low), high)
+
+
+def _with_slot_noise(converter: Converter, cells: Cells, keys: NDArray[np.uint64]) -> Cells:
+    """Draw the noise of a slot: the charge after the preset, and the size of the packet."""
+    changed = {}
+    if converter.v_preset_noise_v.any():
+        spread = converter.v_preset_noise_v / converter.packet_v()
+        start = cells.w0 + spread * noise.normals(keys, noise.PRESET)
+        changed["w0"] = _within(start, cells.low, cells.high)
+    if converter.packet_flicker.any():
+        changed["packet"] = cells.packet * (
+            1.0 + converter.packet_flicker * noise.normals(keys, noise.FLICKER)
+        )
+    return Cells(**vars(cells) | changed) if changed else cells
+
+
+def _noise_variance(plan: Plan, g_taxel_s: Floats) -> Floats:
+    """Variance of charge a clock in packets^2 that does not depend on x: thermal noise, [frames, 1,
+    cols].
+    """
+    return path_variance(plan.converter, np.minimum(g_taxel_s, G_ACROSS_S).sum(axis=1, keepdims=True))
+
+
+def path_variance(converter: Converter, column_s: Floats) -> Floats:
+    """Variance of charge a clock in packets^2 of the thermal noise of `column_s` on each column."""
+    q_packet = converter.i0_a / converter.f_clk_hz
+    part = converter.gain / converter.k
+    return 2.0 * converter.kt_noise_j * column_s * part**2 / (converter.f_clk_hz * q_packet**2)
+
+
+def noise_rows(
+    converter: Converter, x: Floats, variance: Floats, column: NDArray[np.int64] | slice = slice(None)
+) -> Floats:
+    """Rows of `Noise` for mean duties x [..., column]; per-packet noise comes at the mean rate of
+    packets.
+    """
+    x = np.minimum(np.abs(x), _X_NOISE_MAX)
+    rate = np.minimum(x, 0.5)
+    shot = (converter.q_shot_c * converter.f_clk_hz / converter.i0_a)[column]
+    jitter = (converter.t_jitter_s * converter.f_clk_hz)[column]
+    output_v = (converter.packet_v() / (1.0 + converter.inv_gain_dc))[column]
+    rows = np.empty((4, *x.shape))
+    rows[walk_loops.SIGMA] = np.sqrt(variance + shot * (x + rate) + 2.0 * jitter**2 * rate)
+    rows[walk_loops.WHITE] = converter.v_comp_noise_v[column] / output_v
+    rows[walk_loops.SLOPE] = x * jitter
+    rows[walk_loops.APERTURE] = x * (0.5 * converter.t_meta_s[column] * converter.f_clk_hz)
+    return rows.reshape(4, -1)
+
+
+class Rows(NamedTuple):
+    """Arguments of converter.walk_loops.walk for n cells; None is off."""
+
+    slow: Floats
+    fast: Floats | None
+    latch: Floats | None
+    early: Floats | None
+    rise: Floats
+    window: Floats | None
+    limits: Floats | None
+    lag: Floats | None
+
+
+def rows_of(cells: Cells, charge_delay: float) -> Rows:
+    """Compute the change of every cell over a clock, cells flattened.
+
+    The charge w and the output v (both in packets, v = w when settled) obey w' = i - across (w - v)
+    - leak v and v' = (w - v) / lag. Their matrix always has two distinct real eigenvalues: the one
+    near -leak carries the charge, the one beyond -1 / lag the part that the output still lags
+    behind. The states here are the two parts of v, v = a + b, and w = weight_a a + weight_b b.
+    """
+    if not 0 < charge_delay <= 1:
+        raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
+    # Copies, so that none is read-only: the loops would be compiled again for it.
+    flat = {name: np.asarray(value, dtype=float).flatten() for name, value in vars(cells).items()}
+    lag, count = flat["lag"], flat["w0"].size
+    lags = bool(lag.any())
+    if lags and not lag.all():
+        raise ValueError("the output of some cells lags and of others does not")
+    slow, fast = np.empty((8, count)), np.empty((8, count if lags else 0))
+    latch = np.empty((2, count if charge_delay < 1.0 else 0))
+    early = np.empty((6, count if flat["delay"].any() else 0))
+    taken = (flat[name] for name in ("w0", "packet", "leak", "across", "delay", "lag"))
+    walk_loops.modes(*taken, charge_delay, slow, fast, latch, early)
+    bounded = np.isfinite(flat["low"]).any() or np.isfinite(flat["high"]).any()
+    return Rows(
+        slow=slow,
+        fast=fast if lags else None,
+        latch=latch if latch.size else None,
+        early=early if early.size else None,
+        rise=flat["rise"],
+        window=flat["fall"] if (flat["fall"] != flat["rise"]).any() else None,
+        limits=np.stack([flat["low"], flat["high"]]) if bounded else None,
+        lag=lag if lags else None,
+    )
+
+
+def count_cells(
+    cells: Cells, clocks: int, charge_delay: float, draws: Noise | None = None
+) -> tuple[NDArray[np.int64], Floats]:
+    """Count the ones of `clocks` decisions and return (counts, charge at the end), shaped as
+    `cells.x`.
+
+    A one decided at clock n takes its packet out between clocks n + D and n + D + 1, D = `charge_delay` in
+    0..1. A loop is compiled for each kind of cell: none of them tests for an effect that is off.
+    """
+    shape = cells.x.shape
+    bent = (
+        cells.leak.any() or cells.lag.any() or np.isfinite(cells.low).any() or np.isfinite(cells.high).any()
+    )
+    ideal = not bent and draws is None and not cells.delay.any() and (cells.rise == cells.fall).all()
+    counts, end = np.empty(cells.x.size, dtype=np.int64), np.empty(cells.x.size)
+    x = np.asarray(cells.x, dtype=float).flatten()
+    if ideal:
+        if not 0 < charge_delay <= 1:
+            raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
+        w0, packet, rise = (getattr(cells, n).flatten() for n in ("w0", "packet", "rise"))
+        # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
+        plain = walk_loops.plain if clocks <= LONGEST_GATE else walk_loops.plain_long
+        plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        _check_charge(end)
+    else:
+        walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
+    return counts.reshape(shape), end.reshape(shape)
+
+
+def walk_cells(
+    clocks: int,
+    late: float,
+    x: Floats | None,
+    vary: Floats | None,
+    rows: Rows,
+    draws: Noise | None,
+    begin: int,
+    stop: int,
+    counts: NDArray[np.int64],
+    end: Floats,
+) -> None:
+    """Count cells begin..stop-1 of `rows`; x or vary and the rest as for converter.walk_loops.walk."""
+    of, keys = (None, None) if draws is None else draws
+    step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
+    carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
+    walk_loops.walk(
+        clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
+        rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
+        counts, end,
+    )  # fmt: skip
+    _check_charge(end[begin:stop])
+
+
+def _check_charge(end: Floats) -> None:
+    """Raise SimulatorError if a charge is not finite: a comparator fed with NaN would read as an
+    unpressed taxel.
+    """
+    if not np.isfinite(end).all():
+        raise SimulatorError("engine event: the charge of a converter is not a finite number")
+
+
+def _count_slots(
+    plan: Plan, part: slice, slots: Slots, g_taxel_s: Floats, keys: NDArray[np.uint64] | None
+) -> tuple[NDArray[np.int64], Floats]:
+    """Count as `count_cells` if the charge changes from clock to clock: row after row, in blocks of
+    cells.
+    """
+    timing, converter, shape = plan.timing, plan.converter, g_taxel_s.shape
+    cells = cells_of(plan, np.zeros(shape), g_taxel_s, slots.coupling)
+    variance = None
+    if keys is not None:
+        cells = _with_slot_noise(converter, cells, keys)
+        keys = np.ascontiguousarray(keys.transpose(1, 0, 2))
+        variance = _noise_variance(plan, g_taxel_s)
+    by_row = {f.name: getattr(cells, f.name).transpose(1, 0, 2) for f in fields(Cells)}
+    rows = rows_of(Cells(**by_row), timing.charge_delay_clocks)
+    counts, end = np.empty(g_taxel_s.size, dtype=np.int64), np.empty(g_taxel_s.size)
+    across = slots.frames * slots.cols
+    draws = None
+    if keys is not None and plan.active_fields() & RANDOM - _SLOT_RANDOM:
+        draws = Noise(np.zeros((4, g_taxel_s.size)), keys)
+    frame = np.arange(across) // slots.cols
+    for row, block, charge, mean in slots.blocks(walk_loops.BLOCK):
+        begin = row * across + block.start
+        stop = begin + block.stop - block.start
+        if draws is not None:
+            column = np.arange(block.start, block.stop) % slots.cols
+            draws.rows[:, begin:stop] = noise_rows(converter, mean, variance[frame[block], 0, column], column)
+        walk_cells(
+            timing.gate_clocks,
+            timing.charge_delay_clocks,
+            None,
+            charge,
+            rows,
+            draws,
+            begin,
+            stop,
+            counts,
+            end,
+        )
+    back = (slots.rows, slots.frames, slots.cols)
+    return counts.reshape(back).transpose(1, 0, 2), end.reshape(back).transpose(1, 0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Cells of some frames that are counted alone, with what is known of them.
+
+    `frame`, `row`, `col` [n] within the frames of a part; `column_s` [n] conductance on their
+    columns; `x` [n] duty where it is constant; `keys` [n] or None; `gate_currents`, `idle`, `phase`,
+    `output`, `depth` as `course.charges_of` takes them.
+    """
+
+    column_s: Floats
+    frame: NDArray[np.intp]
+    row: NDArray[np.intp]
+    col: NDArray[np.intp]
+    x: Floats
+    keys: NDArray[np.uint64] | None
+    gate_currents: GateCurrents
+    idle: GateCurrents | None
+    phase: Floats
+    output: Floats | None
+    depth: NDArray[np.intp]
+
+
+def columns_of(converter: Converter, col: NDArray[np.intp]) -> Converter:
+    """The converters of chosen columns [n], each with values of its own."""
+    chosen = copy.copy(converter)  # its arrays are checked already
+    for name, value in vars(converter).items():
+        if isinstance(value, np.ndarray):
+            object.__setattr__(chosen, name, value[col])
+    return chosen
+
+
+def _cells_chosen(plan: Plan, chosen: Chosen, converter: Converter) -> Cells:
+    """The chosen cells [n] as `cells_of` gives them, with the noise of their slots; `converter` has
+    theirs.
+    """
+    g_in = None
+    if plan.converter.inv_gain_dc.any() or plan.converter.t_gbw_s.any():
+        g_in = converter.g_in_s
+        if plan.topology == "direct":
+            g_in = g_in + chosen.column_s
+    cells = _cells(converter, chosen.x, g_in)
+    return cells if chosen.keys is None else _with_slot_noise(converter, cells, chosen.keys)
+
+
+def count_chosen(plan: Plan, chosen: Chosen) -> NDArray[np.int64]:
+    """Return counts [n] of chosen cells, equal to those of `run`: random numbers depend on the cell
+    alone.
+    """
+    timing, active = plan.timing, plan.active_fields()
+    converter = columns_of(plan.converter, chosen.col)
+    cells = _cells_chosen(plan, chosen, converter)
+    walks = chosen.keys is not None and bool(active & RANDOM - _SLOT_RANDOM)
+    variance = path_variance(converter, chosen.column_s) if walks else None
+    if not active & course.FIELDS:
+        draws = Noise(noise_rows(converter, chosen.x, variance), chosen.keys) if walks else None
+        return count_cells(cells, timing.gate_clocks, timing.charge_delay_clocks, draws)[0]
+    rows = rows_of(cells, timing.charge_delay_clocks)
+    counts, end = np.empty(chosen.row.size, dtype=np.int64), np.empty(chosen.row.size)
+    draws = Noise(np.zeros((4, chosen.row.size)), chosen.keys) if walks else None
+    where = chosen.frame, chosen.row, chosen.col
+    for block, charge, mean in course.charges_of(
+        plan, chosen.gate_currents, chosen.idle, chosen.phase, chosen.output, where, chosen.depth
+    ):
+        if draws is not None:
+            draws.rows[:, block] = noise_rows(converter, mean, variance[block], block)
+        walk_cells(
+            timing.gate_clocks, timing.charge_delay_clocks, None, charge, rows, draws, block.start, block.stop,
+            counts, end,
+        )  # fmt: skip
+    return counts
