@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dermis import effects, engines, plan
+from dermis import engines, plan
 from dermis.chip.netlist import frame_deck
-from dermis.effects import EFFECTS, AutoTable, Effect, EffectsTable
+from dermis.effects import EFFECTS, AutoTable, EffectsTable
+from dermis.effects.effect import RECORDS, Effect
 from dermis.engines import filter, rtl
 from dermis.records import Plan
 from dermis.scene import scene
@@ -57,11 +56,7 @@ def sample(
 
 def fields(name: str) -> list[tuple[str, str]]:
     """Return record and field of everything that an effect sets."""
-    world = sample(name).scene
-    setting = effects.Setting.of(world.table, world.design, lambda _: np.random.default_rng(0))
-    part = EFFECTS[name].contribute(world.effects[name], setting)
-    records = ("network", "converter", "drive", "sensor")
-    return [(record, field) for record in records for field in getattr(part, record)]
+    return [(record, field) for record in RECORDS for field in getattr(EFFECTS[name], record)]
 
 
 def enters(name: str) -> str:

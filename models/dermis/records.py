@@ -247,12 +247,7 @@ class Plan:
 
     def effects_of_field(self, field: str) -> tuple[str, ...]:
         """Names of the effects that set a record field (for an engine that must refuse it)."""
-        return tuple(
-            name
-            for name, parameters in self.on.items()
-            for part in [effects.EFFECTS[name].contribute(parameters, self.setting())]
-            if field in part.network or field in part.converter or field in part.drive
-        )
+        return tuple(name for name in self.on if field in effects.EFFECTS[name].fields())
 
     def resolved_toml(self, directory: Path | None = None) -> str:
         """The scene with every default, and with the engine of this plan; see Scene.to_toml."""

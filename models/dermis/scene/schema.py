@@ -60,8 +60,6 @@ def entry(
     allowed: str = "",
     *,
     default_from: str = "",
-    example: Any = None,
-    range: tuple[float, float] | None = None,
     **limits: Any,
 ) -> Any:
     """Declare one key of a scene.
@@ -76,14 +74,10 @@ def entry(
         Allowed values, for that table and for errors, where type and limits alone do not say it.
     default_from : str
         Source of a default that is not a constant, such as "interface.k".
-    example : object
-        A value that tests, tables and pages use (parameters of effects).
-    range : (float, float)
-        Magnitudes between which random scenes draw, evenly in powers of ten (parameters of effects).
     limits
         ge, gt, le, lt, min_length ... of pydantic.
     """
-    extra = {"allowed": allowed, "default_from": default_from, "example": example, "range": range}
+    extra = {"allowed": allowed, "default_from": default_from}
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
 
 
