@@ -46,12 +46,12 @@ honoured = Bounding(-1)
 """Engine closed does all of it."""
 unknown = Bounding(0)
 """Nothing is known: every cell stays open."""
-supply_ripple, motion, mirror_lag, line_capacitance = (Bounding(n) for n in range(1, 5))
-comparator_hysteresis, comparator_delay, integrator_bandwidth = (Bounding(n) for n in range(5, 8))
-integrator_gain, integrator_range = Bounding(8), Bounding(9)
-thermal_noise, shot_noise, clock_jitter, comparator_noise = (Bounding(n) for n in range(10, 14))
-metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(14, 17))
-COUNT = 17
+supply_ripple, motion, mirror_lag = (Bounding(n) for n in range(1, 4))
+comparator_hysteresis, comparator_delay, integrator_bandwidth = (Bounding(n) for n in range(4, 7))
+integrator_gain, integrator_range = Bounding(7), Bounding(8)
+thermal_noise, shot_noise, clock_jitter, comparator_noise = (Bounding(n) for n in range(9, 13))
+metastability, ktc_noise, flicker_noise = (Bounding(n) for n in range(13, 16))
+COUNT = 16
 
 
 class Bound(namedtuple("Bound", "shift rest whole random path climb drawn loose")):
@@ -103,7 +103,7 @@ def columns(c: Converter) -> Floats:
 
 _CELL_FIELDS = (
     "clocks root x low high swing swing_sum swing_reach swing_bent moved late "
-    "late_known unsettled leak across thermal packet window delay lag limit_low limit_high preset "
+    "late_known leak across thermal packet window delay lag limit_low limit_high preset "
     "noise aperture jitter shot preset_noise flicker"
 )
 
@@ -115,10 +115,9 @@ class Cell(namedtuple("Cell", _CELL_FIELDS)):
     in any clock of the gate. `swing` is the amplitude of the ripple on it, `swing_sum` the sum of
     its sine over the gate, `swing_bent` packets of second order of ripple and motion; `moved` the
     largest partial sum of what motion adds to the mean. A slow mirror is `late` packets over the gate, which `x` holds
-    already, known to `late_known`. `unsettled` is what lines may bring. `leak` of the charge is
-    lost a clock, and `across` of what an output has not followed yet (as in walk.Cells). `thermal`
-    is the variance of its noise a clock. The others are those of the converter. `root` is
-    the deviation of a path of variance 1 at the end of the gate.
+    already, known to `late_known`. `leak` of the charge is lost a clock, and `across` of what an output has not
+    followed yet (as in walk.Cells). `thermal` is the variance of its noise a clock. The others are those of the
+    converter. `root` is the deviation of a path of variance 1 at the end of the gate.
     """
 
     __slots__ = ()
@@ -148,7 +147,7 @@ def quiet(s, loose, levels):  # type: ignore
     level. `loose` is half of what levels of two decisions may be off against each other, without
     what is late of packets; `levels` what start and level are off.
     """
-    high = s.high + s.unsettled + s.leak * (s.packet + levels)
+    high = s.high + s.leak * (s.packet + levels)
     served = 2.0 * (high + loose) < s.packet * (1.0 - SIGMAS * s.flicker)
     return s.low >= 0.0 and served and levels < -W_PRESET
 
@@ -160,7 +159,7 @@ def late(s, loose, levels):  # type: ignore
     """
     lag, size = s.lag, SIGMAS * s.flicker * s.packet
     left = s.window + (s.packet + size) * (s.delay + lag)
-    drift = s.unsettled + s.leak * (s.packet + levels)
+    drift = s.leak * (s.packet + levels)
     high, low = s.high + drift, s.low - drift
     if 3.0 * high + 2.0 * loose + left < s.packet - size:
         return 0.0, 0.0
@@ -199,12 +198,6 @@ def _mirror_lag(s):  # type: ignore
     beginning).
     """
     return Bound(0.0, s.late_known, abs(s.late) + s.late_known, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@_compiled
-def _line_capacitance(s):  # type: ignore
-    """Charge of lines after they have settled (converter.course.check_lines)."""
-    return Bound(0.0, s.unsettled, s.unsettled, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @_compiled
@@ -263,7 +256,7 @@ def _sawtooth(s, levels, error):  # type: ignore
     the last one may be cut anywhere.
     """
     came, p = s.clocks * s.x, s.packet
-    least, most = s.low - s.leak * (p + levels), s.high + s.unsettled + s.leak * (p + levels)
+    least, most = s.low - s.leak * (p + levels), s.high + s.leak * (p + levels)
     if least <= 0.0 or came <= 4.0 * error:
         return 0.0, math.inf
     bent = (most - least) / (most + least)
@@ -417,29 +410,27 @@ def total(s, on, levels, tally, left):  # type: ignore
     if on[3] > 0.0:
         a = _add(a, tally, left, 3, on[3], False, False, _mirror_lag(s))
     if on[4] > 0.0:
-        a = _add(a, tally, left, 4, on[4], False, False, _line_capacitance(s))
+        a = _add(a, tally, left, 4, on[4], True, False, _comparator_hysteresis(s))
     if on[5] > 0.0:
-        a = _add(a, tally, left, 5, on[5], True, False, _comparator_hysteresis(s))
-    if on[6] > 0.0:
-        a = _add(a, tally, left, 6, on[6], True, False, _comparator_delay(s))
-    if on[10] > 0.0:
-        a = _add(a, tally, left, 10, on[10], True, True, _thermal_noise(s))
-    if on[11] > 0.0:
-        a = _add(a, tally, left, 11, on[11], True, True, _shot_noise(s))
-    if on[12] > 0.0:
-        a = _add(a, tally, left, 12, on[12], True, True, _clock_jitter(s))
-    if on[13] > 0.0:
-        a = _add(a, tally, left, 13, on[13], True, True, _comparator_noise(s))
-    if on[14] > 0.0:
-        a = _add(a, tally, left, 14, on[14], True, True, _metastability(s))
-    if on[15] > 0.0:
-        a = _add(a, tally, left, 15, on[15], True, True, _ktc_noise(s))
-    if on[16] > 0.0:
-        a = _add(a, tally, left, 16, on[16], False, True, _flicker_noise(s, a.levels))
-    if on[7] > 0.0:
-        a = _add(a, tally, left, 7, on[7], True, False, _integrator_bandwidth(s, a.levels, a.error))
-    if on[8] > 0.0:
-        a = _add(a, tally, left, 8, on[8], False, False, _integrator_gain(s, a.levels, a.error))
+        a = _add(a, tally, left, 5, on[5], True, False, _comparator_delay(s))
     if on[9] > 0.0:
-        a = _add(a, tally, left, 9, on[9], True, False, _integrator_range(s, a.levels, a.error, on[9]))
+        a = _add(a, tally, left, 9, on[9], True, True, _thermal_noise(s))
+    if on[10] > 0.0:
+        a = _add(a, tally, left, 10, on[10], True, True, _shot_noise(s))
+    if on[11] > 0.0:
+        a = _add(a, tally, left, 11, on[11], True, True, _clock_jitter(s))
+    if on[12] > 0.0:
+        a = _add(a, tally, left, 12, on[12], True, True, _comparator_noise(s))
+    if on[13] > 0.0:
+        a = _add(a, tally, left, 13, on[13], True, True, _metastability(s))
+    if on[14] > 0.0:
+        a = _add(a, tally, left, 14, on[14], True, True, _ktc_noise(s))
+    if on[15] > 0.0:
+        a = _add(a, tally, left, 15, on[15], False, True, _flicker_noise(s, a.levels))
+    if on[6] > 0.0:
+        a = _add(a, tally, left, 6, on[6], True, False, _integrator_bandwidth(s, a.levels, a.error))
+    if on[7] > 0.0:
+        a = _add(a, tally, left, 7, on[7], False, False, _integrator_gain(s, a.levels, a.error))
+    if on[8] > 0.0:
+        a = _add(a, tally, left, 8, on[8], True, False, _integrator_range(s, a.levels, a.error, on[8]))
     return a

@@ -10,7 +10,7 @@ from tb.programs import auto_bounds
 FEW = 8
 """Scenes of an effect."""
 
-LONG = ("comparator_noise", "line_capacitance")
+LONG = ("comparator_noise",)
 """Effects whose scenes, or whose search, take longest."""
 
 

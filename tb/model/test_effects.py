@@ -37,7 +37,11 @@ def test_an_example_moves_a_code(name: str, tmp_path: Path) -> None:
     ohm = at_thresholds() if effect.random else OHM
     without = event.run(made(tmp_path, ohm, {**effect.needs})).codes.astype(int)
     got = event.run(made(tmp_path, ohm, {**effect.needs, name: effect.example()})).codes
-    assert np.abs(got - without).max() >= 1
+    if np.abs(got - without).max() < 1:
+        # What is left out as long as it has no effect: a thousand times as strong it is refused.
+        strong = {key: 1e3 * value for key, value in effect.example().items()}
+        with pytest.raises(InputError, match=f"effects.{name}.*engine cosim"):
+            event.run(made(tmp_path, ohm, {**effect.needs, name: strong}))
 
 
 @pytest.mark.paper

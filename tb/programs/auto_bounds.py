@@ -63,9 +63,6 @@ def _plan(name: str, strength: int, codes: Floats) -> records.Plan:
     on[name] = effect.draw(rng, 1.0) or True
     if name == "comparator_noise":
         on[name] = {"v_v": 2.0 * effect.range()["v_v"][1]}
-    if name == "line_capacitance" and rng.random() < 0.5:
-        # Between rows and columns nothing stores charge: the lines alone settle.
-        on[name] |= {"c_column_f": 0.0, "c_taxel_f": 0.0}
     data = {
         "array": {"rows": codes.shape[1], "cols": codes.shape[2]},
         "stimulus": {"kind": "resistance", "file": "taxels.npy"},

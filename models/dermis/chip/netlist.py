@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import fields
 from dermis.array.array import Network
 from dermis.chip import sky130
 from dermis.chip.ngspice import Deck
@@ -46,24 +47,7 @@ OF_BLOCK = {
 }
 """Record fields that set the behaviour of a block; refused for a block of transistors."""
 
-HONOURS = frozenset(
-    {
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "r_return_ohm",
-        "g_lateral_row_s",
-        "g_lateral_column_s",  # without column traces both ends are one column line: no element, no current
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "i_offset_a",
-        "c_row_f",
-        "c_column_f",
-        "c_taxel_f",
-        "ripple",
-        "motion",
-    }
-).union(*OF_BLOCK.values())
+HONOURS = fields.of(*fields.FAMILIES) - fields.of("noise")
 """Record fields that a deck can express; a field that is not named here is refused."""
 
 # A deck without a pole has straight lines between the corners of its sources, and trapezoidal integration of a

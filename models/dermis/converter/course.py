@@ -18,9 +18,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array import settling
 from dermis.array.array import Network, column_currents_by_source
-from dermis.converter import ripple
+from dermis.converter import injection, ripple
 from dermis.converter.coupling import Coupling, DutyRange, couples, coupling
 from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import X_INFINITE, Y_MIN
@@ -29,7 +28,6 @@ from dermis.records import Drive, Plan
 
 Floats = NDArray[np.float64]
 
-CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
 FIELDS = frozenset({"ripple", "motion", "q_mirror_c"})
 """Fields that make the charge of a clock change within a gate."""
 
@@ -43,8 +41,6 @@ _NEAR = 0.05
 _G_SHORT_S = 1e40
 # A driver that is not there; as in dermis.array.array.
 _OPEN_OHM = 1e30
-# Packets in a whole gate that lines may bring after they have settled: far below any bound of a level.
-LEFT_OUT = 1e-6
 # Packets a clock by which a polynomial of the current over a frame may miss the points that the next one takes
 # in. The next one is used, and such polynomials square their error when their points double: 1e-7, 5e-5 count
 # in a gate.
@@ -171,22 +167,6 @@ def _polynomial(count: int, where: Floats) -> Floats:
 def _per_c(plan: Plan) -> Floats:
     """Return packets a clock for a coulomb a clock in each column, [cols]."""
     return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
-
-
-def check_lines(plan: Plan, frames: slice = slice(None)) -> None:
-    """Refuse lines that have not settled when a gate opens: InputError.
-
-    They may bring at most `LEFT_OUT` packets in a gate.
-    """
-    if not plan.active_fields() & CAPACITANCES:
-        return
-    network, g = plan.network(0), plan.conductance_s(frames)
-    per_c = np.abs(plan.converter.gain / (plan.converter.k * plan.converter.i0_a)) * plan.timing.f_clk_hz
-    left = float((settling.bound_c(network, g, plan.timing) * per_c).max())
-    if not left <= LEFT_OUT:
-        said = f"not settled when the gate opens (up to {left:.2g} LSB)"
-        allowed = f"lines that settle to {LEFT_OUT:g} LSB, or engine cosim"
-        raise InputError(plan.scene.path, "effects.line_capacitance", said, allowed)
 
 
 def _terms(
@@ -328,9 +308,9 @@ def has_idle_current(plan: Plan) -> bool:
 
 
 def refuses(plan: Plan) -> InputError | None:
-    """Return the error of `check_lines`, or of `Slots` for the frame with the most conductance, or None."""
+    """Return the error of `injection.check_lines`, or of `Slots` for the frame with the most conductance, or None."""
     try:
-        check_lines(plan)
+        injection.check_lines(plan)
         if couples(plan) or ripple.may_bend(plan):
             first = plan.fullest_frame()
             Slots(plan, slice(first, first + 1))

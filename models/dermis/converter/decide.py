@@ -35,13 +35,13 @@ _compiled = numba.njit(cache=True, error_model="numpy")
 class Gate(
     namedtuple(
         "Gate",
-        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random unsettled",
+        "clocks settle pause code_max budget ripple swing_reach motion slow_mirror direct random",
     )
 ):
     """Numbers that all cells of a run share.
 
     Clocks of a slot, the largest code, and the error that decides a cell all the same; the amplitude of the ripple and
-    the largest sum of its sine; what there is of motion, slow mirrors and noise; packets of lines that settle.
+    the largest sum of its sine; what there is of motion, slow mirrors and noise.
     """
 
     __slots__ = ()
@@ -345,7 +345,7 @@ def decide_cells(  # type: ignore
                 across = min(across * table[of.CROSS, c], 1e12)
                 s = of.Cell(
                     1.0 * gate.clocks, root, x, low, high, swings[c], swing_sum[f, r],
-                    gate.swing_reach, bends[c], moves[c], late, known, gate.unsettled,
+                    gate.swing_reach, bends[c], moves[c], late, known,
                     across * table[of.LEAK, c], across, table[of.THERMAL, c] * g_column[f, c], packet,
                     table[of.WINDOW, c], table[of.DELAY, c],
                     table[of.LAG, c], table[of.LOW, c], table[of.HIGH, c], table[of.PRESET, c], table[of.NOISE, c],
@@ -363,7 +363,7 @@ def decide_cells(  # type: ignore
                 error = steady + climb + spread
                 level = table[of.LEVEL, c] - table[of.BEGIN, c] - shift
                 mean = x + swings[c] * swing_sum[f, r] * per_clock
-                doubt = (bends[c] + known + gate.unsettled + ROUNDING) * per_clock
+                doubt = (bends[c] + known + ROUNDING) * per_clock
                 key, path, bound = noise.key_in_row(of_row, c), 0.0, error
                 if calm and a.paths > 0.0 and doubt <= 0.02 * mean:
                     # `climb` holds two hundredths of the path.

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charge injected into converters by capacitances, beyond settling: an upper bound, not a
-simulation.
-"""
+"""Charge that capacitances bring into converters: upper bounds, not a simulation."""
 
 from __future__ import annotations
 
@@ -13,8 +11,29 @@ from numpy.typing import NDArray
 
 from dermis.array import settling
 from dermis.converter.vfc import W_PRESET, Y_MIN
+from dermis.errors import InputError
 
 Floats = NDArray[np.float64]
+
+CAPACITANCES = frozenset({"c_row_f", "c_column_f", "c_taxel_f"})
+# Packets in a whole gate that lines may bring after they have settled: far below any bound of a level.
+LEFT_OUT = 1e-6
+
+
+def check_lines(plan: Any, frames: slice = slice(None)) -> None:
+    """Refuse lines that have not settled when a gate opens: InputError.
+
+    They may bring at most `LEFT_OUT` packets in a gate.
+    """
+    if not plan.active_fields() & CAPACITANCES:
+        return
+    network, g = plan.network(0), plan.conductance_s(frames)
+    per_c = np.abs(plan.converter.gain / (plan.converter.k * plan.converter.i0_a)) * plan.timing.f_clk_hz
+    left = float((settling.bound_c(network, g, plan.timing) * per_c).max())
+    if not left <= LEFT_OUT:
+        said = f"not settled when the gate opens (up to {left:.2g} LSB)"
+        allowed = f"lines that settle to {LEFT_OUT:g} LSB, or engine cosim"
+        raise InputError(plan.scene.path, "effects.line_capacitance", said, allowed)
 
 
 def counts(plan: Any) -> dict[str, Floats]:

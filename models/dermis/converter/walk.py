@@ -25,21 +25,12 @@ from dermis.converter.course import Slots
 from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
 from dermis.errors import SimulatorError
+from dermis.fields import FAMILIES
 from dermis.records import Plan
 
 Floats = NDArray[np.float64]
 
-RANDOM = frozenset(
-    {
-        "v_comp_noise_v",
-        "t_meta_s",
-        "t_jitter_s",
-        "kt_noise_j",
-        "q_shot_c",
-        "v_preset_noise_v",
-        "packet_flicker",
-    }
-)
+RANDOM = FAMILIES["noise"]
 
 # Of these, the effects drawn once a slot; they leave no decision open.
 _SLOT_RANDOM = frozenset({"v_preset_noise_v", "packet_flicker"})

@@ -26,11 +26,6 @@ FAMILIES = {
 EFFECTS: dict[str, Effect] = {e.name: e for family in FAMILIES.values() for e in family}
 
 
-def fields_of(*families: str) -> frozenset[str]:
-    """Return the record fields that the effects of some families set."""
-    return frozenset(name for family in families for e in FAMILIES[family] for name in e.fields())
-
-
 class AutoTable(Strict):
     """[effects] auto: every effect is on, and only cells that stay open are walked."""
 

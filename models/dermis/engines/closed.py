@@ -8,36 +8,28 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from dermis import fields
 from dermis.array.array import column_currents
+from dermis.converter import injection
 from dermis.converter.vfc import W_PRESET, code
 from dermis.engines import Result, code_type
+from dermis.errors import InputError
 from dermis.records import Plan
 
-HONOURS = frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "r_return_ohm",
-        "v_column_offset_v",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "inv_i_range_a",
-        "g_lateral_row_s",
-        "g_lateral_column_s",
-        "gain",
-        "i_offset_a",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-    }
-)
+_NOT = {"q_mirror_c", "g_in_s"}
+HONOURS = fields.of("array", "lines", "mirror", "packet") - _NOT | {"i_offset_a", "v_comp_offset_v"}
 
 # Frames solved at once: 128 of 16x16 keep the elimination inside a 1 MB cache.
 _VALUES_AT_ONCE = 1 << 15
+
+
+def refuses(plan: Plan) -> InputError | None:
+    """Return the error for lines that have not settled when a gate opens, or None."""
+    try:
+        injection.check_lines(plan)
+    except InputError as error:
+        return error
+    return None
 
 
 def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
@@ -54,6 +46,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     Result
         codes [frames, rows, cols]; info["x"] is the duty that they count.
     """
+    injection.check_lines(plan)
     base = plan.network(0)
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     x = np.empty(plan.resistance_ohm.shape)

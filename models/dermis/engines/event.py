@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dermis import fields
 from dermis.converter import course, injection, walk
 from dermis.engines import Result, code_type
 from dermis.errors import InputError
@@ -15,41 +16,7 @@ from dermis.records import Plan
 # Uncertainty in LSB up to which charge injected by capacitances is accepted, as in `converter.coupling`.
 _DISPLACED = 1.0
 
-HONOURS = walk.RANDOM | frozenset(
-    {
-        "r_row_driven_ohm",
-        "r_row_grounded_ohm",
-        "r_column_ohm",
-        "r_pad_row_ohm",
-        "r_pad_column_ohm",
-        "r_return_ohm",
-        "v_column_offset_v",
-        "g_lateral_row_s",
-        "g_lateral_column_s",
-        "r_trace_row_ohm",
-        "r_trace_column_ohm",
-        "i_leak_a",
-        "c_row_f",
-        "c_column_f",
-        "c_taxel_f",
-        "gain",
-        "i_offset_a",
-        "inv_gain_dc",
-        "g_in_s",
-        "v_int_max_v",
-        "v_int_min_v",
-        "packet_error",
-        "preset_error_v",
-        "v_comp_offset_v",
-        "v_hysteresis_v",
-        "t_comp_delay_s",
-        "inv_i_range_a",
-        "q_mirror_c",
-        "t_gbw_s",
-        "ripple",
-        "motion",
-    }
-)
+HONOURS = fields.of(*fields.FAMILIES)
 """Record fields that this engine simulates; a field that is not named here is refused."""
 
 # Cells in numpy's hands at once; their arrays stay in a 1 MB cache.
@@ -69,7 +36,7 @@ def _refuses_return(plan: Plan) -> InputError | None:
         return None
     active = plan.active_fields()
     asked = {
-        "line_capacitance": bool(active & course.CAPACITANCES),
+        "line_capacitance": bool(active & injection.CAPACITANCES),
         "mirror_lag": course.has_idle_current(plan),
         "integrator_gain": course.couples(plan),
     }
@@ -81,7 +48,7 @@ def _refuses_return(plan: Plan) -> InputError | None:
 
 
 def _refuses_displaced(plan: Plan) -> InputError | None:
-    if not plan.surrounding.keys() & course.CAPACITANCES:
+    if not plan.surrounding.keys() & injection.CAPACITANCES:
         return None
     for name, counts in injection.counts(plan).items():
         if (counts > _DISPLACED).any():
@@ -120,7 +87,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
     x_all, w_end = np.empty(shape), np.empty(shape)
     timing = plan.timing
     random = bool(plan.active_fields() & walk.RANDOM)
-    course.check_lines(plan)
+    injection.check_lines(plan)
     step = max(1, _VALUES_AT_ONCE // (plan.rows * plan.cols))
     for first in range(0, plan.frames, step):
         part = slice(first, min(first + step, plan.frames))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dermis import bounds
 from dermis.bounds import Bounding
-from dermis.converter import course, noise, walk
+from dermis.converter import course, injection, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.gate_currents import GateCurrents
 from dermis.converter.vfc import LONGEST_GATE
@@ -113,7 +113,7 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
         result = event.run(plan, progress)
         result.info["filter"] = Table(walked=result.codes.size, reason=reason).as_dict()
         return result
-    course.check_lines(plan)
+    injection.check_lines(plan)
     table = Table(bounding(plan))
     codes = np.empty(plan.resistance_ohm.shape, dtype=code_type(plan.timing.code_max))
     for part in _parts(plan):
@@ -197,7 +197,6 @@ class _Part:
             timing.gate_clocks, timing.settle_clocks, timing.break_clocks, timing.code_max, float(plan.budget_lsb),
             float(drive.ripple), reach, bool(drive.motion),
             self.slow_mirror, plan.topology == "direct", self.random,
-            course.LEFT_OUT if self.active & course.CAPACITANCES else 0.0,
         )  # fmt: skip
         on = np.zeros(bounds.COUNT)
         for bound in self.table.functions.values():

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dermis.array.array import column_currents
 from dermis.chip import hdl, netlist, read_out, spi_protocol
 from dermis.chip.sources import listed, rtl_include_dirs, rtl_sources
-from dermis.converter import coupling, course, walk, walk_loops
+from dermis.converter import coupling, course, injection, walk, walk_loops
 from dermis.engines import Result, code_type, event
 from dermis.errors import InputError, SimulatorError
 from dermis.places import ROOT
@@ -196,7 +196,7 @@ class Currents:
 
 def currents_of(plan: Plan, part: slice) -> Currents:
     """Column currents of some frames; where they change in time, as engine event has them."""
-    course.check_lines(plan, part)
+    injection.check_lines(plan, part)
     converter = plan.converter
     if not plan.active_fields() & (course.FIELDS - {"q_mirror_c"}) and not course.has_idle_current(plan):
         g, most = plan.conductance_s(part), converter.saturating_duty()
