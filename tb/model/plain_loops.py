@@ -22,7 +22,7 @@ sys.path.append(str(Path(__file__).parent))
 from made_plans import made
 
 from dermis import effects
-from dermis.converter import course, noise, walk
+from dermis.converter import course, noise
 from dermis.engines import event
 from dermis.scene.design import load
 
@@ -71,21 +71,6 @@ def codes(name: str, scratch: Path) -> np.ndarray:
     return event.run(made(scratch, ohms(), on, topology)).codes
 
 
-def long_gate() -> np.ndarray:
-    """Counts of gates beyond the longest of the chip, without and with an effect."""
-    clocks = walk.LONGEST_GATE + 1
-    found = []
-    for hysteresis in (0.0, 0.05):
-        x = np.array([0.3, 0.01])
-        ones, none = np.ones(2), np.zeros(2)
-        cells = walk.Cells(
-            x, none, -0.5 * ones, ones, none + 0.5 * hysteresis, none - 0.5 * hysteresis,
-            -np.inf * ones, np.inf * ones, none, none, none,
-        )  # fmt: skip
-        found.append(walk.count_cells(cells, clocks, 1.0)[0])
-    return np.array(found)
-
-
 def _wraps(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a hash whose integers may wrap around: numpy calls that an overflow of a single number."""
 
@@ -98,7 +83,7 @@ def _wraps(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def main(path: str) -> None:
-    """Write the codes of every world and the counts of long gates into `path`."""
+    """Write the codes of every world into `path`."""
     assert os.environ.get("NUMBA_DISABLE_JIT") == "1"
     for name in ("_mix", "_uniform", "_keys"):
         setattr(noise, name, _wraps(getattr(noise, name)))
@@ -107,7 +92,6 @@ def main(path: str) -> None:
     load()
     with np.errstate(divide="raise", over="raise", invalid="raise"), tempfile.TemporaryDirectory() as scratch:
         found = {name: codes(name, Path(scratch)) for name in WORLDS}
-        found["long_gate"] = long_gate()
     np.savez(path, **found)
 
 

@@ -13,7 +13,7 @@ import plain_loops
 import pytest
 from made_plans import made
 
-from dermis.converter import course, walk
+from dermis.converter import course
 from dermis.errors import SimulatorError
 
 PROGRAM = Path(plain_loops.__file__)
@@ -45,32 +45,11 @@ def test_plain_python_raises_nothing_and_gives_the_same_codes(
     np.testing.assert_array_equal(plain_loops.codes(name, tmp_path), plain[name])
 
 
-@pytest.mark.paper
-def test_long_gates_give_the_same_counts_in_plain_python(plain: dict[str, np.ndarray]) -> None:
-    counts = plain_loops.long_gate()
-    assert (counts > 600).all(), "too weak to test anything"
-    np.testing.assert_array_equal(counts, plain["long_gate"])
-
-
 def test_a_seeded_division_by_zero_raises_in_plain_python(tmp_path: Path) -> None:
     done = in_plain_python(tmp_path / "codes.npz", "--seeded")
     assert done.returncode != 0
     assert "divide by zero" in done.stderr
     assert "course.py" in done.stderr
-
-
-@pytest.mark.parametrize("on", [{}, {"comparator_hysteresis": {"v_v": 0.02}}])
-def test_a_charge_that_is_no_number_is_an_error_and_not_an_unpressed_taxel(
-    on: dict[str, object], tmp_path: Path
-) -> None:
-    plan = made(tmp_path, np.full((1, 2, 3), 5e3), on)
-    x = np.full((1, 2, 3), 0.1)
-    cells = walk.cells_of(plan, x, 1.0 / plan.resistance_ohm)
-    counts, _ = walk.count_cells(cells, 510, 1.0)
-    assert (counts == 51).all()
-    cells.x[0, 1, 2] = np.nan
-    with pytest.raises(SimulatorError, match="not a finite number"):
-        walk.count_cells(cells, 510, 1.0)
 
 
 @pytest.mark.parametrize("name", ["moving", "bent_moving"])

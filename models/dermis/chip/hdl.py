@@ -55,7 +55,7 @@ def beyond_the_chip(plan: Plan) -> InputError | None:
     ]
     for key, value, least, most, what in limits:
         if not least <= value <= most:
-            allowed = f"the chip does {least} to {most} {what}; engine closed or event does more"
+            allowed = f"the chip does {least} to {most} {what}; engine closed does more"
             return InputError(plan.scene.path, key, value, allowed)
     return None
 

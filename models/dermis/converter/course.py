@@ -164,11 +164,6 @@ def _polynomial(count: int, where: Floats) -> Floats:
     return weight
 
 
-def _per_c(plan: Plan) -> Floats:
-    """Return packets a clock for a coulomb a clock in each column, [cols]."""
-    return plan.converter.gain / (plan.converter.k * plan.converter.i0_a) * plan.timing.f_clk_hz
-
-
 def _terms(
     drive: Drive, gate_currents: GateCurrents, sine: Floats, cosine: Floats, limit_a: Floats
 ) -> list[Floats]:

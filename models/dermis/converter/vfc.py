@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 W_PRESET = -0.5
 # Clocks of the longest gate that the chip can be told (16 bits). N x in a double rounds by 7e-12 packet at most there,
-# and so does a charge that is summed up clock by clock; beyond, neither is left to grow.
+# and so does a charge that is summed up clock by clock.
 LONGEST_GATE = 1 << 16
 # Floor of the slow mirror's output (Converter.q_mirror_c), in packets a clock: leakage that lets it wake up.
 Y_MIN = 1e-6

@@ -23,7 +23,7 @@ from dermis.converter import course, noise, walk_loops
 from dermis.converter.coupling import G_ACROSS_S, Coupling, coupling
 from dermis.converter.course import Slots
 from dermis.converter.gate_currents import GateCurrents
-from dermis.converter.vfc import LONGEST_GATE, W_PRESET, Converter
+from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import SimulatorError
 from dermis.fields import FAMILIES
 from dermis.records import Plan
@@ -257,9 +257,7 @@ def count_cells(
         if not 0 < charge_delay <= 1:
             raise ValueError(f"charge_delay = {charge_delay} is outside 0..1")
         w0, packet, rise = (getattr(cells, n).flatten() for n in ("w0", "packet", "rise"))
-        # Beyond the longest gate of the chip n * x rounds to a visible part of a packet.
-        plain = walk_loops.plain if clocks <= LONGEST_GATE else walk_loops.plain_long
-        plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
+        walk_loops.plain(x, w0, packet, rise, clocks, charge_delay, counts, end)
         _check_charge(end)
     else:
         walk_cells(clocks, charge_delay, x, None, rows_of(cells, charge_delay), draws, 0, x.size, counts, end)
@@ -281,10 +279,9 @@ def walk_cells(
     """Count cells begin..stop-1 of `rows`; x or vary and the rest as for converter.walk_loops.walk."""
     of, keys = (None, None) if draws is None else draws
     step = None if of is None else walk_loops.grid_step(of[walk_loops.SIGMA], clocks)
-    carry = np.zeros(rows.rise.size) if clocks > LONGEST_GATE else None
     walk_loops.walk(
         clocks, late, x, vary, rows.slow, rows.fast, rows.latch, rows.early, rows.rise, rows.window,
-        rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, carry, begin, stop,
+        rows.limits, rows.lag, of, None if keys is None else keys.ravel(), step, begin, stop,
         counts, end,
     )  # fmt: skip
     _check_charge(end[begin:stop])

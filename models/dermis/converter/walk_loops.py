@@ -39,14 +39,6 @@ AT_LIMIT = 1e-14
 SWIFT = 0.1
 
 
-@numba.njit(cache=True, inline="always")
-def _rounded_off(a, b):  # type: ignore
-    """Return the exact rounding error of the sum a + b (Knuth's two-sum)."""
-    total = a + b
-    of_b = total - a
-    return (a - (total - of_b)) + (b - of_b)
-
-
 @numba.njit(cache=True)
 def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
     """The ideal converter: n * x is rounded once and never summed up, so this is the closed formula
@@ -70,32 +62,6 @@ def plain(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ig
         counts[i] = ones
         gone = ones - last - before * charge_delay
         w_end[i] = w0[i] + (clocks * x[i] - gone * packet[i])
-
-
-@numba.njit(cache=True)
-def plain_long(x, w0, packet, rise, clocks, charge_delay, counts, w_end):  # type: ignore
-    """The ideal converter through gates in which n * x would round to a visible part of a packet.
-
-    The charge is summed up clock by clock, and what each sum rounds off beside it. A packet goes at
-    its decision: as in `plain`, it is complete whenever the next one is open.
-    """
-    for i in range(x.size):
-        charge, rest = w0[i], 0.0
-        ones = 0
-        last = False
-        before = False
-        for _ in range(clocks):
-            rest += _rounded_off(charge, x[i])
-            charge += x[i]
-            before = last
-            last = False
-            if not before and charge + rest >= rise[i]:
-                last = True
-                ones += 1
-                rest += _rounded_off(charge, -packet[i])
-                charge -= packet[i]
-        counts[i] = ones
-        w_end[i] = charge + (rest + (last + before * charge_delay) * packet[i])
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -299,7 +265,6 @@ def walk(  # type: ignore
     noise,
     keys,
     step,
-    carry,
     begin,
     stop,
     counts,
@@ -330,8 +295,6 @@ def walk(  # type: ignore
         Range of the charge.
     noise : [4, n], keys : [n], step : int, or all None
         What is random, and how far apart the Brownian path is laid out beforehand.
-    carry : [n] or None
-        Result: what is rounded off the charge at its end. None: each clock drops what it rounds off.
     lag : [n] or None
         Time constant of the output; with `fast` only.
     begin, stop : int
@@ -343,7 +306,7 @@ def walk(  # type: ignore
     words = size // 8
     # One array for all that the loop over cells touches: that its parts do not overlap is then plain to the
     # compiler, which otherwise gives up vector instructions rather than compare every pair of them.
-    own = np.zeros(38 * size)
+    own = np.zeros(35 * size)
     state_a, old_a = own[0 * size : 1 * size], own[1 * size : 2 * size]
     q1, q2, q3 = own[2 * size : 3 * size], own[3 * size : 4 * size], own[4 * size : 5 * size]
     ones, x_c = own[5 * size : 6 * size], own[6 * size : 7 * size]
@@ -370,9 +333,6 @@ def walk(  # type: ignore
     if limits is not None:
         low_c, high_c = own[24 * size : 25 * size], own[25 * size : 26 * size]
         weight_a, weight_b = own[26 * size : 27 * size], own[27 * size : 28 * size]
-    if carry is not None:
-        main_c, carry_c = own[35 * size : 36 * size], own[36 * size : 37 * size]
-        loss_a = own[37 * size : 38 * size]
     if noise is not None:
         level = own[28 * size : 29 * size]
         drift, creep = own[29 * size : 30 * size], own[30 * size : 31 * size]
@@ -389,8 +349,6 @@ def walk(  # type: ignore
             q1[c] = q2[c] = q3[c] = ones[c] = 0.0
             keep_a[c], gain_a[c], take_a[c] = slow[KEEP, i], slow[GAIN, i], slow[TAKE, i]
             rise_c[c] = rise[i]
-            if carry is not None:
-                main_c[c], carry_c[c], loss_a[c] = state_a[c], 0.0, math.expm1(slow[RATE, i])
             if x is not None:
                 x_c[c] = x[i]
             if fast is not None:
@@ -459,33 +417,12 @@ def walk(  # type: ignore
                 new_a = keep_a[c] * a + gain_a[c] * x_c[c] - take_a[c] * q2[c]
                 if latch is not None:
                     new_a -= half_a[c] * q1[c]
-                if carry is not None:
-                    # The same sum one by one; the rounding errors of the steps are summed separately.
-                    added, taken, lost = gain_a[c] * x_c[c], -take_a[c] * q2[c], loss_a[c] * a
-                    most = main_c[c]
-                    rest = _rounded_off(most, added)
-                    most += added
-                    rest += _rounded_off(most, taken)
-                    most += taken
-                    rest += _rounded_off(most, lost)
-                    most += lost
-                    if latch is not None:
-                        half = -half_a[c] * q1[c]
-                        rest += _rounded_off(most, half)
-                        most += half
-                    main_c[c] = most
-                    carry_c[c] += rest
-                    new_a = most + carry_c[c]
                 if limits is not None:
                     if fast is None:
                         if latch is None:
                             # The charge goes one way through a clock, so what it is at its end is bounded alike.
-                            free_a = new_a
                             new_a = new_a if new_a > low_c[c] else low_c[c]
                             new_a = new_a if new_a < high_c[c] else high_c[c]
-                            if carry is not None:
-                                main_c[c] = main_c[c] if new_a == free_a else new_a
-                                carry_c[c] = carry_c[c] if new_a == free_a else 0.0
                 output = new_a
                 if fast is not None:
                     b = state_b[c]
@@ -641,8 +578,6 @@ def walk(  # type: ignore
                                 if limits is not None:
                                     if not free:
                                         state_a[c] = a
-                                        if carry is not None:
-                                            main_c[c], carry_c[c] = a, 0.0
                                         if fast is not None:
                                             state_b[c] = b
                                 if noise is not None:
@@ -662,7 +597,5 @@ def walk(  # type: ignore
             i = first + c
             counts[i] = int(ones[c])
             end[i] = slow[WEIGHT, i] * state_a[c]
-            if carry is not None:
-                carry[i] = _rounded_off(main_c[c], carry_c[c])
             if fast is not None:
                 end[i] += fast[WEIGHT, i] * state_b[c]

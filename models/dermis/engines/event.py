@@ -9,6 +9,7 @@ import numpy as np
 
 from dermis import fields
 from dermis.converter import course, injection, walk
+from dermis.converter.vfc import LONGEST_GATE
 from dermis.engines import Result, code_type
 from dermis.errors import InputError
 from dermis.records import Plan
@@ -25,7 +26,19 @@ _VALUES_AT_ONCE = 1 << 14
 
 def refuses(plan: Plan) -> InputError | None:
     """Return the error for a plan that this engine cannot simulate, or None."""
-    return _refuses_return(plan) or course.refuses(plan) or _refuses_displaced(plan)
+    return (
+        _refuses_long_gates(plan) or _refuses_return(plan) or course.refuses(plan) or _refuses_displaced(plan)
+    )
+
+
+def _refuses_long_gates(plan: Plan) -> InputError | None:
+    """Refuse gates through which a charge that is summed up clock by clock rounds to a visible part of a packet."""
+    clocks = plan.timing.gate_clocks
+    if clocks <= LONGEST_GATE:
+        return None
+    return InputError(
+        plan.scene.path, "timing.gate_clocks", clocks, f"at most {LONGEST_GATE}, or engine closed"
+    )
 
 
 def _refuses_return(plan: Plan) -> InputError | None:

@@ -22,7 +22,6 @@ from dermis.bounds import Bounding
 from dermis.converter import course, injection, noise, walk
 from dermis.converter.coupling import G_ACROSS_S, couples
 from dermis.converter.gate_currents import GateCurrents
-from dermis.converter.vfc import LONGEST_GATE
 from dermis.effects import EFFECTS
 from dermis.engines import Result, code_type, event
 from dermis.records import Plan
@@ -125,8 +124,6 @@ def run(plan: Plan, progress: Callable[[int], None] | None = None) -> Result:
 
 def undecidable(plan: Plan) -> str:
     """Return the reason why no cell of a plan has a verdict, or an empty string."""
-    if plan.timing.gate_clocks > LONGEST_GATE:
-        return "a gate longer than any of the chip"
     return "columns of the direct interface move each other" if couples(plan) else ""
 
 
