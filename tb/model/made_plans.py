@@ -17,6 +17,7 @@ def made(
     ohm: np.ndarray,
     effects: dict[str, object],
     topology: str = "conveyor_mirror",
+    seed: int = 0,
 ) -> records.Plan:
     np.save(tmp_path / "ohm.npy", ohm)
     data = {
@@ -24,6 +25,7 @@ def made(
         "stimulus": {"kind": "resistance", "file": str(tmp_path / "ohm.npy")},
         "interface": {"topology": topology},
         "effects": effects,
+        "run": {"seed": seed},
     }
     return planning.make(scene.from_data(data, tmp_path / "made.toml"))
 

@@ -12,8 +12,6 @@ import pytest
 from made_plans import made
 
 from dermis import engines, records
-from dermis.converter import ripple
-from dermis.converter.course import solve_gate
 from dermis.engines import event
 from dermis.errors import InputError
 
@@ -82,40 +80,6 @@ def test_a_slower_or_smaller_ripple_beside_a_compression_is_taken(
     assert event.refuses(plan) is None
     # What is left out without a word is below a count, which moves a code by one.
     assert abs(int(event.run(plan).codes[0, 0, 0]) - counted_in_small_steps(plan)) <= 1
-
-
-@pytest.mark.paper
-def test_what_a_ripple_s_course_does_beyond_its_mean_is_within_its_bound(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(ripple, "check", lambda plan, ways: None)
-    rng, off = np.random.default_rng(5), []
-    for _ in range(60):
-        x, h = 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-2.0, 1.0)
-        f_hz = 5e6 * 10 ** rng.uniform(-1.5, 0.7)
-        plan = rippling(tmp_path, x, rng.uniform(0.1, 1.0), f_hz, range_switch=compressed(h))
-        counts = ripple.bent(plan, solve_gate(plan, slice(0, 1)))["inv_i_range_a"].max()
-        off.append(min(255, counted_in_small_steps(plan)) - int(event.run(plan).codes[0, 0, 0]))
-        # So much charge moves a code by its next whole number; the mean of a bent course is never above.
-        assert -counts - 1 < off[-1] <= 0
-    # There was something to bound.
-    assert min(off) < -5
-
-
-def test_the_variance_within_the_clocks_of_a_gate_is_bounded_at_any_frequency(tmp_path: Path) -> None:
-    u = (np.arange(200) + 0.5) / 200
-    for f_hz in (3e4, 1.1e6, 2.5e6, 2.5001e6, 4.9e6, 5e6, 7.7e6, 3.3e7):
-        plan = rippling(tmp_path, 0.3, 0.5, f_hz)
-        most, kept = ripple._within(plan)
-        found = []
-        for phase in np.linspace(0, math.pi, 41):
-            t = np.arange(plan.timing.gate_clocks)[:, None] + u
-            sine = np.sin(2 * math.pi * f_hz / plan.timing.f_clk_hz * t + phase)
-            found.append(sine.var(axis=1).sum())
-            # Sums over 200 points of a clock, up to seven turns in it, stand for integrals to some 1e-3.
-            assert np.abs(sine.mean(axis=1)).max() <= kept + 1e-3
-        # As above; and the worst of 41 phases comes as near to the bound.
-        assert 0.98 * most < max(found) < 1.002 * most
 
 
 @pytest.mark.paper
