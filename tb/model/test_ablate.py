@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dermis import auto, effects, engines, plan
+from dermis import auto, effects, plan
 from dermis.converter import vfc
 from dermis.errors import InputError
 from dermis.report import ablate
@@ -59,12 +59,6 @@ def test_everything_runs_through_the_cheapest_engine_that_can_do_it_all(tmp_path
         ablate.measure(world, "closed", pairs=1)
 
 
-def test_an_effect_that_is_off_from_the_start_is_not_listed(tmp_path: Path) -> None:
-    world = _world(tmp_path, CODES[:2], row_driver=True, lateral=False)
-    _, costs = ablate.measure(world, pairs=1)
-    assert {cost.name for cost in costs} == {ablate.EVERYTHING, "row_driver"}
-
-
 def test_a_scene_without_effects_has_nothing_to_take_off(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="at least one effect"):
         ablate.measure(_world(tmp_path))
@@ -95,13 +89,6 @@ def test_rows_and_figure_hold_every_cost(tmp_path: Path) -> None:
     assert len({line.count("|") for line in lines[2:]}) == 1
     ablate.figure(costs, "a title", tmp_path / "ablate.png")
     assert (tmp_path / "ablate.png").stat().st_size > 5000
-
-
-def test_the_plans_differ_by_one_effect(tmp_path: Path) -> None:
-    world = _world(tmp_path, row_driver=True, comparator_delay=True)
-    without = ablate.with_effects(world, {"row_driver": world.effects["row_driver"]})
-    assert {e.name for e in without.effects if e.on} == {"row_driver"}
-    assert not engines.refused(without, "closed")
 
 
 # Every effect that is off compiles a loop of its own: some forty with all, which is the long one.

@@ -13,7 +13,6 @@ import pytest
 
 import dermis
 from dermis import engines, plan
-from dermis.decode import force
 
 SCENE = """
 [array]
@@ -87,13 +86,6 @@ def test_codes_become_the_forces_that_made_them(forces: np.ndarray) -> None:
     assert corrected < plain / 5
 
 
-@pytest.mark.paper
-def test_a_design_may_be_changed_in_place(forces: np.ndarray) -> None:
-    made = dermis.simulate(force_n=forces, design={"converter": {"f_clk_hz": 1e7}})
-    assert made.plan.timing.f_clk_hz == 1e7
-    assert dermis.simulate(force_n=forces).plan.timing.f_clk_hz == 5e6
-
-
 def test_results_become_tables(forces: np.ndarray) -> None:
     made = dermis.simulate(force_n=forces)
     data = made.to_xarray()
@@ -146,16 +138,6 @@ def test_what_is_wrong_is_said_in_one_line(arguments: dict[str, Any], said: str)
 def test_codes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(dermis.InputError, match=r"newtons: codes = shape \[3, 3\]"):
         dermis.newtons(np.zeros((3, 3), int), "single_touch")
-
-
-def test_every_scene_that_comes_along_has_a_name() -> None:
-    assert "single_touch" in dermis.scene_names()
-    assert all(dermis.simulate(name).codes.size for name in dermis.scene_names()[:3])
-
-
-def test_decoding_is_that_of_the_run(forces: np.ndarray) -> None:
-    made = dermis.simulate(force_n=forces)
-    assert np.array_equal(made.force_n, force.decode(made.plan, made.codes).force_n)
 
 
 def test_the_core_loads_no_tool_of_an_extra() -> None:

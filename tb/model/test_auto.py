@@ -14,13 +14,11 @@ import pytest
 from dermis import auto, bounds, engines, records
 from dermis import plan as planning
 from dermis.effects import EFFECTS
-from dermis.engines import filter
 from dermis.errors import InputError
 from dermis.report.plan_table import print_answer, print_filter, print_plan
 from dermis.scene import scene
 from dermis.scene.design import TOPOLOGIES
 from tb.programs import auto_check
-from tb.reference.scenes import KINDS
 
 TOUCH = {"kind": "indenter", "shape": "spherical", "force_n": [2.0, 12.0], "width": 5, "length": 5}
 
@@ -35,24 +33,6 @@ def on(plan: records.Plan) -> set[str]:
 
 
 # --- the table -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "key"),
-    [
-        ("auto = { budget_lsb = -0.1 }", "effects.auto.budget_lsb"),
-        ("auto = { budget_lsb = inf }", "effects.auto.budget_lsb"),
-        ("auto = { sigma = 6.0 }", "effects.auto.sigma"),
-        ("auto = { budget = 0.25 }", "effects.auto.budget"),
-        ("auto = true", "effects.auto"),
-    ],
-)
-def test_wrong_settings_are_one_line(text: str, key: str) -> None:
-    data = tomllib.loads(f'[stimulus]\nkind = "uniform"\ncode = 1\n[effects]\n{text}\n')
-    with pytest.raises(InputError) as caught:
-        scene.from_data(data, Path("made.toml"))
-    assert key in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
@@ -83,14 +63,6 @@ def test_every_effect_has_its_line_and_its_reason(capsys: pytest.CaptureFixture[
     assert "charge that the filter and engine event leave out" in shown
 
 
-def test_plan_says_which_effects_change_codes(capsys: pytest.CaptureFixture[str]) -> None:
-    print_answer(made({"column_input": {"r_ohm": 20.0}, "comparator_hysteresis": {"v_v": 1e-9}}))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "frames): column_input (" in said
-    assert "change none of them: comparator_hysteresis" in said
-    assert "engine closed is enough" in said
-
-
 def test_plan_says_that_effects_change_codes_together(capsys: pytest.CaptureFixture[str]) -> None:
     on = {"comparator_hysteresis": {"v_v": 0.6}, "preset_error": {"v_v": -0.3}}
     stimulus = {"kind": "uniform", "force_n": 19.7 / 17}  # 0.3 LSB each, of 0.2 + 0.5 to the step below
@@ -101,14 +73,6 @@ def test_plan_says_that_effects_change_codes_together(capsys: pytest.CaptureFixt
 
 
 # --- the choice ----------------------------------------------------------------------------------------------------
-
-
-def test_what_is_not_considered_says_why() -> None:
-    plan = made({"auto": {}, "lateral": False}, interface={"topology": "direct"})
-    why = {e.name: e.reason for e in plan.effects}
-    assert why["lateral"] == "switched off"
-    assert why["mirror_lag"] == "topology direct has none"
-    assert why["motion"] == "not named, and auto adds none that changes the scene"
 
 
 @pytest.mark.paper
@@ -123,13 +87,6 @@ def test_the_cheapest_engine_that_can_is_chosen() -> None:
     assert made({"mirror_lag": True}, run={"engine": "rtl"}).engine == "rtl"
     assert made({"auto": {}}, engine="event").engine == "event"
     assert made({"auto": {}}, run={"engine": "event"}).engine == "event"
-
-
-@pytest.mark.paper
-def test_an_engine_asked_for_that_cannot_is_refused_by_name() -> None:
-    plan = made({"auto": {}, "comparator_hysteresis": {"v_v": 0.9}}, engine="closed")
-    with pytest.raises(InputError, match="not possible with engine closed"):
-        engines.check(plan)
 
 
 def test_what_an_engine_would_refuse_by_value_is_refused_before_the_run() -> None:
@@ -212,25 +169,3 @@ def test_columns_that_move_each_other_are_walked_and_the_table_says_why() -> Non
     found = engines.run(plan).info["filter"]
     assert found["everything"] == plan.resistance_ohm.size
     assert "move each other" in found["reason"]
-
-
-def test_the_tables_of_parts_add_up() -> None:
-    stimulus = {"kind": "ramp", "force_n": [0.0, 12.0], "frames": 8}
-    plan = made({"auto": {}}, stimulus=stimulus)
-    whole = engines.run(plan).info["filter"]
-    both = filter.merged([engines.run(plan.part(*part)).info["filter"] for part in ((0, 5), (5, 8))])
-    for name in ("decided", "level_1", "everything"):
-        assert both[name] == whole[name]
-    assert both["effects"] == whole["effects"]
-
-
-def test_random_scenes_are_the_same_for_the_same_seed_and_cover_every_kind() -> None:
-    def draw(number: int) -> dict[str, Any]:
-        return auto_check.random_scene(0, number, 3).scene
-
-    assert draw(5) == draw(5) != draw(6)
-    many = [draw(n) for n in range(150)]
-    assert {d["stimulus"]["kind"] for d in many} == set(KINDS)
-    assert {d["interface"]["topology"] for d in many} == set(TOPOLOGIES)
-    named = {name for d in many for name, value in d["effects"].items() if isinstance(value, dict)}
-    assert named >= set(EFFECTS)

@@ -28,14 +28,6 @@ def made(stimulus: dict[str, object], **tables: object) -> records.Plan:
 EVERY = {"code": list(range(256))}
 
 
-def test_a_force_in_the_middle_of_a_code_comes_back_exactly() -> None:
-    plan = made(EVERY)
-    decoded = decode(plan, closed.run(plan).codes)
-    # Three divisions and products: a few roundings of 1.1e-16.
-    assert decoded.force_n == pytest.approx(plan.force_n, rel=1e-14, abs=0)
-    assert decoded.resistance_ohm == pytest.approx(plan.resistance_ohm, rel=1e-14)
-
-
 @settings(max_examples=200, deadline=None)
 @given(
     force=st.just(0.0) | st.floats(1e-30, 30), k=st.sampled_from([20, 80, 160]), v_bias_v=st.floats(0.1, 2)
@@ -70,16 +62,6 @@ def test_resolution_of_the_paper_sensor() -> None:
     assert decoded.d_resistance_ohm.ravel()[0] == pytest.approx(1.96, abs=0.005)
     assert decoded.d_resistance_ohm.ravel()[2] == pytest.approx(31875)
     assert decoded.d_force_n.ravel()[1:] == pytest.approx([15 / 255] * 3)
-
-
-@pytest.mark.paper
-def test_no_pulse_and_full_scale_are_flagged() -> None:
-    plan = made(EVERY)
-    decoded = decode(plan, np.array([0, 1, 254, 255]).reshape(-1, 1, 1))
-    assert decoded.zero.ravel().tolist() == [True, False, False, False]
-    assert decoded.saturated.ravel().tolist() == [False, False, False, True]
-    assert np.isinf(decoded.resistance_ohm[0])
-    assert decoded.force_n[0] == 0
 
 
 @pytest.mark.paper
@@ -145,12 +127,6 @@ def test_converter_errors_that_are_known_are_taken_out() -> None:
     assert np.abs(plain.x.ravel()[middle] * 510 - middle).max() > 5
     # Half a code of rounding, and the code is up to 3 % of another size.
     assert np.abs(corrected.x.ravel()[middle] * 510 - middle).max() < 0.52
-
-
-def test_without_a_network_nothing_is_corrected() -> None:
-    plan = made(EVERY)
-    codes = closed.run(plan).codes
-    assert (decode(plan, codes, corrected=True).force_n == decode(plan, codes).force_n).all()
 
 
 FLAT = {"law": "power", "force_points_n": [1.0, 1e9], "r_points_ohm": [1000.0, 998.0]}

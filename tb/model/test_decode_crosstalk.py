@@ -100,33 +100,6 @@ def test_the_error_stays_within_the_proven_bound() -> None:
         assert (solved.error_s <= 1e-11 * g.sum(axis=(1, 2))).all()
 
 
-def test_the_bound_covers_a_solution_that_is_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The proof speaks of the solution, not of the sweeps: three steps from it the bound must still hold."""
-    g = random_sheet(np.random.default_rng(4), 1, 8, 8)
-    net = network(8, 8)
-    current = column_currents(net, g)[0]
-    work, through, found = np.empty((3, 8, 9)), np.empty(8), current / net.v_bias_v
-    crosstalk.solve_frame.py_func(
-        current, np.empty((0, 0)), *crosstalk.arguments(net), np.empty((8, 8)), work, through
-    )
-    u, taken = work[0, :, :8].copy(), work[1, :, :8].copy()
-    v_bias, driven, ground = crosstalk.arguments(net)[:3]
-    for _ in range(4):
-        total, again = found.sum(axis=1), np.empty((8, 8))
-        _, moved, _ = crosstalk.sweep(found, again, total, u, taken, v_bias, driven, ground, through)
-        factor = crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, 0.0)
-        if factor < 1:
-            # The bound of the contraction that is under test: no error may exceed it.
-            radius = moved / (1 - factor)
-            if np.isfinite(
-                crosstalk.contraction(found, total, u, taken, v_bias, driven, ground, through, radius)
-            ):
-                assert np.abs(found - g[0]).sum() <= radius
-                # An error that has reached rounding would prove nothing.
-                assert np.abs(found - g[0]).sum() > 1e-12
-        found = again
-
-
 def test_a_fully_pressed_array_converges_where_the_proof_ends() -> None:
     """All 256 at 500 ohm behind 100 ohm inputs: three times as much as the column's own taxels leave."""
     g = np.full((1, 16, 16), 1 / 500)

@@ -128,15 +128,6 @@ def test_currents_that_no_sheet_makes_are_flagged() -> None:
 
 
 @pytest.mark.paper
-def test_traces_are_decoded_as_well() -> None:
-    plan = made(effects=CHIP | {"trace": {"r_row_ohm": 0.2, "r_column_ohm": 0.2}})
-    found = decoder_of(plan).decode(closed.run(plan).codes)
-    error = np.abs(found.force_n - plan.force_n)
-    assert error.max() < 0.62 * 15 / 255 * 1.1
-    assert not (found.flags & 8).any()
-
-
-@pytest.mark.paper
 def test_a_reference_taxel_tells_the_temperature() -> None:
     """20 K of 0.3 % a kelvin are 6 % of every force; the corner carries 5 N in every frame."""
     force = np.zeros((20, 16, 16))
@@ -155,17 +146,6 @@ def test_a_reference_taxel_tells_the_temperature() -> None:
     # Half a code of the reference's 90 adds to half a code.
     assert np.abs(seeing.force_n - force).max() < 0.1
     assert ((seeing.low_n <= force) & (force <= seeing.high_n)).all()
-
-
-def test_worn_sheets_are_decoded_frame_by_frame_as_in_one_go() -> None:
-    plan = planning.load("models/scenes/worn_fsr_sheet.toml", "closed")
-    codes = closed.run(plan).codes
-    whole = decoder_of(plan).decode(codes)
-    stream = decoder_of(plan)
-    each = np.array([stream.decode(frame).force_n for frame in codes])
-    assert (each == whole.force_n).all()
-    # Forces on the edge of an interval round by some 1e-15 either way.
-    assert ((whole.low_n <= plan.force_n) & (plan.force_n <= whole.high_n * (1 + 1e-9))).mean() > 0.999
 
 
 def test_a_calibration_survives_its_file(tmp_path: Path) -> None:

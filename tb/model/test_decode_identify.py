@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from dermis import plan as planning
 from dermis.array.array import column_currents
-from dermis.decode import calibration, crosstalk, identify
+from dermis.decode import calibration, identify
 from dermis.decode.calibration import Calibration
 from dermis.decode.decoder import Decoder
 from dermis.errors import InputError
@@ -109,25 +109,6 @@ def test_loads_tell_the_network_the_taxels_and_the_law() -> None:
     assert ((found.low_n <= force) & (force <= found.high_n)).mean() >= 0.999
 
 
-def test_an_interval_holds_the_uncertainty_of_the_network(tmp_path: Path) -> None:
-    """Against two solves of every frame; the resistance of the drivers is off by one of its uncertainties."""
-    true, rng = Calibration.of_plan(skin().plan), np.random.default_rng(8)
-    drivers = {"r_row_driven_ohm": 4.4, "r_row_grounded_ohm": 4.4}
-    mode = calibration.Mode(drivers, rng.uniform(0.0, 0.02, (SIZE, SIZE)))
-    dataclasses.replace(true, modes=(mode,)).save(tmp_path / "sheet.toml")
-    known = calibration.load(tmp_path / "sheet.toml")
-    force = rng.uniform(1, 12, (20, SIZE, SIZE))
-    codes = skin().read(force)
-    plain, wide = Decoder(true, 2e-3).decode(codes), Decoder(known, 2e-3).decode(codes)
-    currents = true.step_a * (codes - true.start_code)
-    g, off = (crosstalk.solve(known.array(m), currents).conductance_s for m in (None, mode))
-    apart = np.abs(off / (1 + mode.factor_part) - g) / true.factor
-    expected = calibration.COVERAGE_SIGMA * true.curve.force_n(apart)
-    # Sweeps of a mode end at a change of 1e-6 of a conductance, here 1e-4 of the difference.
-    assert wide.high_n - plain.high_n == pytest.approx(expected, rel=1e-3, abs=1e-5)
-    assert plain.low_n - wide.low_n == pytest.approx(expected, rel=1e-3, abs=1e-5)
-
-
 def test_an_interval_holds_the_uncertainty_of_offset_voltages() -> None:
     data = {
         "array": {"rows": SIZE, "cols": SIZE},
@@ -213,18 +194,6 @@ def test_a_load_that_is_wrong_is_named() -> None:
     bad = list(loads())
     bad[3] = dataclasses.replace(bad[3], force_n=bad[3].force_n * 1.4)
     assert identify.fit_sheet(fitted(), bad, "linear").bad == ("weight 3",)
-
-
-def test_one_wrong_load_of_many_forces_is_named() -> None:
-    """With a force for each load, only the law tells which is wrong, and a wrong force bends the law."""
-    rng, made = np.random.default_rng(6), []
-    for n, force_n in enumerate(rng.uniform(1, 12, 14)):
-        force = np.zeros((SIZE, SIZE))
-        r, c = rng.integers(0, 5, 2)
-        force[r : r + 4, c : c + 4] = force_n
-        codes = skin().read(force)[None].astype(int)
-        made.append(identify.Load(f"weight {n}", codes, force * (1.5 if n == 9 else 1.0)))
-    assert identify.fit_sheet(fitted(), made, "linear").bad == ("weight 9",)
 
 
 def test_dead_and_stuck_taxels_are_named() -> None:

@@ -7,17 +7,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from dermis import engines, plan
-from dermis.array.array import Network
-from dermis.converter.vfc import Converter
 from dermis.engines import closed, event
-from dermis.errors import InputError
-from dermis.records import Drive, Plan
+from dermis.records import Plan
 from dermis.scene import scene
 from tb.reference import toy_engine
 
@@ -88,41 +84,3 @@ def test_it_changes_nothing_and_repeats(engine: str) -> None:
     first = engines.run(made)
     assert np.array_equal(engines.run(made).codes, first.codes)
     assert np.array_equal(made.resistance_ohm, before)
-
-
-def test_it_lists_fields_that_there_are(engine: str) -> None:
-    fields = {name for record in (Network, Converter, Drive) for name in record.__dataclass_fields__}
-    assert engines.honours(engine) <= fields
-
-
-def test_a_field_that_it_does_not_list_is_refused_by_name(engine: str) -> None:
-    strange = varied(engine, {"comparator_noise": True})
-    if "v_comp_noise_v" in engines.honours(engine):
-        engines.check(strange)
-        return
-    with pytest.raises(InputError, match=r"effects\.comparator_noise"):
-        engines.check(strange)
-
-
-@pytest.mark.parametrize("fault", ["late", "shape", "claims"])
-def test_the_contract_notices_an_engine_that_breaks_it(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = ModuleType("dermis.engines.broken")
-    broken.HONOURS = toy_engine.HONOURS | ({"packet_error"} if fault == "claims" else set())  # type: ignore[attr-defined]
-
-    def run(plan: Plan, progress: object = None) -> engines.Result:
-        result = toy_engine.run(plan)
-        codes = {"late": np.maximum(result.codes, 1) - 1, "shape": result.codes[:, 0]}.get(
-            fault, result.codes
-        )
-        return engines.Result(codes)
-
-    broken.run = run  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "dermis.engines.broken", broken)
-    made = varied("broken", {"charge_packet": {"packet_error": 0.05}} if fault == "claims" else DRIVERS)
-    expected = closed.run(made).codes
-    assert not np.array_equal(engines.run(made).codes, expected)
-
-
-def test_the_engine_to_copy_from_is_short() -> None:
-    lines = Path(toy_engine.__file__).read_text(encoding="utf-8").splitlines()
-    assert len(lines) < 80

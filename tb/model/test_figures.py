@@ -91,10 +91,3 @@ def test_names_at_the_ends_of_curves_do_not_overlap() -> None:
     # Positions are sums of floats; 1e-9 of the axis is no pixel.
     assert np.diff(heights).min() >= 0.045 - 1e-9
     assert heights[-1] <= 1.0
-
-
-def test_the_indenter_figure_has_output_over_profiles(tmp_path: Path) -> None:
-    force = np.linspace(0, 15, 16)
-    lines = {name: (np.round(17 * force), force) for name in ("flat", "triangular", "cylindrical")}
-    figures.indenter_figure(lines, tmp_path / "indenters.png")
-    assert (tmp_path / "indenters.png").stat().st_size > 10_000

@@ -3,23 +3,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import special, stats
 
-from dermis import bounds, records
 from dermis import plan as planning
-from dermis.converter import noise, walk, walk_loops
+from dermis import records
+from dermis.converter import noise
 from dermis.converter.walk import Cells, Noise, count_cells
 from dermis.effects import EFFECTS
-from dermis.engines import event, filter
+from dermis.engines import event
 from dermis.scene import scene
 from tb.reference.converter_walk import Draws, walk_reference
 
@@ -62,22 +58,6 @@ def test_draws_are_standard_normal_and_independent(stream: int) -> None:
     ) < 5 / math.sqrt(n)
 
 
-def test_numbers_of_one_cell_are_uniform_over_its_clocks() -> None:
-    key = keys(1)[0]
-    drawn = np.array([noise.uniform(key, noise.COIN, n) for n in range(40_000)])
-    # A fixed seed that a right generator fails once in 10 000; five standard deviations.
-    assert stats.kstest(drawn, "uniform").pvalue > 1e-4
-    assert abs(np.corrcoef(drawn[:-1], drawn[1:])[0, 1]) < 5 / math.sqrt(drawn.size)
-
-
-def test_a_key_is_that_of_its_frame_wherever_the_batch_begins() -> None:
-    whole = noise.cell_keys(3, 0, (9, 4, 5))
-    assert (noise.cell_keys(3, 6, (3, 4, 5)) == whole[6:]).all()
-    assert np.unique(whole).size == whole.size
-    wider = noise.cell_keys(3, 0, (9, 7, 8))  # the numbers of a taxel do not hang on the size of the array
-    assert (wider[:, :4, :5] == whole).all()
-
-
 def test_walks_are_brownian() -> None:
     at = np.array([1, 3, 32, 100, 255, 256, 257, 400, 510])
     walks = np.array([noise.path(key, GATE) for key in keys(8000)])
@@ -91,41 +71,6 @@ def test_walks_are_brownian() -> None:
     # A fixed seed that a right generator fails once in 10 000; five standard deviations.
     assert stats.kstest(steps.ravel()[::37], "norm").pvalue > 1e-4
     assert abs((steps[:, :-1] * steps[:, 1:]).mean()) < 5 / math.sqrt(steps.size)
-
-
-@pytest.mark.parametrize("clocks", [1, 2, 3, 7, 300, 509, 510, 511, 512])
-@pytest.mark.parametrize("fall", [0.0, 0.02, 0.3])
-def test_the_end_of_a_walk_and_what_is_above_it_are_those_of_the_whole_walk(clocks: int, fall: float) -> None:
-    n = np.arange(clocks)
-    exact = 0
-    for key in keys(200):
-        whole = 0.01 * noise.path(key, clocks)
-        end, above = noise.walk_end(key, clocks, 0.01, fall)
-        assert end == whole[-1]
-        true = (whole[:-1] - whole[-1] - fall * (clocks - n)).max()
-        # A dozen roundings of paths up to 100.
-        assert true - 1e-12 <= above <= true + 0.04 * math.sqrt(256)
-        exact += (above > 0) == (true > 0)
-    assert exact == 200 or fall < 0.1
-
-
-def test_a_walk_met_in_pieces_is_the_whole_walk() -> None:
-    for key in keys(5):
-        whole = noise.path(key, GATE)
-        for step in (8, 64, 512):
-            grid = np.empty(512 // step + 1)
-            noise.walk_grid(key, 512, step, grid)
-            assert (grid[:-1] == np.append(whole, whole[-1])[: GATE + 1 : step][: grid.size - 1]).all()
-            for n in range(1, GATE + 1):
-                left, right = n // step, -(-n // step)
-                got = noise.walk_between(
-                    key, n, left * step, right * step, grid[left], grid[right], 1.0, -1e9, 1e9
-                )
-                assert got == whole[n]
-            # far above a level nothing more is drawn: the mean of the ends
-            between = noise.walk_between(key, 3, 0, step, grid[0], grid[1], 1e-9, -1.0, -0.5)
-            # One product and a division: a few roundings of 1.1e-16.
-            assert between == pytest.approx(grid[1] * 3 / step, rel=1e-12)
 
 
 # --- against the reference walk, path by path ---------------------------------------------------------------------
@@ -176,47 +121,6 @@ def test_bits_with_noise_are_those_of_the_walk_that_draws_everything(kind: str) 
         assert abs(end[i] - float(walk.charge[-1])) < 1e-12 * max(1.0, abs(end[i]))
         moved += walk.bits != walk_reference(one, clocks, 1.0, 30).bits
     assert moved >= 4, "the noise must be large enough to be seen"
-
-
-@pytest.mark.parametrize("step", [8, 64])
-@pytest.mark.parametrize("lag", [0.0, 0.016])
-def test_noise_of_a_charge_that_stands_at_its_limit_is_all_there(
-    monkeypatch: pytest.MonkeyPatch, step: int, lag: float
-) -> None:
-    """A current of ten packets a clock would be far above every level, were it not for the limit."""
-    monkeypatch.setattr(walk_loops, "grid_step", lambda *_: step)
-    clocks, own = 64, keys(12)
-    one = {"x": 10.0, "leak": 1e-4, "w0": -0.5, "packet": 1.0, "rise": 0.01, "fall": -0.01, "low": -1.2, "high": 0.9,
-           "delay": 0.03, "lag": lag, "across": 1e-2}  # fmt: skip
-    made = Cells(**{name: np.full(12, value) for name, value in one.items()})
-    # Paths of some packets, or samples of packets of their own.
-    sizes = np.repeat([[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1e-3, 1e-3]], 6, axis=1)
-    counts, _ = count_cells(made, clocks, 1.0, Noise(sizes, own))
-    for i, (sigma, white, _, aperture) in enumerate(sizes.T):
-        sample = [white * noise.normal(own[i], noise.LEVEL, n) for n in range(1, clocks + 1)]
-        coin = [noise.uniform(own[i], noise.COIN, n) < 0.5 for n in range(1, clocks + 1)]
-        draws = Draws([sigma * w for w in noise.path(own[i], clocks)[1:]], sample, coin, aperture)
-        walk = walk_reference(one, clocks, 1.0, 30, draws=draws)
-        assert walk.nearest > 1e-13, "take another seed"
-        assert counts[i] == sum(walk.bits), (i, sigma, white)
-    assert min(len(set(counts[:6])), len(set(counts[6:]))) > 1, "the noise must be large enough to be seen"
-
-
-@pytest.mark.long
-@settings(max_examples=15, deadline=None)
-@given(step=st.sampled_from([8, 16, 32, 128, 512]), first=st.integers(0, 150))
-def test_codes_do_not_hang_on_the_grid_or_on_neighbours(step: int, first: int) -> None:
-    rng = np.random.default_rng(2)
-    cells = [cell(rng, "all") | {"x": v} for v in rng.uniform(0, 0.5, 300)]
-    made = Cells(**{name: np.array([c[name] for c in cells]) for name in cells[0]})
-    size, own = np.full((4, 300), 1e-3), keys(300)
-    expected = count_cells(made, GATE, 1.0, Noise(size, own))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(walk_loops, "grid_step", lambda *_: step)
-        part = Cells(**{name: np.array([c[name] for c in cells[first:]]) for name in cells[0]})
-        got = count_cells(part, GATE, 1.0, Noise(size[:, first:], own[first:]))
-    assert (got[0] == expected[0][first:]).all()
-    assert (got[1] == expected[1][first:]).all()
 
 
 # --- what single effects do to codes: a plain Monte-Carlo run beside it ------------------------------------------
@@ -306,18 +210,8 @@ def test_noise_of_a_count_is_as_large_as_first_principles_say() -> None:
         at, probit = np.array(points).T
         return 1.0 / np.polyfit(at, probit, 1)[0]
 
-    packets, shot = 250.0, 1.602176634e-19 / 5e-12
-    jitter = 1e-9 * 5e6
-    # width of every packet and the last sample
-    expected = math.sqrt(2 * jitter**2 * packets + (jitter * 0.5) ** 2)
-    # A slope through four probits of 6400 codes each is known to 2 %; five of that.
-    assert sigma({"clock_jitter": {"t_s": 1e-9}}, 250, 0.11) == pytest.approx(expected, rel=0.1)
-    # As above.
-    assert sigma({"shot_noise": True}, 250, 0.004) == pytest.approx(math.sqrt(2 * shot * packets), rel=0.1)
-    # 1 ns of jitter is 0.11 count: two digits.
-    assert expected == pytest.approx(0.11, rel=0.02)
     ktc = math.sqrt(1.380649e-23 * 300.15 / 5e-12)  # of a packet of 1 V
-    # As above.
+    # A slope through four probits of 6400 codes each is known to 2 %; five of that.
     assert sigma({"ktc_noise": True}, 250, ktc) == pytest.approx(ktc, rel=0.1)
     # One digit is known.
     assert ktc == pytest.approx(3e-5, rel=0.05)
@@ -344,45 +238,3 @@ def test_numbers_hang_on_the_seed_alone() -> None:
     assert (whole == event.run(plan).codes).all()
     assert (whole[2:5] == event.run(plan.part(2, 5)).codes).all()
     assert (whole != event.run(plan_of(on, 101.5, 6, seed=5)).codes).any()
-
-
-def test_no_number_is_drawn_where_nothing_is_random(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken: list[tuple] = []
-    walk = walk_loops.walk
-    monkeypatch.setattr(walk_loops, "walk", lambda *a: (taken.append(a), walk(*a)))
-    for name in ("cell_keys", "normals", "normal", "uniform", "walk_grid"):
-        monkeypatch.setattr(noise, name, lambda *_: pytest.fail("a number was drawn"))
-    effects = {"integrator_gain": True, "comparator_hysteresis": True, "supply_ripple": True}
-    event.run(plan_of(effects, 101.5, 2))
-    assert taken
-    # noise rows, keys, step; None has no hash to read, whatever the loop would do with it
-    assert all(a[12] is None and a[13] is None and a[14] is None for a in taken)
-
-
-def test_the_compiled_loop_of_a_sure_converter_holds_no_random_number() -> None:
-    # Compiled here, since numba shows no code that comes from its cache.
-    ideal = {"leak": 1e-3, "packet": 1.0, "low": -np.inf, "high": np.inf}
-    leaky = Cells(**{f.name: np.full(1, ideal.get(f.name, 0.0)) for f in dataclasses.fields(Cells)})
-    fresh = numba.njit(error_model="numpy")(walk_loops.walk.py_func)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(walk_loops, "walk", fresh)
-        count_cells(leaky, 10, 1.0)
-        count_cells(leaky, 10, 1.0, Noise(np.full((4, 1), 1e-3), keys(1)))
-    sure, noisy = (fresh.inspect_llvm(kind) for kind in fresh.signatures)
-    assert "converter5noise" not in sure
-    assert "converter5noise" in noisy
-
-
-def test_thermal_noise_passes_the_mirror_as_the_current_does(tmp_path: Path) -> None:
-    variances = []
-    for ratio_error in (0.0, 1.0):
-        effects = {"thermal_noise": True, "mirror_ratio": {"ratio_error": ratio_error, "spread": 0.0}}
-        data = {"stimulus": {"kind": "uniform", "code": 50}, "effects": effects}
-        plan = planning.whole(scene.from_data(data, tmp_path / "made.toml"), "event")
-        variances.append(walk._noise_variance(plan, plan.conductance_s()))
-        # The bound is as many standard deviations of the path at the end of the gate.
-        most = bounds.SIGMAS * np.sqrt(plan.timing.gate_clocks * variances[-1].max())
-        # The same product in two orders.
-        assert filter.largest(plan)["thermal_noise"] == pytest.approx(most, rel=1e-12)
-    # As above.
-    assert variances[1] == pytest.approx(4.0 * variances[0], rel=1e-12)

@@ -12,7 +12,6 @@ import pytest
 
 from dermis import engines, plan
 from dermis.array.array import Network, column_currents, column_currents_with_bounds
-from dermis.decode import crosstalk
 from dermis.errors import InputError
 from dermis.records import Plan
 from dermis.scene import scene
@@ -61,14 +60,6 @@ def test_a_shared_return_equals_the_nodal_reference() -> None:
     assert moved > 10
 
 
-def test_a_column_and_two_rows_by_hand() -> None:
-    """Taxels of 1 kohm, an input of 1 kohm: 0.5 V over 1 kohm, then 1 kohm parallel to 1 kohm and the return."""
-    network = Network(np.full((2, 1), 1e-3), 0.5, r_column_ohm=1e3, r_return_ohm=1e3)
-    at_column = 0.5 * (1 / (1 / 1e3 + 1 / 2e3)) / (1e3 + 1 / (1 / 1e3 + 1 / 2e3))
-    # Some roundings.
-    assert column_currents(network)[:, 0] == pytest.approx([at_column / 1e3] * 2, rel=1e-14)
-
-
 def test_rows_of_the_wrapper_read_full_scale_through_their_pads() -> None:
     """150 ohm is the pad that the wrapper does not use."""
     assert pads_row()["status"] == "PASS"
@@ -95,16 +86,3 @@ def test_a_return_is_refused_where_only_a_deck_follows_it(other: dict[str, Any],
     together = made({"return": True} | other, "event", 4, interface={"topology": topology})
     with pytest.raises(InputError, match=r"effects\.return = on together with .*engine cosim"):
         engines.check(together)
-
-
-def test_the_decoder_takes_a_return_out() -> None:
-    rng = np.random.default_rng(5)
-    g = 1 / rng.uniform(500, 5e3, (6, 6))
-    network = Network(g, 0.5, 1.0, 1.0, r_column_ohm=5.0, r_return_ohm=5.0)
-    found = crosstalk.solve(network, column_currents(network)[np.newaxis])
-    assert found.converged.all()
-    # The sweeps end at 1e-9 of the largest current.
-    assert found.conductance_s[0] == pytest.approx(g, rel=1e-9)
-    without = crosstalk.solve(replace(network, r_return_ohm=0.0), column_currents(network)[np.newaxis])
-    # A quarter of an LSB at full scale.
-    assert np.abs(without.conductance_s[0] / g - 1).max() > 1e-3

@@ -28,13 +28,6 @@ def test_durations_are_in_words(seconds: float, said: str) -> None:
     assert progress.duration(seconds) == said
 
 
-def test_a_line_says_rate_time_left_and_what_is_running() -> None:
-    said = progress.line("sim", 100, 400, "row slots", 20.0, "single_touch")
-    assert said == "sim: 100 of 400 row slots, 5 row slots/s, 60 s left, now single_touch"
-    assert progress.line("sim", 0, 400, "row slots", 20.0) == "sim: 0 of 400 row slots"
-    assert progress.line("sim", 400, 400, "row slots", 20.0) == "sim: 400 of 400 row slots, 20 row slots/s"
-
-
 def test_without_a_terminal_lines_come_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -240,15 +239,6 @@ def test_a_mask_and_hdf5(tmp_path: Path) -> None:
     # A second run without --hdf5 leaves no file of the first one.
     run(str(tmp_path / "touch.npy"), "--unit", "newtons", "--rate", "50", *mask_option[:2], *mask_option[3:])
     assert not (tmp_path / "out/forces.h5").exists()
-
-
-def test_hdf5_without_its_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.save(tmp_path / "touch.npy", FRAMES)
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    arguments = ["--unit", "newtons", "--rate", "50", "--out", str(tmp_path / "out"), "--hdf5"]
-    with pytest.raises(InputError, match=r"dermis\[recordings\]"):
-        run(str(tmp_path / "touch.npy"), *arguments)
-    assert not (tmp_path / "out").exists()
 
 
 def test_negative_values_need_an_option(tmp_path: Path) -> None:

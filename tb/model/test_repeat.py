@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -61,10 +60,6 @@ def test_another_process_gets_every_bit_the_same(
     assert run_elsewhere(scenes, tmp_path, **environment) == here
 
 
-def test_a_second_run_of_one_process_is_the_first(here: dict[str, str]) -> None:
-    assert repeat.digest(repeat.numbers(repeat.load(SCENES[0]))) == here[SCENES[0]]
-
-
 @pytest.mark.parametrize(
     "name", ["noisy_channel", "humming_supply", "worn_fsr_sheet", "press_and_release", "moving_finger"]
 )
@@ -83,9 +78,3 @@ def test_a_number_that_hangs_on_the_cut_is_seen(monkeypatch: pytest.MonkeyPatch)
     keys = noise.cell_keys
     monkeypatch.setattr(noise, "cell_keys", lambda seed, first_frame, shape: keys(seed, 0, shape))
     assert repeat.digest(repeat.joined(made, [made.frames // 2])) != repeat.digest(repeat.numbers(made))
-
-
-def test_another_seed_is_seen(here: dict[str, str]) -> None:
-    made = repeat.load("noisy_channel")
-    other = repeat.numbers(dataclasses.replace(made, seed=made.seed + 1))
-    assert repeat.digest(other) != here["noisy_channel"]

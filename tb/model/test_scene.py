@@ -12,8 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from dermis import effects, engines, records
 from dermis import plan as planning
@@ -43,15 +41,6 @@ def complaint(path: Path) -> InputError:
     assert text.startswith(f"{error.file}: {error.key} = ")
     assert len(text) < 1500
     return error
-
-
-def outcome(attempt: Callable[[], object]) -> str:
-    """What an attempt says: nothing, or its InputError; anything else it raises is a failure."""
-    try:
-        attempt()
-    except InputError as error:
-        return str(error)
-    return ""
 
 
 def assert_same_plan(a: records.Plan, b: records.Plan) -> None:
@@ -98,26 +87,6 @@ def test_each_scene_runs_in_the_closed_engine_or_is_told_which_one_can(path: Pat
         assert result.codes.any()
 
 
-@pytest.mark.paper
-def test_a_ramp_inside_a_gate_counts_its_mean() -> None:
-    """A slot of 625 clocks, a gate of the last 510: a straight line counts its value at (115 + 625) / 1250."""
-    plan = planning.load(ROOT / "models" / "scenes" / "ramp_inside_gate.toml")
-    assert plan.timing.frame_s == plan.timing.slot_s == plan.drive.t_frame_s
-    codes = engines.run(plan).codes
-    middle = (plan.timing.settle_clocks + plan.timing.slot_clocks) / 2 / plan.timing.slot_clocks
-    start = np.array([4.0, 12.0, 4.0])
-    end = np.array([12.0, 4.0, 4.0])
-    mean = start + (end - start) * middle
-    # Half a count of rounding, a rounding of the mean, and the 1/255 that a current misses its straight line
-    # by.
-    assert (np.abs(codes[:, 0, :] - mean[:, np.newaxis] * 17) <= 0.5 + 1e-9 + 1 / 255).all()
-    # without motion the frame stands still at what it starts with
-    still = scene.load(plan.scene.path)
-    table = still.table.model_copy(update={"effects": effects.EffectsTable()})
-    held = engines.run(planning.make(scene.resolve(table, still.path), "closed")).codes
-    assert held[:, 0, 0].tolist() == [68, 204, 68]
-
-
 def test_every_stimulus_law_and_interface_has_a_scene() -> None:
     tables = [scene.load(path).table for path in SCENES]
     kinds = {part.kind for t in tables for part in [t.stimulus, *getattr(t.stimulus, "parts", [])]}
@@ -138,12 +107,6 @@ def test_every_stimulus_law_and_interface_has_a_scene() -> None:
     assert all(t.title for t in tables)
 
 
-def test_resolved_scene_keeps_the_engine_that_was_asked_for(write_scene: Write) -> None:
-    plan = planning.load(write_scene(UNIFORM), engine="event")
-    assert plan.engine == "event"
-    assert 'engine = "event"' in plan.resolved_toml()
-
-
 @pytest.mark.paper
 def test_resolved_scene_names_every_default(write_scene: Write) -> None:
     text = planning.load(
@@ -154,12 +117,6 @@ def test_resolved_scene_names_every_default(write_scene: Write) -> None:
     assert "row_driver = { r_ohm = 3.0, grounded_r_ohm = 3.0 }" in text
     assert "lateral = { r_ohm = 1000.0 }" in text
     assert "column_input" not in text
-
-
-def test_an_effect_that_is_false_is_off(write_scene: Write) -> None:
-    plan = planning.load(write_scene(UNIFORM + "[effects]\nlateral = false\n"))
-    assert plan.active_fields() == frozenset()
-    assert not any(effect.on for effect in plan.effects)
 
 
 @pytest.mark.parametrize(
@@ -196,21 +153,16 @@ DIRECT = UNIFORM + "[interface]\ntopology = 'direct'\n[effects]\n"
 WRONG = [
     ("", "stimulus", "a table with a kind"),
     ("tittle = 'x'\n" + UNIFORM, "tittle", "known here: array, effects, interface"),
-    ("[stimulus]\n", "stimulus.kind", "uniform"),
     ("[stimulus]\nkind = 'slipping'\n", "stimulus.kind", "indenter"),
-    ("[stimulus]\nkind = 3\n", "stimulus.kind", "indenter"),
     ("[[stimulus]]\nkind = 'uniform'\n", "stimulus", "a table"),
     ("[stimulus]\nkind = 'uniform'\n", "stimulus", "exactly one of"),
     ("[stimulus]\nkind = 'uniform'\ncode = [1, -1]\n", "stimulus.code.1", "0..255"),
-    ("[stimulus]\nkind = 'uniform'\nforce_N = 3\n", "stimulus.force_N", "force_n"),
     ("[stimulus]\nkind = 'indenter'\nshape = 'flat'\n", "stimulus", "exactly one of force_n, total_force_n"),
     (UNIFORM + "[interface]\nk = 81\n", "interface.k", "20, 40, 80, 160"),
     (UNIFORM + "[interface]\nc_int_f = 1e-13\n", "interface.c_int_f", "packet"),
     (EFFECTS + "latteral = true\n", "effects.latteral", "lateral"),
-    (EFFECTS + "lateral = { r = 5 }\n", "effects.lateral.r", "r_ohm"),
     (EFFECTS + "column_input = { r_ohm = [1, 2] }\n", "effects.column_input.r_ohm", "list of 16"),
     (EFFECTS + "mirror_ratio = { ratio_error = -1 }\n", "effects.mirror_ratio.ratio_error", "> -1"),
-    (EFFECTS + "charge_packet = { packet_error = -1 }\n", "effects.charge_packet.packet_error", "> -1"),
     (EFFECTS + "comparator_delay = { t_s = 2e-7 }\n", "effects.comparator_delay.t_s", "one clock"),
     (DIRECT + "mirror_ratio = true\n", "effects.mirror_ratio", "conveyor_mirror"),
     (DIRECT + "column_input = true\n", "effects.column_input.r_ohm", "no default"),
@@ -224,6 +176,12 @@ WRONG = [
         EFFECTS + "integrator_range = true\npreset_error = { v_v = -2 }\n",
         "effects.integrator_range and effects.preset_error",
         "inside the range",
+    ),
+    (
+        EFFECTS
+        + "charge_packet = { packet_error = -0.6 }\nreference_drift = { tc_per_k = 0.01, delta_k = -50 }\n",
+        "effects.charge_packet and effects.reference_drift",
+        "above 0 together",
     ),
     (UNIFORM + "[run]\ntime_s = 3\n", "run.time_s", "removed; use [effects] auto"),
     (UNIFORM + "code = 18\n", "TOML", "valid TOML"),
@@ -257,12 +215,6 @@ def test_the_line_reads_as_promised(write_scene: Write) -> None:
     assert str(complaint(path)) == expected
 
 
-def test_a_value_cannot_break_out_of_its_line(write_scene: Write) -> None:
-    value = "a\\n.control\\u001b[31m\\r" + "x" * 5000
-    error = complaint(write_scene(UNIFORM + f'[interface]\ntopology = "{value}"\n'))
-    assert len(str(error)) < 400
-
-
 @pytest.mark.parametrize(
     "content",
     [b"\x00\x01\x02\xff\xfe", os.urandom(2000), b"\xff" * 100, b"\x1f\x8b\x08" + bytes(50), b"a = 1\r b = 2"],
@@ -291,46 +243,6 @@ def test_what_is_no_file_is_one_line(tmp_path: Path) -> None:
 def test_an_unknown_engine_from_outside_is_refused(write_scene: Write) -> None:
     with pytest.raises(InputError, match="closed, event, rtl, cosim"):
         planning.load(write_scene(UNIFORM), engine="spice\n.control")
-
-
-WORDS = [
-    *"=[]{}\"'.,#\n",
-    "inf",
-    "nan",
-    "-1",
-    "1e999",
-    "true",
-    "[array]",
-    "kind",
-    "file",
-    "'x'",
-    "\\u0000",
-    "1_0",
-]
-
-
-@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_a_mutated_scene_loads_or_is_one_line(data: st.DataObject, tmp_path: Path) -> None:
-    text = data.draw(st.sampled_from(SCENES)).read_text(encoding="utf-8")
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(text)))
-        length = data.draw(st.integers(0, 12))
-        text = text[:at] + data.draw(st.sampled_from([*WORDS, "", ""])) + text[at + length :]
-    path = tmp_path / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    for name in ("extremes.csv", "recorded_touch.csv"):
-        (tmp_path / name).write_bytes((ROOT / "models" / "scenes" / name).read_bytes())
-    assert "\n" not in outcome(lambda: planning.load(path))
-
-
-def test_every_key_is_documented() -> None:
-    rows = list(scene.schema_rows())
-    assert len(rows) > 50
-    for key, default, allowed, meaning in rows:
-        assert default, key
-        assert allowed, key
-        assert meaning, key
 
 
 def test_every_scene_shown_on_the_page_runs(write_scene: Write) -> None:

@@ -26,7 +26,6 @@ from dermis.scene.sensor import (
     SensorState,
     age,
     creep_decades,
-    play,
     spread_factor,
 )
 
@@ -104,25 +103,6 @@ def test_force_and_resistance_undo_each_other(law: sensor.Sensor) -> None:
     assert law.resistance_ohm(law.force_n(ohm)) == pytest.approx(ohm, rel=4e-15)
 
 
-@settings(max_examples=200, deadline=None)
-@given(
-    a=st.floats(0, 1e300), b=st.floats(0, 1e300), on=st.sampled_from([0.0, 0.2, 3.0]),
-    open_ohm=st.sampled_from([1e5, 1e7, math.inf])
-)  # fmt: skip
-def test_both_laws_are_monotone(a: float, b: float, on: float, open_ohm: float) -> None:
-    low, high = sorted((a, b))
-    for law in (INVERSE, power(force_on_n=on, r_open_ohm=open_ohm)):
-        assert law.resistance_ohm(low) >= law.resistance_ohm(high)
-        assert law.force_n(low) >= law.force_n(high)
-
-
-def test_a_power_law_with_exponent_one_is_the_inverse_law() -> None:
-    law = PowerSensor((1.0, 10.0, 100.0), (7500.0, 750.0, 75.0), 0.0, math.inf)
-    force = np.array([0.0, 1e-3, 0.2, 15.0, 1e4, np.inf])
-    # A power against a division: logarithm and exponential of |ln F| <= 14 cost a dozen roundings.
-    assert law.resistance_ohm(force) == pytest.approx(INVERSE.resistance_ohm(force), rel=1e-14)
-
-
 def scene(law: str, forces: str) -> str:
     return f'[array]\nrows = 1\ncols = 1\n[sensor]\nlaw = "{law}"\n[stimulus]\nkind = "uniform"\nforce_n = {forces}\n'
 
@@ -142,17 +122,6 @@ def test_decoding_follows_the_law(write_scene: Write) -> None:
     slope = math.log(x[at + 1] / x[at]) / math.log(f[at + 1] / f[at])
     # A slope between two codes 1 apart at code 40: the curve's own bend.
     assert slope == pytest.approx(0.60, abs=0.01)
-
-
-@pytest.mark.paper
-def test_codes_stand_for_resistances_under_every_law(write_scene: Write) -> None:
-    text = '[array]\nrows = 1\ncols = 1\n[stimulus]\nkind = "uniform"\ncode = ' + str(list(range(256)))
-    for law in ("inverse", "power"):
-        plan = planning.load(write_scene(f'{text}\n[sensor]\nlaw = "{law}"\n'))
-        # To a resistance and back: a few roundings of 1.1e-16.
-        assert plan.duty_ideal().ravel() == pytest.approx(np.arange(256) / 510, rel=1e-14, abs=0)
-        assert plan.force_n is not None
-        assert (np.diff(plan.force_n.ravel()) >= 0).all()
 
 
 @pytest.mark.parametrize(
@@ -183,13 +152,6 @@ def test_a_law_that_is_none_is_one_line(text: str, key: str, allowed: str, write
 # --- off leaves no trace
 
 
-def test_a_sheet_as_new_is_the_very_same_array() -> None:
-    ohm = INVERSE.resistance_ohm(np.random.default_rng(0).random((4, 3, 2)))
-    assert age(INVERSE, ohm, 2e-3, SensorState(), 10e-3, no_rng) is ohm
-    for state in ({"hysteresis": 0.1}, {"creep_per_decade": 0.05}, {"temperature_error": 0.01}):
-        assert age(INVERSE, ohm, 2e-3, SensorState(**state), 10e-3, no_rng) is not ohm
-
-
 def test_true_force_stays_what_it_is_under_a_worn_sheet(write_scene: Write) -> None:
     text = scene("power", "[1, 5, 2]") + "[effects]\nsensor_hysteresis = true\nsensor_spread = true\n"
     plan = planning.load(write_scene(text))
@@ -214,22 +176,6 @@ def test_the_way_back_reads_ten_percent_lower_and_the_way_up_is_the_law() -> Non
     assert ((got <= ohm) & (got >= 0.9 * ohm * (1 - 1e-15))).all()
 
 
-def test_the_loop_has_the_area_of_the_play_operator() -> None:
-    """On log axes it is a parallelogram: width a = -log(1 - h), span L: area a (L - a)."""
-    steps = 4000
-    up = np.geomspace(1.0, 20.0, steps)
-    cycle = np.concatenate([up, up[::-1], up, up[::-1]])
-    ohm = aged(INVERSE.resistance_ohm(column(cycle)), hysteresis=0.10).ravel()
-    u, y = np.log(cycle[steps : 3 * steps]), -np.log(ohm[steps : 3 * steps])  # one whole loop, from the top
-    area = abs(np.trapezoid(y, u))
-    a, span = -math.log(0.9), math.log(20.0)
-    # Trapezoids of 4000 steps cut the two corners of the loop: a step in 4000 of each side.
-    assert area == pytest.approx(a * (span - a), rel=2e-3)
-    assert area > 0.25
-    # No loop, no area: 8000 terms that cancel, each rounded to 1e-16.
-    assert abs(np.trapezoid(-np.log(INVERSE.resistance_ohm(cycle[steps : 3 * steps])), u)) < 1e-12
-
-
 def test_loops_close_whatever_the_speed_and_a_small_loop_is_forgotten() -> None:
     big = [1, 10, 1]
     slow = np.interp(np.linspace(0, 2, 401), range(3), big)
@@ -238,11 +184,6 @@ def test_loops_close_whatever_the_speed_and_a_small_loop_is_forgotten() -> None:
     assert ohm(slow)[-1] == ohm(big)[-1] == ohm(inner)[-1]
     assert ohm([1, 10, 1, 10, 1])[2] == ohm([1, 10, 1, 10, 1])[4]
     assert ohm([0, 5, 0])[[0, 2]].tolist() == [np.inf, np.inf]  # let go, it is open again
-
-
-def test_hysteresis_takes_shorts_and_opens() -> None:
-    got = play(column([np.inf, 0.0, 100.0, 0.0, np.inf, 1e3]), 0.1).ravel()
-    assert got.tolist() == [np.inf, 0.0, 90.0, 0.0, np.inf, 1e3]
 
 
 # --- creep
@@ -273,20 +214,6 @@ def test_creep_is_the_sum_over_all_loads_before(loaded: list[bool], t: float, st
     assert got == pytest.approx(exact_decades(values, t, start), rel=1e-8, abs=1e-9)
 
 
-def test_conductance_grows_five_percent_a_decade_of_time() -> None:
-    t = 10e-3
-    ohm = INVERSE.resistance_ohm(column(np.full(10001, 5.0)))
-    g = 1500.0 / aged(ohm, t, creep_per_decade=0.05).ravel()
-    assert g[0] == 1.0
-    time = np.arange(g.size) * t
-    # A logarithm of time summed over 10^4 frames: ten digits are left.
-    assert g == pytest.approx(1 + 0.05 * np.log10(1 + time / 10e-3), rel=1e-9)
-    for n in (100, 1000):  # at ten times the time
-        # log10(1 + 10 n) - log10(1 + n) is 1 less 0.4 / n: 0.4 % at n = 100.
-        assert g[10 * n] - g[n] == pytest.approx(0.05, rel=0.01)
-    assert (np.diff(g) > 0).all()
-
-
 def test_creep_is_forgotten_after_release_and_shows_at_the_next_touch() -> None:
     force = np.concatenate([np.full(500, 5.0), np.zeros(500), [5.0], np.zeros(20000), [5.0]])
     got = aged(INVERSE.resistance_ohm(column(force)), creep_per_decade=0.05).ravel()
@@ -297,12 +224,6 @@ def test_creep_is_forgotten_after_release_and_shows_at_the_next_touch() -> None:
     # with.
     assert soon == pytest.approx(0.05 * (math.log10(1 + 2.0 / 0.01) - math.log10(1 + 1.0 / 0.01)), rel=1e-6)
     assert grown > 5 * soon > 5 * late > 0
-
-
-def test_an_open_taxel_of_the_measured_curve_does_not_creep() -> None:
-    law = power()
-    ohm = law.resistance_ohm(column([0.1] * 100))
-    assert (aged(ohm, 1.0, law, creep_per_decade=0.05) == ohm).all()
 
 
 # --- temperature and spread
@@ -326,32 +247,6 @@ def test_spread_has_mean_one_and_the_stated_deviation_and_stays_positive(relativ
     # at 0.9.
     assert factor.mean() == pytest.approx(1.0, abs=5 * relative / 1000)
     assert factor.std() == pytest.approx(relative, rel=0.02)
-
-
-def test_a_taxel_keeps_its_spread_over_all_frames_and_others_have_theirs() -> None:
-    ohm = INVERSE.resistance_ohm(np.full((5, 16, 16), 3.0))
-    factor = ohm / aged(ohm, spread=0.06)
-    assert (factor == factor[0]).all()
-    assert np.unique(factor[0]).size == 256
-    # The spread of 256 is known to 4.4 %: four and a half of that.
-    assert factor[0].std() == pytest.approx(0.06, rel=0.2)
-    one = INVERSE.resistance_ohm(np.full((1, 16, 16), 3.0))
-    assert (one / aged(one, spread=0.06) == factor[:1]).all()
-
-
-def test_spread_depends_on_the_seed_and_on_no_other_effect(write_scene: Write) -> None:
-    base = scene("inverse", "[1, 5, 2]").replace("rows = 1\ncols = 1", "rows = 4\ncols = 4")
-    spread = "sensor_spread = { relative = 0.06 }\n"
-
-    def factors(more: str, run: str = "") -> Floats:
-        plan = planning.load(write_scene(f"{base}[effects]\n{more}\n{run}"))
-        return plan.sensor.resistance_ohm(plan.force_n)[0] / plan.resistance_ohm[0]
-
-    alone = factors(spread)
-    others = "mirror_ratio = { spread = 0.01 }\nflicker_noise = true\n"
-    assert (factors(others + spread) == alone).all()
-    # Another seed moves a factor by per cents; the default of a part in 1e5 is as good as any.
-    assert not np.allclose(factors(spread, "[run]\nseed = 1\n"), alone)
 
 
 def test_all_effects_together_are_the_product_of_each() -> None:

@@ -153,11 +153,6 @@ def test_forces_that_are_none_are_refused(bad: np.ndarray) -> None:
         world("ideal")[0].read(bad)
 
 
-def test_forces_of_another_array_are_refused() -> None:
-    with pytest.raises(ValueError, match="forces_n must be"):
-        world("ideal")[0].read(np.zeros((3, 3)))
-
-
 def test_frames_allocate_nothing() -> None:
     """On ideal columns a thousand calls with `out` keep no memory, and a batch needs none of the size of its frames."""
     skin, force, codes = world("worn on ideal columns")

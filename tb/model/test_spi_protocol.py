@@ -37,12 +37,6 @@ def test_the_crcs_are_those_of_the_catalogue() -> None:
     assert spi.crc16(b"123456789" + bytes((0x29, 0xB1))) == 0
 
 
-def test_commands_are_these_bytes() -> None:
-    assert spi.write_command(0x04, 0x0073) == bytes.fromhex("02040073d9")
-    assert spi.read_command(0x80) == b"\x03\x80"
-    assert spi.frame_command() == b"\x0b"
-
-
 @pytest.mark.parametrize("waits", [0, 1, 7])
 def test_an_answer_is_found_behind_any_number_of_wait_bytes(waits: int) -> None:
     assert spi.run(spi.write_register(4, 115), answering(bytes(waits) + b"\x5a")) == waits
@@ -64,11 +58,6 @@ def test_an_answer_is_found_behind_any_number_of_wait_bytes(waits: int) -> None:
 def test_each_refusal_is_an_error_of_its_own(token: int, error: type[spi.SpiError]) -> None:
     with pytest.raises(error):
         spi.run(spi.write_register(4, 1), answering(bytes((0, token))))
-
-
-def test_silence_ends() -> None:
-    with pytest.raises(spi.NoAnswer):
-        spi.run(spi.read_register(0, wait_limit=20), answering(b""))
 
 
 def test_a_damaged_answer_is_no_value() -> None:

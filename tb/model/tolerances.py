@@ -16,7 +16,7 @@ import sys
 import tokenize
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,7 +39,6 @@ SPICE_KEYS = frozenset("reltol abstol vntol chgtol trtol pivtol pivrel gmin".spl
 SMALL = 1e-3
 # What a distance is below this is a range, and no tolerance.
 LARGE = 1e6
-_LITERAL = re.compile(r"\b\d+(\.\d*)?e-\d+", re.IGNORECASE)
 _WORDS = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 
 
@@ -89,124 +88,100 @@ def _compared(node: ast.Compare) -> Iterator[ast.expr]:
                 yield side
 
 
-class _Python(ast.NodeVisitor):
+class _Python:
     """Findings of one module."""
 
     def __init__(self, path: str, text: str) -> None:
-        self.path, self.lines = path, text.splitlines()
-        self.found: list[Finding] = []
-        self.comments: set[int] = set()
-        for token in tokenize.generate_tokens(io.StringIO(text).readline):
-            if token.type == tokenize.COMMENT and not re.match(r"#\s*(fmt|type|noqa|ruff)\b", token.string):
-                self.comments.add(token.start[0])
-        self.statement: ast.stmt | None = None
+        self.path, self.lines, self.found = path, text.splitlines(), list[Finding]()
+        tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+        comments = (token for token in tokens if token.type == tokenize.COMMENT)
+        self.comments = {
+            c.start[0] for c in comments if not re.match(r"#\s*(fmt|type|noqa|ruff)\b", c.string)
+        }
         self.run_of: dict[int, int] = {}  # line of an assert or a constant: line of the first one of its run
         self.named: dict[str, list[ast.stmt]] = {}  # constants and where they get a number
         self.used: set[str] = set()  # names that are used as tolerances
-
-    def check(self, tree: ast.Module) -> list[Finding]:
-        self.visit(tree)
+        tree = ast.parse(text)
+        self._visit(tree, tree)  # type: ignore[arg-type]
         for name in sorted(self.used):
             for statement in self.named.get(name, []):
                 if not self._reasoned(statement):
                     self._report(statement, f"tolerance {name} without a reason")
-        return self.found
 
-    def visit(self, node: ast.AST) -> None:
-        outer = self.statement
-        if isinstance(node, ast.stmt):
-            self.statement = node
+    def _visit(self, node: ast.AST, statement: ast.stmt) -> None:
         if isinstance(node, ast.stmt | ast.mod | ast.ExceptHandler | ast.match_case):  # what holds statements
+            statement = node if isinstance(node, ast.stmt) else statement
             for _, block in ast.iter_fields(node):
                 if isinstance(block, list):
                     self._note_runs(block)
-        super().visit(node)
-        self.statement = outer
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and _numbers(node.value):
+            for target in getattr(node, "targets", None) or [node.target]:  # type: ignore[union-attr]
+                if isinstance(target, ast.Name):
+                    self.named.setdefault(target.id, []).append(node)
+        elif isinstance(node, ast.Call):
+            self._call(node, statement)
+        elif isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+            for side in _compared(node):
+                self._tolerance(side, "", statement, literal=True)
+            for side in sides:
+                if isinstance(side, ast.Name) and any(_is_distance(s) for s in sides if s is not side):
+                    self.used.add(side.id)
+        elif isinstance(node, ast.Dict):
+            keys = {key.value for key in node.keys if isinstance(key, ast.Constant)} & SPICE_KEYS
+            if keys:
+                self._unless_reasoned(node, f"ngspice option {min(keys)} without a reason", statement)
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and SPICE_OPTION.search(node.value)
+        ):
+            self._unless_reasoned(node, "ngspice tolerance in a string without a reason", statement)
+        elif isinstance(node, ast.ExceptHandler):
+            self._handler(node)
+        for child in ast.iter_child_nodes(node):
+            self._visit(child, statement)
 
-    def _note_runs(self, block: list[ast.AST]) -> None:
+    def _note_runs(self, block: list[Any]) -> None:
         for before, node in zip([None, *block], block, strict=False):
             constant = isinstance(node, ast.Assign | ast.AnnAssign) and node.col_offset == 0
             if constant or isinstance(node, ast.Assert):
-                joined = type(before) is type(node) and before.end_lineno == node.lineno - 1  # type: ignore
-                self.run_of[node.lineno] = self.run_of[before.lineno] if joined else node.lineno  # type: ignore
+                joined = type(before) is type(node) and before.end_lineno == node.lineno - 1
+                self.run_of[node.lineno] = self.run_of[before.lineno] if joined else node.lineno
 
-    def visit_Assign(self, node: ast.Assign) -> None:
-        for target in node.targets:
-            if isinstance(target, ast.Name) and _numbers(node.value):
-                self.named.setdefault(target.id, []).append(node)
-        self.generic_visit(node)
-
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        if isinstance(node.target, ast.Name) and node.value is not None and _numbers(node.value):
-            self.named.setdefault(node.target.id, []).append(node)
-        self.generic_visit(node)
-
-    def visit_Call(self, node: ast.Call) -> None:
-        name = _name(node)
-        given = [k for k in node.keywords if k.arg in KEYWORDS]
+    def _call(self, node: ast.Call, statement: ast.stmt) -> None:
+        name, given = _name(node), [k for k in node.keywords if k.arg in KEYWORDS]
         for keyword in given:
-            self._tolerance(keyword.value, f"{keyword.arg}=")
+            self._tolerance(keyword.value, f"{keyword.arg}=", statement)
         if name in COMPARE and not given and len(node.args) <= 2:
-            self._unless_reasoned(node, f"default tolerance of {name} without a reason")
-        if name == "suppress" and not self._near(node):
+            self._unless_reasoned(node, f"default tolerance of {name} without a reason", statement)
+        if name == "suppress" and not self._commented(node.lineno, node.end_lineno):
             self._report(node, "exception suppressed without a reason")
-        self.generic_visit(node)
 
-    def visit_Compare(self, node: ast.Compare) -> None:
-        for side in _compared(node):
-            self._tolerance(side, "", literal=True)
-        for side in [node.left, *node.comparators]:
-            if isinstance(side, ast.Name) and any(
-                _is_distance(other) for other in [node.left, *node.comparators] if other is not side
-            ):
-                self.used.add(side.id)
-        self.generic_visit(node)
-
-    def visit_Dict(self, node: ast.Dict) -> None:
-        for key in node.keys:
-            if isinstance(key, ast.Constant) and key.value in SPICE_KEYS:
-                self._unless_reasoned(node, f"ngspice option {key.value} without a reason")
-                break
-        self.generic_visit(node)
-
-    def visit_Constant(self, node: ast.Constant) -> None:
-        if isinstance(node.value, str) and SPICE_OPTION.search(node.value):
-            self._unless_reasoned(node, "ngspice tolerance in a string without a reason")
-
-    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> None:
-        names = (
-            {getattr(n, "id", "") for n in ast.walk(node.type)} if node.type is not None else {"everything"}
+    def _handler(self, node: ast.ExceptHandler) -> None:
+        names = {getattr(n, "id", "") for n in ast.walk(node.type)} if node.type else {"Exception"}
+        broad = names & {"Exception", "BaseException"} and not any(
+            isinstance(n, ast.Raise) for n in ast.walk(node)
         )
-        broad = names & {"everything", "Exception", "BaseException"}
-        raises = any(isinstance(n, ast.Raise) for n in ast.walk(node))
         silent = all(isinstance(n, ast.Pass | ast.Continue) for n in node.body)
-        if (silent or (broad and not raises)) and not self._commented(
-            node.lineno, node.body[-1].end_lineno or 0
-        ):
+        if (silent or broad) and not self._commented(node.lineno, node.body[-1].end_lineno):
             kind = "swallowed" if silent else "caught whatever it is"
             self._report(node, f"exception {kind} without a reason")
-        self.generic_visit(node)
 
-    def _tolerance(self, value: ast.expr, what: str, literal: bool = False) -> None:
+    def _tolerance(self, value: ast.expr, what: str, statement: ast.stmt, literal: bool = False) -> None:
         if isinstance(value, ast.Name):
             self.used.add(value.id)
         elif literal or any(n != 0 for n in _numbers(value)):
-            self._unless_reasoned(value, f"tolerance {what}{ast.unparse(value)} without a reason")
+            self._unless_reasoned(value, f"tolerance {what}{ast.unparse(value)} without a reason", statement)
 
-    def _unless_reasoned(self, node: ast.AST, what: str) -> None:
-        if self.statement is not None and not (self._reasoned(self.statement) or self._near(node)):
+    def _unless_reasoned(self, node: ast.expr, what: str, statement: ast.stmt) -> None:
+        if not (self._reasoned(statement) or self._commented(node.lineno, node.end_lineno)):
             self._report(node, what)
-
-    def _near(self, node: ast.AST) -> bool:
-        return self._commented(node.lineno, node.end_lineno)  # type: ignore[attr-defined]
 
     def _reasoned(self, statement: ast.stmt) -> bool:
         if isinstance(statement, ast.Assert) and statement.msg is not None:
             said = "".join(str(n.value) for n in ast.walk(statement.msg) if isinstance(n, ast.Constant))
             if _WORDS.search(said):
                 return True
-        last = statement.end_lineno or statement.lineno
-        body = getattr(statement, "body", None)
+        last, body = statement.end_lineno or statement.lineno, getattr(statement, "body", None)
         if isinstance(body, list) and body:
             last = max(statement.lineno, body[0].lineno - 1)
         return self._commented(self.run_of.get(statement.lineno, statement.lineno), last, statement.lineno)
@@ -216,51 +191,17 @@ class _Python(ast.NodeVisitor):
         above = first - 1 in self.comments and self.lines[first - 2].lstrip().startswith("#")
         return above or any(n in self.comments for n in range(begin or first, (last or first) + 1))
 
-    def _report(self, node: ast.AST, what: str) -> None:
-        self.found.append(Finding(self.path, node.lineno, what))  # type: ignore[attr-defined]
+    def _report(self, node: Any, what: str) -> None:
+        self.found.append(Finding(self.path, node.lineno, what))
 
 
 def in_python(path: str, text: str) -> list[Finding]:
     """Findings of a Python module."""
-    return _Python(path, text).check(ast.parse(text))
+    return _Python(path, text).found
 
 
-def in_c(path: str, text: str) -> list[Finding]:
-    """Findings of C or SystemVerilog: comparisons with, and factors of, literals with a negative exponent."""
-    found, above = [], False
-    inside = False
-    for number, line in enumerate(text.splitlines(), 1):
-        begins_inside = inside
-        if "/*" in line or inside:
-            inside = line.rfind("*/") < line.rfind("/*") if "/*" in line else "*/" not in line
-        comment = begins_inside or "/*" in line or "//" in line
-        code = (
-            re.sub(r'/\*.*?\*/|//.*|/\*.*|^.*\*/|"[^"]*"', "", line) if not (begins_inside and inside) else ""
-        )
-        compares = re.search(r"[<>]|\breturn\b|\bfabs\b", code)
-        if (
-            compares
-            and any(float(m.group()) <= SMALL for m in _LITERAL.finditer(code))
-            and not (comment or above)
-        ):
-            found.append(Finding(path, number, f"tolerance in `{line.strip()}` without a reason"))
-        above = comment and not code.strip()
-    return found
-
-
-def in_spice(path: str, text: str) -> list[Finding]:
-    """Findings of a deck: tolerances of ngspice, which a comment above or behind `;` or `$` explains."""
-    found, above = [], False
-    for number, line in enumerate(text.splitlines(), 1):
-        comment = line.startswith("*") and _WORDS.search(line)
-        if not comment and SPICE_OPTION.search(line) and not (above or re.search(r"[;$]\s*\w", line)):
-            found.append(Finding(path, number, f"tolerance in `{line.strip()}` without a reason"))
-        above = comment
-    return found
-
-
-READERS = {".py": in_python, ".c": in_c, ".cpp": in_c, ".sv": in_c, ".sp": in_spice, ".inc": in_spice}
-PLACES = ("models", "tb", "scripts", "spice")
+# Files in which a tolerance may be.
+PLACES = ("models", "tb", "scripts")
 
 
 def files() -> list[Path]:
@@ -269,7 +210,7 @@ def files() -> list[Path]:
         path
         for place in PLACES
         for path in (ROOT / place).rglob("*")
-        if path.suffix in READERS and "__pycache__" not in path.parts and path.is_file()
+        if path.suffix == ".py" and "__pycache__" not in path.parts
     )
 
 
@@ -278,7 +219,7 @@ def findings(paths: Iterable[Path]) -> list[Finding]:
     return [
         finding
         for path in paths
-        for finding in READERS[path.suffix](str(path.relative_to(ROOT)), path.read_text(encoding="utf-8"))
+        for finding in in_python(str(path.relative_to(ROOT)), path.read_text(encoding="utf-8"))
     ]
 
 
