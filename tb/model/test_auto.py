@@ -122,6 +122,12 @@ def test_the_resolved_scene_gives_the_same_plan() -> None:
 # --- random scenes -------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(autouse=True)
+def _once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each scene runs once: nobody reads the times."""
+    monkeypatch.setattr(auto_check, "REPEATS", 1)
+
+
 def test_random_scenes_have_the_codes_of_everything_on(tmp_path: Path) -> None:
     outcomes, refused = auto_check.campaign(24, 11, 4)
     assert len(outcomes) + len(refused) == 24
