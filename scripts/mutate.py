@@ -9,7 +9,6 @@ them at every size, and a survivor is easy to read.
 from __future__ import annotations
 
 import hashlib
-import json
 import random
 import re
 import shutil
@@ -25,11 +24,12 @@ import click
 
 from dermis.chip import hdl
 from dermis.errors import InputError, SimulatorError
-from dermis.files import write_atomic, write_between
+from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
-from scripts import formal
+from scripts import formal, markdown
+from scripts.checkpoint import Checkpoint
 
 SAMPLE = 12
 """Default number of mutants per module."""
@@ -219,25 +219,30 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 
 
 def judges(module: str, rtl: Path) -> str:
-    """Return a hash of everything that judges mutants of a module: tests, proofs, other sources,
-    this file.
+    """Return a hash of everything that judges mutants of a module: its source, tests and proofs,
+    other sources, this file.
     """
-    block = BLOCKS[module]
-    bench = ROOT / "tb" / "rtl"
+    block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
     files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
     for test in block.tests:
         files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
-    files += [rtl / f"{other}.v" for other in below(module, rtl)]
-    files += rtl.glob("*.vh")
+    proofs = [formal.proofs()[name] for name in block.proofs]
+    files += [place / file for proof in proofs for file in (f"{proof.name}.sby", f"{proof.check}.v")]
+    files += place.glob("dermis_*.v") if proofs else []
+    names = {module, *below(module, rtl), *(name for proof in proofs for name in proof.modules)}
+    files += [*(rtl / f"{name}.v" for name in names), *rtl.glob("*.vh")]
     text = hashlib.sha256()
-    for name in block.proofs:
-        proof = formal.proofs()[name]
-        files += [ROOT / formal.PLACE / f"{name}.sby", ROOT / formal.PLACE / f"{proof.check}.v"]
-        files += (ROOT / formal.PLACE).glob("dermis_*.v")
-        files += [rtl / f"{other}.v" for other in proof.modules if other != module]
     for content in sorted(f"{path.name}\0".encode() + path.read_bytes() + b"\0" for path in set(files)):
         text.update(content)
     return text.hexdigest()[:16]
+
+
+def _empty(name: str) -> Path:
+    """Make an empty directory for a run."""
+    work = BUILD / "mutate" / "work" / name
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    return work
 
 
 def _compiles(source: Path, rtl: Path, work: Path) -> bool | None:
@@ -297,9 +302,7 @@ def control(module: str, rtl: Path) -> float:
     SimulatorError
         They fail, so a failure on a mutant proves nothing.
     """
-    work = ROOT / "build" / "mutate" / "work" / f"control_{module}"
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+    work = _empty(f"control_{module}")
     start = time.perf_counter()
     code = _run_tests(BLOCKS[module], _overlay(rtl, None, work), work, CONTROL_LIMIT_S)
     if code != 0:
@@ -357,17 +360,15 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
     return {"PASS": True, "FAIL": False}.get(outcome.status)
 
 
-def fate(sure: bool, doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
-    """Return the fate of a mutant that compiles, and its reason.
+def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
+    """Return the fate of a mutant that no counterexample and no failing test has killed, and its
+    reason.
 
     Parameters
     ----------
-    sure : a theorem has a counterexample, or a test fails
     doubts : proofs that fail without a counterexample, and tests that timed out
     same : result of the equivalence check; None after a timeout
     """
-    if sure:
-        return "killed", None
     if same:
         return "equivalent", None
     said = "; ".join(doubts) or None
@@ -382,40 +383,37 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
     undecided.
     """
     block = BLOCKS[mutant.module]
-    work = ROOT / "build" / "mutate" / "work" / mutant.key
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+    work = _empty(mutant.key)
     start = time.perf_counter()
-    end: str
-    killer: str | None = None
     try:
         tree = _overlay(rtl, mutant, work)
+        end, killer = "stillborn", None
         compiles = _compiles(tree / f"{mutant.module}.v", tree, work)
-        if compiles is None:
+        if compiles:
+            end, killer = _judge(mutant, block, rtl, tree, work, by, limit_s)
+        elif compiles is None:
             end, killer = "undecided", f"iverilog, which timed out after {COMPILE_LIMIT_S:g} s"
-        elif not compiles:
-            end = "stillborn"
-        else:
-            doubts: list[str] = []
-            sure = False
-            for kind in ("tests", "proofs") if block.tests_first else ("proofs", "tests"):
-                if sure or kind not in by:
-                    continue
-                if kind == "tests":
-                    said, sure = _noticed_by_test(block, tree, work, limit_s)
-                else:
-                    said, sure = _noticed_by_proof(block, tree, mutant.key)
-                if sure:
-                    killer = said
-                elif said:
-                    doubts.append(said)
-            # A change that only breaks a lemma also stops a proof.
-            same = None if sure else _equivalent(mutant.module, block, rtl, tree, work)
-            end, doubt = fate(sure, doubts, same)
-            killer = killer or doubt
     finally:
         shutil.rmtree(work, ignore_errors=True)
     return {**asdict(mutant), "fate": end, "by": killer, "seconds": round(time.perf_counter() - start, 2)}
+
+
+def _judge(
+    mutant: Mutant, block: Block, rtl: Path, tree: Path, work: Path, by: Sequence[str], limit_s: float
+) -> tuple[str, str | None]:
+    doubts: list[str] = []
+    for kind in ("tests", "proofs") if block.tests_first else ("proofs", "tests"):
+        if kind not in by:
+            continue
+        if kind == "tests":
+            said, sure = _noticed_by_test(block, tree, work, limit_s)
+        else:
+            said, sure = _noticed_by_proof(block, tree, mutant.key)
+        if sure:
+            return "killed", said
+        doubts += [said] if said else []
+    # A change that only breaks a lemma also stops a proof.
+    return fate(doubts, _equivalent(mutant.module, block, rtl, tree, work))
 
 
 def _count(results: Sequence[Mapping[str, Any]]) -> tuple[Counter[str], float | None]:
@@ -437,26 +435,14 @@ def _note(results: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-BEGIN, END = "<!-- dermis mutate --docs: begin -->", "<!-- end -->"
-
-
-def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str:
-    """Return the table of all results and the survivors; `every` is the number of mutants per
-    module.
-    """
-    lines = [
-        "| module | mutants | tried | killed by a proof | by a test | equivalent | survive | undecided | killed |"
-    ]
-    lines.append("|---|---|---|---|---|---|---|---|---|")
-    left: list[str] = []
-    alike: list[str] = []
-    for module, number in every.items():
-        mine = [r for r in results if r["module"] == module and r["fate"] != "stillborn"]
+def table(results: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the table of the results of each module, its survivors and equivalent mutants."""
+    rows, left, alike = [], [], []
+    for module, tried in results.items():
+        mine = [r for r in tried if r["fate"] != "stillborn"]
         count, rate = _count(mine)
-        cells = [module, number, len(mine)]
-        cells += [count[fate] for fate in ("proof", "test", "equivalent", "survives", "undecided")]
-        cells.append("not run" if rate is None else f"{100 * rate:.0f} %")
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+        cells = (len(mine), *(count[end] for end in ("proof", "test", "equivalent", "survives", "undecided")))
+        rows.append((module, *map(str, cells), "not run" if rate is None else f"{100 * rate:.0f} %"))
         size = ", ".join(f"{k} {v}" for k, v in BLOCKS[module].parameters.items()) or "only size"
         for r in mine:
             where, change = f"- `rtl/{module}.v:{r['line']}`", f"{r['what']}): `{r['shown']}`"
@@ -464,12 +450,13 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
                 alike.append(f"{where} ({size}, {change}")
             elif r["fate"] != "killed":
                 left.append(f"{where} ({r['fate']}, {change}")
-    count, _ = _count(results)
-    judged = count["killed"] + count["survives"] + count["undecided"]
-    lines += ["", f"{count['killed']} of {judged} mutants that are not equivalent are killed."]
-    lines += ["", "Not killed:", "", *left] if left else []
-    lines += ["", "Equivalent, decided at the size given:", "", *alike] if alike else []
-    return "\n".join(lines).rstrip()
+    head = "module,tried,killed by a proof,by a test,equivalent,survive,undecided,killed".split(",")
+    lists = {"Not killed:": left, "Equivalent, decided at the size given:": alike}
+    lines = [
+        markdown.table(head, rows),
+        *(f"\n{name}\n\n" + "\n".join(said) for name, said in lists.items() if said),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 @click.command()
@@ -479,13 +466,6 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Random seed of the sample.")
 @click.option(
-    "--by",
-    type=click.Choice(["proofs", "tests", "both"]),
-    default="both",
-    show_default=True,
-    help="Judge by proofs, tests or both.",
-)
-@click.option(
     "--limit",
     "limit_s",
     type=float,
@@ -493,26 +473,15 @@ def table(every: Mapping[str, int], results: Sequence[Mapping[str, Any]]) -> str
     show_default=True,
     help="Time limit in seconds; the next call continues.",
 )
-@click.option("--docs", is_flag=True, help="Write the table of all results to build/mutation.md.")
 @click.option("--fresh", is_flag=True, help="Discard earlier results.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Parallel runs.")
-@click.option(
-    "--rtl",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Directory of the sources; default rtl/.",
-)
 def mutate_command(
-    modules: tuple[str, ...],
-    count: int,
-    seed: int,
-    by: str,
-    limit_s: float,
-    fresh: bool,
-    workers: int,
-    rtl: Path | None,
-    docs: bool,
+    modules: tuple[str, ...], count: int, seed: int, limit_s: float, fresh: bool, workers: int
 ) -> int:
-    """Mutate the Verilog; proofs or tests must notice. A new call continues an earlier one."""
+    """Mutate the Verilog; proofs or tests must notice. A new call continues an earlier one.
+
+    The table of the results is in build/mutation.md.
+    """
     from dermis.report import progress
 
     for name in modules:
@@ -520,34 +489,21 @@ def mutate_command(
             raise InputError("command line", "MODULE", name, f"one of {', '.join(BLOCKS)}")
     hdl.prepare("icarus")
     formal.tools()
-    if docs and (modules or rtl or by != "both"):
-        raise InputError(
-            "command line", "--docs", "a part of the mutants", "all modules of rtl/, proofs and tests"
-        )
-    source = ROOT / "rtl" if rtl is None else rtl.resolve()
-    killers = ("proofs", "tests") if by == "both" else (by,)
-    chosen = list(modules or BLOCKS)
-    stores = {name: ROOT / "build" / "mutate" / f"{name}_{by}.json" for name in chosen}
-    known: dict[str, dict[str, Any]] = {}
-    for store in stores.values():
-        if store.exists() and not fresh:
-            known |= json.loads(store.read_text())
-    # A result is valid for a source and its tests and proofs.
-    judged = {name: judges(name, source) for name in chosen}
-    known = {key: r for key, r in known.items() if r.get("judges") == judged.get(r["module"])}
-    wanted: list[Mutant] = []
-    for name in chosen:
-        wanted += sample(mutants(name, (source / f"{name}.v").read_text()), count, seed)
-    todo = [mutant for mutant in wanted if mutant.key not in known]
+    rtl, place = ROOT / "rtl", BUILD / "mutate"
+    chosen = {
+        name: sample(mutants(name, (rtl / f"{name}.v").read_text()), count, seed)
+        for name in modules or BLOCKS
+    }
+    kept = {name: Checkpoint(place / f"{name}.json", judges(name, rtl), fresh=fresh) for name in chosen}
+    todo = [mutant for name, made in chosen.items() for mutant in made if mutant.key not in kept[name].pieces]
     end = time.monotonic() + limit_s
-
     failed: dict[str, str] = {}
 
     def check(name: str) -> float:
-        if "tests" not in killers or time.monotonic() > end:
+        if time.monotonic() > end:
             return 0.0
         try:
-            return control(name, source)
+            return control(name, rtl)
         except SimulatorError as error:
             failed[name] = str(error)
             return 0.0
@@ -556,39 +512,30 @@ def mutate_command(
         if time.monotonic() > end or mutant.module in failed:
             return None
         limit = max(TEST_LEAST_S, TEST_TIMES * seconds[mutant.module])
-        return try_mutant(mutant, source, killers, limit)
+        return try_mutant(mutant, rtl, ("proofs", "tests"), limit)
 
     with progress.slots("mutants", len(todo), "mutants") as done, children.threads(workers) as pool:
         names = list(dict.fromkeys(mutant.module for mutant in todo))
         seconds = dict(zip(names, pool.map(check, names), strict=True))
         for n, result in enumerate(pool.map(work, todo), 1):
             if result is not None:
-                known[result["key"]] = {**result, "judges": judged[result["module"]]}
-                mine = {key: r for key, r in known.items() if r["module"] == result["module"]}
-                write_atomic(stores[result["module"]], json.dumps(mine, indent=1) + "\n")
+                kept[result["module"]].put(result["key"], result)
             done(n, todo[n].module if n < len(todo) else "")
     rows = []
-    for name in chosen:
-        results = [known[m.key] for m in wanted if m.module == name and m.key in known]
-        rows.append(verdict.report(f"mutate.{name}", _count(results)[1], "ratio", _note(results)))
-        missing = sum(m.module == name and m.key not in known for m in wanted)
-        if missing:
-            why = failed.get(name, "call again to continue")
-            note = f"{missing} not tried: {why}; {rows[-1]['note']}"
+    results = {
+        name: [kept[name].pieces[m.key] for m in made if m.key in kept[name].pieces]
+        for name, made in chosen.items()
+    }
+    for name, found in results.items():
+        rows.append(verdict.report(f"mutate.{name}", _count(found)[1], "ratio", _note(found)))
+        if missing := len(chosen[name]) - len(found):
+            note = f"{missing} not tried: {failed.get(name, 'call again to continue')}; {rows[-1]['note']}"
             rows[-1] = {**rows[-1], "status": "ERROR", "note": note}
-        for result in results:
-            if result["fate"] in ("survives", "undecided"):
-                click.echo(
-                    f"{result['fate']}: rtl/{name}.v:{result['line']}: {result['what']}: {result['shown']}"
-                )
-    every_one = [known[m.key] for m in wanted if m.key in known]
-    note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every_one)}"
-    whole = verdict.judge("mutate.killed", _count(every_one)[1], note)
-    rows.append({**whole, "status": "ERROR"} if len(every_one) < len(wanted) else whole)
-    if docs:
-        texts = {name: (source / f"{name}.v").read_text() for name in chosen}
-        every = {name: len(mutants(name, text)) for name, text in texts.items()}
-        write_between(BUILD / "mutation.md", BEGIN, END, table(every, every_one))
+    every = [result for found in results.values() for result in found]
+    note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every)}"
+    whole = verdict.judge("mutate.killed", _count(every)[1], note)
+    rows.append({**whole, "status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
+    write_atomic(BUILD / "mutation.md", table(results))
     verdict.write_rows("mutate", rows)
-    verdict.print_rows(rows, f"Mutants (seed {seed})")
+    verdict.print_rows(rows, f"Mutants (seed {seed}); build/mutation.md lists those that are not killed")
     return verdict.exit_code(rows)
