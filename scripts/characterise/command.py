@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import click
 
-from dermis.engines import batch
 from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.report.progress import slots
 from scripts.characterise import results
 from scripts.characterise.benches import BENCHES, SUMS
-from scripts.characterise.run_all import GUESS_S, NUMERICS, SAMPLES, Runs, jobs_of
+from scripts.characterise.run_all import NUMERICS, SAMPLES, Runs, jobs_of
 
 _NUMERICS = "numerics_lsb."
 
@@ -68,7 +67,6 @@ def quantity_of(word: str) -> str:
 @click.option(
     "--jobs", default=2, show_default=True, type=click.IntRange(1, 256), help="Processes at a time."
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Spread over a Dask cluster: tcp://host:8786.")
 @click.option("--fresh", is_flag=True, help="Measure again what is kept in build/characterise.")
 @click.option("--short", is_flag=True, help="Three conditions and two draws.")
 @click.option("--docs", is_flag=True, help="Write table and figures of docs/characterise.md.")
@@ -78,7 +76,6 @@ def characterise_command(
     sample: int | None,
     many: int | None,
     jobs: int,
-    scheduler: str | None,
     fresh: bool,
     short: bool,
     docs: bool,
@@ -93,22 +90,14 @@ def characterise_command(
     if sample is not None and many is not None:
         raise InputError("command line", "--sample and --samples", sample, "one of the two")
     names = chosen(only)
-    if scheduler is not None:
-        # Refused before the decks run, and also if all results are stored.
-        with batch.cluster(scheduler):
-            pass
     wanted = [quantity_of(word) for word in only if word not in BENCHES]
     asked = {word.rpartition(".")[2] for word in wanted if word.startswith(_NUMERICS)}
     every = jobs_of(names, at, sample, many, short, [way for way in NUMERICS if way in asked])
     runs = Runs(every, fresh=fresh)
     kept = len(runs.outcomes)
-    click.echo(
-        f"{len(names)} benches, {len(every)} runs, {kept} of them kept; the others take about "
-        f"{runs.seconds() / 60:.1f} minutes of ngspice, as the kept ones took or {GUESS_S:g} s each",
-        err=True,
-    )
+    click.echo(f"{len(names)} benches, {len(every)} runs, {kept} of them kept", err=True)
     with slots("characterise", kept + len(runs.todo), "runs") as on_done:
-        runs.run(jobs, scheduler, on_done)
+        runs.run(jobs, on_done)
     found = results.series(runs.outcomes)
     if wanted and len(wanted) == len(only):
         found = [one for one in found if any(_covers(w, one.only) for w in wanted)]

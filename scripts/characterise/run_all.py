@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of the benches over conditions, in processes of this machine or on a Dask cluster."""
+"""The runs of the benches over conditions, in processes."""
 
 from __future__ import annotations
 
 import math
 import re
-import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from dermis.chip.netlist import OPTIONS_TRANSISTORS
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
-from dermis.engines import batch
-from dermis.errors import DermisError, InputError, one_line
-from dermis.processes import pool
+from dermis.errors import InputError, SimulatorError, one_line
+from scripts import workers
 from scripts.characterise import runs
 from scripts.characterise.benches import BENCHES, Bench, Condition, deck
 
@@ -28,9 +25,6 @@ EXTREMES = (TYPICAL, Condition("ss", -40.0, 0.9), Condition("ff", 125.0, 1.1))
 
 SAMPLES, SHORT_SAMPLES = 100, 2
 """Draws of the mismatch, in a whole run and with `--short`."""
-
-GUESS_S = 0.3
-"""Mean seconds of a run on an idle core, the estimate for a bench without stored results."""
 
 _TRAN = re.compile(r"^(\.tran\s+)([\d.]+)([a-z]*)", re.MULTILINE | re.IGNORECASE)
 
@@ -181,67 +175,33 @@ class Runs:
             else:
                 self.outcomes[job] = outcome(job, there)
 
-    def seconds(self) -> float:
-        """Estimate the core time of the remaining jobs from the stored runs of each bench."""
-        took: dict[str, list[float]] = {}
-        for job, done in self.outcomes.items():
-            if done.measured is not None:
-                took.setdefault(job.bench, []).append(done.measured.seconds)
-        return sum(statistics.median(took.get(job.bench, [GUESS_S])) for job in self.todo)
-
-    def run(self, jobs: int, scheduler: str | None, progress: Callable[[int], None]) -> None:
-        """Run the remaining jobs and store each result at once.
+    def run(self, processes: int, progress: Callable[[int], None]) -> None:
+        """Run the remaining jobs and store each result at once; a failure of ngspice is an Outcome.
 
         Parameters
         ----------
-        jobs : processes of this machine
-        scheduler : address of a Dask scheduler, whose workers are used instead
+        processes : at a time
         progress : called with the number of jobs done, of all
-
-        Raises
-        ------
-        InputError
-            A scheduler that does not answer.
-        SimulatorError
-            The cluster is lost. A failure of ngspice is an Outcome.
         """
-        if not self.todo:
-            return
         todo = list(self.todo)
-        version = None if scheduler is None else batch.fingerprint()
-        calls = [
-            (runs.simulate, (self.todo[job], BENCHES[job.bench].limit_s, runs.FAILED))
-            if version is None
-            else (_elsewhere, (job, version))
+        # The time limit of each attempt is ngspice's; that of the task is for a process that hangs.
+        tasks = (
+            workers.Task(_attempt, (self.todo[job], limit_s, runs.FAILED), 100.0 * limit_s)
             for job in todo
-        ]
-        with _executor(min(jobs, len(todo)), scheduler) as (executor, workers, look):
-            for index, task in batch.spread(calls, executor, workers, look):
-                job = todo[index]
-                try:
-                    measured = task.result()
-                except InputError:
-                    raise
-                except DermisError as error:
-                    # A failure of a job is a result; the loss of the workers is not.
-                    self.outcomes[job] = Outcome({}, one_line(str(error), 400))
-                else:
-                    runs.keep(runs.key(self.todo[job]), f"{job.bench} at {job.condition}", measured)
-                    self.outcomes[job] = outcome(job, measured)
-                progress(len(self.outcomes))
+            for limit_s in (BENCHES[job.bench].limit_s,)
+        )
+        for number, done in workers.run(tasks, processes):
+            job, measured, fault = todo[number], *(done.value or (None, done.fault))
+            if measured is None:
+                self.outcomes[job] = Outcome({}, fault)
+            else:
+                runs.keep(runs.key(self.todo[job]), f"{job.bench} at {job.condition}", measured)
+                self.outcomes[job] = outcome(job, measured)
+            progress(len(self.outcomes))
 
 
-def _elsewhere(job: Job, version: str) -> runs.Measured:
-    """Run a job on another machine, whose paths are its own."""
-    batch.same_version(version)
-    return runs.simulate(runs.resolved(job.deck()), BENCHES[job.bench].limit_s)
-
-
-@contextmanager
-def _executor(jobs: int, scheduler: str | None) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
-    if scheduler is not None:
-        with batch.cluster(scheduler) as found:
-            yield found
-        return
-    with pool.workers(jobs, pool.ONE_THREAD) as executor:
-        yield executor, jobs, lambda: None
+def _attempt(text: str, limit_s: float, failed: Path) -> tuple[runs.Measured | None, str]:
+    try:
+        return runs.simulate(text, limit_s, failed), ""
+    except SimulatorError as error:
+        return None, one_line(str(error), 400)

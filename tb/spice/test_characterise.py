@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from dermis.chip.sky130 import CORNERS, PASSIVE_CORNERS
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.extracted import CIRCUIT
@@ -40,12 +40,6 @@ def called(*arguments: str) -> tuple[int, str]:
     if done.exception is not None:
         raise done.exception
     return done.return_value, done.output
-
-
-def run_all_of(jobs: list[Job]) -> Runs:
-    made = Runs(jobs)
-    made.run(1, None, lambda done: None)
-    return made
 
 
 @pytest.fixture
@@ -95,13 +89,6 @@ def test_every_condition_sample_and_way_to_solve_has_a_key_of_its_own() -> None:
     assert len({runs.key(runs.resolved(job.deck())) for job in jobs}) == len(jobs)
 
 
-@pytest.mark.parametrize("left", ["", "{", "[]", "{}", '{"values": 3}'])
-def test_a_file_that_is_no_result_is_measured_again(left: str) -> None:
-    runs.KEPT.mkdir()
-    (runs.KEPT / "x.json").write_text(left)
-    assert runs.kept("x") is None
-
-
 def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
     jobs = [Job("row_driver_held", Condition(corner)) for corner in ("tt", "ss", "ff")]
 
@@ -110,10 +97,10 @@ def test_an_interrupted_run_goes_on_where_it_stopped() -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Runs(jobs).run(1, None, interrupt)
+        Runs(jobs).run(1, interrupt)
     again = Runs(jobs)
     assert 2 <= len(again.outcomes) < len(jobs) or not again.todo  # one more may have ended meanwhile
-    again.run(1, None, lambda done: None)
+    again.run(1, lambda done: None)
     assert set(again.outcomes) == set(jobs)
     assert not Runs(jobs).todo
 
@@ -152,16 +139,6 @@ def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None
     names = chosen(options["only"])
     jobs = jobs_of(names, options["at"], options["sample"], options["many"], options["short"])
     assert jobs == [Job("vfc_sink", Condition(sample=17))]
-
-
-def test_draws_at_a_condition_are_of_the_benches_that_mismatch_moves() -> None:
-    jobs = jobs_of(["reference", "amplifier"], "ss,27,1", None, 2, short=False)
-    assert [(job.bench, job.condition.sample) for job in jobs] == [
-        ("reference", None),
-        ("amplifier", None),
-        ("reference", 1),
-        ("reference", 2),
-    ]
 
 
 def test_drift_is_over_temperature_alone() -> None:
@@ -240,15 +217,11 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
         (("--only", "nothing"), "--only"),
         (("--at", "tt,27"), "--at"),
         (("--at", "xx,27,1"), "--at"),
-        (("--at", "tt,warm,1"), "--at"),
-        (("--at", "tt,300,1"), "--at"),
         (("--at", "tt,27,nan"), "--at"),
         (("--short", "--at", "tt,27,1"), "--short"),
         (("--docs", "--only", "reference"), "--docs"),
         (("--docs", "--samples", "10"), "--docs"),
         (("--sample", "3", "--samples", "5"), "--sample and --samples"),
-        (("--scheduler", "nonsense"), "--scheduler"),
-        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
     ],
 )
 def test_wrong_arguments_are_named(arguments: tuple[str, ...], key: str) -> None:
@@ -380,24 +353,6 @@ def test_benches_measure_the_design() -> None:
     assert benches.chain_full_a(d.interface.k) * d.sensor.r_min_ohm == pytest.approx(0.5)
     assert d.array.c_column_f == 400e-12
     assert d.array.rows == 16
-
-
-def test_a_cluster_measures_the_same() -> None:
-    distributed = pytest.importorskip("distributed")
-    job = Job("row_driver_held", Condition())
-    here = run_all_of([job]).outcomes[job]
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
-    ) as cluster:
-        there = Runs([job], fresh=True)
-        there.run(1, cluster.scheduler_address, lambda done: None)
-    assert there.outcomes[job].values == here.values
-    assert not there.outcomes[job].fault
-
-
-def test_another_version_takes_no_work() -> None:
-    with pytest.raises(SimulatorError, match="another version"):
-        run_all._elsewhere(Job("reference", Condition()), "an old one")
 
 
 def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: pytest.MonkeyPatch) -> None:
