@@ -80,12 +80,8 @@ class Targets(BaseModel):
 
 
 def make_targets(**targets: Any) -> Targets:
-    """Check targets and return them.
-
-    Raises
-    ------
-    InputError
-        Unknown name, text for a number, NaN, out of range, or two targets for the same quantity.
+    """Check targets and return them; InputError for an unknown name, text for a number, NaN, a value
+    out of range, or two targets for the same quantity.
     """
     try:
         targets = Targets.model_validate(targets)
@@ -132,6 +128,8 @@ class Answer:
     i0_a: Fraction
     c_int_f: Fraction
     tau_leak_s: Fraction
+    settle_clocks: int
+    """Clocks of a slot before the gate; negative when the gate does not fit."""
     rows: tuple[verdict.Row, ...] = ()
     nearest: Mapping[str, Changes] = field(default_factory=dict)
 
@@ -144,11 +142,6 @@ class Answer:
     def code_max(self) -> int:
         """Highest code."""
         return 2**self.bits - 1
-
-    @property
-    def settle_clocks(self) -> int:
-        """Clocks of a slot before the gate; negative when the gate does not fit."""
-        return self.slot_clocks - self.gate_clocks
 
     @property
     def packet_v(self) -> Fraction:
@@ -170,66 +163,60 @@ class Answer:
 
     def values(self) -> dict[str, float | int | str]:
         """Return the answer as a flat dict with units in the keys."""
-        return {
+        values: dict[str, Any] = {
             "topology": self.topology,
             "rows": self.array_rows,
             "cols": self.array_cols,
             "bits": self.bits,
-            "frame_s": float(self.frame_s),
-            "frame_rate_hz": float(1 / self.frame_s),
-            "slot_s": float(self.slot_clocks / self.f_clk_hz),
-            "f_clk_hz": float(self.f_clk_hz),
+            "frame_s": self.frame_s,
+            "frame_rate_hz": 1 / self.frame_s,
+            "slot_s": self.slot_clocks / self.f_clk_hz,
+            "f_clk_hz": self.f_clk_hz,
             "slot_clocks": self.slot_clocks,
             "gate_clocks": self.gate_clocks,
             "settle_clocks": self.settle_clocks,
-            "gate_s": float(self.gate_clocks / self.f_clk_hz),
-            "settle_s": float(self.settle_clocks / self.f_clk_hz),
-            "f_max_hz": float(self.f_clk_hz / 2),
-            "r_min_ohm": float(self.r_min_ohm),
-            "r_max_ohm": float(self.r_max_ohm),
-            "force_max_n": float(self.k_force_n_ohm / self.r_min_ohm),
-            "force_min_n": float(self.k_force_n_ohm / self.r_max_ohm),
-            "k_force_n_ohm": float(self.k_force_n_ohm),
-            "v_bias_v": float(self.v_bias_v),
-            "i_sensor_a": float(self.v_bias_v / self.r_min_ohm),
-            "k": int(self.k) if self.k.denominator == 1 else float(self.k),
-            "i0_a": float(self.i0_a),
-            "c_int_f": float(self.c_int_f),
-            "packet_c": float(self.i0_a / self.f_clk_hz),
-            "packet_v": float(self.packet_v),
-            "tau_leak_s": float(self.tau_leak_s),
+            "gate_s": self.gate_clocks / self.f_clk_hz,
+            "settle_s": self.settle_clocks / self.f_clk_hz,
+            "f_max_hz": self.f_clk_hz / 2,
+            "r_min_ohm": self.r_min_ohm,
+            "r_max_ohm": self.r_max_ohm,
+            "force_max_n": self.k_force_n_ohm / self.r_min_ohm,
+            "force_min_n": self.k_force_n_ohm / self.r_max_ohm,
+            "k_force_n_ohm": self.k_force_n_ohm,
+            "v_bias_v": self.v_bias_v,
+            "i_sensor_a": self.v_bias_v / self.r_min_ohm,
+            "k": int(self.k) if self.k.denominator == 1 else self.k,
+            "i0_a": self.i0_a,
+            "c_int_f": self.c_int_f,
+            "packet_c": self.i0_a / self.f_clk_hz,
+            "packet_v": self.packet_v,
+            "tau_leak_s": self.tau_leak_s,
         }
+        return {name: float(v) if isinstance(v, Fraction) else v for name, v in values.items()}
 
     def design(self) -> Design:
-        """Return models/design.toml with this answer in it, checked by the loader.
-
-        Raises
-        ------
-        InputError
-            A limit is missed.
+        """Return models/design.toml with this answer in it, checked by the loader; InputError if a
+        limit is missed.
         """
         missed = [f"{row['name']} ({row['note']})" for row in self.rows if row["status"] != "PASS"]
         if missed:
             raise InputError(FILE, "targets", "impossible", f"targets that meet {'; '.join(missed)}")
-        return self.base.replace(
-            array={"rows": self.array_rows, "cols": self.array_cols},
-            sensor={
-                "force_max_n": float(self.k_force_n_ohm / self.r_min_ohm),
-                "r_min_ohm": float(self.r_min_ohm),
-                "r_max_ohm": float(self.r_max_ohm),
-            },
-            # A k within k_distance of an option is that option.
-            interface={"topology": self.topology, "v_bias_v": float(self.v_bias_v), "k": round(self.k)},
-            converter={
-                "i0_a": float(self.i0_a),
-                "c_int_f": float(self.c_int_f),
-                "f_clk_hz": float(self.f_clk_hz),
-                # An edge is 1/200 of the clock, or that of the base where it is shorter.
-                "t_edge_s": min(self.base.converter.t_edge_s, float(1 / self.f_clk_hz / 200)),
-            },
-            timing={"frame_s": float(self.frame_s), "gate_clocks": self.gate_clocks, "code_bits": self.bits},
-            integrator={"gain_dc": float(self.targets.gain_dc or self.base.integrator.gain_dc)},
-        )
+        own, base = self.values(), self.base
+        tables = {
+            "array": ("rows", "cols"),
+            "sensor": ("force_max_n", "r_min_ohm", "r_max_ohm"),
+            "interface": ("topology", "v_bias_v"),
+            "converter": ("i0_a", "c_int_f", "f_clk_hz"),
+            "timing": ("frame_s", "gate_clocks"),
+        }
+        new = {table: {name: own[name] for name in names} for table, names in tables.items()}
+        new["timing"]["code_bits"] = self.bits
+        # A k within k_distance of an option is that option.
+        new["interface"]["k"] = round(self.k)
+        # An edge is 1/200 of the clock, or that of the base where it is shorter.
+        new["converter"]["t_edge_s"] = min(base.converter.t_edge_s, float(1 / self.f_clk_hz / 200))
+        new["integrator"] = {"gain_dc": float(self.targets.gain_dc or base.integrator.gain_dc)}
+        return base.replace(**new)
 
     def range_table(self, points: int = 12) -> list[tuple[float, ...]]:
         """Return rows of `RANGE_COLUMNS` from r_min to r_max in steps of equal ratio, of three digits.
@@ -267,24 +254,11 @@ def _at_most(value: Fraction | float) -> float:
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
-    """Size the chip for the targets.
+    """Size the chip for the targets; values that they omit are those of `base`, by default
+    models/design.toml.
 
-    Parameters
-    ----------
-    targets : Targets, optional
-        No targets give the design of models/design.toml.
-    base : Design, optional
-        Values of the omitted targets; models/design.toml by default.
-
-    Returns
-    -------
-    Answer
-        Always complete; `feasible` is False and `rows` has the reason where it cannot be built.
-
-    Raises
-    ------
-    InputError
-        Targets contradict one another (r_max_ohm below r_min_ohm).
+    The answer is always complete; `feasible` is False and `rows` has the reason where it cannot be
+    built. InputError if targets contradict one another (r_max_ohm below r_min_ohm).
     """
     targets, base = targets or Targets(), base or design_module.load()
 
@@ -300,8 +274,7 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     v_bias = _bias(targets, base, r_min)
 
     # Eqs (1), (9) with k: at r_min one packet every second clock, V_b / (k i0 r_min) = 1/2.
-    full_scale_a = v_bias / (HALF * r_min)
-    x_full = HALF
+    full_scale_a, x_full = v_bias / (HALF * r_min), HALF
     if None not in (targets.k, targets.i0_a):
         x_full = v_bias / (r_min * targets.k * exact(targets.i0_a))
 
@@ -336,29 +309,30 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
     answer = Answer(
         targets, base, topology, array_rows, array_cols, bits, frame_s, f_clk, slot_clocks, gate,
-        r_min, r_max, k_force, v_bias, k, i0, c_int, tau,
+        r_min, r_max, k_force, v_bias, k, i0, c_int, tau, slot_clocks - gate,
     )  # fmt: skip
     return _judged(answer, slot_s, settle, needed, source_ohm, scale)
 
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
     """Return r_min, r_max, K_f; K_f is that of the sensor if only one end of the range is given."""
-    k_force = exact(base.sensor.force_max_n) * exact(base.sensor.r_min_ohm)
-    if targets.k_force_n_ohm is not None:
-        k_force = exact(targets.k_force_n_ohm)
-    elif None not in (targets.r_min_ohm, targets.force_max_n):
-        k_force = exact(targets.r_min_ohm) * exact(targets.force_max_n)
-    force_max = exact(base.sensor.force_max_n if targets.force_max_n is None else targets.force_max_n)
+    sensor = base.sensor
+    ends = targets.r_min_ohm, targets.force_max_n
+    r_min, force_max = ends if None not in ends else (sensor.r_min_ohm, sensor.force_max_n)
+    k_force = (
+        exact(r_min) * exact(force_max) if targets.k_force_n_ohm is None else exact(targets.k_force_n_ohm)
+    )
+    force_max = exact(sensor.force_max_n if targets.force_max_n is None else targets.force_max_n)
     r_min = k_force / force_max if targets.r_min_ohm is None else exact(targets.r_min_ohm)
-    r_max = exact(base.sensor.r_max_ohm if targets.r_max_ohm is None else targets.r_max_ohm)
+    r_max = exact(sensor.r_max_ohm if targets.r_max_ohm is None else targets.r_max_ohm)
     if targets.force_min_n is not None:
         r_max = k_force / exact(targets.force_min_n)
-    if r_max <= r_min:
-        if targets.force_min_n is not None:
-            allowed = f"below the full force of {float(k_force / r_min):g} N"
-            raise InputError(FILE, "force_min_n", targets.force_min_n, allowed)
-        raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
-    return r_min, r_max, k_force
+    if r_max > r_min:
+        return r_min, r_max, k_force
+    if targets.force_min_n is not None:
+        allowed = f"below the full force of {float(k_force / r_min):g} N"
+        raise InputError(FILE, "force_min_n", targets.force_min_n, allowed)
+    raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
 
 
 def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
@@ -548,28 +522,22 @@ def print_answer(answer: Answer) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
-    sizing = Table(title="Design", box=box.SIMPLE_HEAD, title_justify="left")
-    sizing.add_column("value")
-    sizing.add_column("", justify="right")
-    for name, value in answer.values().items():
-        sizing.add_row(name, value if isinstance(value, str) else f"{value:.6g}")
-    console.print(sizing)
-    table = Table(title="Over the range", box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in RANGE_COLUMNS:
-        table.add_column(heading.replace("[", r"\["), justify="right")
-    for cells in answer.range_table():
-        table.add_row(*(f"{cell:.6g}" for cell in cells))
-    console.print(table)
+    sizing = [(n, v if isinstance(v, str) else f"{v:.6g}") for n, v in answer.values().items()]
+    cells = [[f"{cell:.6g}" for cell in row] for row in answer.range_table()]
+    for title, head, rows in (("Design", ("value", ""), sizing), ("Over the range", RANGE_COLUMNS, cells)):
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+        for heading in head:
+            table.add_column(heading.replace("[", r"\["), justify="left" if heading == "value" else "right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
     verdict.print_rows(answer.rows, "Feasibility")
 
 
 def write_design(answer: Answer, path: Path = design_module.DESIGN_FILE) -> list[str]:
     """Write the answer into a design file, keeping comments and reasons; return the changed keys.
 
-    Raises
-    ------
-    InputError
-        A limit is missed, or the result is no valid design; the file is unchanged.
+    InputError, and an unchanged file, if a limit is missed or the result is no valid design.
     """
     new, old = answer.design().stored(), answer.base.stored()
     document = tomlkit.parse(path.read_text(encoding="utf-8"))
