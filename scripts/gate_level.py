@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gate-level simulation: the tests of the top level on the mapped netlist, in Icarus with the cells
-of the library.
-"""
+"""Gate-level simulation: the tests of the top on the mapped netlist, with its cells in Icarus."""
 
 from __future__ import annotations
 
@@ -22,9 +20,10 @@ from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from scripts.cocotb_run import run_bench
-from scripts.liberty.cells import PREFIX, view
+from scripts.judged import finish
+from scripts.liberty import PREFIX, view
 from scripts.lint import header_values
-from scripts.synth.cells import OSU035, Technology
+from scripts.synth.cells import Technology, osu035
 from scripts.synth.command import (
     attempt,
     default_size,
@@ -47,23 +46,14 @@ SCENARIO = {"seed": 1, "settle": 6, "gate": 16, "frames": 4, "limit": 4000}
 
 
 def cell_models(technology: Technology, kinds: Iterable[str], target: Path) -> Path:
-    """Write one Verilog file with the functional models of some cells.
+    """Write one Verilog file with the functional models of some cells; InputError if one is missing.
 
     Flip-flop outputs of sky130 have a delay of 1 ns, those of osu035 none.
-
-    Raises
-    ------
-    InputError
-        The library is not installed, or lacks a model.
     """
     if technology.name == "osu035":
-        models = OSU035 / "osu035_stdcells.v"
-        if not models.is_file():
-            raise InputError(
-                models, "cells", "not there", "Debian package qflow-tech-osu035 (make setup installs it)"
-            )
+        text = osu035("osu035_stdcells.v").read_text()
         # Its resolution of 10 ps is too coarse for some tests.
-        target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", models.read_text()))
+        target.write_text(re.sub(r"`timescale\s+1ns\s*/\s*\w+", "`timescale 1ns/1ps", text))
         return target
     text = ["`define UNIT_DELAY #1"]
     included: set[Path] = set()
@@ -101,17 +91,10 @@ def netlist_design(netlist: Netlist) -> Design:
 def run(
     design: Design, module: str, testcase: str, scenario: Mapping[str, Any], limit_s: float = RUN_LIMIT_S
 ) -> Any:
-    """Run one cocotb test on Icarus; return its report.
-
-    Raises
-    ------
-    SimulatorError
-        The build or the test failed, did not run, or timed out.
-    """
+    """Run one cocotb test on Icarus and return its report; SimulatorError if there is none."""
     # The simulator gets the path of this process.
-    sys.path += [
-        str(d) for d in (BENCHES, *sorted(BENCHES.iterdir())) if d.is_dir() and str(d) not in sys.path
-    ]
+    folders = (str(d) for d in (BENCHES, *sorted(BENCHES.iterdir())) if d.is_dir())
+    sys.path += [folder for folder in folders if folder not in sys.path]
     build = hdl.build("icarus", TOP, design.parameters, sources=design.sources, optimise=False, where="gl")
     try:
         return run_bench("icarus", build, TOP, module, testcase, scenario, ROOT / "build" / "gl", limit_s)
@@ -137,12 +120,9 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> l
     octets = sum(len(frame) // 2 for frame in got["frames"])
     pins = sum(a != b for a, b in zip(wanted["pins"], got["pins"], strict=False))
     pins += abs(len(wanted["pins"]) - len(got["pins"]))
+    note = f"{octets} bytes of {len(got['frames']) - 1} frames, and registers"
     return [
-        verdict.judge(
-            f"gl.unlike_codes.{suffix}",
-            unlike,
-            f"{octets} bytes of {len(got['frames']) - 1} frames, and registers",
-        ),
+        verdict.judge(f"gl.unlike_codes.{suffix}", unlike, note),
         verdict.judge(f"gl.unlike_pins.{suffix}", pins, f"all outputs in {got['clocks']} clocks"),
         verdict.judge(f"gl.unknown_pins.{suffix}", got["unknown"], got["first_unknown"]),
     ]
@@ -173,29 +153,23 @@ def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
     return TopTest("client", {"x": x, "gate": gate, "sck_hz": sck_hz, "frames": 1})
 
 
-def small_tests() -> list[TopTest]:
-    """Return the tests of the top, as in tb/rtl/top/test_top.py."""
-    ratios = [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0]
-    return [
-        _charge_balance(SMALL, 510, 2.5e6),
-        TopTest("registers", {}),
-        TopTest("configuration", {}),
-        TopTest("self_test", {}),
-        TopTest("ratios", {"ratios": ratios, "repeats": 3, "frames": 2}, alike=False),
-        TopTest("slow_reader", {"slowness": 8, "reads": 4}),
-        TopTest("cuts", {"seed": 1, "cuts": 40}),
-        TopTest(
-            "traffic",
-            {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]},
-        ),
-    ]
-
-
-def whole_tests(size: Size) -> list[TopTest]:
-    """Return the test of codes for the full array; all registers would take Icarus some 100 000
-    clocks.
-    """
-    return [_charge_balance(size, 510, 2.5e6)]
+# The tests of the top, as in tb/rtl/top/test_top.py.
+SMALL_TESTS = (
+    _charge_balance(SMALL, 510, 2.5e6),
+    TopTest("registers", {}),
+    TopTest("configuration", {}),
+    TopTest("self_test", {}),
+    TopTest(
+        "ratios",
+        {"ratios": [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0], "repeats": 3, "frames": 2},
+        False,
+    ),
+    TopTest("slow_reader", {"slowness": 8, "reads": 4}),
+    TopTest("cuts", {"seed": 1, "cuts": 40}),
+    TopTest(
+        "traffic", {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]}
+    ),
+)
 
 
 def top_rows(
@@ -205,9 +179,7 @@ def top_rows(
     tests: Sequence[TopTest],
     limit_s: float = RUN_LIMIT_S,
 ) -> list[Row]:
-    """Judge the tests of the top on the netlist: failures, and reports that differ from those of
-    the Verilog.
-    """
+    """Judge the tests of the top on the netlist: failures, and reports unlike the Verilog's."""
     designs = (Design("the Verilog", None, parameters), netlist_design(netlist))
     failed: list[str] = []
     unlike: list[str] = []
@@ -228,15 +200,13 @@ def top_rows(
 
 
 def gate_level(technology: Technology, size: Size) -> list[Row]:
-    """Run every test of the top on a small netlist; compare pins, codes and registers at full
-    size.
-    """
+    """Run all tests of the top on a small netlist; compare pins, codes, registers at full size."""
     rows: list[Row] = []
 
     def small() -> list[Row]:
         parameters = SMALL.parameters | SMALL_SLOTS
         netlist = map_once(technology, parameters, place(technology, SMALL, "_gl"))
-        return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", small_tests())
+        return top_rows(netlist, parameters, f"{technology.name}.{SMALL.name}", SMALL_TESTS)
 
     def whole() -> list[Row]:
         suffix = f"{technology.name}.{size.name}"
@@ -245,7 +215,9 @@ def gate_level(technology: Technology, size: Size) -> list[Row]:
         # The bench needs the default values.
         header = header_values()
         slots = {name: header[f"DERMIS_{name}"] for name in SMALL_SLOTS}
-        return made + top_rows(netlist, size.parameters | slots, suffix, whole_tests(size), WHOLE_LIMIT_S)
+        # All registers would take Icarus some 100 000 clocks: codes only.
+        tests = [_charge_balance(size, 510, 2.5e6)]
+        return made + top_rows(netlist, size.parameters | slots, suffix, tests, WHOLE_LIMIT_S)
 
     for work, array in ((small, SMALL), (whole, size)):
         start = time.perf_counter()
@@ -271,8 +243,7 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
         for done, technology in enumerate(chosen):
             tell(done, f"{size.name} in {technology.name}")
             judged += gate_level(technology, size)
-    verdict.write_rows("gl", judged)
-    verdict.print_rows(judged, f"Gate level, {size.name}, Icarus")
-    if docs and verdict.exit_code(judged) == 0:
+    code = finish("gl", judged, f"Gate level, {size.name}, Icarus")
+    if docs and code == 0:
         write_docs(gl=verdict_table(judged))
-    return verdict.exit_code(judged)
+    return code

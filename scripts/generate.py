@@ -23,6 +23,7 @@ from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Design, Limit, exact
 from scripts import calculator, effect_tables, markdown, register_files
+from scripts.judged import finish
 
 HEADER = "SPDX-License-Identifier: Apache-2.0"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
@@ -270,17 +271,10 @@ def check(root: Path = ROOT) -> list[verdict.Row]:
 
 @click.command("generate")
 @click.option("--check", "only_check", is_flag=True, help="Write nothing; fail if a file is out of date.")
-def generate_command(only_check: bool) -> None:
+def generate_command(only_check: bool) -> int:
     """Write Verilog header, clock periods, SPICE parameters, netlists, registers, tables in docs."""
     if only_check:
-        rows = check()
-        verdict.write_rows("gen-check", rows)
-        verdict.print_rows(rows, "Generated files")
-        if code := verdict.exit_code(rows):
-            raise click.exceptions.Exit(code)
-        return
-    changed = write()
-    for path in changed:
-        click.echo(f"written: {path}")
-    if not changed:
-        click.echo("everything is up to date")
+        return finish("gen-check", check(), "Generated files")
+    changed = [f"written: {path}" for path in write()]
+    click.echo("\n".join(changed) or "everything is up to date")
+    return 0

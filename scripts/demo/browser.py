@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import os
 import shutil
 import statistics
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -126,39 +125,13 @@ def presses(count: int = 20, seed: int = 0) -> list[str]:
     return links
 
 
-def _worker_seconds(driver: Any) -> float | None:
-    """Return the processor time of the worker's thread, None where the system does not give it."""
-    try:
-        pids, ticks = _descendants(driver.service.process.pid), 0
-        for pid in pids:
-            for task in Path(f"/proc/{pid}/task").iterdir():
-                if (task / "comm").read_text().startswith("DedicatedWorker"):
-                    ticks += sum(
-                        int(n) for n in (task / "stat").read_text().rpartition(")")[2].split()[11:13]
-                    )
-        return ticks / os.sysconf("SC_CLK_TCK") if ticks else None
-    except OSError:
-        return None
-
-
-def _descendants(root: int) -> Sequence[int]:
-    found = [root]
-    for pid in found:
-        for children in Path(f"/proc/{pid}/task").glob("*/children"):
-            found += [int(child) for child in children.read_text().split()]
-    return found
-
-
-def speed(driver: Any, clocks: int = 15_000_000) -> tuple[float, float]:
-    """Return frames per second of processor time (wall time if not known) and of wall time."""
+def speed(driver: Any, clocks: int = 15_000_000) -> float:
+    """Return frames per second by the clock."""
     design = load_design()
     frames = max(5, clocks // (design.array.rows * design.timing.slot_clocks))
     script = "const done = arguments[1]; demo.bench(arguments[0]).then(done)"
     driver.execute_async_script(script, frames // 5)  # the browser has compiled everything by then
-    before = _worker_seconds(driver)
-    wall = float(driver.execute_async_script(script, frames))
-    after = _worker_seconds(driver)
-    return (wall if before is None or after is None else frames / (after - before)), wall
+    return float(driver.execute_async_script(script, frames))
 
 
 def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
@@ -196,7 +169,7 @@ def measure(page: Path) -> list[Row]:
         for _ in range(3):
             visit(driver, page)
             opened.append(float(driver.execute_script("return demo.firstCode / 1000")))
-        cpu, wall = speed(driver)
+        rate = speed(driver)
         wrong = ramp_wrong(driver)
         for link in links:
             visit(driver, page, link)
@@ -204,9 +177,7 @@ def measure(page: Path) -> list[Row]:
     note = f"256 codes against the formula, {len(links)} random presses with effects against engine event"
     return [
         verdict.judge("demo.wrong_codes", wrong, note),
-        verdict.judge(
-            "demo.frames_per_s", cpu, f"of the worker's processor time, Chromium; {wall:.0f} by the clock"
-        ),
+        verdict.judge("demo.frames_per_s", rate, "by the clock, Chromium"),
         verdict.judge("demo.first_code_s", statistics.median(opened), "from opening the file, median of 3"),
     ]
 

@@ -29,6 +29,7 @@ from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
+from scripts.judged import finish
 
 HERE = Path(__file__).parent
 WORK = BUILD / "demo"
@@ -74,12 +75,7 @@ def _key() -> str:
 
 def wasm(design: Design) -> bytes:
     """Return dermis_top, the array and the channels as WebAssembly, compiled only if a source has
-    changed.
-
-    Raises
-    ------
-    SimulatorError
-        Verilator or the compiler is missing, failed or exceeded its time.
+    changed; SimulatorError if Verilator or the compiler is missing, failed or exceeded its time.
     """
     if reason := have_compiler():
         raise SimulatorError(reason)
@@ -208,7 +204,5 @@ def demo_command(out: Path, check: bool) -> int:
         from scripts.demo import browser
 
         rows += [*browser.measure(out), report_size()]
-    verdict.write_rows("demo", rows)
-    verdict.print_rows(rows, "demo")
     click.echo(f"open {out} in a browser")
-    return verdict.exit_code(rows)
+    return finish("demo", rows, "demo")

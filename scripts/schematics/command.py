@@ -1,38 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compare the sheets of spice/schematic with the netlists of spice/sky130, and draw them.
-
-Two comparisons: of devices, nets and parameters by name, and netgen's of the graphs, which ignores
-names of nets.
-"""
+"""Compare the sheets of spice/schematic with the netlists of spice/sky130, and draw them."""
 
 from __future__ import annotations
 
-import re
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD
 from dermis.processes import children
 from dermis.report import verdict
 from dermis.report.verdict import Row
+from scripts.judged import tool
 from scripts.schematics import netlist
 from scripts.schematics.drawing import PORTS, SHEETS, draw, places
-from scripts.schematics.netlist import DEVICES, Subckt
+from scripts.schematics.netlist import Subckt
 
 TEXT = SHEETS.parent / "sky130"
 WORK = BUILD / "schematics"
 LIMIT_S = 120.0
-
-
-def tool(name: str) -> None:
-    """Raise InputError if a tool is not installed."""
-    if shutil.which(name) is None:
-        raise InputError("environment", name, "not found", f"Debian package {name} (make setup installs it)")
 
 
 def written(place: Path = TEXT) -> dict[str, Subckt]:
@@ -44,16 +33,8 @@ def written(place: Path = TEXT) -> dict[str, Subckt]:
 
 
 def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
-    """Return the subcircuits that xschem writes below one sheet with the symbols of all.
-
-    Raises
-    ------
-    InputError
-        xschem is not installed.
-    SimulatorError
-        xschem failed.
-    """
-    tool("xschem")
+    """Return the subcircuits that xschem writes below one sheet with the symbols of all."""
+    xschem = tool("xschem")
     names = sorted(path.stem for path in sheets.glob("*.sch"))
     cells = (f"C {{{name}.sym}} {4000 * n} 0 0 0 {{name=x_{name}}}\n" for n, name in enumerate(names))
     work.mkdir(parents=True, exist_ok=True)
@@ -62,7 +43,7 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     (work / "xschemrc").write_text(settings, encoding="utf-8")
     result = work / "all.spice"
     result.unlink(missing_ok=True)
-    command = ["xschem", "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
+    command = [xschem, "-x", "-r", "-n", "-s", "-q", "--rcfile", "xschemrc", "all.sch"]
     # without the user's settings
     home = {"HOME": str(work)}
     children.run_logged(command, work, work / "xschem.log", LIMIT_S, "xschem", home)
@@ -77,36 +58,12 @@ def drawn(work: Path, sheets: Path = SHEETS) -> dict[str, Subckt]:
     return found
 
 
-def netgen(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path) -> dict[str, str]:
-    """Return netgen's report about each subcircuit of both sides; empty if equal."""
-    tool("netgen-lvs")
-    work.mkdir(parents=True, exist_ok=True)
-    names, found = sorted({*text} & {*sheets} - {*DEVICES}), {}
-    for file, side in (("text.spice", text), ("sheets.spice", sheets)):
-        content = netlist.plain({name: side[name] for name in names}, text)
-        (work / file).write_text(content, encoding="utf-8")
-    (work / "setup.tcl").write_text("permute default\nproperty default\n", encoding="utf-8")
-    for name in names:
-        pair = [f"{file} {name}" for file in ("text.spice", "sheets.spice")]
-        # Without -blackbox netgen drops the empty boxes of devices whose counts differ, and reports
-        # the rest as equal.
-        command = ["netgen-lvs", "-batch", "lvs", *pair, "setup.tcl", f"{name}.log", "-blackbox"]
-        code, output = children.output_of(command, LIMIT_S, work)
-        results = re.findall(r"^Result: (.*)$", output, re.MULTILINE)
-        if code != 0 or len(results) != 1:
-            raise SimulatorError(f"netgen gave no result for {name}", work / f"{name}.log")
-        wrong = re.search(r"^The following cells had property errors: .*$", output, re.MULTILINE)
-        found[name] = wrong[0] if wrong else results[0].removeprefix("Circuits match uniquely.")
-    return found
-
-
-def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt], work: Path = WORK) -> list[Row]:
+def compare(text: Mapping[str, Subckt], sheets: Mapping[str, Subckt]) -> list[Row]:
     """Return a row for each subcircuit with the number of its differences."""
-    graphs, rows = netgen(text, sheets, work), []
-    for name, said in netlist.differences(text, sheets).items():
-        said += [f"netgen: {graphs[name]}"] if graphs.get(name) else []
-        rows.append(verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said)))
-    return rows
+    return [
+        verdict.within(f"schematics.{name}", len(said), "differences", 0, 0, "; ".join(said))
+        for name, said in netlist.differences(text, sheets).items()
+    ]
 
 
 def pictures(target: Path) -> None:

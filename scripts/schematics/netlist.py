@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,24 +104,3 @@ def differences(text: Mapping[str, Subckt], drawn: Mapping[str, Subckt]) -> dict
             compared.append((element, *(statement(side, element, text) for side in (left, right))))
         found[name] = [f"{what}: text {a}; sheet {b}" for what, a, b in compared if a != b]
     return dict(sorted(found.items()))
-
-
-def plain(netlist: Mapping[str, Subckt], text: Mapping[str, Subckt]) -> str:
-    """Return a netlist for netgen: every parameter, no space in an expression, and each device as
-    an empty box.
-    """
-    devices, cells = {}, []
-    below = {name: [words[-1] for words, _ in subckt.elements.values()] for name, subckt in netlist.items()}
-    for name in TopologicalSorter(below).static_order():
-        if name in netlist:
-            pins, parameters, elements, _ = netlist[name]
-            head = " ".join((".subckt", name, *pins, *(f"{k}={v}" for k, v in parameters.items())))
-            body = [statement(netlist[name], element, text) for element in elements]
-            for words in map(str.split, body):
-                pairs = [word.split("=")[0] + "=1" for word in words if "=" in word]
-                *nets, model = words[1 : len(words) - len(pairs)]
-                if model not in netlist:
-                    devices[model] = " ".join((model, *(f"p{n}" for n in range(len(nets))), *pairs))
-            cells.append("\n".join((head, *body, ".ends")))
-    boxes = (f".subckt {device}\n.ends" for device in devices.values())
-    return "\n".join((*boxes, *cells, ".end\n"))

@@ -22,6 +22,8 @@ from dermis.report import progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
+from scripts import markdown
+from scripts.judged import finish
 from scripts.synth.cells import TECHNOLOGIES, Technology
 from scripts.synth.equivalence import prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
@@ -51,21 +53,11 @@ def place(technology: Technology, size: Size, what: str = "") -> Path:
 
 
 def sdc_periods(sdc: Path = SDC) -> dict[str, float]:
-    """Return the default periods of the constraint file in ns.
-
-    Raises
-    ------
-    InputError
-        One of them is missing.
-    """
-    text = sdc.read_text()
-    found = {}
-    for clock in CLOCKS:
-        match = re.search(rf"\{{ set {clock}_period ([\d.]+) \}}", text)
-        if match is None:
-            raise InputError(sdc, f"{clock}_period", "not there", "its default, in ns")
-        found[clock] = float(match.group(1))
-    return found
+    """Return the default periods of the constraint file in ns; InputError if one is missing."""
+    found = dict(re.findall(r"\{ set (\w+)_period ([\d.]+) \}", sdc.read_text()))
+    if missing := [clock for clock in CLOCKS if clock not in found]:
+        raise InputError(sdc, f"{missing[0]}_period", "not there", "its default, in ns")
+    return {clock: float(found[clock]) for clock in CLOCKS}
 
 
 def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
@@ -79,28 +71,23 @@ def attempt(rows: list[Row], name: str, work: Callable[[], list[Row]]) -> None:
 def netlist_rows(netlist: Netlist, size: Size, suffix: str, memory_bits: int | None = None) -> list[Row]:
     """Judge the contents of a flat netlist."""
     words = size.memory_bits if memory_bits is None else memory_bits
-    latch = netlist.technology.latch
-    latches = netlist.kinds[latch]
-    unmapped = ", ".join(sorted(netlist.unmapped)[:3])
+    latch, n = netlist.technology.latch, netlist
+    latches = n.kinds[latch]
+    counts = f"{n.latches} latches, {latches} of them {latch}, {size.latches} intended"
+    flops = f"{n.unreset} flops without reset, {words} bits of frame memory"
+    error = abs(latches - size.latches) + abs(n.latches - latches)
+    judged = {
+        "inferred_latches": (n.inferred_latches, ""),
+        "latch_count_error": (error, counts),
+        "unreset_flop_error": (abs(n.unreset - words), flops),
+        "unmapped_cells": (sum(n.unmapped.values()), ", ".join(sorted(n.unmapped)[:3])),
+        "fanout": n.fanout,
+    }
     return [
-        verdict.judge(f"synth.inferred_latches.{suffix}", netlist.inferred_latches),
-        verdict.judge(
-            f"synth.latch_count_error.{suffix}",
-            abs(latches - size.latches) + abs(netlist.latches - latches),
-            f"{netlist.latches} latches, {latches} of them {latch}, {size.latches} intended",
-        ),
-        verdict.judge(
-            f"synth.unreset_flop_error.{suffix}",
-            abs(netlist.unreset - words),
-            f"{netlist.unreset} flops without reset, {words} bits of frame memory",
-        ),
-        verdict.judge(f"synth.unmapped_cells.{suffix}", sum(netlist.unmapped.values()), unmapped),
-        verdict.judge(f"synth.fanout.{suffix}", netlist.fanout[0], netlist.fanout[1]),
-        verdict.report(f"synth.cells.{suffix}", netlist.cells, "cells"),
-        verdict.report(f"synth.area_um2.{suffix}", netlist.area_um2, "um2"),
-        verdict.report(
-            f"synth.flops.{suffix}", netlist.flops, "flops", f"{netlist.unreset} of them frame memory"
-        ),
+        *(verdict.judge(f"synth.{name}.{suffix}", *found) for name, found in judged.items()),
+        verdict.report(f"synth.cells.{suffix}", n.cells, "cells"),
+        verdict.report(f"synth.area_um2.{suffix}", n.area_um2, "um2"),
+        verdict.report(f"synth.flops.{suffix}", n.flops, "flops", f"{n.unreset} of them frame memory"),
     ]
 
 
@@ -145,8 +132,7 @@ def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffi
     proof = prove(technology, size.parameters, netlist.verilog, netlist.json, work)
     name = f"synth.not_equivalent.{suffix}"
     note = f"{proof.state_bits} state bits, {proof.outputs} functions"
-    if proof.unpaired:
-        note += f", {proof.unpaired} state bits without a partner are free"
+    note += f", {proof.unpaired} state bits without a partner are free" if proof.unpaired else ""
     if proof.proved is None:
         return [verdict.error(name, f"not decided; {note}; {proof.said}")]
     return [verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")]
@@ -258,11 +244,7 @@ def _number(value: float | None, digits: int = 0, scale: float = 1.0) -> str:
 def sizes_table(runs: Sequence[tuple[Technology, Size]], rows: Sequence[Row]) -> str:
     """Return the table of sizes as Markdown, from the rows of `size_rows`."""
     found = {row["name"]: row["value"] for row in rows}
-    out = [
-        "| library | size | memory bits | cells | flops | area, mm2 | with memory, mm2 | clk, MHz "
-        "| SCK, MHz | memory timed |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|---|",
-    ]
+    lines = []
     for technology, size in runs:
         suffix = f"{technology.name}.{size.name}"
         cells, flops, area = (
@@ -272,42 +254,37 @@ def sizes_table(runs: Sequence[tuple[Technology, Size]], rows: Sequence[Row]) ->
         both = None if area is None or memory is None else area + memory
         clk, sck = (found.get(f"synth.highest_mhz.{clock}.{suffix}") for clock in CLOCKS)
         timed = "yes" if size.memory_bits <= MEMORY_LIMIT_BITS else "no"
-        out.append(
-            f"| {technology.name} | {size.name} | {size.memory_bits} | {_number(cells)} | {_number(flops)} "
-            f"| {_number(area, 4, 1e-6)} | {_number(both, 4, 1e-6)} | {_number(clk, 1)} | {_number(sck, 1)} "
-            f"| {timed} |"
-        )
-    return "\n".join(out)
+        cells_ = (technology.name, size.name, str(size.memory_bits), _number(cells), _number(flops))
+        mm2 = (_number(area, 4, 1e-6), _number(both, 4, 1e-6))
+        lines.append((*cells_, *mm2, _number(clk, 1), _number(sck, 1), timed))
+    head = "library|size|memory bits|cells|flops|area, mm2|with memory, mm2|clk, MHz|SCK, MHz|memory timed"
+    return markdown.table(head.split("|"), lines, "---|---|--:|--:|--:|--:|--:|--:|--:|---")
 
 
 def verdict_table(rows: Sequence[Row]) -> str:
     """Return verdict rows as Markdown."""
-    out = ["| name | value | unit | limit | status | note |", "|---|--:|---|---|---|---|"]
+    lines = []
     for row in rows:
         bounds = (("≥", row["min"]), ("≤", row["max"]))
         limit = ", ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
         value = "" if row["value"] is None else f"{row['value']:.6g}"
         note = row["note"].replace("|", "\\|")
-        out.append(f"| `{row['name']}` | {value} | {row['unit']} | {limit} | {row['status']} | {note} |")
-    return "\n".join(out)
+        lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], note))
+    head = ("name", "value", "unit", "limit", "status", "note")
+    return markdown.table(head, lines, "---|--:|---|---|---|---")
 
 
 def blocks_table(outcomes: Sequence[Outcome]) -> str:
-    """Return cells, area, flops and latches of every module with its submodules, over all
-    instances.
-    """
-    out = [
-        "| library | module | instances | cells | area, um2 | share | flops | latches |",
-        "|---|---|--:|--:|--:|--:|--:|--:|",
-    ]
+    """Return cells, area, flops and latches of each module, submodules and all instances included."""
+    lines = []
     for made in (outcome.hierarchical for outcome in outcomes if outcome.hierarchical):
         for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"]):
-            out.append(
-                f"| {made.technology.name} | `{name}` | {block['instances']} | {block['cells']} "
-                f"| {block['area_um2']:.0f} | {block['area_um2'] / made.area_um2:.1%} | {block['flops']} "
-                f"| {block['latches']} |"
-            )
-    return "\n".join(out)
+            area = (f"{block['area_um2']:.0f}", f"{block['area_um2'] / made.area_um2:.1%}")
+            counts = (str(block[what]) for what in ("instances", "cells", "flops", "latches"))
+            instances, cells, *stored = counts
+            lines.append((made.technology.name, f"`{name}`", instances, cells, *area, *stored))
+    head = ("library", "module", "instances", "cells", "area, um2", "share", "flops", "latches")
+    return markdown.table(head, lines, "---|---|--:|--:|--:|--:|--:|--:")
 
 
 def write_docs(**tables: str) -> None:
@@ -385,12 +362,11 @@ def synth_command(
             tell(done, f"{size.name} in {technology.name}")
             outcomes.append(synthesise(technology, size, equivalence=not no_proof))
             judged += outcomes[-1].rows
-    verdict.write_rows("synth", judged)
-    verdict.print_rows(judged, f"Synthesis of {size.name}, before layout")
+    code = finish("synth", judged, f"Synthesis of {size.name}, before layout")
     click.echo(blocks_table(outcomes))
-    if docs and verdict.exit_code(judged) == 0:
+    if docs and code == 0:
         write_docs(synth=verdict_table(judged), blocks=blocks_table(outcomes))
-    return verdict.exit_code(judged)
+    return code
 
 
 def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
@@ -401,10 +377,9 @@ def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
         for done, (technology, size) in enumerate(runs):
             tell(done, f"{size.name} in {technology.name}")
             judged += size_rows(technology, size)
-    verdict.write_rows("synth_sizes", judged)
-    verdict.print_rows(judged, "Synthesis of sizes, before layout")
+    code = finish("synth_sizes", judged, "Synthesis of sizes, before layout")
     table = sizes_table(runs, judged)
     click.echo(table)
-    if docs and verdict.exit_code(judged) == 0:
+    if docs and code == 0:
         write_docs(sizes=table)
-    return verdict.exit_code(judged)
+    return code

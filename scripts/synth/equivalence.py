@@ -22,8 +22,9 @@ from pathlib import Path
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
+from scripts.judged import tool
 from scripts.synth.cells import SYNTH, Technology
-from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys, tool
+from scripts.synth.map import TOP, WORDS_TO_FLOPS, elaborate, read_rtl, run_yosys
 
 PROOF_LIMIT_S = 900.0
 # In order: gates; every state element as one kind with set and clear, active high; and and not.
@@ -38,22 +39,13 @@ Bit = int | str
 
 @dataclass(frozen=True)
 class Proof:
-    """Outcome of a proof.
+    """Outcome of a proof."""
 
-    Attributes
-    ----------
-    proved : True equal, False a difference was found, None not decided
-    state_bits : flops and latches compared
-    unpaired : state bits of the Verilog that the netlist does not have, left free
-    outputs : outputs of the networks compared
-    said : output of ABC
-    """
-
-    proved: bool | None
-    state_bits: int
-    unpaired: int
-    outputs: int
-    said: str
+    proved: bool | None  # None: not decided
+    state_bits: int  # flops and latches compared
+    unpaired: int  # state bits of the Verilog that the netlist does not have, left free
+    outputs: int  # of the networks
+    said: str  # by ABC
 
 
 class _Side:
@@ -123,24 +115,15 @@ def _aliases(path: Path) -> dict[str, list[str]]:
 
 
 def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit_s: float) -> Proof:
-    """Prove two JSON netlists of $_AND_, $_NOT_ and cut_state equal.
+    """Prove two JSON netlists of $_AND_, $_NOT_ and cut_state equal, with networks and ABC's log in
+    `directory`; SimulatorError if the ports differ or ABC failed.
 
-    Parameters
-    ----------
-    gold, gate : netlists
-    aliases : JSON with further names of the gate side's state bits, from mapping
-    directory : directory for the networks and ABC's log
-
-    Raises
-    ------
-    SimulatorError
-        The ports differ, or ABC failed.
+    `aliases` is a JSON with further names of the gate side's state bits, from mapping.
     """
     left, right = _Side(gold), _Side(gate)
     odd = (left.inputs.keys() ^ right.inputs.keys()) | (left.outputs.keys() ^ right.outputs.keys())
     if odd:
-        message = f"the ports of the netlist differ from those of the Verilog: {min(odd)}"
-        raise SimulatorError(message, gate)
+        raise SimulatorError(f"the ports of the netlist differ from those of the Verilog: {min(odd)}", gate)
     further = _aliases(aliases) if aliases is not None else {}
     for place, name in enumerate(sorted(left.inputs)):
         left.nets[left.inputs[name]] = right.nets[right.inputs[name]] = f"in{place}"
@@ -156,8 +139,10 @@ def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit
         # The name of the partner's bit, const0 or const1, or a name of its own.
         left.nets[q] = f"free{q}" if partners[q] is None else right.net(partners[q])
 
-    mine = {f"out{k}": left.net(left.outputs[name]) for k, name in enumerate(sorted(left.outputs))}
-    theirs = {f"out{k}": right.net(right.outputs[name]) for k, name in enumerate(sorted(left.outputs))}
+    mine, theirs = (
+        {f"out{k}": side.net(side.outputs[name]) for k, name in enumerate(sorted(left.outputs))}
+        for side in (left, right)
+    )
     for q, partner in partners.items():
         if partner is None:
             continue
@@ -185,9 +170,7 @@ def _prove(directory: Path, states: int, unpaired: int, outputs: int, limit_s: f
         path.with_suffix(".aig").unlink(missing_ok=True)
     run_logged([tool("berkeley-abc"), "-q", "; ".join(steps)], ROOT, log, limit_s + 60.0, "ABC")
     said = log.read_text(errors="replace")
-    proved = True if "Networks are equivalent" in said else None
-    if "NOT EQUIVALENT" in said:
-        proved = False
+    proved = False if "NOT EQUIVALENT" in said else True if "Networks are equivalent" in said else None
     return Proof(proved, states, unpaired, outputs, re.sub(r"\s+", " ", said).strip()[-300:])
 
 
@@ -202,21 +185,10 @@ def prove(
     sources: Sequence[Path] | None = None,
     limit_s: float = PROOF_LIMIT_S,
 ) -> Proof:
-    """Prove a Verilog netlist equal to the Verilog it was made from.
+    """Prove a flat Verilog netlist equal to the Verilog it was made from; arguments as for mapping.
 
-    Parameters
-    ----------
-    technology : library of the netlist; Liberty gives the functions of its cells
-    parameters : of the top level
-    netlist : flat Verilog
-    aliases : JSON of the same netlist with all its names, None for none
-    directory : directory for both sides and the logs
-    top, sources : as for mapping
-
-    Raises
-    ------
-    SimulatorError
-        Yosys or ABC failed.
+    `aliases` is the JSON of the same netlist with all its names, None for none. SimulatorError if
+    Yosys or ABC failed.
     """
     directory.mkdir(parents=True, exist_ok=True)
     verilog = [read_rtl(None, sources), *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]

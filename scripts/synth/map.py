@@ -6,7 +6,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +15,11 @@ from typing import Any
 
 from dermis.chip.sources import rtl_include_dirs, rtl_sources
 from dermis.chip.spi_protocol import SPECIAL_SLOTS, frame_bytes
-from dermis.errors import InputError, SimulatorError
+from dermis.errors import SimulatorError
 from dermis.files import locked
 from dermis.processes.children import output_of, run_logged
 from dermis.scene.design import ROOT
+from scripts.judged import tool
 from scripts.synth import cells as synth_cells
 from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
 
@@ -75,32 +75,22 @@ class Size:
 
 @dataclass
 class Netlist:
-    """A mapped netlist and its contents.
-
-    Parameters
-    ----------
-    kinds : instances of each cell type below the top level
-    area_um2, flops, latches, unreset : totals
-    inferred_latches : latches inferred from the Verilog
-    unmapped : instances that are not cells of the library
-    fanout : largest number of inputs on a net other than clock and reset, and that net
-    blocks : module name -> totals of all its instances; hierarchical runs only
-    """
+    """A mapped netlist and its contents."""
 
     technology: Technology
     directory: Path
     verilog: Path
     json: Path
-    kinds: Counter[str] = field(default_factory=Counter)
+    kinds: Counter[str] = field(default_factory=Counter)  # instances of each cell type
     area_um2: float = 0.0
     cells: int = 0
     flops: int = 0
     latches: int = 0
-    unreset: int = 0
-    inferred_latches: int = 0
-    unmapped: dict[str, int] = field(default_factory=dict)
-    fanout: tuple[int, str] = (0, "")
-    blocks: dict[str, Counter[str]] = field(default_factory=dict)
+    unreset: int = 0  # flops without an asynchronous pin
+    inferred_latches: int = 0  # from the Verilog
+    unmapped: dict[str, int] = field(default_factory=dict)  # instances that are not of the library
+    fanout: tuple[int, str] = (0, "")  # largest, other than of clock and reset, and its net
+    blocks: dict[str, Counter[str]] = field(default_factory=dict)  # totals of each module's instances
 
     @property
     def counts(self) -> Path:
@@ -108,28 +98,9 @@ class Netlist:
         return self.json.with_name(f"{self.json.stem}_latches.txt")
 
 
-def tool(name: str, package: str | None = None) -> str:
-    """Return the path of a program.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
-    found = shutil.which(name)
-    if found is None:
-        allowed = f"Debian package {package or name} (make setup installs it)"
-        raise InputError("environment", name, "not found", allowed)
-    return found
-
-
 def run_yosys(script: Sequence[str], directory: Path, name: str, limit_s: float = YOSYS_LIMIT_S) -> str:
-    """Run a Yosys script; return its output.
-
-    Raises
-    ------
-    SimulatorError
-        It failed, timed out or warned; the message has the first line of that.
+    """Run a Yosys script; return its output. SimulatorError, with the first line of that, if it
+    failed, timed out or warned.
     """
     file, log = directory / f"{name}.ys", directory / f"{name}.log"
     file.write_text("\n".join(script) + "\n")
@@ -183,18 +154,9 @@ def map_design(
 
     Parameters
     ----------
-    technology : the library
-    parameters : of the top level
-    directory : output, created if missing
     hierarchical : keep the modules, for the area of each
     sources : Verilog files; default rtl/files.f
     black_box_memory : leave dermis_tech_ram out, like a memory macro
-    limit_s : time limit of Yosys
-
-    Raises
-    ------
-    SimulatorError
-        Yosys failed.
     """
     directory.mkdir(parents=True, exist_ok=True)
     liberty = technology.liberty(technology.corners[0])
@@ -224,9 +186,9 @@ def map_design(
         f"abc -liberty {choice} -constr {constraint} -D {DELAY_PS} -script +{abc}",
         "opt_clean",
     ]
-    if technology.tie_high and technology.tie_low and technology.tie_high[0] in library:
-        (high, high_pin), (low, low_pin) = technology.tie_high, technology.tie_low
-        script.append(f"hilomap -singleton -hicell {high} {high_pin} -locell {low} {low_pin}")
+    if technology.ties and technology.ties[0][0] in library:
+        high, low = map(" ".join, technology.ties)
+        script.append(f"hilomap -singleton -hicell {high} -locell {low}")
     storing = " ".join(f"t:{name}" for name, cell in library.items() if cell.flop or cell.latch)
     script += [
         "opt_clean",
@@ -258,8 +220,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
     own = [Path(__file__), Path(synth_cells.__file__), technology.latch_source()]
-    own.append(technology.liberty(technology.corners[0]))
-    for path in [*rtl_sources(), *headers, *own]:
+    for path in [*rtl_sources(), *headers, *own, technology.liberty(technology.corners[0])]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -272,8 +233,7 @@ def map_once(
     fresh: bool = False,
     limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
-    """Return the netlist in `directory` if its inputs are unchanged, else map it; `fresh` always
-    maps.
+    """Return the netlist in `directory` if its inputs are unchanged and not `fresh`, else map it.
 
     A second process for the same directory waits for the first.
     """
@@ -316,7 +276,7 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
     netlist.unreset, netlist.blocks, netlist.fanout = 0, {}, (0, "")
 
     def visit(name: str) -> Counter[str]:
-        """Count one instance of a module and all instances below it."""
+        """Count one instance of a module and all below it."""
         kinds: Counter[str] = Counter()
         for cell in own[name]["cells"].values():
             kinds.update(visit(cell["type"]) if cell["type"] in own else [cell["type"]])
@@ -328,10 +288,11 @@ def read_netlist(netlist: Netlist, top: str, library: Mapping[str, Cell]) -> Non
 
     netlist.kinds = visit(roots[0])
     totals = _totals(netlist.kinds, library, area)
-    netlist.cells, netlist.area_um2 = int(totals["cells"]), totals["area_um2"]
-    netlist.flops, netlist.latches = int(totals["flops"]), int(totals["latches"])
-    known = {kind for kind in netlist.kinds if kind in library or _module_name(kind) == RAM}
-    netlist.unmapped = {kind: n for kind, n in netlist.kinds.items() if kind not in known}
+    for name in ("cells", "area_um2", "flops", "latches"):
+        setattr(netlist, name, totals[name])
+    netlist.unmapped = {
+        kind: n for kind, n in netlist.kinds.items() if kind not in library and _module_name(kind) != RAM
+    }
 
 
 def _totals(
@@ -348,13 +309,10 @@ def _totals(
 
 def _without_reset(module: Mapping[str, Any], library: Mapping[str, Cell]) -> int:
     """Return the number of flops of a module without a connected asynchronous pin."""
-    flops = [cell for cell in module["cells"].values() if cell["type"] in library]
     return sum(
-        not any(
-            isinstance(bit, int) for pin in known.asynchronous for bit in cell["connections"].get(pin, [])
-        )
-        for cell in flops
-        if (known := library[cell["type"]]).flop
+        not any(isinstance(bit, int) for pin in known.asynchronous for bit in pins.get(pin, []))
+        for known, pins in ((library.get(c["type"]), c["connections"]) for c in module["cells"].values())
+        if known and known.flop
     )
 
 

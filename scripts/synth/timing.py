@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Static timing of a mapped netlist with OpenSTA: worst slacks at the clocks of the design, and the
-highest clocks.
+"""Static timing of a mapped netlist with OpenSTA: slacks at the design's clocks, highest clocks.
 
 Before layout every net has an estimated capacitance per sink, a wire load model in a copy of the
 Liberty; wires have no resistance and clocks no skew.
@@ -16,8 +15,9 @@ from pathlib import Path
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
+from scripts.judged import tool
 from scripts.synth.cells import SYNTH, Technology
-from scripts.synth.map import TOP, tool
+from scripts.synth.map import TOP
 
 SDC = SYNTH / "dermis.sdc"
 STA_LIMIT_S = 300.0
@@ -38,7 +38,6 @@ _COMPLAINT = re.compile(r"^(?:Warning|Error).*$", re.MULTILINE)
 class Path_:
     """The worst path of a group: start, end, slack in ns and cells."""
 
-    group: str
     kind: str
     start: str
     end: str
@@ -50,16 +49,14 @@ def parse(report: str) -> dict[tuple[str, str], Path_]:
     """Return the worst path of each (group, "max" or "min") in a report of OpenSTA."""
     found: dict[tuple[str, str], Path_] = {}
     for match in _PATH.finditer(report):
-        group = match["group"].strip("*")
-        slack = float(match["slack"])
-        key = (group, match["kind"])
+        slack, key = float(match["slack"]), (match["group"].strip("*"), match["kind"])
         if key in found and found[key].slack_ns <= slack:
             continue
         data = match["body"].split("data arrival time")[0]
         # A flop shows its clock pin and its output.
         steps = re.findall(r"[\^v] (\S+)/\w+ \((\w+)\)", data)
         cells = tuple(cell for i, (name, cell) in enumerate(steps) if i == 0 or name != steps[i - 1][0])
-        found[key] = Path_(group, match["kind"], match["start"], match["end"], slack, cells)
+        found[key] = Path_(match["kind"], match["start"], match["end"], slack, cells)
     return found
 
 
@@ -71,12 +68,11 @@ def liberty_with_wires(technology: Technology, corner: str, directory: Path) -> 
     if head is None or unit is None:
         raise SimulatorError("no library or no capacitance unit in the Liberty", technology.liberty(corner))
     in_ff = float(unit.group(1)) * {"pf": 1e3, "ff": 1.0}[unit.group(2).lower()]
-    points = (1, 2, 4, 8, 16)
-    lengths = [technology.wire_ff + technology.wire_ff_per_sink * (n - 1) for n in points]
+    first, further = technology.wire_ff, technology.wire_ff_per_sink
     model = [
         f'  wire_load ("stated") {{\n    capacitance : {1 / in_ff:.9g};\n    resistance : 0;\n    area : 0;',
-        f"    slope : {technology.wire_ff_per_sink:g};",
-        *(f"    fanout_length ({n}, {length:g});" for n, length in zip(points, lengths, strict=True)),
+        f"    slope : {further:g};",
+        *(f"    fanout_length ({n}, {first + further * (n - 1):g});" for n in (1, 2, 4, 8, 16)),
         "  }",
     ]
     path = directory / f"{corner}.lib"
@@ -133,10 +129,9 @@ class Timing:
         run_logged(command, ROOT, log, STA_LIMIT_S, "OpenSTA")
         said = log.read_text(errors="replace")
         # `untimed` judges the warnings of check_setup.
-        complaints = _COMPLAINT.findall(said.split("setup check")[0])
-        complaints = [c for c in complaints if not (self.black_boxes and "black box" in c)]
-        if complaints:
-            raise SimulatorError(f"OpenSTA: {complaints[0].strip()}", log)
+        for complaint in _COMPLAINT.findall(said.split("setup check")[0]):
+            if not (self.black_boxes and "black box" in complaint):
+                raise SimulatorError(f"OpenSTA: {complaint.strip()}", log)
         if "setup check" not in said or "sta ended" not in said:
             raise SimulatorError("OpenSTA reported no path for its end", log)
         return said
@@ -150,17 +145,13 @@ class Timing:
             for clock in CLOCKS
         ]
         paths = parse(self._run(name, periods, True, reports))
-        missing = [f"{k} {clock}" for clock in CLOCKS for k in ("max", "min") if (clock, k) not in paths]
-        if missing:
-            raise SimulatorError(
-                f"OpenSTA reported no path for {', '.join(missing)}", self.directory / f"{name}.log"
-            )
+        if missing := [f"{k} {clock}" for clock in CLOCKS for k in ("max", "min") if (clock, k) not in paths]:
+            log = self.directory / f"{name}.log"
+            raise SimulatorError(f"OpenSTA reported no path for {', '.join(missing)}", log)
         return paths
 
     def crossings(self, periods: Mapping[str, float]) -> dict[str, Path_]:
-        """Return the longest path into each clock from the other, against the bound of the
-        constraint file.
-        """
+        """Return the longest path into each clock from the other, against its bound in the SDC."""
         name = f"sta_{self.corner}_crossings"
         reports = [
             f'puts "to {receiver}"\nreport_checks -path_delay max -from [get_clocks {sender}] '
@@ -179,9 +170,7 @@ class Timing:
         return found
 
     def untimed(self) -> list[str]:
-        """Return loops and pins without a clock or a constraint in the last run of `worst` that
-        UNTIMED does not name.
-        """
+        """Return loops, and pins without timing that UNTIMED does not name, of the last `worst`."""
         log = self.directory / f"sta_{self.corner}.log"
         _, check, listed = log.read_text(errors="replace").partition("setup check")
         if not check or "sta ended" not in listed:
@@ -194,20 +183,18 @@ class Timing:
     def highest(self, periods: Mapping[str, float]) -> dict[str, Highest]:
         """Search the shortest period of each clock, starting at `periods`."""
         periods, found = dict(periods), dict[str, Highest]()
-        tried: dict[str, list[tuple[float, float]]] = {clock: [] for clock in CLOCKS}
         for _ in range(_STEPS):
             paths = self.worst(periods)
-            for clock in CLOCKS:
-                path = paths[clock, "max"]
-                tried[clock].append((periods[clock], path.slack_ns))
-                if clock in found:
-                    continue
-                if 0 <= path.slack_ns <= _CLOSE * periods[clock]:
-                    found[clock] = Highest(periods[clock], path)
+            for clock in {*CLOCKS} - found.keys():
+                period, path = periods[clock], paths[clock, "max"]
+                if 0 <= path.slack_ns <= _CLOSE * period:
+                    found[clock] = Highest(period, path)
                 else:
-                    periods[clock] = next_period(tried[clock])
+                    # Exact for a path of one period, half way for one of half a period; the margin
+                    # lets the search end with a pass.
+                    periods[clock] = max(period * (1 + _CLOSE / 10) - path.slack_ns, period / 64)
             if len(found) == len(CLOCKS):
-                return found
+                return {clock: found[clock] for clock in CLOCKS}
         raise SimulatorError(f"the highest clock was not found in {_STEPS} runs of OpenSTA", self.directory)
 
 
@@ -221,21 +208,3 @@ class Highest:
     @property
     def mhz(self) -> float:
         return 1e3 / self.period_ns
-
-
-def next_period(tried: Sequence[tuple[float, float]]) -> float:
-    """Return the period to try after these (period, slack).
-
-    Slack is concave and rises with the period, so that the chord between the shortest pass and the
-    longest violation, or the line through the two shortest passes, converges.
-    """
-    passes = sorted(pair for pair in tried if pair[1] >= 0)
-    misses = sorted(pair for pair in tried if pair[1] < 0)
-    if not passes:
-        return 2.0 * (tried[-1][0] - tried[-1][1])
-    high, slack = passes[0]
-    if not misses and len(passes) == 1:
-        return 0.7 * high
-    low, short = misses[-1] if misses else passes[1]
-    # 1e-4 above the chord, so that on a straight line the search ends with a pass.
-    return max((high - slack * (high - low) / (slack - short)) * (1 + 1e-4), high / 64)

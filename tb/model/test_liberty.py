@@ -9,20 +9,19 @@ import numpy as np
 import pytest
 
 from dermis.errors import InputError
-from scripts.liberty import cells, measure, syntax
-from scripts.liberty import command as liberty
+from scripts import liberty
 
-CORNERS = tuple(measure.CORNERS)
+CORNERS = tuple(liberty.CORNERS)
 LIMIT_S = 60
 
 
 def path_of(corner):
-    return liberty.DIRECTORY / liberty.file_name(measure.CORNERS[corner])
+    return liberty.DIRECTORY / liberty.file_name(liberty.CORNERS[corner])
 
 
 @pytest.fixture(scope="module")
 def libraries():
-    return {corner: syntax.read(path_of(corner)) for corner in CORNERS}
+    return {corner: liberty.read(path_of(corner)) for corner in CORNERS}
 
 
 def arcs(library, kind=""):
@@ -65,7 +64,7 @@ def test_a_heavier_load_is_slower_and_a_slower_corner_too(libraries):
 
 def test_conditions_are_those_of_the_corner_and_setup_comes_before_hold(libraries):
     for corner, library in libraries.items():
-        at = measure.CORNERS[corner]
+        at = liberty.CORNERS[corner]
         assert float(library.attributes["nom_voltage"]) == at.voltage_v
         assert float(library.attributes["nom_temperature"]) == at.temperature_c
         holds = arcs(library, "hold")
@@ -79,11 +78,11 @@ def test_conditions_are_those_of_the_corner_and_setup_comes_before_hold(librarie
 
 @pytest.mark.parametrize("name", ["inv_1", "dfxtp_1"])
 def test_ngspice_measures_the_file_and_a_table_scaled_by_two_is_caught(libraries, name, tmp_path):
-    at = measure.CORNERS["tt"]
+    at = liberty.CORNERS["tt"]
     assert liberty.sample_error(libraries["tt"], at, name, tmp_path) < 0.04
-    library = syntax.read(path_of("tt"))
-    sample = measure.SAMPLES[name]
-    table = arcs(library)[cells.PREFIX + name, sample.output, sample.pin, 0].one("cell_rise")
+    library = liberty.read(path_of("tt"))
+    sample = liberty.SAMPLES[name]
+    table = arcs(library)[liberty.PREFIX + name, sample.output, sample.pin, 0].one("cell_rise")
     table.attributes["values"] = f"({' '.join(str(2 * value) for value in table.numbers('values'))})"
     assert liberty.sample_error(library, at, name, tmp_path) > 0.3
 
@@ -101,7 +100,7 @@ FOUNDRY = [
 
 def test_the_foundry_measured_much_the_same(libraries):
     for name, pin, related, kind, slew, load, foundry in FOUNDRY:
-        group = arcs(libraries["tt"])[cells.PREFIX + name, pin, related, 0].one(kind)
+        group = arcs(libraries["tt"])[liberty.PREFIX + name, pin, related, 0].one(kind)
         by_load = [np.interp(load, group.numbers("index_2"), row) for row in group.table()]
         # The foundry's extracted netlist has wires that ours has not: 1 to 13 % at these points.
         assert np.interp(slew, group.numbers("index_1"), by_load) == pytest.approx(foundry, rel=0.15), name
@@ -114,7 +113,7 @@ def test_functions_are_those_of_the_cells_verilog(libraries, tmp_path):
         inputs = [pin.name for pin in cell.of("pin") if "input" in pin.attributes["direction"]]
         if cell.of("ff") or cell.of("latch") or not inputs:
             continue
-        views.append(cells.view(cell.name.removeprefix(cells.PREFIX), "functional.v"))
+        views.append(liberty.view(cell.name.removeprefix(liberty.PREFIX), "functional.v"))
         ports = "".join(f".{pin}(v[{k}]), " for k, pin in enumerate(inputs))
         for pin in cell.of("pin"):
             if function := pin.attributes.get("function", "").strip('"'):
@@ -150,11 +149,11 @@ def test_a_pdk_comes_first_and_a_wrong_one_is_refused(monkeypatch, tmp_path):
 
 def test_a_library_is_read_back_as_it_is_rendered_and_a_broken_one_is_refused(libraries):
     library = libraries["tt"]
-    again = syntax.parse(syntax.render(library), library.where)
+    again = liberty.parse(liberty.render(library), library.where)
     assert again == library
     for broken in ("library (x) { cell (y) { area : 1; ", "library (x) {", "", "library x"):
         with pytest.raises(InputError):
-            syntax.parse(broken)
+            liberty.parse(broken)
 
 
 NETLIST = """

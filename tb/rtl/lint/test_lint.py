@@ -204,14 +204,14 @@ def test_impossible_parameters_stop_every_tool_by_name(
 ) -> None:
     monkeypatch.setattr(lint, "CONFIGURATIONS", {"impossible": dict([parameter])})
     outputs: dict[str, str] = {}
-    run = lint._run
+    run = lint.output_of
 
     def recorded(command: list[str], *rest: object) -> object:
         code, output = run(command, *rest)
         outputs[Path(command[0]).name] = output
         return code, output
 
-    monkeypatch.setattr(lint, "_run", recorded)
+    monkeypatch.setattr(lint, "output_of", recorded)
     rows = {row["name"]: row["status"] for row in lint.run_lint()}
     assert [rows[f"lint.{tool}.impossible"] for tool in TOOLS] == ["FAIL"] * 3
     assert set(outputs) == {"iverilog", "verilator_bin", "yosys"}

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every command that judges does: find its tools, and end with a verdict table."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+
+from dermis.errors import InputError
+from dermis.report import verdict
+
+
+def tool(name: str, package: str | None = None) -> str:
+    """Return the path of a program; InputError if it is not installed."""
+    found = shutil.which(name)
+    if found is None:
+        allowed = f"Debian package {package or name} (make setup installs it)"
+        raise InputError("environment", name, "not found", allowed)
+    return found
+
+
+def finish(name: str, rows: Sequence[verdict.Row], title: str) -> int:
+    """Write the rows to build/<name>.json, print them, and return the exit code."""
+    verdict.write_rows(name, rows)
+    verdict.print_rows(rows, title)
+    return verdict.exit_code(rows)
