@@ -78,6 +78,11 @@ class Targets(BaseModel):
         """Return a checked copy with some targets changed; None removes a target."""
         return make_targets(**(self.model_dump() | dict(changes)))
 
+    def take(self, name: str, default: float | Fraction) -> Fraction:
+        """Return the exact value of a target, or of its default."""
+        value = getattr(self, name)
+        return exact(default if value is None else value)
+
 
 def make_targets(**targets: Any) -> Targets:
     """Check targets and return them; InputError for an unknown name, text for a number, NaN, a value
@@ -261,17 +266,16 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
     built. InputError if targets contradict one another (r_max_ohm below r_min_ohm).
     """
     targets, base = targets or Targets(), base or design_module.load()
-
-    def take(name: str, default: float | int | Fraction) -> Fraction:
-        value = getattr(targets, name)
-        return exact(default if value is None else value)
+    take = targets.take
 
     topology = targets.topology or base.interface.topology
     array_rows, array_cols = int(take("rows", base.array.rows)), int(take("cols", base.array.cols))
     bits = int(take("bits", base.timing.code_bits))
     code_max = 2**bits - 1
     r_min, r_max, k_force = _sensor(targets, base)
-    v_bias = _bias(targets, base, r_min)
+    i_max = spec()["calculator.sensor_current_a"].max
+    v_bias = min(exact(base.interface.v_bias_v), exact(i_max) * r_min)
+    v_bias = take("v_bias_v", v_bias if targets.i_sensor_a is None else exact(targets.i_sensor_a) * r_min)
 
     # Eqs (1), (9) with k: at r_min one packet every second clock, V_b / (k i0 r_min) = 1/2.
     full_scale_a, x_full = v_bias / (HALF * r_min), HALF
@@ -316,17 +320,12 @@ def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:
 
 def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fraction]:
     """Return r_min, r_max, K_f; K_f is that of the sensor if only one end of the range is given."""
-    sensor = base.sensor
-    ends = targets.r_min_ohm, targets.force_max_n
+    sensor, ends = base.sensor, (targets.r_min_ohm, targets.force_max_n)
     r_min, force_max = ends if None not in ends else (sensor.r_min_ohm, sensor.force_max_n)
-    k_force = (
-        exact(r_min) * exact(force_max) if targets.k_force_n_ohm is None else exact(targets.k_force_n_ohm)
-    )
-    force_max = exact(sensor.force_max_n if targets.force_max_n is None else targets.force_max_n)
-    r_min = k_force / force_max if targets.r_min_ohm is None else exact(targets.r_min_ohm)
-    r_max = exact(sensor.r_max_ohm if targets.r_max_ohm is None else targets.r_max_ohm)
-    if targets.force_min_n is not None:
-        r_max = k_force / exact(targets.force_min_n)
+    k_force = targets.take("k_force_n_ohm", exact(r_min) * exact(force_max))
+    r_min = targets.take("r_min_ohm", k_force / targets.take("force_max_n", sensor.force_max_n))
+    force_min = targets.take("force_min_n", k_force / targets.take("r_max_ohm", sensor.r_max_ohm))
+    r_max = k_force / force_min
     if r_max > r_min:
         return r_min, r_max, k_force
     if targets.force_min_n is not None:
@@ -335,28 +334,18 @@ def _sensor(targets: Targets, base: Design) -> tuple[Fraction, Fraction, Fractio
     raise InputError(FILE, "r_max_ohm", float(r_max), f"above the {float(r_min):g} ohm at full force")
 
 
-def _bias(targets: Targets, base: Design, r_min: Fraction) -> Fraction:
-    """Return V_b: the target, or from the current, or the design's within the current limit."""
-    if targets.v_bias_v is not None:
-        return exact(targets.v_bias_v)
-    if targets.i_sensor_a is not None:
-        return exact(targets.i_sensor_a) * r_min
-    return min(exact(base.interface.v_bias_v), exact(spec()["calculator.sensor_current_a"].max) * r_min)
-
-
 def _charge(
     targets: Targets, base: Design, full_scale_a: Fraction, f_clk: Fraction
 ) -> tuple[Fraction, Fraction, Fraction]:
-    """Return k, i0, C: full scale fixes k i0, the swing fixes i0 T = C packet_v; omitted targets
-    adapt.
+    """Return k, i0, C: full scale fixes k i0, the swing fixes i0 T = C packet_v.
 
     Without k or i0 the smallest switchable k is taken that keeps the packet within the swing.
     """
-    swing = exact(base.converter.packet_v if targets.packet_v is None else targets.packet_v)
-    wanted_c = exact(base.converter.c_int_f if targets.c_int_f is None else targets.c_int_f)
+    swing = targets.take("packet_v", base.converter.packet_v)
+    wanted_c = targets.take("c_int_f", base.converter.c_int_f)
     if targets.k is not None:
         k = Fraction(targets.k)
-        i0 = full_scale_a / k if targets.i0_a is None else exact(targets.i0_a)
+        i0 = targets.take("i0_a", full_scale_a / k)
     elif targets.i0_a is not None:
         i0 = exact(targets.i0_a)
         k = full_scale_a / i0
@@ -413,10 +402,10 @@ def _judged(
     x_full = answer.duty(r_min)
     usable = min(x_full, HALF)
 
-    i_max = limit("sensor_current_a")
     either, ohm = ("v_bias_v", 1) if targets.i_sensor_a is None else ("i_sensor_a", r_min)
     note = f"{float(v_bias):g} V on {float(r_min):g} ohm"
-    row("sensor_current_a", v_bias / r_min, note, {either: _at_most(i_max * r_min / ohm)})
+    most = limit("sensor_current_a") * r_min / ohm
+    row("sensor_current_a", v_bias / r_min, note, {either: _at_most(most)})
     supply = exact(base.supply.vdd_v)
     vdd = supply * limit("v_bias_supply")
     note = f"{float(v_bias):g} V of {float(vdd):g} V"
@@ -457,7 +446,6 @@ def _judged(
     note = f"slot {answer.slot_clocks}, gate {answer.gate_clocks}, with settling {needed} clocks{other_ways}"
     row("gate_margin_clocks", left, note, {"frame_s": _at_least(answer.array_rows * needed / f_clk)})
     settle_min = limit("settle_s")
-    settle_s = answer.settle_clocks / f_clk
     if targets.f_clk_hz is not None:
         # Whole clocks, so that rounding a slot down cannot remove the last one.
         clocks = max(answer.gate_clocks + math.ceil(settle_min * f_clk), needed)
@@ -468,31 +456,27 @@ def _judged(
         longer = {"settle_fraction": _at_least(settle_min / slot_s)}
     else:
         longer = {"settle_fraction": 0.5, "frame_s": _at_least(2 * settle_min * answer.array_rows)}
-    row("settle_s", settle_s, f"{answer.settle_clocks} clocks", longer)
+    row("settle_s", answer.settle_clocks / f_clk, f"{answer.settle_clocks} clocks", longer)
 
     delay = exact(base.comparator.t_delay_s)
-    slowest = limit("comparator_delay_clocks") / delay if delay else None
-    slower: Changes | None = None
-    if slowest is not None and targets.f_clk_hz is None:
-        slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
-    elif slowest is not None:
-        slower = {"f_clk_hz": _at_most(slowest)}
-    said = f", so f_clk up to {float(slowest):g} Hz" if slowest is not None else ""
-    note = f"delay {float(delay):g} s at {float(f_clk):g} Hz{said}"
+    note, slower = f"delay {float(delay):g} s at {float(f_clk):g} Hz", None
+    if delay:
+        slowest = limit("comparator_delay_clocks") / delay
+        slower: Changes | None = {"f_clk_hz": _at_most(slowest)}
+        if targets.f_clk_hz is None:
+            slower = {"frame_s": _at_least(answer.array_rows * answer.slot_clocks / slowest)}
+        note += f", so f_clk up to {float(slowest):g} Hz"
     row("comparator_delay_clocks", delay * f_clk, note, slower)
 
     charge = i0 / f_clk
-    swing = exact(base.swing_v)
-    if targets.packet_v is not None:
-        swing = min(swing, exact(targets.packet_v))
+    swing = min(exact(base.swing_v), targets.take("packet_v", base.swing_v))
     smaller = {"packet_v": _at_most(swing)}
     if targets.c_int_f is not None:
         smaller = {"c_int_f": _at_least(charge / swing)}
     note = f"packet {float(answer.packet_v):g} V, at most {float(swing):g} V"
     row("packet_swing", answer.packet_v / swing, note, smaller)
-    c_min = limit("c_int_f")
-    note = f"packet {float(charge * scale):g} C"
-    row("c_int_f", answer.c_int_f * scale, note, {"c_int_f": _at_least(c_min / scale)})
+    larger = {"c_int_f": _at_least(limit("c_int_f") / scale)}
+    row("c_int_f", answer.c_int_f * scale, f"packet {float(charge * scale):g} C", larger)
 
     # The plateau of q = 2 is the widest: (1 - lam) / (1 + lam) = tanh(T / (2 tau)) in x.
     tau = float(answer.tau_leak_s)

@@ -28,7 +28,7 @@ from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import ROOT
 from scripts import markdown
-from scripts.judged import finish, tool
+from scripts.judged import SHOW, finish, tool
 
 PLACE, RTL = Path("rtl/formal"), ROOT / "rtl"
 WORKERS = 2
@@ -221,9 +221,9 @@ def _row(name: str, seconds: float, limit_s: float, status: str, note: str) -> v
     return verdict.within(name, round(seconds, 1), "s", None, limit_s, note) | {"status": status}
 
 
-def prove(proof: Proof, rtl: Path = RTL, where: str = "formal") -> list[verdict.Row]:
+def prove(proof: Proof, where: str = "formal") -> list[verdict.Row]:
     """Return a row per theorem: PASS if proved at every size, FAIL if refuted, else ERROR."""
-    outcomes = [run(proof, task, rtl=rtl, where=where) for task in proof.proves]
+    outcomes = [run(proof, task, where=where) for task in proof.proves]
     seconds = sum(outcome.seconds for outcome in outcomes)
     limit_s = proof.option("timeout") * len(outcomes)
     # The first size without a proof decides.
@@ -245,7 +245,7 @@ def prove(proof: Proof, rtl: Path = RTL, where: str = "formal") -> list[verdict.
     return rows
 
 
-def cover(proof: Proof, rtl: Path = RTL, where: str = "formal", depth: int = 0) -> list[verdict.Row]:
+def cover(proof: Proof, where: str = "formal", depth: int = 0) -> list[verdict.Row]:
     """Return one row: the number of covers reached; an unreached cover makes a theorem vacuous.
 
     States too deep for `cover` are claimed `never_` reached, and `search` must refute each claim.
@@ -256,10 +256,10 @@ def cover(proof: Proof, rtl: Path = RTL, where: str = "formal", depth: int = 0) 
     depth = depth or proof.option("cover: depth")
     outcomes, reached, missed = [], 0, []
     if wanted:
-        outcomes.append(run(proof, "cover", depth=depth, rtl=rtl, where=where))
+        outcomes.append(run(proof, "cover", depth=depth, where=where))
         reached += len(wanted) if outcomes[0].status == "PASS" else outcomes[0].covered
     for label in never:
-        outcomes.append(run(proof, "search", [label], depth=depth, rtl=rtl, where=where, suffix=f"_{label}"))
+        outcomes.append(run(proof, "search", [label], depth=depth, where=where, suffix=f"_{label}"))
         found = outcomes[-1].status == "FAIL" and label in outcomes[-1].failed
         reached += found
         missed += [] if found else [f"{label}: {outcomes[-1].status.lower()}"]
@@ -270,9 +270,9 @@ def cover(proof: Proof, rtl: Path = RTL, where: str = "formal", depth: int = 0) 
     return [row | {"status": "ERROR"} if undecided or not every else row]
 
 
-def break_it(proof: Proof, fault: Fault, rtl: Path = RTL, where: str = "formal") -> list[verdict.Row]:
+def break_it(proof: Proof, fault: Fault, where: str = "formal") -> list[verdict.Row]:
     """Return one row: PASS if the seeded fault gives a counterexample of its theorem."""
-    outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, rtl=rtl, where=where)
+    outcome = run(proof, "search", [fault.breaks], fault, depth=fault.depth, where=where)
     traces = [path for path in outcome.work.glob("sby/engine_0/trace*.vcd") if path.stat().st_size]
     if outcome.status == "FAIL" and fault.breaks in outcome.failed and traces:
         status, note = "PASS", f"{fault.breaks} fails"
@@ -302,7 +302,6 @@ def run_all(
     theorems: bool = True,
     faults: bool = True,
     workers: int = WORKERS,
-    rtl: Path = RTL,
 ) -> list[verdict.Row]:
     """Run proofs, covers and faults in parallel; return their rows in the order of the proofs."""
     from dermis.report import progress
@@ -310,8 +309,8 @@ def run_all(
     tools()
     jobs: list[tuple[Any, ...]] = []
     for proof in which:
-        jobs += [(prove, proof, rtl), (cover, proof, rtl)] if theorems else []
-        jobs += [(break_it, proof, fault, rtl) for fault in proof.faults if faults]
+        jobs += [(prove, proof), (cover, proof)] if theorems else []
+        jobs += [(break_it, proof, fault) for fault in proof.faults if faults]
     rows: list[verdict.Row] = []
     with progress.slots("formal", len(jobs), "runs") as done, children.threads(workers) as pool:
         for n, found in enumerate(pool.map(lambda job: job[0](*job[1:]), jobs), 1):
@@ -355,36 +354,24 @@ def table(rows: Sequence[verdict.Row]) -> str:
     return "\n".join(lines).rstrip()
 
 
-@click.command()
+@click.command(context_settings=SHOW)
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--faults", "only", flag_value="faults", help="Run only the seeded faults.")
 @click.option("--proofs", "only", flag_value="proofs", help="Run only the proofs and their covers.")
 @click.option("--list", "listing", is_flag=True, help="Print the theorems and run nothing.")
 @click.option("--docs", is_flag=True, help="Write the tables of docs/formal.md (with all proofs and faults).")
-@click.option(
-    "--rtl",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    default=ROOT / "rtl",
-    help="Directory of the sources; default rtl/.",
-)
-@click.option(
-    "--workers", type=click.IntRange(1, 64), default=WORKERS, show_default=True, help="Parallel runs."
-)
-def formal_command(
-    names: tuple[str, ...], only: str | None, listing: bool, docs: bool, rtl: Path, workers: int
-) -> int:
+@click.option("--workers", type=click.IntRange(1, 64), default=WORKERS, help="Parallel runs.")
+def formal_command(names: tuple[str, ...], only: str | None, listing: bool, docs: bool, workers: int) -> int:
     """Prove the theorems of rtl/formal, reach their covers, break each with its seeded faults."""
     which = chosen(names)
-    if docs and (names or only or rtl != ROOT / "rtl"):
+    if docs and (names or only):
         raise InputError("command line", "--docs", "a part of the proofs", "all proofs and faults of rtl/")
     if listing:
         for proof in which:
             for label, meaning in proof.theorems.items():
                 click.echo(f"{proof.name}.{label}: {meaning}")
         return 0
-    rows = run_all(
-        which, theorems=only != "faults", faults=only != "proofs", workers=workers, rtl=rtl.resolve()
-    )
+    rows = run_all(which, theorems=only != "faults", faults=only != "proofs", workers=workers)
     if docs:
         write_between(ROOT / "docs" / "formal.md", BEGIN, END, table(rows))
     return finish("formal", rows, "Proofs")

@@ -15,79 +15,36 @@ from typing import Any
 import click
 
 from dermis.chip import sky130
-from dermis.chip.spice_text import array_subckt, spice_number
+from dermis.chip.spice_text import array_subckt
 from dermis.errors import InputError
 from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.scene import design as design_module
 from dermis.scene import scene
 from dermis.scene.design import ROOT, Design, Limit, exact
-from scripts import calculator, effect_tables, markdown, register_files
+from scripts import calculator, effect_tables, markdown, register_files, templates
 from scripts.judged import finish
 
-HEADER = "SPDX-License-Identifier: Apache-2.0"
 ORIGIN = "Generated from models/design.toml; change it there and run: dermis generate"
 
 
-def verilog_header(design: Design) -> str:
-    """Return rtl/dermis_design.vh: the defaults of the top-level parameters as macros."""
-    period = 1 / exact(design.converter.f_clk_hz)
-    macros = {
-        "DERMIS_ROWS": design.array.rows,
-        "DERMIS_COLS": design.array.cols,
-        "DERMIS_CODE_BITS": design.timing.code_bits,
-        "DERMIS_GATE_CLOCKS": design.timing.gate_clocks,
-        "DERMIS_SETTLE_CLOCKS": design.timing.settle_clocks,
-        "DERMIS_BREAK_CLOCKS": design.timing.break_clocks,
-        "DERMIS_SLOT_CLOCKS": design.timing.slot_clocks,
-        "DERMIS_T_CLK_PS": round(period * 10**12),
-    }
-    width = max(map(len, macros))
-    lines = [f"// {HEADER}", f"// Defaults of the top-level parameters. {ORIGIN}"]
-    lines += ["`ifndef DERMIS_DESIGN_VH", "`define DERMIS_DESIGN_VH"]
-    lines += [f"`define {name:<{width}} {value}" for name, value in macros.items()]
-    return "\n".join([*lines, "`endif", ""])
-
-
-def spice_params(design: Design) -> str:
-    """Return spice/design.inc: every number, stored and derived, as ``.param section_key = value``."""
-    lines = [f"* {HEADER}", f"* Every design value as a parameter, named section_key. {ORIGIN}"]
-    for title, values in (("stored in design.toml", design.stored()), ("derived", design.derived())):
-        lines.append(f"* {title}")
-        for key, value in values.items():
-            name = key.replace(".", "_")
-            if isinstance(value, str):
-                lines.append(f"* {name}: {value}")
-            elif isinstance(value, list):
-                stem = name.removesuffix("_options")
-                lines += [f".param {stem}_{i} = {spice_number(v)}" for i, v in enumerate(value)]
-            else:
-                lines.append(f".param {name} = {spice_number(value)}")
-    return "\n".join([*lines, ""])
-
-
-def front_end_file(design: Design) -> str:
-    """Return spice/sky130/dermis_analog_front_end.sp, the top netlist."""
+def filled(design: Design) -> dict[str, str]:
+    """Return Verilog header, SPICE parameters and netlists as ``{path: text}``."""
     rows, cols = design.array.rows, design.array.cols
-    return f"""\
-* {HEADER}
-* The analog front end of {rows} rows and {cols} columns. {ORIGIN}
-* From outside come vbias (0.5 V, all current of the taxels), vref (0.5 V), 50 kohm from r_ref to agnd,
-* and agnd, half way between vdd and vss; vss and vss_d are the board's ground.
-{sky130.front_end(rows, cols)}"""
-
-
-def array_file(design: Design) -> str:
-    """Return spice/array/array.sp: `array` without, `array_lateral` with lateral resistors."""
-    rows, cols = design.array.rows, design.array.cols
-    text = [
-        f"* {HEADER}",
-        f"* The {rows} x {cols} taxel array, each taxel r_r<row>c<col>_ohm. {ORIGIN}",
-        "* Take `array` to leave the lateral resistors out, `array_lateral` to have them (r_lateral_ohm).",
-        array_subckt(rows, cols, design=design)
-        + array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design),
-    ]
-    return "\n".join(text)
+    lateral = array_subckt(rows, cols, lateral_ohm="parameter", name="array_lateral", design=design)
+    return templates.filled(
+        (
+            "rtl/dermis_design.vh",
+            "spice/design.inc",
+            "spice/array/array.sp",
+            "spice/sky130/dermis_analog_front_end.sp",
+        ),
+        origin=ORIGIN,
+        design=design,
+        period_ps=round(10**12 / exact(design.converter.f_clk_hz)),
+        array=array_subckt(rows, cols, design=design) + lateral,
+        front_end=sky130.front_end(rows, cols),
+    )
 
 
 _MARKS = {"P": "paper", "C": "computed", "S": "source", "": ""}
@@ -214,13 +171,7 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     these is kept.
     """
     design = design_module.load(root / "models" / "design.toml")
-    files = {
-        "rtl/dermis_design.vh": verilog_header(design),
-        "spice/design.inc": spice_params(design),
-        "spice/array/array.sp": array_file(design),
-        "spice/sky130/dermis_analog_front_end.sp": front_end_file(design),
-        **register_files.files(design, root),
-    }
+    files = filled(design) | register_files.files(design, root)
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:

@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from dermis.errors import InputError
 from dermis.report import verdict
 
+SHOW = {"show_default": True}
+"""Settings of the commands."""
+
 
 def tool(name: str, package: str | None = None) -> str:
     """Return the path of a program; InputError if it is not installed."""

@@ -23,7 +23,7 @@ from dermis.errors import InputError
 from dermis.files import text_of
 from dermis.report import verdict
 from dermis.scene.design import ROOT
-from scripts.judged import finish
+from scripts.judged import SHOW, finish
 
 DIRECTORY = ROOT / "rtl" / "synth" / "liberty"
 PREFIX = "sky130_fd_sc_hd__"
@@ -384,7 +384,7 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
     return worst
 
 
-@click.command()
+@click.command(context_settings=SHOW)
 @click.option("--check", is_flag=True, hidden=True, help="As without it.")
 @click.option(
     "--corner",

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of Markdown."""
+"""Tables and marks of Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+
+from dermis.errors import SimulatorError
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---") -> str:
@@ -12,3 +14,12 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---")
     rules = rule.split("|") if "|" in rule else [rule] * len(head)
     lines = [f"| {' | '.join(head)} |".replace("|  |", "| |"), f"|{'|'.join(rules)}|"]
     return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
+
+
+def filled(text: str, parts: Mapping[str, str], name: str) -> str:
+    """Return a text with its marks replaced; SimulatorError if one does not occur once."""
+    for mark, part in parts.items():
+        if text.count(mark) != 1:
+            raise SimulatorError(f"{name} has no single mark {mark}")
+        text = text.replace(mark, part)
+    return text

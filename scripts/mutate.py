@@ -27,9 +27,9 @@ from dermis.files import write_atomic
 from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.report import verdict
-from scripts import formal, markdown
+from scripts import formal, markdown, templates
 from scripts.checkpoint import Checkpoint
-from scripts.judged import finish
+from scripts.judged import SHOW, finish
 
 SAMPLE = 12
 """Default number of mutants per module."""
@@ -202,7 +202,8 @@ def sample(every: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
 def judges(module: str, rtl: Path) -> str:
     """Return a hash of all that judges mutants of a module: sources, tests, proofs, this file."""
     block, bench, place = BLOCKS[module], ROOT / "tb" / "rtl", ROOT / formal.PLACE
-    files = [Path(__file__), Path(__file__).with_name("mutate_plugin.py"), *bench.glob("*.py")]
+    own = (Path(__file__), Path(__file__).with_name("mutate_plugin.py"), templates.path("equal.sby"))
+    files = [*own, *bench.glob("*.py")]
     for test in block.tests:
         files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
     proofs = [formal.proofs()[name] for name in block.proofs]
@@ -306,9 +307,7 @@ endmodule"""
 
 def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) -> bool | None:
     """Return True if module and mutant have equal outputs after a reset; None after a timeout."""
-    sizes = " ".join(f"-chparam {k} {v}" for k, v in block.parameters.items())
     files = [rtl / f"{other}.v" for other in below(module, rtl)]
-    script = []
     for side, source in (("right", rtl), ("wrong", tree)):
         text = re.sub(rf"\bmodule {module}\b", f"module {side}", (source / f"{module}.v").read_text())
         if side == "right" and block.multiclock:
@@ -317,16 +316,11 @@ def _equivalent(module: str, block: Block, rtl: Path, tree: Path, work: Path) ->
             clock = "global" if block.multiclock else "clk_i"
             text = text.replace("endmodule", _AFTER_RESET.format(clock=clock))
         (work / f"{side}.v").write_text(text)
-        script += [f"read -formal {name}" for name in (f"{side}.v", *(file.name for file in files))]
-        script += [f"hierarchy -check -top {side} {sizes}", "proc", "flatten", f"design -stash {side}"]
-    script += ["design -copy-from right right", "design -copy-from wrong wrong"]
-    script += ["miter -equiv -make_assert -flatten right wrong equal", "prep -flatten -top equal"]
-    lines = ["[options]", "mode prove", "aigsmt z3", f"timeout {EQUAL_LIMIT_S}"]
-    lines += ["multiclock on"] if block.multiclock else []
-    lines += ["[engines]", "abc scorr; pdr", "[script]", *script, "chtype -set $shift t:$shiftx", "[files]"]
-    lines += map(str, [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"])
     job = work / "equal.sby"
-    job.write_text("\n".join(lines) + "\n")
+    given = {"names": [file.name for file in files], "parameters": block.parameters}
+    given["files"] = [work / "right.v", work / "wrong.v", *files, rtl / "dermis_design.vh"]
+    text = templates.text("equal.sby", limit_s=EQUAL_LIMIT_S, multiclock=block.multiclock, **given)
+    job.write_text(text)
     outcome = formal.run_sby(job, work / "equal", EQUAL_LIMIT_S)
     return {"PASS": True, "FAIL": False}.get(outcome.status)
 
@@ -424,22 +418,13 @@ def table(results: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-@click.command()
+@click.command(context_settings=SHOW)
 @click.argument("modules", nargs=-1, metavar="[MODULE]...")
-@click.option(
-    "--sample", "count", type=click.IntRange(1), default=SAMPLE, show_default=True, help="Mutants per module."
-)
-@click.option("--seed", type=int, default=1, show_default=True, help="Random seed of the sample.")
-@click.option(
-    "--limit",
-    "limit_s",
-    type=float,
-    default=1800.0,
-    show_default=True,
-    help="Time limit in seconds; the next call continues.",
-)
+@click.option("--sample", "count", type=click.IntRange(1), default=SAMPLE, help="Mutants per module.")
+@click.option("--seed", type=int, default=1, help="Random seed of the sample.")
+@click.option("--limit", "limit_s", type=float, default=1800.0, help="Seconds; the next call continues.")
 @click.option("--fresh", is_flag=True, help="Discard earlier results.")
-@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Parallel runs.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, help="Parallel runs.")
 def mutate_command(
     modules: tuple[str, ...], count: int, seed: int, limit_s: float, fresh: bool, workers: int
 ) -> int:

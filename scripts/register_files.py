@@ -12,18 +12,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
 from systemrdl import RDLCompileError, RDLCompiler
 from systemrdl.messages import MessagePrinter, Severity
 from systemrdl.node import FieldNode, RegNode
 
 from dermis.errors import InputError
 from dermis.scene.design import Design
+from scripts import templates
 
 SOURCE = "rtl/dermis_registers.rdl"
-TEMPLATES = Path(__file__).parent / "templates"
 WORD_BITS = 16
-LICENSE = "SPDX-License-Identifier: Apache-2.0"
 ORIGIN = f"Generated from {SOURCE}; change it there and run: dermis generate"
 ACCESS = {"constant": "r", "input": "r", "value": "rw", "pulse": "w, acts once"}
 
@@ -57,21 +55,9 @@ class Part:
         return f"{self.low + self.width - 1}:{self.low}" if self.width > 1 else f"{self.low}"
 
     @property
-    def slice(self) -> str:
-        """The range as an index, nothing for the whole word."""
-        return "" if self.width == WORD_BITS else f"[{self.bits}]"
-
-    @property
     def all_lanes(self) -> str:
         """Width of all lanes together."""
         return self.lanes if self.lane_bits == "1" else f"{self.lane_bits}*{self.lanes}"
-
-    @property
-    def range(self) -> str:
-        """Range of its port."""
-        if self.lanes:
-            return f"[{self.all_lanes}-1:0]"
-        return f"[{self.width - 1}:0]" if self.width > 1 else ""
 
     @property
     def constant(self) -> str | None:
@@ -95,11 +81,6 @@ class Part:
             raise InputError(SOURCE, self.register, self.reset, allowed)
         return f"{{({self.all_lanes}){{1'b{bit}}}}}"
 
-    @property
-    def source(self) -> str:
-        """What a read gives."""
-        return {"constant": self.literal, "value": f"{self.name}_q"}.get(self.kind, f"{self.name}_i")
-
     def at(self, index: str) -> tuple[str, str, str]:
         """Return the place of a lane in its list, its place in a word, and the number of that word."""
         width = self.lane_bits
@@ -122,11 +103,6 @@ class Entry:
     words: int
     parts: tuple[Part, ...]
     desc: str
-
-    @property
-    def writable(self) -> bool:
-        """True if a write is accepted."""
-        return any(part.kind in ("value", "pulse") for part in self.parts)
 
     @property
     def reset(self) -> int:
@@ -231,28 +207,19 @@ def _constants(found: list[Entry]) -> Iterator[tuple[str, str]]:
 def files(design: Design, root: Path) -> dict[str, str]:
     """Return every generated file as ``{path from the root: text}``."""
     found = entries(design, root)
-    given = {
-        "license": LICENSE,
-        "origin": ORIGIN,
-        "range_index": parameters(design)["RANGE_INDEX"],
-        "entries": found,
-        "parts": [part for entry in found for part in entry.parts],
-        "constants": list(_constants(found)),
-        "resets": [(f"{e.name}_RESET", f"0x{e.reset:04X}") for e in found if e.mask("value")],
-    }
-    made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
+    return templates.filled(
+        (
+            "rtl/dermis_registers.v",
+            "rtl/dermis_registers.h",
+            "models/dermis/chip/register_map.py",
+        ),
+        origin=ORIGIN,
+        range_index=parameters(design)["RANGE_INDEX"],
+        entries=found,
+        parts=[part for entry in found for part in entry.parts],
+        constants=list(_constants(found)),
+        resets=[(f"{e.name}_RESET", f"0x{e.reset:04X}") for e in found if e.mask("value")],
     )
-    paths = (
-        "rtl/dermis_registers.v",
-        "rtl/dermis_registers.h",
-        "models/dermis/chip/register_map.py",
-    )
-    return {path: made.get_template(f"{Path(path).name}.in").render(given) for path in paths}
 
 
 def table(design: Design, root: Path) -> str:

@@ -29,7 +29,7 @@ from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.scene import SCENES
 from scripts import cosims
-from scripts.judged import finish
+from scripts.judged import SHOW, finish
 
 OUT = ROOT / "build" / "sim"
 
@@ -159,34 +159,17 @@ def run(cases: list[Case]) -> tuple[list[Row], bool]:
     return rows, bool(failed)
 
 
-@click.command("sim")
+@click.command("sim", context_settings=SHOW)
 @click.option(
     "--frames", type=click.Path(path_type=Path), help="Also read this frame file (csv, npy or npz)."
 )
 @click.option(
-    "--select",
-    default="spread",
-    show_default=True,
-    help="Frames of the file: spread (4 of them), all, first, last, or numbers, 0,10,20.",
+    "--select", default="spread", help="Frames: spread (4 of them), all, first, last, or numbers, 0,10,20."
 )
-@click.option(
-    "--unit",
-    type=click.Choice(["codes", "newtons"]),
-    default="codes",
-    show_default=True,
-    help="Unit of the file.",
-)
+@click.option("--unit", type=click.Choice(["codes", "newtons"]), default="codes", help="Unit of the file.")
 @click.option("--key", help="Name of the array in an npz file.")
-@click.option(
-    "--rows", type=click.IntRange(1, 256), default=16, show_default=True, help="Rows of a frame of the file."
-)
-@click.option(
-    "--cols",
-    type=click.IntRange(1, 256),
-    default=16,
-    show_default=True,
-    help="Columns of a frame of the file.",
-)
+@click.option("--rows", type=click.IntRange(1, 256), default=16, help="Rows of a frame of the file.")
+@click.option("--cols", type=click.IntRange(1, 256), default=16, help="Columns of a frame of the file.")
 @click.option("--only", multiple=True, help="Only this case (repeatable).")
 @click.option("--docs", is_flag=True, help="Also redraw the figures in docs/figures.")
 def sim_command(

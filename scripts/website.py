@@ -24,7 +24,7 @@ from dermis.places import BUILD, ROOT
 from dermis.processes import children
 from dermis.scene import design as designs
 from dermis.scene.design import Design
-from scripts import generate, markdown
+from scripts import generate, markdown, templates
 from scripts.demo import demo
 from scripts.schematics import command as schematics
 
@@ -227,53 +227,28 @@ def timing_diagram(design: Design, path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-COMMANDS = """\
-# Commands
-
-`dermis NAME` from the checkout or the wheel; `make` lists the targets that call them.
-
-| exit code | |
-|---|---|
-| 0 | done |
-| 1 | a check missed |
-| 2 | the input is wrong: one line with file, key, value and the allowed values |
-| 3 | a simulator failed: one line with the failure and the log |
-"""
-
-
 def commands_page() -> str:
     """Return the help of every command."""
-    lines = [COMMANDS]
-    programs = set(cli.elsewhere()) - set(cli.LATER)
-    context = click.Context(cli.cli)
-    for name in cli.cli.list_commands(context):
+    programs, shown = set(cli.elsewhere()) - set(cli.LATER), []
+    for name in cli.cli.list_commands(click.Context(cli.cli)):
         said = CliRunner().invoke(cli.cli, [name, "--help"], terminal_width=90, prog_name="dermis").output
-        where = " (of a checkout)" if name in programs else ""
-        lines += [f"## {name}", "", f"`dermis {name}`{where}", "", "```text", said.rstrip(), "```", ""]
-    return "\n".join(lines)
+        shown.append((name, " (of a checkout)" if name in programs else "", said.rstrip()))
+    return templates.text("commands.md", commands=shown)
 
 
 def api_page() -> str:
     """Return the public names of the package with their docstrings."""
-    lines = ["# Library", "", inspect.cleandoc(dermis.__doc__ or ""), ""]
+    names = []
     for name in sorted(set(dermis.__all__) - {"__version__"}, key=lambda n: (n[0].isupper(), n)):
         thing = getattr(dermis, name)
-        lines += [f"## {name}", ""]
-        if not inspect.isclass(thing):
-            lines += ["```python", f"dermis.{name}{_signature(thing)}", "```", ""]
-        lines += _docstring(thing)
-        for member, value in vars(thing).items() if inspect.isclass(thing) else ():
-            shown = isinstance(value, property) or inspect.isfunction(value)
-            if shown and not member.startswith("_") and value.__doc__:
-                lines += [f"### {name}.{member}{'()' if inspect.isfunction(value) else ''}", ""]
-                lines += _docstring(value)
-    return "\n".join(lines)
-
-
-def _docstring(thing: object) -> list[str]:
-    """Return the summary of a docstring as text, and the rest as it is."""
-    summary, _, rest = inspect.cleandoc(thing.__doc__ or "").partition("\n\n")
-    return [summary, "", *(["```text", rest, "```", ""] if rest else [])]
+        members = [
+            (member, "()" if inspect.isfunction(value) else "", value)
+            for member, value in (vars(thing).items() if inspect.isclass(thing) else ())
+            if isinstance(value, property) or inspect.isfunction(value)
+            if not member.startswith("_") and value.__doc__
+        ]
+        names.append((name, thing, "" if inspect.isclass(thing) else _signature(thing), members))
+    return templates.text("library.md", package=dermis, names=names, cleandoc=inspect.cleandoc)
 
 
 def _signature(function: Callable[..., object]) -> str:
@@ -307,11 +282,7 @@ def demo_page(source: Path) -> None:
 
 def _fill(page: Path, parts: Mapping[str, str]) -> None:
     """Replace marks of a page, each of which must occur once."""
-    text = page.read_text(encoding="utf-8")
-    for mark, part in parts.items():
-        if text.count(mark) != 1:
-            raise SimulatorError(f"docs/{page.name} has no single mark {mark}")
-        text = text.replace(mark, part)
+    text = markdown.filled(page.read_text(encoding="utf-8"), parts, page.name)
     page.write_text(text, encoding="utf-8")
 
 

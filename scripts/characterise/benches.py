@@ -32,20 +32,12 @@ Values = Callable[[Found], dict[str, float]]
 
 @dataclass(frozen=True)
 class Condition:
-    """Where a bench is measured.
+    """Where a bench is measured."""
 
-    Attributes
-    ----------
-    corner : one of sky130.CORNERS or PASSIVE_CORNERS
-    celsius : temperature
-    supply : both rails, as a share of their nominal value
-    sample : seed of the mismatch, from 1 on; None: every device is as its corner says
-    """
-
-    corner: str = "tt"
+    corner: str = "tt"  # one of sky130.CORNERS or PASSIVE_CORNERS
     celsius: float = 27.0
-    supply: float = 1.0
-    sample: int | None = None
+    supply: float = 1.0  # both rails, as a share of their nominal value
+    sample: int | None = None  # seed of the mismatch, from 1 on; None: every device is as its corner says
 
     @property
     def at(self) -> str:
@@ -58,26 +50,15 @@ class Condition:
 
 @dataclass(frozen=True)
 class Bench:
-    """One deck and its quantities.
-
-    Attributes
-    ----------
-    name : lower_snake
-    body : the deck between the supplies and `.end`; supplies, vref (0.5 V), agnd and the current ibias are there
-    values : module-level function from what the `.meas` found to the quantities
-    units : quantity -> SI unit, of everything that `values` gives
-    samples : mismatch moves its quantities, so it takes part in Monte Carlo
-    limit_s : wall clock of one attempt of ngspice
-    trtol : ngspice's factor on the truncation error that a step may have; its own is 7
-    """
+    """One deck and its quantities."""
 
     name: str
-    body: str
+    body: str  # between the supplies and `.end`; supplies, vref (0.5 V), agnd and the current ibias are there
     values: Values
-    units: Mapping[str, str]
-    samples: bool = False
-    limit_s: float = 150.0
-    trtol: float = 7.0
+    units: Mapping[str, str]  # quantity -> SI unit, of everything that `values` gives
+    samples: bool = False  # mismatch moves its quantities, so it takes part in Monte Carlo
+    limit_s: float = 150.0  # wall clock of one attempt of ngspice
+    trtol: float = 7.0  # ngspice's factor on the truncation error that a step may have; its own is 7
 
 
 def body(name: str, **fields: object) -> str:
@@ -87,14 +68,9 @@ def body(name: str, **fields: object) -> str:
 
 
 def deck(body: str, condition: Condition, options: str = "", blocks: Path | None = None) -> str:
-    """Return the whole deck of a bench at a condition.
+    """Return the whole deck of a bench at a condition, with further words for an `.options` line.
 
-    Parameters
-    ----------
-    body : as in Bench
-    condition : models, temperature, supplies, mismatch
-    options : further words for an `.options` line
-    blocks : a changed copy of spice/sky130, to be measured in its place
+    `blocks` is a changed copy of spice/sky130, to be measured in its place.
     """
     # The sources of the digital nets that a bench drives as logic_x with 0 and 1 V.
     driven = dict.fromkeys(re.findall(r"\bv\w+ logic_(\w+) ", body))
@@ -147,9 +123,12 @@ def amplifier(found: Found) -> dict[str, float]:
     }
 
 
-def amplifier_offset(found: Found) -> dict[str, float]:
-    """Return the output of the amplifier closed on itself."""
-    return {"amplifier_offset_v": found["offset"]}
+def offset(found: Found, block: str) -> dict[str, float]:
+    """Return the output of the amplifier closed on itself, or the comparator's input at half way."""
+    return {f"{block}_offset_v": found["offset"]}
+
+
+amplifier_offset, comparator_offset = (partial(offset, block=block) for block in ("amplifier", "comparator"))
 
 
 def row_driver_body(driven: int) -> str:
@@ -334,11 +313,6 @@ def pulse(found: Found, side: str) -> dict[str, float]:
 def comparator(found: Found) -> dict[str, float]:
     """Return the delay from the crossing of a ramp of 0.5 V a clock."""
     return {"comparator_delay_s": found["late"] - 140e-9}
-
-
-def comparator_offset(found: Found) -> dict[str, float]:
-    """Return the input at which the output is half way."""
-    return {"comparator_offset_v": found["offset"]}
 
 
 def start_up(found: Found) -> dict[str, float]:

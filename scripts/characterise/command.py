@@ -8,23 +8,17 @@ from collections.abc import Sequence
 import click
 
 from dermis.errors import InputError
-from dermis.report import verdict
 from dermis.report.progress import slots
 from scripts.characterise import results
 from scripts.characterise.benches import BENCHES, SUMS
-from scripts.characterise.run_all import NUMERICS, SAMPLES, Runs, jobs_of
+from scripts.characterise.runs import NUMERICS, SAMPLES, Runs, jobs_of
+from scripts.judged import SHOW, finish
 
 _NUMERICS = "numerics_lsb."
 
 
 def chosen(only: Sequence[str]) -> list[str]:
-    """Return the benches of `--only`: names of benches, or of quantities with or without `sky130.`.
-
-    Raises
-    ------
-    InputError
-        There is none of a name.
-    """
+    """Return the benches of `--only`: names of benches, or of quantities with or without `sky130.`."""
     names: list[str] = []
     for word in only:
         wanted = quantity_of(word)
@@ -57,16 +51,12 @@ def quantity_of(word: str) -> str:
     return word
 
 
-@click.command("characterise")
-@click.option(
-    "--only", multiple=True, metavar="NAME", help="A bench, or a row: sky130.packet_error. Repeatable."
-)
+@click.command("characterise", context_settings=SHOW)
+@click.option("--only", multiple=True, metavar="NAME", help="A bench or row (repeatable).")
 @click.option("--at", metavar="CORNER,C,SUPPLY", help="One condition, ss,-40,0.9; * stands for all of them.")
 @click.option("--sample", type=click.IntRange(1, 10**6), help="One draw of the mismatch, at --at or typical.")
 @click.option("--samples", "many", type=click.IntRange(0, 10**6), help=f"Draws of the mismatch; {SAMPLES}.")
-@click.option(
-    "--jobs", default=2, show_default=True, type=click.IntRange(1, 256), help="Processes at a time."
-)
+@click.option("--jobs", default=2, type=click.IntRange(1, 256), help="Processes at a time.")
 @click.option("--fresh", is_flag=True, help="Measure again what is kept in build/characterise.")
 @click.option("--short", is_flag=True, help="Three conditions and two draws.")
 @click.option("--docs", is_flag=True, help="Write table and figures of docs/characterise.md.")
@@ -105,15 +95,15 @@ def characterise_command(
     if whole:
         results.write_values(runs.outcomes)
         rows.append(results.pads_row())
-    # A partial run does not change the results of the last whole run.
-    verdict.write_rows("characterise" if whole else "characterise_part", rows)
     places = {job.condition for job in every if not job.numerics}
     drawn = sum(place.sample is not None for place in places)
     title = f"SKY130 blocks at {len(places) - drawn} conditions and {drawn} draws of the mismatch"
-    verdict.print_rows(rows, f"{title}; a note has the command that measures the worst condition again")
+    title += "; a note has the command that measures the worst condition again"
+    # A partial run does not change the results of the last whole run.
+    code = finish("characterise" if whole else "characterise_part", rows, title)
     if docs:
         from scripts.characterise import docs as pages
 
         pages.write(found, runs)
         click.echo("written: docs/characterise.md")
-    return results.exit_code(found, rows)
+    return 3 if any(one.faults for one in found) else code

@@ -20,7 +20,7 @@ from dermis.scene.design import ROOT
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES
 from scripts.characterise.results import Series
-from scripts.characterise.run_all import TYPICAL, Job, Outcome, Runs
+from scripts.characterise.runs import TYPICAL, Job, Outcome, Runs
 
 DOCS = ROOT / "docs" / "characterise.md"
 FIGURES = ROOT / "docs" / "figures"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from dermis import engines, plan
@@ -16,7 +16,7 @@ from dermis.scene import scene
 from dermis.scene.design import ROOT, Limit, spec
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
-from scripts.characterise.run_all import CELSIUS, TYPICAL, Job, Outcome
+from scripts.characterise.runs import CELSIUS, TYPICAL, Job, Outcome
 
 VALUES = ROOT / "build" / "characterise" / "values.json"
 """All quantities at every condition of the last whole run, SI units, named as in benches.BENCHES:
@@ -31,22 +31,13 @@ PREFIX = "sky130"
 
 @dataclass
 class Series:
-    """A quantity over conditions.
+    """A quantity over conditions."""
 
-    Attributes
-    ----------
-    name : of the quantity, with what it is about before it: "packet_error.sink", "mismatch.packet_error.sink"
-    only : what `--only` takes to measure it
-    values : by where it was measured, as `--at` and `--sample` take it
-    typical : the value at typical, if it was measured there
-    faults : where it was not measured -> why
-    """
-
-    name: str
-    only: str
-    values: dict[str, float] = field(default_factory=dict)
-    typical: float | None = None
-    faults: dict[str, str] = field(default_factory=dict)
+    name: str  # with what it is about before it: "packet_error.sink", "mismatch.packet_error.sink"
+    only: str  # what `--only` takes to measure it
+    values: dict[str, float] = field(default_factory=dict)  # by place, as `--at` and `--sample` take it
+    typical: float | None = None  # the value at typical, if it was measured there
+    faults: dict[str, str] = field(default_factory=dict)  # where it was not measured -> why
 
     @property
     def limit(self) -> Limit | None:
@@ -201,8 +192,3 @@ def pads_row(pad_ohm: float | None = None) -> Row:
     }
     made = plan.make(scene.from_data(data, ROOT / "models" / "scenes" / "pads.toml"), "closed")
     return verdict.judge("pads.rows", int(engines.run(made).codes.min()))
-
-
-def exit_code(all_series: Iterable[Series], rows: Sequence[Row]) -> int:
-    """Return 3 where something was not measured, else 1 where a limit is missed, else 0."""
-    return 3 if any(one.faults for one in all_series) else verdict.exit_code(rows)

@@ -13,7 +13,6 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,8 @@ from dermis.processes import children
 from dermis.report import verdict
 from dermis.scene.design import Design
 from dermis.scene.design import load as load_design
-from scripts.judged import finish
+from scripts import markdown
+from scripts.judged import SHOW, finish
 
 HERE = Path(__file__).parent
 WORK = BUILD / "demo"
@@ -145,20 +145,12 @@ def page(design: Design) -> str:
         "/*{wasm}*/": base64.b64encode(wasm(design)).decode(),
         '/*{worker}*/""': _script((HERE / "chip.js").read_text() + (HERE / "worker.js").read_text()),
     }
-    return _filled((HERE / "page.html").read_text(), parts)
+    return markdown.filled((HERE / "page.html").read_text(), parts, "page.html")
 
 
 def _script(value: Any) -> str:
     """Return a value as JavaScript that is safe in an HTML file."""
     return json.dumps(value).replace("</", "<\\/").replace("<!--", "<\\!--")
-
-
-def _filled(text: str, parts: Mapping[str, str]) -> str:
-    for mark, part in parts.items():
-        if text.count(mark) != 1:
-            raise ValueError(f"{mark} must occur once")
-        text = text.replace(mark, part)
-    return text
 
 
 def build(out: Path = PAGE) -> Path:
@@ -183,12 +175,13 @@ def report_size() -> verdict.Row:
         return verdict.judge("report.size_kb", page.stat().st_size / 1000, f"{len(runs)} runs, waves of one")
 
 
-@click.command("demo")
+@click.command("demo", context_settings=SHOW)
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=PAGE,
-    help="File of the page; default build/demo/demo.html.",
+    show_default="build/demo/demo.html",
+    help="The page.",
 )
 @click.option("--check", is_flag=True, help="Also check codes and speed in Chromium.")
 def demo_command(out: Path, check: bool) -> int:

@@ -10,9 +10,10 @@ import click
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD
-from dermis.report import output, verdict
+from dermis.report import output
 from dermis.scene.design import TOPOLOGIES
-from scripts.sweep import curves, figures, transistors
+from scripts.judged import SHOW, finish
+from scripts.sweep import curves, figures
 
 POINTS_MAX = 4096
 FIGURES = {
@@ -25,10 +26,8 @@ FIGURES = {
 FILES = {"sweep.csv", *(name for named in FIGURES.values() for name in named)}
 
 
-@click.command("sweep")
-@click.option(
-    "--points", type=click.IntRange(8, POINTS_MAX), help="Number of resistances; default 256, sky130 8."
-)
+@click.command("sweep", context_settings=SHOW)
+@click.option("--points", type=click.IntRange(8, POINTS_MAX), help="Number of resistances; 256, sky130 8.")
 @click.option(
     "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface (repeatable)."
 )
@@ -36,19 +35,11 @@ FILES = {"sweep.csv", *(name for named in FIGURES.values() for name in named)}
     "--view",
     type=click.Choice(list(FIGURES)),
     default="behavioural",
-    show_default=True,
-    help="SPICE blocks as models or transistors.",
+    help="SPICE blocks: models or transistors.",
 )
-@click.option(
-    "--out",
-    "directory",
-    type=click.Path(),
-    help="Directory for results; default build/sweep, build/sweep_sky130.",
-)
-@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
-@click.option(
-    "--physical/--no-physical", default=True, show_default=True, help="Also sweep with the physical defaults."
-)
+@click.option("--out", "directory", type=click.Path(), help="Directory for results; default below build/.")
+@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
+@click.option("--physical/--no-physical", default=True, help="Also sweep with the physical defaults.")
 def sweep_command(
     points: int | None,
     topology: tuple[str, ...],
@@ -72,17 +63,15 @@ def sweep_command(
         if not physical:
             allowed = "only with --view behavioural, whose blocks are ideal or have physical defaults"
             raise InputError("command line", "--no-physical", f"--view {view}", allowed)
-        points = points or transistors.POINTS
-        made, rows, failed = transistors.run(chosen, points, out)
+        points = points or curves.POINTS_TRANSISTORS
+        made, rows, failed = curves.run_transistors(chosen, points, out)
     for file in FILES:
         (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
     if made:
         write_atomic(out / "sweep.csv", figures.table(made))
         for file, draw in FIGURES[view].items() if plot else ():
             draw(made, out / file)
-    verdict.write_rows(name, rows)
-    verdict.print_rows(
-        rows, f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
-    )
+    title = f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"
+    code = finish(name, rows, title)
     click.echo(f"table, figures and scenes are in {os.path.relpath(out)}")
-    return SimulatorError.exit_code if failed else verdict.exit_code(rows)
+    return SimulatorError.exit_code if failed else code

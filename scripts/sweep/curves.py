@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import shutil
@@ -19,17 +20,19 @@ from numpy.typing import NDArray
 
 from dermis import effects, engines, plan
 from dermis.array import array
-from dermis.chip import spice_batch
+from dermis.chip import netlist, spice_batch
 from dermis.converter import vfc
-from dermis.engines import cosim, event
+from dermis.engines import batch, cosim, event
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.records import Plan
-from dermis.report import comparison, verdict
+from dermis.report import comparison, progress, verdict
 from dermis.report.verdict import Row
 from dermis.scene.design import ROOT, Design, exact
 from dermis.scene.design import load as load_design
 from scripts import cosims
+from scripts.characterise import runs
+from scripts.checkpoint import Checkpoint
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -64,20 +67,11 @@ LEFT_OFF = {
 
 
 def resistances(points: int, design: Design) -> Floats:
-    """Choose the resistances of a sweep, rising, from r_min_ohm to r_max_ohm.
+    """Return the resistances of a sweep in ohm, rising from r_min_ohm to r_max_ohm, 8 or more.
 
-    Parameters
-    ----------
-    points : int
-        Number of resistances, 8 or more.
-    design : Design
-
-    Returns
-    -------
-    ndarray
-        [points] in ohm: the two ends; up to a quarter where x = c / gate_clocks, without
-        rounding; an eighth at multiples of V_b / (k i0), where the two laws agree; an eighth within half of
-        r_min_ohm above it, densest at its foot, where they differ most; the rest spread over the logarithm.
+    They are the two ends; up to a quarter where x = c / gate_clocks, without rounding; an eighth at
+    multiples of V_b / (k i0), where the two laws agree; an eighth within half of r_min_ohm above it,
+    densest at its foot, where they differ most; the rest spread over the logarithm.
     """
     low, high = design.sensor.r_min_ohm, design.sensor.r_max_ohm
     unit, gate = design.resistance_full_scale_ohm / 2, design.timing.gate_clocks
@@ -97,9 +91,7 @@ def resistances(points: int, design: Design) -> Floats:
 
 
 def _spread(values: Ints, most: int) -> Ints:
-    """Return at most `most` of some rising whole numbers, about evenly over their logarithm, ends
-    included.
-    """
+    """Return at most `most` of rising whole numbers, evenly over their logarithm, with both ends."""
     wanted = np.round(np.geomspace(values[0], values[-1], max(most, 2))).astype(np.int64)
     return np.unique(np.clip(wanted, values[0], values[-1]))
 
@@ -125,9 +117,7 @@ def out_of_frames(values: NDArray[Any], points: int) -> NDArray[Any]:
 
 
 def physical_effects(topology: str, design: Design) -> dict[str, Any]:
-    """Return the [effects] of a taxel with physical blocks: every effect with a default, except
-    LEFT_OFF.
-    """
+    """Return the [effects] of a taxel with physical blocks: all with a default, except LEFT_OFF."""
     named: dict[str, Any] = {
         e.name: True for e in effects.EFFECTS.values() if topology in e.topologies and e.name not in LEFT_OFF
     }
@@ -146,9 +136,7 @@ def make_plan(
     title: str,
     views: str = "behavioural",
 ) -> Plan:
-    """Write a scene and its resistances into `directory`, so that `dermis run` can repeat it, and
-    plan it.
-    """
+    """Write a scene and its resistances, so that `dermis run` can repeat it, and plan it."""
     name = f"{topology}{'_physical' if named else ''}"
     lines = [",".join(repr(float(r)) for r in row) for frame in laid_ohm for row in frame]
     write_atomic(directory / f"{name}.csv", "\n".join(lines) + "\n")
@@ -171,26 +159,16 @@ def make_plan(
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Measurements at some resistances, all arrays [points].
+    """Measurements at some resistances, all arrays [points]."""
 
-    Attributes
-    ----------
-    pulses : number of closings of the charge switch for decisions of the gate
-    code : code of the chip
-    period_clocks : mean pulse spacing, from the first and last pulse; NaN below two pulses
-    line_clocks : the same as the slope of a straight line through the times of all pulses
-    """
-
-    pulses: Ints
-    code: Ints
-    period_clocks: Floats
-    line_clocks: Floats
+    pulses: Ints  # closings of the charge switch for decisions of the gate
+    code: Ints  # of the chip
+    period_clocks: Floats  # mean pulse spacing, from the first and last pulse; NaN below two
+    line_clocks: Floats  # the same as the slope of a straight line through the times of all
 
 
 def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -> Reading:
-    """Read a plan through the Verilog and ngspice in lock-step, and find the pulses in the recorded
-    trace.
-    """
+    """Read a plan through Verilog and ngspice in lock-step; find the pulses in the trace."""
     result = cosim.run(made, on_slots, record=True, work=work)
     charge = [frame for part in result.info["records"] for frame in charge_frames(part, made)]
     pulses, period, line = find_pulses(np.stack(charge), made)
@@ -199,9 +177,7 @@ def read(made: Plan, points: int, on_slots: Callable[[int], None], work: Path) -
 
 
 def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]:
-    """Return the charge switches of a recorded process, one array [clocks, cols] per frame; entry n
-    follows clock edge n + 1.
-    """
+    """Return the charge switches of a process, [clocks, cols] per frame; entry n follows edge n + 1."""
     frames, timing = len(record["codes"]) // made.rows, made.timing
     words = [int(word, 16) for word in record["trace_charge"]]
     bits = np.array([[word >> c & 1 for c in range(made.cols)] for word in words], dtype=bool)
@@ -212,17 +188,10 @@ def charge_frames(record: dict[str, Any], made: Plan) -> list[NDArray[np.bool_]]
 
 
 def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Floats]:
-    """Count pulses and measure their spacing in the gate of every row slot.
+    """Return count and spacing in clocks (as in `Reading`) of the pulses in the gate of every row
+    slot, [frames, rows, cols], from the charge switches [frames, clocks, cols].
 
-    Parameters
-    ----------
-    charge : bool [frames, clocks, cols]
-    made : Plan
-        Its last row is not measured: see `in_frames`.
-
-    Returns
-    -------
-    pulses, period_clocks, line_clocks : [frames, rows, cols], the last row 0 and NaN
+    The last row is not measured, 0 and NaN: see `in_frames`.
     """
     timing = made.timing
     shape = (charge.shape[0], made.rows, made.cols)
@@ -251,36 +220,23 @@ def find_pulses(charge: NDArray[np.bool_], made: Plan) -> tuple[Ints, Floats, Fl
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One interface over the sweep, arrays [points] by rising resistance.
-
-    Attributes
-    ----------
-    f_clk_hz, gate, code_max : clock, clocks of a gate, full-scale code
-    x : duty, V_b / (k i0 R)
-    on_code : x is c / gate, so there is no rounding
-    pulses_charge_balance : exact count of charge balance
-    pulses_eq3, period_eq3_clocks : the paper's eq. (3)
-    ideal : through ideal blocks
-    physical, physical_at : through physical blocks, and the indices of these points; None if not read
-    physical_x : duty of `physical` by the array solve and the converter's gains
-    event_code : codes of engine event for `physical`; None if it refuses the plan
-    """
+    """One interface over the sweep, arrays [points] by rising resistance."""
 
     topology: str
     f_clk_hz: float
-    gate: int
+    gate: int  # in clocks
     code_max: int
     resistance_ohm: Floats
-    x: Floats
-    on_code: NDArray[np.bool_]
-    pulses_charge_balance: Ints
-    pulses_eq3: Ints
+    x: Floats  # duty, V_b / (k i0 R)
+    on_code: NDArray[np.bool_]  # x is c / gate, so there is no rounding
+    pulses_charge_balance: Ints  # exact
+    pulses_eq3: Ints  # by the paper's eq. (3)
     period_eq3_clocks: Floats
-    ideal: Reading
-    physical: Reading | None = None
-    physical_at: Ints | None = None
-    physical_x: Floats | None = None
-    event_code: Ints | None = None
+    ideal: Reading  # through ideal blocks
+    physical: Reading | None = None  # through physical blocks
+    physical_at: Ints | None = None  # indices of its points
+    physical_x: Floats | None = None  # duty by the array solve and the converter's gains
+    event_code: Ints | None = None  # of engine event for `physical`; None if it refuses the plan
 
 
 def make_curve(made: Plan, resistance_ohm: Floats, ideal: Reading, **physical: Any) -> Curve:
@@ -333,56 +289,47 @@ def judge(curve: Curve) -> list[Row]:
         # At a rounding step the exact answer is a half: a point this near may fall on either side.
         steps = curve.gate * curve.x[error > 0] + 0.5
         note += f", each within {np.abs(steps - np.round(steps)).max():.2g} of a rounding step"
+    first = f"{on_code.sum()} resistances where x = c/{curve.gate}"
     rows = [
         verdict.error(rate, f"{miscounted} codes are not their pulses")
         if miscounted
         else verdict.judge(rate, int(error.max()), note),
-        verdict.judge(
-            on_codes, int(error[on_code].max()), f"{on_code.sum()} resistances where x = c/{curve.gate}"
-        )
+        verdict.judge(on_codes, int(error[on_code].max()), first)
         if on_code.any()
         else verdict.skip(on_codes, "no such resistance in the sweep"),
     ]
-    period = curve.gate / ideal.period_clocks - curve.gate * curve.x
+    period = _largest(curve.gate / ideal.period_clocks - curve.gate * curve.x)
     fit = straight_line(curve, ideal)
-    rows += _reports(
-        curve.topology,
-        (
-            "period_error_lsb",
-            _largest(period),
-            f"f from first and last pulse, in counts of {curve.gate} clocks",
-        ),
-        (
-            "frequency_linearity_lsb",
-            fit and fit[2],
-            "f from all pulse times: residual of a straight line of 1/R",
-        ),
-    )
-    if curve.physical is None or curve.physical_at is None:
-        return rows
-    reading, at = curve.physical, curve.physical_at
-    fit = straight_line(curve, reading, at)
-    shift = _largest(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
-    line = "straight line of f against 1/R"
-    rows += _reports(
-        curve.topology,
-        ("physical_shift_lsb", shift, f"physical blocks, {at.size} resistances, one taxel at a time"),
-        ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), line),
-        ("physical_offset_lsb", fit and fit[1], line),
-        ("physical_linearity_lsb", fit and fit[2], f"residual of the {line}"),
-    )
-    key = f"sweep.physical_event_difference_lsb.{curve.topology}"
-    if curve.event_code is None:
-        return [*rows, verdict.skip(key, "engine event refuses this interface with these effects", "lsb")]
-    worst = int(np.abs(reading.code - curve.event_code).max())
-    return [*rows, verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine")]
-
-
-def _reports(topology: str, *reports: tuple[str, float | None, str]) -> list[Row]:
-    """Return rows without limit, each of a name that ends in its unit, a value and a note."""
+    said = "f from all pulse times: residual of a straight line of 1/R"
+    reports = [
+        ("period_error_lsb", period, f"f from first and last pulse, in counts of {curve.gate} clocks"),
+        ("frequency_linearity_lsb", fit and fit[2], said),
+    ]
+    last: list[Row] = []
+    if (reading := curve.physical) is not None and (at := curve.physical_at) is not None:
+        fit, line = straight_line(curve, reading, at), "straight line of f against 1/R"
+        shift = _largest(curve.gate / reading.line_clocks - curve.gate * curve.x[at])
+        reports += [
+            ("physical_shift_lsb", shift, f"physical blocks, {at.size} resistances, one taxel at a time"),
+            ("physical_gain_error_percent", fit and 100 * (fit[0] - 1), line),
+            ("physical_offset_lsb", fit and fit[1], line),
+            ("physical_linearity_lsb", fit and fit[2], f"residual of the {line}"),
+        ]
+        key = f"sweep.physical_event_difference_lsb.{curve.topology}"
+        last = [verdict.skip(key, "engine event refuses this interface with these effects", "lsb")]
+        if curve.event_code is not None:
+            worst = int(np.abs(reading.code - curve.event_code).max())
+            last = [verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine")]
+    units = {"percent": "%"}
     return [
-        verdict.report(f"sweep.{name}.{topology}", value, "%" if name.endswith("percent") else "lsb", note)
-        for name, value, note in reports
+        *rows,
+        *(
+            verdict.report(
+                f"sweep.{name}.{curve.topology}", value, units.get(name.split("_")[-1], "lsb"), note
+            )
+            for name, value, note in reports
+        ),
+        *last,
     ]
 
 
@@ -395,8 +342,8 @@ def _largest(values: Floats) -> float | None:
 def straight_line(
     curve: Curve, reading: Reading, at: Ints | None = None
 ) -> tuple[float, float, float] | None:
-    """Fit gate f / f_clk = gain (gate x) + offset; return gain, offset and largest residual, or
-    None below three.
+    """Fit gate f / f_clk = gain (gate x) + offset to three points or more; return gain, offset and
+    largest residual.
     """
     x = curve.gate * (curve.x if at is None else curve.x[at])
     counts = curve.gate / reading.line_clocks
@@ -457,18 +404,9 @@ def plain_ngspice(work: Path) -> list[Row]:
 def run(
     topologies: Sequence[str], points: int, out: Path, *, with_physical: bool = True
 ) -> tuple[list[Curve], list[Row], bool]:
-    """Sweep some interfaces.
+    """Sweep some interfaces; `out` is for scenes, logs and the decks of a failed run.
 
-    Parameters
-    ----------
-    topologies : names of dermis.scene.design.TOPOLOGIES
-    points : resistances in the sweep
-    out : directory for scenes, logs and the decks of a failed run
-    with_physical : read some of the points through physical blocks as well
-
-    Returns
-    -------
-    curves of the interfaces that were read, verdict rows, and whether a simulator failed
+    Returns the curves of the interfaces that were read, verdict rows, and whether a simulator failed.
     """
     design = load_design()
     ohm = resistances(points, design)
@@ -508,3 +446,68 @@ def run(
     rows.append(judge_laws(curves))
     rows += plain_ngspice(out / "plain_ngspice")
     return curves, rows, failed
+
+
+# ---- in transistors ------------------------------------------------------------------------------------------
+
+POINTS_TRANSISTORS = 8
+"""A packet costs about 20 ms, so a point at 500 ohm takes as long as all others together."""
+
+
+def run_transistors(topologies: Sequence[str], points: int, out: Path) -> tuple[list[Curve], list[Row], bool]:
+    """Sweep some interfaces in transistors (tt, 27 C); as `run`.
+
+    Each resistance is a single taxel: one row, one column and one frame, which starts settled.
+    Finished interfaces are kept; an interrupted run continues with the others.
+    """
+    ohm = resistances(points, load_design())
+    laid, title = in_frames(ohm, 1, 1), f"{points} resistances in transistors"
+    plans = {t: make_plan(out / "scenes", t, laid, {}, title, "sky130") for t in topologies}
+    kept = Checkpoint(out / "kept.json", batch.fingerprint())
+    curves: list[Curve] = []
+    rows: list[Row] = []
+    slots = plans[topologies[0]].frames * plans[topologies[0]].rows
+    with progress.slots("sweeping", slots * len(plans)) as show:
+        for number, (topology, made) in enumerate(plans.items()):
+            name, work = f"{topology} {_circuits(made)}", out / "work" / topology
+            if name not in kept.pieces:
+                try:
+                    begun = number * slots
+                    reading = read(made, points, lambda done, begun=begun: show(begun + done), work)
+                except SimulatorError as error:
+                    key = f"sweep.transistor_linearity_lsb.{topology}"
+                    rows.append(verdict.error(key, str(error), "lsb"))
+                    continue
+                shutil.rmtree(work)  # a successful run can be repeated from its scene
+                kept.put(name, {what: values.tolist() for what, values in vars(reading).items()})
+            show((number + 1) * slots)
+            reading = Reading(**{what: np.array(values) for what, values in kept.pieces[name].items()})
+            curves.append(make_curve(made, ohm, reading))
+            rows += judge_line(curves[-1])
+    return curves, rows, len(curves) < len(plans)
+
+
+def _circuits(made: Plan) -> str:
+    """Return a hash of a plan's circuits, ngspice and models, which the package's hash leaves out."""
+    levels = [1.0] + [0.0] * (made.rows - 1) + [1.0] + [0.0] * made.cols
+    decks = ("\n".join(netlist.frame_deck(made, f, levels).lines) for f in range(made.frames))
+    keys = "".join(runs.key(runs.resolved(deck)) for deck in decks)
+    return hashlib.sha256(keys.encode()).hexdigest()[:24]
+
+
+def judge_line(curve: Curve) -> list[Row]:
+    """Return the rows of one interface: gain, offset, and largest distance from a straight line."""
+    name, reading = curve.topology, unlimited(curve.ideal)
+    fit = straight_line(curve, reading)
+    line = (
+        f"straight line of f against 1/R, {np.isfinite(reading.line_clocks).sum()} resistances below f_clk/2"
+    )
+    key = f"sweep.transistor_linearity_lsb.{name}"
+    if fit is None:
+        return [verdict.error(key, "fewer than three resistances have two pulses", "lsb")]
+    gain, offset, residual = fit
+    return [
+        verdict.report(f"sweep.transistor_gain_error_percent.{name}", 100.0 * (gain - 1.0), "%", line),
+        verdict.report(f"sweep.transistor_offset_lsb.{name}", offset, "lsb", line),
+        verdict.judge(key, residual, line),
+    ]

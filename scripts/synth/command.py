@@ -23,7 +23,7 @@ from dermis.report.verdict import Row
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 from scripts import markdown
-from scripts.judged import finish
+from scripts.judged import SHOW, finish
 from scripts.synth.cells import TECHNOLOGIES, Technology
 from scripts.synth.equivalence import prove
 from scripts.synth.map import RAM, Netlist, Size, map_design, map_once
@@ -312,23 +312,17 @@ def size_options(command: Callable[..., int]) -> Callable[..., int]:
         click.option("--cols", type=click.IntRange(1, 128), help=f"Columns of the array; {default}"),
         click.option("--rows", type=click.IntRange(1, 128), help=f"Rows of the array; {default}"),
         click.option(
-            "--tech",
-            type=click.Choice([*TECHNOLOGIES, "both"]),
-            default="both",
-            show_default=True,
-            help="Cell library.",
+            "--tech", type=click.Choice([*TECHNOLOGIES, "both"]), default="both", help="Cell library."
         ),
     ):
         command = option(command)
     return command
 
 
-@click.command("synth")
+@click.command("synth", context_settings=SHOW)
 @size_options
 @click.option("--code-bits", type=click.IntRange(1, 16), help="Bits of a code; default: models/design.toml.")
-@click.option(
-    "--sizes", is_flag=True, help="Map 8x8, 16x16, 64x64 and 16x1 instead; report area and highest clocks."
-)
+@click.option("--sizes", is_flag=True, help="Map four array sizes instead; report area and clocks.")
 @click.option("--no-proof", is_flag=True, help="Skip the equivalence proof.")
 @children.ending()
 def synth_command(

@@ -19,6 +19,7 @@ from dermis.errors import SimulatorError
 from dermis.files import locked
 from dermis.processes.children import output_of, run_logged
 from dermis.scene.design import ROOT
+from scripts import templates
 from scripts.judged import tool
 from scripts.synth import cells as synth_cells
 from scripts.synth.cells import Cell, Technology, areas, cells, mapping_liberty
@@ -168,38 +169,21 @@ def map_design(
     netlist = Netlist(technology, directory, directory / f"{name}.v", directory / f"{name}.json")
     for stale in (netlist.counts, netlist.verilog, netlist.json):
         stale.unlink(missing_ok=True)
-    abc = (
-        "strash;ifraig;scorr;dc2;strash;&get,-n;&dch,-f;&nf;&put;"
-        f"buffer,-p,-N,{technology.fanout};upsize,{{D}};dnsize,{{D}};stime,-p"
-    )
-    opt = "opt -nodffe -nosdff"
-    script = [
-        f"read_liberty -lib {liberty}",
-        read_rtl(technology, sources),
-        *([f"blackbox {RAM}"] if black_box_memory else []),
-        *elaborate(parameters, top),
-        *([] if hierarchical else ["flatten", "opt_clean", "check -assert"]),
-        *WORDS_TO_FLOPS,
-        f"tee -q -o {netlist.counts} select -count t:$dlatch t:$adlatch t:$dlatchsr",
-        *(opt, "wreduce", "peepopt", "opt_clean", "alumacc", "share", opt, "techmap", opt),
-        *(f"dfflibmap -liberty {choice}", opt),
-        f"abc -liberty {choice} -constr {constraint} -D {DELAY_PS} -script +{abc}",
-        "opt_clean",
-    ]
-    if technology.ties and technology.ties[0][0] in library:
-        high, low = map(" ".join, technology.ties)
-        script.append(f"hilomap -singleton -hicell {high} -locell {low}")
-    storing = " ".join(f"t:{name}" for name, cell in library.items() if cell.flop or cell.latch)
-    script += [
-        "opt_clean",
-        "check -assert",
-        f"rename -wire -suffix _reg {storing}",
-        f"write_json {netlist.json}",
-    ]
-    if black_box_memory:
-        # OpenSTA has no parameters.
-        script.append(f"setparam -unset WORDS t:{RAM}")
-    script += ["opt_clean -purge", f"write_verilog -noattr -noexpr -nohex {netlist.verilog}"]
+    script = templates.text(
+        "map.ys",
+        liberty=liberty,
+        choice=choice,
+        library=library,
+        technology=technology,
+        read=read_rtl(technology, sources),
+        elaborate=elaborate(parameters, top),
+        words_to_flops=WORDS_TO_FLOPS,
+        black_box_memory=black_box_memory,
+        hierarchical=hierarchical,
+        constraint=constraint,
+        delay_ps=DELAY_PS,
+        netlist=netlist,
+    ).splitlines()
     run_yosys(script, directory, name, limit_s)
     if not netlist.json.is_file() or not netlist.verilog.is_file() or not netlist.counts.is_file():
         raise SimulatorError("Yosys wrote no netlist", directory / f"{name}.log")
@@ -219,7 +203,7 @@ def _key(technology: Technology, parameters: Mapping[str, int]) -> str:
     what = [repr(technology), dict(parameters), _tools()]
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode())
     headers = [h for d in rtl_include_dirs() for h in sorted(d.glob("*.vh"))]
-    own = [Path(__file__), Path(synth_cells.__file__), technology.latch_source()]
+    own = [Path(__file__), Path(synth_cells.__file__), technology.latch_source(), templates.path("map.ys")]
     for path in [*rtl_sources(), *headers, *own, technology.liberty(technology.corners[0])]:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

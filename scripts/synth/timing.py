@@ -15,6 +15,7 @@ from pathlib import Path
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
 from dermis.scene.design import ROOT
+from scripts import templates
 from scripts.judged import tool
 from scripts.synth.cells import SYNTH, Technology
 from scripts.synth.map import TOP
@@ -107,23 +108,19 @@ class Timing:
     def _run(self, name: str, periods: Mapping[str, float], cut: bool, reports: Sequence[str]) -> str:
         """Return the reports of OpenSTA, then "setup check" and the list of pins without timing."""
         self.directory.mkdir(parents=True, exist_ok=True)
-        early, late = self.technology.derates(self.corner)
         script, log = (self.directory / f"{name}.{end}" for end in ("tcl", "log"))
-        lines = [
-            f"read_liberty {liberty_with_wires(self.technology, self.corner, self.directory)}",
-            f"read_verilog {self.netlist}",
-            f"link_design {TOP}",
-            *(f"set {clock}_period {period!r}" for clock, period in periods.items()),
-            *(["set cut_crossings 1"] if cut else []),
-            f"source {self.sdc}",
-            "set_wire_load_model -name stated",
-            f"set_timing_derate -early {early}\nset_timing_derate -late {late}",
-            *reports,
-            'puts "setup check"',
-            "check_setup -verbose -no_clock -unconstrained_endpoints -loops",
-            'puts "sta ended"',
-        ]
-        script.write_text("\n".join([*lines, ""]))
+        text = templates.text(
+            "sta.tcl",
+            liberty=liberty_with_wires(self.technology, self.corner, self.directory),
+            netlist=self.netlist,
+            top=TOP,
+            periods=periods,
+            cut=cut,
+            sdc=self.sdc,
+            derates=self.technology.derates(self.corner),
+            reports=reports,
+        )
+        script.write_text(text)
         log.unlink(missing_ok=True)
         command = [tool("sta", "opensta"), "-no_init", "-no_splash", "-exit", str(script)]
         run_logged(command, ROOT, log, STA_LIMIT_S, "OpenSTA")

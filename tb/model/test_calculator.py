@@ -56,42 +56,6 @@ def test_the_papers_targets_give_exactly_the_papers_design(targets: dict[str, An
     assert answer.design() == dd.load()
 
 
-@pytest.mark.paper
-def test_eq6_taken_literally_gives_516_clocks_and_code_258() -> None:
-    answer = solve()
-    full_scale_hz = answer.f_clk_hz * (answer.duty(answer.r_min_ohm) - answer.duty(answer.r_max_ohm))
-    clocks = round(256 / full_scale_hz * answer.f_clk_hz)
-    assert clocks == 516
-    assert vfc.count_rational(answer.duty(answer.r_min_ohm), clocks) == 258
-
-
-@pytest.mark.paper
-def test_without_k_the_papers_full_scale_would_be_40_kohm() -> None:
-    answer = solve()
-    assert 2 * answer.v_bias_v / answer.i0_a == 40_000
-    assert 2 * answer.v_bias_v / (answer.k * answer.i0_a) == 500
-
-
-@pytest.mark.paper
-def test_resolution_follows_the_square_of_resistance_and_is_constant_in_force() -> None:
-    table = solve().range_table()
-    for r, force, x, rate, _code, _eq3, d_r, d_force in table:
-        assert force * r == pytest.approx(7500)
-        assert x * r == pytest.approx(250)
-        assert rate == pytest.approx(5e6 * x)
-        assert d_r == pytest.approx(r * r / 127_500)
-        assert d_force == pytest.approx(7500 / 127_500)
-    assert [row[0] for row in (table[0], table[-1])] == [500, 64250]
-    assert [row[4] for row in (table[0], table[-1])] == [255, 2]
-
-
-def test_the_code_column_is_the_walk_through_the_gate() -> None:
-    answer = solve(make_targets(rows=32, bits=7))
-    for row in answer.range_table(8):
-        x = answer.duty(dd.exact(row[0]))
-        assert row[4] == min(127, vfc.count_exact(x, answer.gate_clocks))
-
-
 targets = st.fixed_dictionaries(
     {
         "rows": st.integers(1, 128),
@@ -141,64 +105,27 @@ def test_feasible_targets_become_a_design_that_meets_them(targets: dict[str, Any
     assert design.interface.v_bias_v / design.sensor.r_min_ohm <= 1e-3 * (1 + 1e-12)
 
 
-def test_most_random_targets_are_feasible() -> None:
-    # Guards the property above: it says nothing about targets that are assumed away.
-    found = [
-        solve(
-            make_targets(rows=rows, bits=bits, frame_s=t, r_min_ohm=r, r_max_ohm=r * 2**bits * 0.9)
-        ).feasible
-        for rows in (4, 16, 64)
-        for bits in (6, 8, 10)
-        for t in (2e-3, 1e-2, 0.1)
-        for r in (250.0, 500.0, 5000.0)
-    ]
-    assert sum(found) > len(found) / 2
-
-
 IMPOSSIBLE = [
     # limit, targets, a piece of what is said
-    ("sensor_current_a", {"v_bias_v": 0.6}, "0.6 V on 500 ohm"),
     ("sensor_current_a", {"i_sensor_a": 2e-3}, "1 V on 500 ohm"),
     ("v_bias_supply", {"v_bias_v": 2.0, "r_min_ohm": 5000.0}, "2 V of 1.65 V"),
-    ("v_bias_supply", {"i_sensor_a": 1e-3, "r_min_ohm": 5000.0}, "5 V of 1.65 V"),
     ("k_distance", {"k": 50}, "k = 50, switchable 20, 40, 80, 160"),
-    ("k_distance", {"k": 1000}, "k = 1000"),
     ("k_distance", {"i0_a": 1e-6}, "k = 2000"),
     ("duty_full_scale", {"v_bias_v": 0.5, "k": 80, "i0_a": 20e-6}, "500 ohm"),
-    ("full_scale_code_error_lsb", {"gate_clocks": 509}, "count to 254"),
-    ("full_scale_code_error_lsb", {"gate_clocks": 511}, "count to 256"),
     ("full_scale_code_error_lsb", {"gate_clocks": 510, "bits": 9}, "(8 bits), wanted 511"),
     ("full_scale_code_error_lsb", {"gate_clocks": 516}, "count to 258"),
-    ("code_at_r_max", {"r_max_ohm": 300e3}, "300000 ohm"),
     ("code_at_r_max", {"force_min_n": 0.01}, "750000 ohm"),
     ("gate_margin_clocks", {"f_clk_hz": 4e6}, "f_clk_hz = 5e+06 would do, or 7 bits"),
-    ("gate_margin_clocks", {"f_clk_hz": 5e6, "bits": 9}, "slot 625, gate 1022"),
     ("gate_margin_clocks", {"f_clk_hz": 4e6, "frame_rate_hz": 500.0}, "slot 500"),
-    ("settle_s", {"frame_s": 1e-4}, "115 clocks"),
     ("settle_s", {"frame_rate_hz": 1e4}, "115 clocks"),
     ("settle_s", {"settle_fraction": 0.0}, "3 clocks"),
     ("settle_s", {"f_clk_hz": 5e6, "frame_s": 1.64e-3, "settle_fraction": 0.0}, "2 clocks"),
     ("comparator_delay_clocks", {"frame_s": 5e-5}, "f_clk up to 1e+08 Hz"),
-    ("comparator_delay_clocks", {"frame_rate_hz": 2e4}, "f_clk up to 1e+08 Hz"),
-    ("comparator_delay_clocks", {"bits": 16}, "f_clk up to 1e+08 Hz"),
     ("comparator_delay_clocks", {"f_clk_hz": 2e8}, "f_clk up to 1e+08 Hz"),
-    ("packet_swing", {"packet_v": 2.0}, "at most 1.5 V"),
-    ("packet_swing", {"c_int_f": 1e-12}, "at most 1.5 V"),
     ("packet_swing", {"c_int_f": 2e-12, "packet_v": 0.5}, "at most 0.5 V"),
     ("c_int_f", {"c_int_f": 5e-14}, "packet 2.5e-12 C"),
-    ("c_int_f", {"k": 160, "frame_s": 5e-5}, "packet"),
-    (
-        "leak_plateau_lsb",
-        {"topology": "direct", "gain_dc": 1000.0},
-        "R_leak C = 1.25e-05 s, at least 5.1e-05 s",
-    ),
-    ("leak_plateau_lsb", {"topology": "direct", "rows": 64, "frame_s": 8e-3}, "at least 5.1e-05 s"),
+    ("leak_plateau_lsb", {"topology": "direct", "gain_dc": 1000.0}, "1.25e-05 s, at least 5.1e-05 s"),
     ("kt_c_lsb", {"packet_v": 1e-5}, "C on a packet of"),
-    (
-        "kt_c_lsb",
-        {"rows": 64, "bits": 10, "frame_s": 1e-4, "r_min_ohm": 6e4, "r_max_ohm": 1e6, "packet_v": 1e-2},
-        "C",
-    ),
     ("kt_c_lsb", {"c_int_f": 1e-4}, "C on a packet of"),
 ]
 
@@ -248,33 +175,15 @@ def test_the_nearest_targets_meet_each_missed_limit(targets: dict[str, Any], mor
 
 
 @pytest.mark.paper
-def test_the_leak_limit_is_the_51_us_of_the_plateau() -> None:
-    # Widest plateau of the leaky integrator, width lam^(q-2) (1-lam)^2 / (1-lam^q): one LSB of 510 at 51 us.
-    def width(q: int, tau_s: float) -> float:
-        lam = math.exp(-200e-9 / tau_s)
-        return lam ** (q - 2) * (1 - lam) ** 2 / (1 - lam**q)
-
-    assert 510 * max(width(2, 50.9e-6), width(3, 50.9e-6)) > 1
-    assert 510 * max(width(2, 51.1e-6), width(3, 51.1e-6)) < 1
+def test_leak_and_noise_are_those_of_their_formulas() -> None:
     answer = solve(make_targets(topology="direct"))
-    row = next(row for row in answer.rows if row["name"] == "calculator.leak_plateau_lsb")
+    rows = {row["name"].removeprefix("calculator."): row["value"] for row in answer.rows}
+    # Second plateau of the leaky integrator, the widest; tau is that of 400 pF at 31.25 ohm and gain 1e4.
+    lam = math.exp(-200e-9 / (1e4 * 31.25 * 400e-12))
     # 1 - lam loses five digits where lam is 1 - 1e-5; ten are left.
-    assert row["value"] == pytest.approx(510 * width(2, float(answer.tau_leak_s)), rel=1e-9)
-    assert float(answer.tau_leak_s) == pytest.approx(1e4 * 31.25 * 400e-12)
-
-
-def test_kt_c_is_the_noise_of_5_pf_at_300_k() -> None:
-    row = next(row for row in solve().rows if row["name"] == "calculator.kt_c_lsb")
-    # sqrt(kT/C) / 1 V has three digits here and the temperature one.
-    assert row["value"] == pytest.approx(2.88e-5, rel=1e-2)
-
-
-def test_the_direct_interface_has_k_times_the_charge_and_less_noise_on_it() -> None:
-    def noise(topology: str) -> float:
-        rows = solve(make_targets(topology=topology)).rows
-        return next(row["value"] for row in rows if row["name"] == "calculator.kt_c_lsb")
-
-    assert noise("direct") == pytest.approx(noise("conveyor_mirror") / math.sqrt(dd.load().interface.k))
+    assert rows["leak_plateau_lsb"] == pytest.approx(510 * (1 - lam) ** 2 / (1 - lam**2), rel=1e-9)
+    # sqrt(kT/C) / 1 V has three digits here and the temperature one; direct has k = 80 times the charge.
+    assert rows["kt_c_lsb"] == pytest.approx(2.88e-5 / math.sqrt(80), rel=1e-2)
 
 
 @pytest.mark.paper
@@ -290,14 +199,9 @@ def test_edges_get_shorter_with_the_clock_and_never_longer() -> None:
     ("arguments", "said"),
     [
         (["--frame-s", "nan"], "frame_s = nan"),
-        (["--frame-s", "inf"], "frame_s = inf"),
-        (["--frame-s", "-1"], "frame_s = -1.0"),
         (["--settle-fraction", "1"], "settle_fraction = 1.0"),
-        (["--bits", "0"], "bits = 0"),
         (["--bits", "17"], "bits = 17"),
         (["--frame-s", "1e-3", "--frame-rate-hz", "1000"], "frame_rate_hz = 1000.0: no value"),
-        (["--v-bias-v", "0.5", "--i-sensor-a", "1e-3"], "i_sensor_a = 0.001: no value"),
-        (["--r-max-ohm", "1e4", "--force-min-n", "1"], "force_min_n = 1.0: no value"),
         (["--r-min-ohm", "500", "--force-max-n", "15", "--k-force-n-ohm", "7000"], "k_force_n_ohm = 7000.0"),
         (["--r-min-ohm", "500", "--r-max-ohm", "400"], "r_max_ohm = 400.0: above the 500 ohm"),
         (["--force-min-n", "20"], "force_min_n = 20.0: below the full force"),
@@ -310,18 +214,6 @@ def test_wrong_targets_are_refused_in_one_line(arguments: list[str], said: str) 
     assert run.exception.exit_code == 2
     assert said in str(run.exception)
     assert "\n" not in str(run.exception)
-
-
-@pytest.mark.parametrize("arguments", [["--bits", "eight"], ["--topology", "magic"], ["--colour", "red"]])
-def test_what_the_command_line_cannot_read_exits_2(arguments: list[str]) -> None:
-    assert CliRunner().invoke(calculator.calc_command, arguments).exit_code == 2
-
-
-def test_an_unknown_target_in_python_is_refused() -> None:
-    with pytest.raises(InputError, match="frame_ms"):
-        make_targets(frame_ms=2)
-    with pytest.raises(InputError, match="frame_s"):
-        make_targets(frame_s="2e-3")
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--k", "50"], 1)])

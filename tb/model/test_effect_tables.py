@@ -3,13 +3,10 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 from dermis import engines
 from dermis.effects import EFFECTS
-from dermis.records import ENGINES
 from dermis.scene.design import ROOT
 from scripts import effect_tables
 
@@ -51,15 +48,3 @@ def test_marks_of_effects_that_are_known_by_hand() -> None:
     assert effect_tables.enters("offset_current") == "duty"
     assert effect_tables.enters("sensor_creep") == "resistances, before any engine"
     assert effect_tables.parameters("row_driver") == "`r_ohm = 1`, `grounded_r_ohm = 1`"
-
-
-def test_files_and_tests_named_on_the_page_are_there() -> None:
-    named = set(re.findall(r"`((?:models|tb|spice|docs)/[\w./]+)`", PAGE))
-    named |= {f"models/dermis/{name}" for name in re.findall(r"`(\w+/\w+\.py)`", PAGE)}
-    assert len(named) > 12
-    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
-
-
-def test_engines_that_can_do_an_effect_are_named_as_columns() -> None:
-    head = effect_tables.places().splitlines()[0]
-    assert all(re.search(rf"\b{engine}\b", head) for engine in ENGINES)

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import shlex
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,10 +19,10 @@ from dermis.errors import InputError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.extracted import CIRCUIT
-from scripts.characterise import benches, command, results, run_all, runs
+from scripts.characterise import benches, command, results, runs
 from scripts.characterise.benches import BENCHES, Bench, Condition, deck
 from scripts.characterise.command import characterise_command, chosen
-from scripts.characterise.run_all import Job, Runs, conditions, jobs_of
+from scripts.characterise.runs import Job, Runs, conditions, jobs_of
 
 
 @pytest.fixture(autouse=True)
@@ -85,7 +86,7 @@ def test_a_key_is_that_of_what_decides_and_of_nothing_else(tmp_path: Path) -> No
 def test_every_condition_sample_and_way_to_solve_has_a_key_of_its_own() -> None:
     places = [*conditions("*,27,1"), *conditions("tt,*,*"), Condition(sample=1), Condition(sample=2)]
     places = list(dict.fromkeys([*places, Condition("ss", sample=2)]))
-    jobs = [Job("vfc_sink", place, way) for place in places for way in run_all.NUMERICS]
+    jobs = [Job("vfc_sink", place, way) for place in places for way in runs.NUMERICS]
     assert len({runs.key(runs.resolved(job.deck())) for job in jobs}) == len(jobs)
 
 
@@ -144,36 +145,13 @@ def test_the_command_of_a_row_measures_that_row_there_and_nothing_else() -> None
 def test_drift_is_over_temperature_alone() -> None:
     values = {("ss", -40.0): 0.001, ("ss", 27.0): 0.004, ("ss", 125.0): 0.002, ("ff", 27.0): 0.5}
     outcomes = {
-        Job("vfc_sink", Condition(corner, celsius)): run_all.Outcome(
+        Job("vfc_sink", Condition(corner, celsius)): runs.Outcome(
             dict.fromkeys(BENCHES["vfc_sink"].units, value)
         )
         for (corner, celsius), value in values.items()
     }
     found = {one.name: one for one in results.series(outcomes)}
     assert found["drift.packet_error.sink"].values == {"--at ss,*,1": pytest.approx(0.003)}
-
-
-def test_passives_count_with_the_others_unless_they_have_a_limit_of_their_own() -> None:
-    outcomes = {
-        Job("vfc_sink", place): run_all.Outcome(dict.fromkeys(BENCHES["vfc_sink"].units, 0.01))
-        for place in (Condition("ss"), *run_all.passives())
-    }
-    found = {one.name: one for one in results.series(outcomes)}
-    assert len(found["packet_error.sink"].values) == 19
-    assert list(found["capacitor_error.sink"].values) == ["--at ss,27,1"]
-    assert len(found["passives.capacitor_error.sink"].values) == 18
-
-
-def test_values_are_written_by_condition() -> None:
-    outcomes = {
-        Job("reference", Condition("ss", -40.0, 0.9)): run_all.Outcome({"reference_error": 0.25}),
-        Job("reference", Condition(sample=3)): run_all.Outcome({"reference_error": 0.5}),
-        Job("reference", Condition("ff")): run_all.Outcome({}, "gave up"),
-    }
-    results.write_values(outcomes)
-    told = json.loads(results.VALUES.read_text())
-    assert told["values"] == {"ss,-40,0.9": {"reference_error": 0.25}}
-    assert told["samples"] == {"3": {"reference_error": 0.5}}
 
 
 # ---- the command ------------------------------------------------------------------------------------------------
@@ -183,26 +161,28 @@ def test_the_command_passes_fails_and_gives_up_with_an_exit_code_each(
     build: Path, changed: Callable[[str, str], None]
 ) -> None:
     typical = ("--only", "reference", "--only", "row_driver_held", "--at", "tt,27,1", "--jobs", "1")
-    code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
-    assert (code, {row["status"] for row in rows.values()}) == (0, {"PASS"}), said
+
+    def run() -> tuple[int, dict[str, verdict.Row]]:
+        code, _ = called(*typical)
+        rows = json.loads((build / "build" / "characterise_part.json").read_text())
+        return code, {row["name"]: row for row in rows}
+
+    code, rows = run()
+    assert (code, {row["status"] for row in rows.values()}) == (0, {"PASS"}), rows
     assert rows["sky130.row_driver_r_ohm.held"]["value"] > 0.1
 
     # Two ohm of wire behind the switch.
     held = BENCHES["row_driver_held"].body
     far = held.replace("il row 0 0", "rfault row far 2\nil far 0 0").replace("v(row)", "v(far)")
     changed("row_driver_held", far)
-    code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
-    assert code == 1
-    assert rows["sky130.row_driver_r_ohm.held"]["status"] == "FAIL"
-    assert "1 FAIL" in said
-    assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in rows["sky130.row_driver_r_ohm.held"]["note"]
+    code, rows = run()
+    row = rows["sky130.row_driver_r_ohm.held"]
+    assert (code, row["status"]) == (1, "FAIL")
+    assert "--only sky130.row_driver_r_ohm.held --at tt,27,1" in row["note"]
 
     # A node that is 1 V where it is below half a volt, and 0 V elsewhere, has no voltage.
     changed("row_driver_held", "bnone n 0 v='v(n) > 0.5 ? 0 : 1'\nrn n 0 1k\n" + held)
-    code, said = called(*typical)
-    rows = {row["name"]: row for row in json.loads((build / "build" / "characterise_part.json").read_text())}
+    code, rows = run()
     assert code == 3
     errors = {name for name, row in rows.items() if row["status"] == "ERROR"}
     assert errors == {"sky130.row_driver_r_ohm.held"}
@@ -252,26 +232,14 @@ def test_a_whole_run_is_63_conditions_100_draws_and_the_numerics() -> None:
     jobs = jobs_of(list(BENCHES), None, None, None, short=False)
     places = {job.condition for job in jobs if job.condition.sample is None and not job.numerics}
     assert len(places) == 63 == len(CORNERS) * 3 * 3 + len(PASSIVE_CORNERS) * 3
-    drawn = {job.bench: 0 for job in jobs if job.condition.sample is not None}
-    for job in jobs:
-        if job.condition.sample is not None:
-            drawn[job.bench] += 1
+    drawn = Counter(job.bench for job in jobs if job.condition.sample is not None)
     assert set(drawn.values()) == {100}
     assert {"chain_k80", "vfc_sink", "comparator", "reference"} <= set(drawn)
     solved_otherwise = {job.bench for job in jobs if job.numerics}
     assert solved_otherwise == {name for name, bench in BENCHES.items() if ".tran" in bench.body}
 
 
-def test_half_a_step_is_half_a_step() -> None:
-    text = Job("vfc_sink", Condition(), "half_step").deck()
-    assert ".tran 5n 3.2u" in text
-    # The bench's own 1 and ngspice's own 7 and 1e-3, halved.
-    assert ".options trtol=0.5 reltol=0.0005" in text
-    assert ".options trtol=1\n" in Job("vfc_sink", Condition()).deck()
-    assert ".options trtol=3.5 reltol=0.0005" in Job("comparator", Condition(), "half_step").deck()
-
-
-def numerics(outcomes: dict[Job, run_all.Outcome]) -> verdict.Row:
+def numerics(outcomes: dict[Job, runs.Outcome]) -> verdict.Row:
     (one,) = [one for one in results.series(outcomes) if one.name.startswith("numerics_lsb.")]
     return one.row()
 
@@ -280,8 +248,8 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     """Quantities that move by a hundredth of a packet, 2.55 codes, when they are solved in another way."""
     own = dict.fromkeys(BENCHES["vfc_sink"].units, 0.0)
     outcomes = {
-        Job("vfc_sink", Condition()): run_all.Outcome(own),
-        Job("vfc_sink", Condition(), "gear"): run_all.Outcome(own | {"packet_error.sink": 0.01}),
+        Job("vfc_sink", Condition()): runs.Outcome(own),
+        Job("vfc_sink", Condition(), "gear"): runs.Outcome(own | {"packet_error.sink": 0.01}),
     }
     row = numerics(outcomes)
     assert row["value"] == pytest.approx(2.55)
@@ -292,28 +260,13 @@ def test_a_transient_that_hangs_on_its_step_is_seen() -> None:
     assert row["status"] == "FAIL"
 
 
-def test_every_transient_says_what_it_is_worth_in_codes() -> None:
-    for name, bench in BENCHES.items():
-        if run_all.is_transient(bench):
-            assert any(q.partition(".")[0] in benches.CODES_A_UNIT for q in bench.units), name
-    outcomes = {
-        Job("reference", Condition(), way): run_all.Outcome({"reference_error": 0.0}) for way in ("", "gear")
-    }
-    assert numerics(outcomes)["status"] == "PASS"
-    odd = {
-        Job("amplifier", Condition(), way): run_all.Outcome(dict.fromkeys(BENCHES["amplifier"].units, 1.0))
-        for way in ("", "gear")
-    }
-    assert numerics(odd)["status"] == "ERROR"
-
-
 def test_a_sum_is_of_sizes_and_lacks_what_a_part_lacks() -> None:
-    def at(place: Condition, bend: float, fault: str = "") -> dict[Job, run_all.Outcome]:
+    def at(place: Condition, bend: float, fault: str = "") -> dict[Job, runs.Outcome]:
         chain = dict.fromkeys(BENCHES["chain_k80"].units, 0.2)
         density = {} if fault else dict.fromkeys(BENCHES["density_sink"].units, bend)
         return {
-            Job("chain_k80", place): run_all.Outcome(chain),
-            Job("density_sink", place): run_all.Outcome(density, fault),
+            Job("chain_k80", place): runs.Outcome(chain),
+            Job("density_sink", place): runs.Outcome(density, fault),
         }
 
     outcomes = at(Condition(), -0.4) | at(Condition("ss"), 0.1) | at(Condition("ff"), 0.0, "gave up")
@@ -334,7 +287,7 @@ def test_a_quantity_that_does_not_follow_is_a_fault_and_no_number() -> None:
     for one, said in ((bench, "missing"), (nan, "not a number: q")):
         BENCHES["b"] = one
         try:
-            done = run_all.outcome(Job("b", Condition()), runs.Measured({}))
+            done = runs.outcome(Job("b", Condition()), runs.Measured({}))
         finally:
             del BENCHES["b"]
         assert said in done.fault
@@ -366,13 +319,13 @@ def test_table_and_figures_are_made_of_what_there_is(build: Path, monkeypatch: p
     for n, value in ((None, 0.001), (1, 0.004), (2, -0.03), (3, 0.08)):
         place = Condition(sample=n)
         units = BENCHES["vfc_sink"].units
-        made.outcomes[Job("vfc_sink", place)] = run_all.Outcome(dict.fromkeys(units, value))
+        made.outcomes[Job("vfc_sink", place)] = runs.Outcome(dict.fromkeys(units, value))
     found = {f"{name}{n}": 0.0 for n in range(len(benches.SHARES)) for name in ("out", "x")}
     found |= {f"out{n}": 12.5e-6 * share for n, share in enumerate(benches.SHARES)}
-    made.outcomes[Job("chain_k80", Condition())] = run_all.outcome(
+    made.outcomes[Job("chain_k80", Condition())] = runs.outcome(
         Job("chain_k80", Condition()), runs.Measured(found)
     )
-    made.outcomes[Job("r_x", Condition())] = run_all.Outcome({}, "gave up")
+    made.outcomes[Job("r_x", Condition())] = runs.Outcome({}, "gave up")
     series = results.series(made.outcomes)
     docs.write(series, made)
     text = docs.DOCS.read_text()

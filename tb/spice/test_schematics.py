@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from scripts.schematics import command, netlist
+from scripts.schematics import command
+from scripts.schematics.command import Subckt
 from scripts.schematics.drawing import SHEETS, draw
-from scripts.schematics.netlist import Subckt
 
 pytestmark = pytest.mark.skipif(
     shutil.which("xschem") is None, reason="xschem (Debian package) is not installed; .ci/run needs it"
@@ -31,7 +31,7 @@ def sheets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Subckt]:
 def test_every_subcircuit_has_a_sheet_that_is_its_netlist(text, sheets):
     rows = command.compare(text, sheets)
     assert [row for row in rows if row["status"] != "PASS"] == []
-    assert len(rows) == len(text) - len(netlist.DEVICES)
+    assert len(rows) == len(text) - len(command.DEVICES)
 
 
 TEXT_FAULTS = {
@@ -49,7 +49,7 @@ def test_a_change_of_the_text_is_found(fault, text, sheets):
     file, old, new = TEXT_FAULTS[fault]
     source = (command.TEXT / file).read_text(encoding="utf-8")
     assert source.count(old) == 1
-    changed = text | netlist.parse(source.replace(old, new), Path(file))
+    changed = text | command.parse(source.replace(old, new), Path(file))
     wrong = {row["name"] for row in command.compare(changed, sheets) if row["status"] == "FAIL"}
     assert wrong == {f"schematics.{file.removesuffix('.sp')}"}
 
@@ -76,20 +76,20 @@ def test_a_change_of_a_sheet_or_symbol_is_found(fault, text, tmp_path):
         a, b = (next(n for n, line in enumerate(lines) if f"name={pin} " in line) for pin in ("inp", "inn"))
         lines[a], lines[b] = lines[b], lines[a]
         symbol.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    assert netlist.differences(text, command.drawn(tmp_path / "work", place))["ota"]
+    assert command.differences(text, command.drawn(tmp_path / "work", place))["ota"]
 
 
 def test_a_subcircuit_on_one_side_alone_is_found(text, sheets):
     fewer = {name: subckt for name, subckt in sheets.items() if name != "switch"}
-    assert netlist.differences(text, fewer)["switch"] == ["no sheet"]
+    assert command.differences(text, fewer)["switch"] == ["no sheet"]
     less = {name: subckt for name, subckt in text.items() if name != "switch"}
-    assert netlist.differences(less, sheets)["switch"] == ["a sheet without netlist"]
+    assert command.differences(less, sheets)["switch"] == ["a sheet without netlist"]
 
 
 def test_a_drawing_names_every_element_and_port(text):
     for sheet in sorted(SHEETS.glob("*.sch")):
         texts = [element.text for element in ElementTree.fromstring(draw(sheet)).iter() if element.text]
-        words = {word for text_ in texts for word in netlist.bits(text_)}
+        words = {word for text_ in texts for word in command.bits(text_)}
         assert {*text[sheet.stem].elements, *text[sheet.stem].pins} <= words, sheet
 
 

@@ -7,7 +7,6 @@ import csv
 import io
 import json
 import math
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,14 +16,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from dermis import cli, plan, records
+from dermis import plan, records
 from dermis.converter import vfc
 from dermis.effects import EFFECTS
 from dermis.engines import closed
-from dermis.errors import SimulatorError
+from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
-from dermis.scene.design import ROOT, TOPOLOGIES
+from dermis.scene.design import TOPOLOGIES
 from scripts.sweep import command, figures
 from scripts.sweep import curves as sweep
 from scripts.sweep.curves import Curve, Reading
@@ -55,11 +54,6 @@ def status(rows: list[dict[str, Any]]) -> dict[str, str]:
     return {row["name"]: row["status"] for row in rows}
 
 
-def wrong(curve: Curve, pulses: np.ndarray) -> Curve:
-    """The same curve, had the chip counted something else."""
-    return replace(curve, ideal=replace(curve.ideal, pulses=pulses, code=np.minimum(pulses, curve.code_max)))
-
-
 def of_law(curve: Curve, clocks: np.ndarray) -> Curve:
     """The same curve, had every period been `clocks`."""
     pulses = np.ceil(curve.gate / clocks).astype(np.int64)
@@ -69,61 +63,33 @@ def of_law(curve: Curve, clocks: np.ndarray) -> Curve:
 # ---- what the chip reads
 
 
-def test_every_interface_is_swept_over_the_same_resistances(swept: Swept) -> None:
-    assert [curve.topology for curve in swept.curves] == list(TOPOLOGIES)
-    assert not swept.failed
-    for curve in swept.curves:
-        np.testing.assert_array_equal(curve.resistance_ohm, sweep.resistances(POINTS, design.load()))
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
 @pytest.mark.paper
-def test_pulses_are_those_of_charge_balance(swept: Swept, topology: str) -> None:
-    curve = next(c for c in swept.curves if c.topology == topology)
-    expected = np.array([formula(ohm) for ohm in curve.resistance_ohm])
-    assert curve.on_code.sum() >= 2
-    np.testing.assert_array_equal(curve.ideal.pulses[curve.on_code], expected[curve.on_code])
-    # A count may fall either side of a half in another engine's rounding.
-    assert np.abs(curve.ideal.pulses - expected).max() <= 1
-    np.testing.assert_array_equal(curve.ideal.code, curve.ideal.pulses)
-
-
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_the_pulse_distance_gives_the_same_frequency_as_the_count(swept: Swept, topology: str) -> None:
-    curve = next(c for c in swept.curves if c.topology == topology)
-    for clocks in (curve.ideal.period_clocks, curve.ideal.line_clocks):
-        # The first and last pulse of 510 clocks stand within half a count of the mean rate.
-        assert np.abs(curve.gate / clocks - curve.gate * curve.x).max() < 0.5
-    # between the only two gaps there are
-    assert (curve.ideal.period_clocks >= np.floor(1 / curve.x)).all()
-    assert (curve.ideal.period_clocks <= np.ceil(1 / curve.x)).all()
-
-
-def test_the_ideal_sweep_meets_every_limit(swept: Swept) -> None:
-    assert verdict.exit_code(swept.rows) == 0, [r for r in swept.rows if r["status"] != "PASS"]
-    names = status(swept.rows)
-    for topology in TOPOLOGIES:
-        assert names[f"sweep.rate_error_lsb.{topology}"] == "PASS"
-        assert names[f"sweep.rate_error_exact_lsb.{topology}"] == "PASS"
-        assert f"sweep.frequency_linearity_lsb.{topology}" in names
-    assert names["sweep.eq3_difference_lsb"] == "PASS"
-
-
-def test_plain_ngspice_with_its_own_flip_flop_follows_charge_balance_not_eq3(swept: Swept) -> None:
+def test_every_interface_reads_charge_balance_and_meets_its_limits(swept: Swept) -> None:
+    assert [curve.topology for curve in swept.curves] == list(TOPOLOGIES)
+    assert (swept.failed, verdict.exit_code(swept.rows)) == (False, 0), swept.rows
     rows = {row["name"]: row for row in swept.rows}
     assert rows["sweep.plain_ngspice_pulses_510"]["value"] == math.floor(
-        Fraction(250, 510) * 512 + Fraction(1, 2)
+        Fraction(250 * 512, 510) + Fraction(1, 2)
     )
-    assert rows["sweep.rate_error_lsb.plain_ngspice"]["status"] == "PASS"
+    ohm = sweep.resistances(POINTS, design.load())
+    expected = np.array([formula(r) for r in ohm])
+    for curve in swept.curves:
+        assert curve.on_code.sum() >= 2
+        np.testing.assert_array_equal(curve.resistance_ohm, ohm)
+        np.testing.assert_array_equal(curve.ideal.pulses[curve.on_code], expected[curve.on_code])
+        # A count may fall either side of a half in another engine's rounding.
+        assert np.abs(curve.ideal.pulses - expected).max() <= 1
+        np.testing.assert_array_equal(curve.ideal.code, curve.ideal.pulses)
+        for clocks in (curve.ideal.period_clocks, curve.ideal.line_clocks):
+            # The first and last pulse of 510 clocks stand within half a count of the mean rate.
+            assert np.abs(curve.gate / clocks - curve.gate * curve.x).max() < 0.5
 
 
 def test_a_scene_of_the_sweep_reads_the_same_with_another_engine(swept: Swept) -> None:
     made = plan.load(swept.out / "scenes" / "direct.toml", "closed")
     codes = sweep.out_of_frames(closed.run(made).codes.astype(int), POINTS)
-    curve = swept.curves[0]
-    np.testing.assert_array_equal(codes[curve.on_code], curve.ideal.code[curve.on_code])
     # A count may fall either side of a half in another engine's rounding.
-    assert np.abs(codes - curve.ideal.code).max() <= 1
+    assert np.abs(codes - swept.curves[0].ideal.code).max() <= 1
 
 
 @pytest.mark.long
@@ -150,32 +116,20 @@ def test_the_restarting_law_fails_every_limit_it_should(swept: Swept, topology: 
     curve = next(c for c in swept.curves if c.topology == topology)
     seeded = of_law(curve, curve.period_eq3_clocks)
     np.testing.assert_array_equal(seeded.ideal.pulses, curve.pulses_eq3)
-    names = status([*sweep.judge(seeded), sweep.judge_laws([seeded])])
-    assert names[f"sweep.rate_error_lsb.{topology}"] == "FAIL"
-    assert names["sweep.eq3_difference_lsb"] == "FAIL"
-    assert verdict.exit_code(sweep.judge(seeded)) == 1
+    others = [other for other in swept.curves if other is not curve]
+    names = status([*sweep.judge(seeded), sweep.judge_laws([*others, seeded])])
+    assert names[f"sweep.rate_error_lsb.{topology}"] == names["sweep.eq3_difference_lsb"] == "FAIL"
 
 
-def test_one_interface_of_four_that_follows_eq3_is_enough_to_fail(swept: Swept) -> None:
-    seeded = [*swept.curves[:3], of_law(swept.curves[3], swept.curves[3].period_eq3_clocks)]
-    assert sweep.judge_laws(seeded)["status"] == "FAIL"
-
-
-def test_one_lost_pulse_on_a_code_is_caught(swept: Swept) -> None:
+def test_a_lost_pulse_and_a_code_that_is_not_its_pulses_are_caught(swept: Swept) -> None:
     curve = swept.curves[0]
-    pulses = curve.ideal.pulses.copy()
-    pulses[np.flatnonzero(curve.on_code)[0]] -= 1
-    names = status(sweep.judge(wrong(curve, pulses)))
-    assert names["sweep.rate_error_exact_lsb.direct"] == "FAIL"
-    assert names["sweep.rate_error_lsb.direct"] == "PASS"
-
-
-def test_a_code_that_is_not_its_pulses_is_an_error(swept: Swept) -> None:
-    curve = swept.curves[0]
-    code = curve.ideal.code.copy()
-    code[3] += 1
-    names = status(sweep.judge(replace(curve, ideal=replace(curve.ideal, code=code))))
-    assert names["sweep.rate_error_lsb.direct"] == "ERROR"
+    changed = curve.ideal.pulses.copy()
+    changed[np.flatnonzero(curve.on_code)[0]] -= 1
+    lost = replace(curve, ideal=replace(curve.ideal, pulses=changed, code=changed))
+    other = replace(curve, ideal=replace(curve.ideal, code=changed))
+    assert status(sweep.judge(lost))["sweep.rate_error_exact_lsb.direct"] == "FAIL"
+    assert status(sweep.judge(lost))["sweep.rate_error_lsb.direct"] == "PASS"
+    assert status(sweep.judge(other))["sweep.rate_error_lsb.direct"] == "ERROR"
 
 
 def test_a_bench_that_does_not_measure_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,9 +160,7 @@ def two_rows(tmp_path: Path) -> records.Plan:
     return sweep.make_plan(tmp_path, "direct", laid, {}, "two rows")
 
 
-@pytest.mark.parametrize(
-    "x", [Fraction(1, 2), Fraction(1, 3), Fraction(2, 7), Fraction(1, 250), Fraction(1, 2000)]
-)
+@pytest.mark.parametrize("x", [Fraction(1, 2), Fraction(2, 7), Fraction(1, 2000)])
 @pytest.mark.paper
 def test_pulses_of_a_known_trace_are_found(two_rows: records.Plan, x: Fraction) -> None:
     count, period, line = sweep.find_pulses(trace_of(two_rows, x), two_rows)
@@ -242,35 +194,12 @@ def test_a_trace_that_ends_early_is_a_simulator_error(two_rows: records.Plan) ->
 # ---- what is swept
 
 
-@pytest.mark.parametrize("points", [8, 9, 16, 100, 256, 1000])
+@pytest.mark.parametrize("points", [8, 9, 100])
 def test_a_sweep_has_as_many_resistances_as_asked_for_and_both_ends(points: int) -> None:
     ohm = sweep.resistances(points, design.load())
     assert ohm.size == points
     assert (np.diff(ohm) > 0).all()
     assert (ohm[0], ohm[-1]) == (500.0, 64250.0)
-
-
-@pytest.mark.paper
-def test_the_default_sweep_holds_every_kind_of_resistance() -> None:
-    ohm = sweep.resistances(256, design.load())
-    steps = 127_500 / ohm
-    # A resistance written as a double: its rounding, and that of one division.
-    assert (np.abs(steps - np.round(steps)) < 1e-9 * steps).sum() >= 32
-    assert (ohm % 250 == 0).sum() >= 16
-    assert ((ohm > 500) & (ohm < 501)).sum() >= 5
-    assert ((ohm > 500) & (ohm <= 750)).sum() >= 32
-    assert np.diff(np.log(ohm)).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("points", "rows", "cols"), [(8, 16, 8), (256, 16, 16), (257, 16, 16), (20, 16, 16), (3, 4, 1)]
-)
-def test_frames_hold_every_point_once_and_end_with_an_open_row(points: int, rows: int, cols: int) -> None:
-    ohm = np.arange(1.0, points + 1)
-    laid = sweep.in_frames(ohm, rows, cols)
-    assert np.isinf(laid[:, -1]).all()
-    assert np.isfinite(laid).sum() == points
-    np.testing.assert_array_equal(sweep.out_of_frames(laid, points), ohm)
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
@@ -288,32 +217,15 @@ def test_physical_effects_are_all_those_with_a_default(tmp_path: Path, topology:
 
 @pytest.mark.paper
 def test_the_csv_is_complete(swept: Swept) -> None:
-    reading = swept.curves[1].ideal
-    some = replace(
-        swept.curves[1],
-        physical=Reading(
-            *(getattr(reading, f)[:2] for f in ("pulses", "code", "period_clocks", "line_clocks"))
-        ),
-        physical_at=np.array([0, 7]),
-    )
-    curves = [swept.curves[0], some, *swept.curves[2:]]
-    lines = list(csv.DictReader(io.StringIO(figures.table(curves))))
+    lines = list(csv.DictReader(io.StringIO(figures.table(swept.curves))))
     assert tuple(lines[0]) == figures.COLUMNS
     assert [line["topology"] for line in lines] == [t for t in TOPOLOGIES for _ in range(POINTS)]
-    for i, line in enumerate(lines):
-        for key in figures.COLUMNS[1:]:
-            if key.startswith("physical") and not (
-                line["topology"] == "conveyor_mirror" and i % POINTS in (0, 7)
-            ):
-                assert line[key] == ""
-            else:
-                assert math.isfinite(float(line[key]))
+    for line in lines:
+        assert all((line[key] == "") == key.startswith("physical") for key in figures.COLUMNS)
         assert int(line["pulses_charge_balance"]) == formula(float(line["r_ohm"]))
-        # The table has seven digits.
-        assert float(line["f_count_hz"]) == pytest.approx(int(line["pulses"]) * 5e6 / 510, rel=1e-6)
-        assert float(line["f_charge_balance_hz"]) == pytest.approx(1.25e9 / float(line["r_ohm"]), rel=1e-6)
         whole = math.ceil(float(line["r_ohm"]) / 250)
         # The table has seven digits.
+        assert float(line["f_count_hz"]) == pytest.approx(int(line["pulses"]) * 5e6 / 510, rel=1e-6)
         assert float(line["f_eq3_hz"]) == pytest.approx(5e6 / whole, rel=1e-6)
         assert int(line["pulses_eq3"]) == math.ceil(510 / whole)
 
@@ -326,31 +238,19 @@ def invoke(monkeypatch: pytest.MonkeyPatch, root: Path, result: tuple[Any, ...],
     return CliRunner().invoke(command.sweep_command, arguments, standalone_mode=False, catch_exceptions=False)
 
 
-def test_the_command_writes_csv_figures_and_every_row(
+def test_the_command_writes_csv_figures_and_every_row_and_leaves_nothing_old(
     swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False))
-    assert done.return_value == 0
-    made = {path.name for path in (tmp_path / "out").iterdir()}
-    assert made == {"sweep.csv", "sweep_frequency.png", "sweep_code.png"}
+    out = tmp_path / "out"
+    assert invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False)).return_value == 0
+    assert {path.name for path in out.iterdir()} == {"sweep.csv", "sweep_frequency.png", "sweep_code.png"}
     for name in ("sweep_frequency.png", "sweep_code.png"):
-        assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
-    rows = json.loads((tmp_path / "build" / "sweep.json").read_text())
-    assert rows == swept.rows
-    assert all(set(row) == {"name", "value", "unit", "min", "max", "status", "note"} for row in rows)
-
-
-def test_nothing_of_an_earlier_sweep_stays(
-    swept: Swept, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "out").mkdir()
-    for name in command.FILES:
-        (tmp_path / "out" / name).write_text("old")
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert json.loads((tmp_path / "build" / "sweep.json").read_text()) == swept.rows
     invoke(monkeypatch, tmp_path, (swept.curves, swept.rows, False), "--no-plot")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["sweep.csv"]
-    assert (tmp_path / "out" / "sweep.csv").read_text() == figures.table(swept.curves)
+    assert [path.name for path in out.iterdir()] == ["sweep.csv"]
     invoke(monkeypatch, tmp_path, ([], swept.rows, True))
-    assert list((tmp_path / "out").iterdir()) == []
+    assert list(out.iterdir()) == []
 
 
 def test_a_missed_limit_ends_with_1_and_a_failed_simulator_with_3(
@@ -383,50 +283,12 @@ def test_a_simulator_that_fails_costs_its_interface_only(
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [
-        ("--points", "7"),
-        ("--points", "5000"),
-        ("--points", "many"),
-        ("--points", "1e3"),
-        ("--topology", "fig3"),
-        ("--view", "osu035"),
-        ("--out", __file__),
-        ("--colour", "blue"),
-    ],
+    [("--points", "7"), ("--topology", "fig3"), ("--view", "osu035"), ("--out", __file__)],
 )
-def test_a_bad_option_ends_with_2_and_one_line_that_names_it(
-    option: str, value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_bad_option_is_refused_before_the_sweep(
+    option: str, value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(*args: Any, **options: Any) -> None:
-        pytest.fail("the sweep began")
-
-    monkeypatch.setattr(sweep, "run", run)
-    monkeypatch.setattr(sys, "argv", ["dermis", "sweep", option, value])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    said = capsys.readouterr()
-    assert end.value.code == 2
-    assert said.out == ""
-    lines = said.err.strip().splitlines()
-    assert len(lines) == 1
-    assert option.lstrip("-") in lines[0]
-
-
-def test_the_document_names_every_column_and_row(swept: Swept) -> None:
-    text = (ROOT / "docs" / "sweep.md").read_text()
-    names = {
-        *figures.COLUMNS,
-        *(row["name"].rsplit(".", 1)[0] for row in swept.rows if row["name"].count(".") > 1),
-    }
-    assert [name for name in sorted(names) if f"`{name}`" not in text] == []
-
-
-@pytest.mark.paper
-def test_frames_of_one_process_are_read_each_by_itself(tmp_path: Path) -> None:
-    """Eight frames of one taxel in fewer processes: between two frames of a process are clocks of neither."""
-    ohm = sweep.resistances(POINTS, design.load())
-    made = sweep.make_plan(tmp_path / "scenes", "conveyor_mirror", sweep.in_frames(ohm, 1, 1), {}, "alone")
-    reading = sweep.read(made, POINTS, lambda slots: None, tmp_path / "work")
-    curve = sweep.make_curve(made, ohm, reading)
-    np.testing.assert_array_equal(reading.pulses, reading.code)
-    np.testing.assert_array_equal(reading.pulses[curve.on_code], [formula(r) for r in ohm[curve.on_code]])
+    monkeypatch.setattr(sweep, "run", lambda *a, **k: pytest.fail("the sweep began"))
+    done = CliRunner().invoke(command.sweep_command, [option, value])
+    assert done.exit_code == 2 or isinstance(done.exception, InputError)
+    assert option in done.output + str(done.exception)

@@ -49,35 +49,25 @@ def changed(netlist: Netlist, directory: Path, pattern: str, new: str) -> Netlis
     return dataclasses.replace(netlist, verilog=wrong)
 
 
-@needs_osu035
-def test_the_netlist_does_on_its_pins_what_the_verilog_does(netlist: Netlist, wanted: Any) -> None:
-    rows = gate_level.pin_rows(netlist, SIZE, "x", wanted)
-    assert status(rows) == {"unlike_codes": "PASS", "unlike_pins": "PASS", "unknown_pins": "PASS"}
-    said = next(row["note"] for row in rows if "unlike_codes" in row["name"])
-    assert said.startswith(f"{sum_of_bytes(rows)} bytes of 4 frames")
-
-
-def sum_of_bytes(rows: list[verdict.Row]) -> int:
-    """A frame of two rows, one with a dark slot and a self-test frame are at least this long."""
-    octets = int(rows[0]["note"].split()[0])
-    assert octets >= 4 * (10 + 2 * 4)
-    return octets
+# An output register's reset pin tied off, and another that is set by reset.
+PIN_FAULTS = {
+    "unknown_pins": (r"(\.Q\(row_select_o\[0\]\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)"),
+    "unlike_pins": (r"(\.Q\(preset_o\),\s*)\.R\(([^)]*)\),(\s*)\.S\(([^)]*)\)", r"\1.R(\4),\3.S(\2)"),
+}
 
 
 @needs_osu035
-def test_a_flop_that_is_not_reset_shows_as_unknown(netlist: Netlist, wanted: Any, tmp_path: Path) -> None:
-    # The output register of a row line, its reset pin tied off.
-    wrong = changed(netlist, tmp_path, r"(\.Q\(row_select_o\[0\]\),\s*\.R\()[^)]*\)", r"\g<1>1'h1)")
-    assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))["unknown_pins"] == "FAIL"
-
-
-@needs_osu035
-def test_an_output_with_the_other_reset_state_is_seen_on_the_pins(
+def test_the_netlist_does_on_its_pins_what_the_verilog_does_and_faults_are_seen(
     netlist: Netlist, wanted: Any, tmp_path: Path
 ) -> None:
-    swapped = r"(\.Q\(preset_o\),\s*)\.R\(([^)]*)\),(\s*)\.S\(([^)]*)\)"
-    wrong = changed(netlist, tmp_path, swapped, r"\1.R(\4),\3.S(\2)")
-    assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))["unlike_pins"] == "FAIL"
+    rows = gate_level.pin_rows(netlist, SIZE, "x", wanted)
+    assert status(rows) == {"unlike_codes": "PASS", "unlike_pins": "PASS", "unknown_pins": "PASS"}
+    octets, _, _, frames = rows[0]["note"].split()[:4]
+    # A frame of two rows, one with a dark slot and a self-test frame are at least this long.
+    assert (int(octets) >= 4 * (10 + 2 * 4), frames) == (True, "4")
+    for row, (pattern, new) in PIN_FAULTS.items():
+        wrong = changed(netlist, tmp_path, pattern, new)
+        assert status(gate_level.pin_rows(wrong, SIZE, "x", wanted))[row] == "FAIL"
 
 
 @needs_osu035
@@ -113,10 +103,3 @@ def test_models_of_sky130_cells_are_collected_once_each(tmp_path: Path) -> None:
     assert len(re.findall(r"^primitive \S*udp_dff\$PR ", text, re.MULTILINE)) == 1
     with pytest.raises(InputError, match="nosuch"):
         gate_level.cell_models(TECHNOLOGIES["sky130"], ["sky130_fd_sc_hd__nosuch_1"], tmp_path / "cells.v")
-
-
-@needs_osu035
-def test_models_of_osu035_keep_times_of_a_picosecond(tmp_path: Path) -> None:
-    text = gate_level.cell_models(OSU035, ["INVX1"], tmp_path / "cells.v").read_text()
-    assert set(re.findall(r"`timescale\s+(\S+)", text)) == {"1ns/1ps"}
-    assert "module DFFSR" in text

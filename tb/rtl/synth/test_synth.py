@@ -93,19 +93,15 @@ def test_a_small_chip_maps_is_proved_equal_and_meets_its_clocks(chip: synth.Outc
 
 
 @needs_osu035
-def test_a_block_passes_every_count(tmp_path: Path) -> None:
+def test_a_block_passes_every_count_and_its_latch_is_the_library_s(tmp_path: Path) -> None:
     made = block(tmp_path)
     assert set(judged(made).values()) == {"PASS"}
-    bits = synth.default_size().code_bits
-    assert made.flops == bits + 2
+    assert made.flops == synth.default_size().code_bits + 2
     assert made.area_um2 > made.flops * 704
-
-
-@needs_osu035
-def test_the_latch_of_the_synchronizer_is_the_library_s(tmp_path: Path) -> None:
     made = block(tmp_path, SYNC)
     assert made.kinds["LATCH"] == made.latches == 1
     assert set(judged(made, latches=1).values()) == {"PASS"}
+    assert [judged(made, latches=n)["latch_count_error"] for n in (0, 2)] == ["FAIL", "FAIL"]
     # Liberty says 0 of it; its LEF does not.
     assert areas(OSU035, cells(OSU035.liberty("typical")))["LATCH"] == pytest.approx(11.2 * 20)
 
@@ -140,12 +136,6 @@ def test_a_latch_and_a_flop_without_reset_are_seen(tmp_path: Path, stored: str, 
 
 
 @needs_osu035
-@pytest.mark.parametrize("meant", [0, 2])
-def test_a_wrong_number_of_latches_is_seen(tmp_path: Path, meant: int) -> None:
-    assert judged(block(tmp_path, SYNC), latches=meant)["latch_count_error"] == "FAIL"
-
-
-@needs_osu035
 def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None:
     fault = lambda text: text.replace(  # noqa: E731
         "assign rising = pulse_i & ~pulse_q;",
@@ -156,22 +146,17 @@ def test_a_combinational_loop_is_an_error_and_no_netlist(tmp_path: Path) -> None
 
 
 @needs_osu035
-def test_with_its_hierarchy_kept_a_block_holds_all_instances_and_what_is_below(tmp_path: Path) -> None:
-    made = map_design(OSU035, {}, tmp_path, top="dermis_sync_ff", hierarchical=True)
-    flops, whole = made.blocks["dermis_tech_dff"], made.blocks["dermis_sync_ff"]
-    assert flops["instances"] == flops["flops"] == whole["flops"] == made.flops == 2
-    assert whole["area_um2"] == made.area_um2 > flops["area_um2"]
+def test_the_memory_can_stay_a_black_box_and_the_hierarchy_be_kept(tmp_path: Path) -> None:
+    def made(place: str, **options: bool) -> Netlist:
+        return map_design(OSU035, {"BANK_BYTES": 9}, tmp_path / place, top="dermis_frame_buffer", **options)
 
-
-@needs_osu035
-def test_the_memory_can_stay_a_black_box(tmp_path: Path) -> None:
-    made = map_design(OSU035, {"BANK_BYTES": 9}, tmp_path, top="dermis_frame_buffer", black_box_memory=True)
-    assert made.kinds[RAM] == 2
-    assert made.unreset == 0
-    assert made.unmapped == {}
-    assert "#(" not in made.verilog.read_text()
-    whole = map_design(OSU035, {"BANK_BYTES": 9}, tmp_path / "whole", top="dermis_frame_buffer")
-    assert whole.unreset == whole.flops - made.flops == 2 * 9 * 8
+    bare, whole, split = made("bare", black_box_memory=True), made("whole"), made("split", hierarchical=True)
+    assert (bare.kinds[RAM], bare.unreset, bare.unmapped) == (2, 0, {})
+    assert "#(" not in bare.verilog.read_text()
+    assert whole.unreset == whole.flops - bare.flops == 2 * 9 * 8
+    memory, top = split.blocks[RAM], split.blocks["dermis_frame_buffer"]
+    assert (memory["instances"], memory["flops"], top["flops"]) == (2, 2 * 9 * 8, whole.flops)
+    assert top["area_um2"] == split.area_um2 > memory["area_um2"]
 
 
 # ---- equivalence ------------------------------------------------------------------------------------------------
@@ -194,28 +179,19 @@ NETLIST_FAULTS: dict[str, tuple[str, str]] = {
 
 
 @needs_osu035
-def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(tmp_path: Path) -> None:
-    made = block(tmp_path)
+@pytest.mark.parametrize(("module", "least"), [(COUNTER, 4), (SYNC, 1)])
+def test_a_netlist_is_proved_equal_and_a_changed_one_is_not(tmp_path: Path, module: str, least: int) -> None:
+    made = block(tmp_path, module)
     right = made.verilog.read_text()
-    assert proof_of(made, right, tmp_path).proved is True
+    assert proof_of(made, right, tmp_path, module).proved is True
     tried = 0
     for fault, (old, new) in NETLIST_FAULTS.items():
         wrong = right.replace(old, new, 1)
         if wrong == right:
             continue
         tried += 1
-        assert proof_of(made, wrong, tmp_path).proved is False, fault
-    assert tried >= 4
-
-
-@needs_osu035
-def test_the_netlist_s_latch_is_proved_equal_and_an_open_one_is_not(tmp_path: Path) -> None:
-    made = block(tmp_path, SYNC)
-    right = made.verilog.read_text()
-    assert proof_of(made, right, tmp_path, SYNC).proved is True
-    wrong = right.replace("  NAND2X1 ", "  AND2X1 ", 1)
-    assert wrong != right
-    assert proof_of(made, wrong, tmp_path, SYNC).proved is False
+        assert proof_of(made, wrong, tmp_path, module).proved is False, fault
+    assert tried >= least
 
 
 def test_an_undecided_proof_is_an_error_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,11 +231,9 @@ def fake_sta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says: str) -> None
     "says",
     [
         "",
-        "sta ended",
         PATH_TEXT.format(slack="12.5000", met="MET") + "sta ended",
         "Error: no such file",
         "Warning: net a has no driver\nsta ended",
-        PATH_TEXT.format(slack="nan", met="MET"),
     ],
 )
 def test_a_report_without_all_paths_is_an_error_and_no_pass(
@@ -341,18 +315,6 @@ def test_a_liberty_that_changed_and_derates_change_the_slack(
     assert second["clk", "min"].slack_ns != plain["clk", "min"].slack_ns
 
 
-def test_only_the_tables_made_here_are_derated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sky130 = TECHNOLOGIES["sky130"]
-    monkeypatch.delenv("PDK_ROOT", raising=False)
-    assert [sky130.derates(corner) for corner in ("ss", "tt", "ff")] == [(1.0, 1.15), (1.0, 1.0), (0.9, 1.0)]
-    library = tmp_path / "sky130A" / "libs.ref" / "sky130_fd_sc_hd" / "lib"
-    library.mkdir(parents=True)
-    for corner in ("ss", "ff"):
-        shutil.copy(sky130.liberty(corner), library)
-    monkeypatch.setenv("PDK_ROOT", str(tmp_path))
-    assert sky130.derates("ss") == sky130.derates("ff") == (1.0, 1.0)
-
-
 def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,11 +361,9 @@ def test_cells_not_to_use_are_gone_from_the_mapping_library(tmp_path: Path) -> N
     full = cells(OSU035.liberty("typical"))
     left = cells(mapping_liberty(OSU035, OSU035.liberty("typical"), tmp_path / "map.lib"))
     assert {"PADINC", "TBUFX1", "LATCH"} <= full.keys() - left.keys()
-    assert left["DFFSR"].flop
-    assert left["DFFSR"].asynchronous == {"R", "S"}
-    assert not left["DFFPOSX1"].asynchronous
+    assert (left["DFFSR"].flop, left["DFFSR"].asynchronous) == (True, {"R", "S"})
     assert left["NAND2X1"].inputs == {"A", "B"}
-    assert dataclasses.asdict(full["INVX1"]) == dataclasses.asdict(left["INVX1"])
+    assert full["INVX1"] == left["INVX1"]
 
 
 def test_a_pin_that_nothing_constrains_is_listed_unless_it_is_argued(tmp_path: Path) -> None:
