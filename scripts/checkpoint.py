@@ -20,9 +20,7 @@ _SAVE_S = 5.0
 
 
 def stamp(*folders: Path) -> str:
-    """Return a hash of all sources that affect codes, and of the Python files below some
-    folders.
-    """
+    """Return a hash of all sources that affect codes, and of the Python files below some folders."""
     text = hashlib.sha256(batch.fingerprint().encode())
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         text.update(path.name.encode() + path.read_bytes())
@@ -30,20 +28,10 @@ def stamp(*folders: Path) -> str:
 
 
 class Checkpoint:
-    """Pieces by name, each a value that JSON can hold.
+    """Pieces by name, each a value that JSON can hold, in a file that is never half written.
 
-    Parameters
-    ----------
-    path : Path
-        File of the pieces; another process never reads it half written.
-    stamp : str
-        Hash of everything that the pieces depend on; a file with another stamp is ignored.
-    fresh : bool
-        Ignore an earlier run.
-
-    Attributes
-    ----------
-    pieces : dict
+    A file with another `stamp`, the hash of everything that the pieces depend on, is ignored, as is
+    any with `fresh`.
     """
 
     def __init__(self, path: Path, stamp: str, *, fresh: bool = False) -> None:
@@ -59,9 +47,7 @@ class Checkpoint:
             return {}
 
     def put(self, name: str, piece: Any, *, now: bool = True) -> None:
-        """Add a piece and write the file, now or with other pieces within seconds (the last ones:
-        `save`).
-        """
+        """Add a piece and write the file, now or with others within seconds (the last ones: `save`)."""
         self.pieces[name] = piece
         if now or time.monotonic() - self._saved > _SAVE_S:
             self.save()
@@ -81,17 +67,8 @@ class Checkpoint:
     ) -> dict[str, str]:
         """Run the tasks that have no piece yet in worker processes and store their values.
 
-        Parameters
-        ----------
-        tasks : name of a piece -> task
-        processes : workers at a time
-        on_done : called with the name of each task that has ended
-        fresh : a new process for each task
-
-        Returns
-        -------
-        dict
-            Name -> fault of each task that failed; it has no piece.
+        `on_done` is called with the name of each task that has ended; `fresh` gives each a new
+        process. Returns name -> fault of each task that failed; it has no piece.
         """
         todo = [name for name in tasks if name not in self.pieces]
         faults = {}

@@ -30,12 +30,7 @@ def run_bench(
 ) -> Any:
     """Run one cocotb test on a build in a new directory below `place`; return what it reported.
 
-    The directory stays if the test fails.
-
-    Raises
-    ------
-    SimulatorError
-        The test failed, did not run, or timed out; with its log.
+    SimulatorError, and the directory stays, if the test failed, did not run, or timed out.
     """
     (place / "runs").mkdir(parents=True, exist_ok=True)
     # A directory of its own: the same test may run twice at a time in one tree.

@@ -233,19 +233,6 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
     children.run_logged(command, ROOT, log, RUN_LIMIT_S, "pytest with counters", environment)
 
 
-def docs_table(table: Iterable[Mapping[str, Any]], result: Result) -> str:
-    """Return the figures as a Markdown table, one line per module."""
-    found, lines = {row["name"]: row for row in table}, []
-    for module in [*(path.stem for path in rtl_sources()), "all"]:
-        rows = (found[f"coverage.{kind}.{module}"] for kind in KINDS)
-        cells = (
-            "none" if r["value"] is None else f"{r['value']:.1f} %, {r['note'].split(',')[0]}" for r in rows
-        )
-        excluded = sum(module in (point.module, "all") for point in result.excluded)
-        lines.append((module if module == "all" else f"`{module}`", *cells, str(excluded)))
-    return markdown.table(("module", "lines", "toggle", "points excluded"), lines) + "\n"
-
-
 @click.command()
 @click.option("--docs", is_flag=True, help="Write the figures to docs/coverage.md.")
 @click.option("--uncovered", "show", is_flag=True, help="Also list the unreached places.")
@@ -263,7 +250,7 @@ def coverage_command(docs: bool, show: bool, keep: bool) -> int:
     table = rows(result, [path.stem for path in rtl_sources()])
     code = finish("coverage", table, "Coverage of rtl/ by the cocotb tests, Verilator")
     if docs:
-        write_between(ROOT / "docs" / "coverage.md", BEGIN, END, docs_table(table, result))
+        write_between(ROOT / "docs" / "coverage.md", BEGIN, END, markdown.rows_table(table))
     missed = uncovered(result)
     (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
     listing = "\n".join(missed)

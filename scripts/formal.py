@@ -323,8 +323,7 @@ BEGIN, END = "<!-- dermis formal --docs: begin -->", "<!-- end -->"
 
 
 def table(rows: Sequence[verdict.Row]) -> str:
-    """Return the tables of docs/formal.md; a theorem is shown as proved only if a row says so."""
-    found = {row["name"]: row for row in rows}
+    """Return the tables of docs/formal.md: the theorems, covers and faults of each proof."""
     lines: list[str] = []
     for proof in proofs().values():
         sizes = [
@@ -333,24 +332,10 @@ def table(rows: Sequence[verdict.Row]) -> str:
         ]
         pdr = "\nprove: abc pdr\n" in proof.job
         mode = "PDR" if pdr else f"induction, {proof.option('prove: depth')} steps"
-        first = found.get(f"formal.{proof.name}.{next(iter(proof.theorems))}")
-        seconds = "not run" if first is None else f"{first['value']:.0f} s"
-        covers = found.get(f"formal.{proof.name}.covers")
-        reached = "not run" if covers is None else f"{covers['value']} of {covers['min']} covers reached"
         said = "; ".join(filter(None, sizes)) or "no parameters"
-        about = f"`{'`, `'.join(proof.modules)}`; {said}; {mode}; {seconds}; {reached}."
-        theorems = []
-        for label, meaning in proof.theorems.items():
-            row = found.get(f"formal.{proof.name}.{label}")
-            status = {None: "not run", "PASS": "proved"}.get(row and row["status"], "NOT PROVED")
-            seen = []
-            for fault in proof.faults:
-                result = found.get(f"formal.{proof.name}.fault.{fault.name}", {})
-                if fault.breaks == label:
-                    seen.append(fault.name + ("" if result.get("status") == "PASS" else " (NOT SEEN)"))
-            theorems.append((label, meaning, status, ", ".join(seen)))
-        head = ("theorem", "meaning", "", "seeded faults that break it")
-        lines += [f"### {proof.name}", "", about, "", markdown.table(head, theorems), ""]
+        mine = [row for row in rows if row["name"].startswith(f"formal.{proof.name}.")]
+        about = f"`{'`, `'.join(proof.modules)}`; {said}; {mode}."
+        lines += [f"### {proof.name}", "", about, "", markdown.rows_table(mine), ""]
     return "\n".join(lines).rstrip()
 
 

@@ -30,7 +30,6 @@ from scripts.synth.command import (
     place,
     size_options,
     technologies,
-    verdict_table,
     write_docs,
 )
 from scripts.synth.map import TOP, Netlist, Size, map_once
@@ -245,5 +244,5 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
             judged += gate_level(technology, size)
     code = finish("gl", judged, f"Gate level, {size.name}, Icarus")
     if docs and code == 0:
-        write_docs(gl=verdict_table(judged))
+        write_docs(gl=judged)
     return code

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from dermis.errors import SimulatorError
+from dermis.report.verdict import Row
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---") -> str:
@@ -14,6 +15,19 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]], rule: str = "---")
     rules = rule.split("|") if "|" in rule else [rule] * len(head)
     lines = [f"| {' | '.join(head)} |".replace("|  |", "| |"), f"|{'|'.join(rules)}|"]
     return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
+
+
+def rows_table(rows: Iterable[Row]) -> str:
+    """Return verdict rows as Markdown."""
+    lines = []
+    for row in rows:
+        bounds = (("≥", row["min"]), ("≤", row["max"]))
+        limit = ", ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+        value = "" if row["value"] is None else f"{row['value']:.6g}"
+        note = row["note"].replace("|", "\\|")
+        lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], note))
+    head = ("name", "value", "unit", "limit", "status", "note")
+    return table(head, lines, "---|--:|---|---|---|---")
 
 
 def filled(text: str, parts: Mapping[str, str], name: str) -> str:

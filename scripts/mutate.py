@@ -394,28 +394,20 @@ def _note(results: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def table(results: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return the table of the results of each module, its survivors and equivalent mutants."""
-    rows, left, alike = [], [], []
+def table(rows: Sequence[verdict.Row], results: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return the rows of the modules, their survivors and their equivalent mutants."""
+    lists: dict[str, list[str]] = {"Not killed": [], "Equivalent, decided at the size given": []}
+    left, alike = lists.values()
     for module, tried in results.items():
-        mine = [r for r in tried if r["fate"] != "stillborn"]
-        count, rate = _count(mine)
-        cells = (len(mine), *(count[end] for end in ("proof", "test", "equivalent", "survives", "undecided")))
-        rows.append((module, *map(str, cells), "not run" if rate is None else f"{100 * rate:.0f} %"))
         size = ", ".join(f"{k} {v}" for k, v in BLOCKS[module].parameters.items()) or "only size"
-        for r in mine:
+        for r in tried:
             where, change = f"- `rtl/{module}.v:{r['line']}`", f"{r['what']}): `{r['shown']}`"
             if r["fate"] == "equivalent":
                 alike.append(f"{where} ({size}, {change}")
-            elif r["fate"] != "killed":
+            elif r["fate"] not in ("killed", "stillborn"):
                 left.append(f"{where} ({r['fate']}, {change}")
-    head = "module,tried,killed by a proof,by a test,equivalent,survive,undecided,killed".split(",")
-    lists = {"Not killed:": left, "Equivalent, decided at the size given:": alike}
-    lines = [
-        markdown.table(head, rows),
-        *(f"\n{name}\n\n" + "\n".join(said) for name, said in lists.items() if said),
-    ]
-    return "\n".join(lines) + "\n"
+    said = "".join("\n".join(["", f"{name}:", "", *lines, ""]) for name, lines in lists.items() if lines)
+    return f"{markdown.rows_table(rows)}\n{said}"
 
 
 @click.command(context_settings=SHOW)
@@ -485,5 +477,5 @@ def mutate_command(
     note = f"{len(chosen)} of {len(BLOCKS)} modules, {_note(every)}"
     whole = verdict.judge("mutate.killed", _count(every)[1], note)
     rows.append({**whole, "status": "ERROR"} if len(every) < sum(map(len, chosen.values())) else whole)
-    write_atomic(BUILD / "mutation.md", table(results))
+    write_atomic(BUILD / "mutation.md", table(rows, results))
     return finish("mutate", rows, f"Mutants (seed {seed}); build/mutation.md lists those not killed")

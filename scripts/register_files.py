@@ -138,13 +138,7 @@ def parameters(design: Design) -> dict[str, int]:
 
 
 def entries(design: Design, root: Path) -> list[Entry]:
-    """Read the map.
-
-    Raises
-    ------
-    InputError
-        It is not SystemRDL, or uses an unsupported feature.
-    """
+    """Read the map; InputError if it is not SystemRDL, or uses an unsupported feature."""
     printer = _Quoting()
     compiler = RDLCompiler(message_printer=printer)
     try:

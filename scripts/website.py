@@ -12,6 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -31,58 +32,6 @@ from scripts.schematics import command as schematics
 SOURCE, SITE = BUILD / "site_source", BUILD / "site"
 CONFIG = ROOT / "mkdocs.yml"
 LIMIT_S = 300.0
-
-# Rows of the datasheet by section: name of a row, and its meaning. A name without a row means all
-# rows that begin with it.
-MEASURED: dict[str, dict[str, str]] = {
-    "error": {
-        "frame.code_error_lsb": "Code error of whole frames, ideal blocks in ngspice",
-        "sky130.chain_code_inl_lsb.k80": "Non-linearity of the code, conveyor and mirror in transistors",
-        "sky130.chain_gain_error.k80": "Gain error of conveyor and mirror, before calibration",
-        "sky130.conveyor_r_x_ohm.k80": "Input resistance of the conveyor",
-        "sky130.conveyor_v_offset_v.k80": "Offset of the virtual ground",
-        "sky130.mismatch.chain_gain_error.k80": "Gain error by mismatch",
-        "sky130.noise_lsb.full": "Code noise at full scale, rms",
-        "sky130.noise_lsb.low": "Code noise at the low end, rms",
-        "sky130.noise_lsb.packet": "Noise of the packets, rms",
-        "sky130.settling_lsb.low_5mhz": "Settling error when the gate opens, at the low end",
-        "sky130.settling_lsb.high_5mhz": "Settling error when the gate opens, at full scale",
-    },
-    "area": {
-        "synth.area_um2.sky130.16x16": "Standard cells of the digital core, 130 nm",
-        "synth.cells.sky130.16x16": "Number of cells",
-        "synth.flops.sky130.16x16": "Flip-flops",
-        "synth.highest_mhz.clk.sky130.16x16": "Highest clock of the core, slow corner",
-        "synth.highest_mhz.sck.sky130.16x16": "Highest SPI clock, slow corner",
-    },
-    "power": {
-        "sky130.supply_channel_a.conveyor_mirror": "Supply current of a channel",
-        "sky130.supply_array_a.conveyor_mirror": "Supply current of sixteen channels with their bias",
-        "accuracy_chip.energy_nj": "Energy of a conversion, sensor included",
-        "accuracy_chip.energy_per_bit_nj": "Energy per bit of a conversion",
-    },
-}
-
-# Pins of dermis_top.
-PINS = {
-    "clk_i": "Clock",
-    "rst_ni": "Reset, low active; asserted at once, released on a clock",
-    "enable_i": "Scans while high",
-    "comp_async_i": "Comparators, one a column; not synchronous to the clock",
-    "row_sense_i": "Levels of the row lines, read by the self-test",
-    "row_select_o": "Row drivers, at most one of them high",
-    "preset_o": "Presets the integrators to minus half a packet",
-    "charge_o": "Charge switches, one a column",
-    "range_o": "Ratio of the mirror, two bits a column",
-    "test_current_o": "Switches the test current on, one a column",
-    "frame_start_o": "High for one clock as a frame begins",
-    "spi_sck_i": "SPI clock, mode 0",
-    "spi_cs_ni": "SPI select, low active",
-    "spi_copi_i": "SPI data into the chip",
-    "spi_cipo_o": "SPI data out of the chip",
-    "spi_cipo_oe_o": "High while spi_cipo_o drives",
-    "frame_ready_o": "A new frame is ready",
-}
 
 
 @dataclass(frozen=True)
@@ -128,26 +77,22 @@ def measured() -> dict[str, Measured]:
     return {**dict(_page_rows()), **dict(_build_rows())}
 
 
-def rows_table(section: str) -> str:
-    """Return the measured rows of a section of the datasheet, each with its file and command."""
-    found, limits = measured(), designs.spec()
-    rows: list[tuple[str, ...]] = []
-    for name, meaning in MEASURED[section].items():
-        rule, limit = limits.get(name) or limits.get(name.rpartition(".")[0]), ""
-        if rule is not None:
-            low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
-            limit = f"{low} .. {high}".strip()
-        command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
-        matches = {
-            f"{meaning}: {k[len(name) + 1 :]}": row for k, row in found.items() if k.startswith(f"{name}.")
-        }
-        matches = {meaning: found[name]} if name in found else matches
-        if not matches:
-            rows.append((meaning, "", "not measured here", "", "", limit, "", command))
-        for said, row in itertools.islice(matches.items(), 3):
-            rows.append((said, row.least, row.typical, row.most, row.unit, limit, f"`{row.source}`", command))
-    head = ("quantity", "min", "typ", "max", "unit", "limit", "source", "command")
-    return markdown.table(head, rows, "---|--:|--:|--:|---|---|---|---")
+def row(found: Mapping[str, Measured], name: str, meaning: str) -> str:
+    """Return a measured row of the datasheet with its file and command, or the rows below a name."""
+    rule, limit = designs.spec().get(name) or designs.spec().get(name.rpartition(".")[0]), ""
+    if rule is not None:
+        low, high = ("" if v is None else f"{v:g}" for v in (rule.min, rule.max))
+        limit = f"{low} .. {high}".strip()
+    command = f"`{rule.command if rule else _COMMANDS[name.partition('.')[0]]}`"
+    below = {k: r for k, r in found.items() if k == name or k.startswith(f"{name}.")}
+    below = {name: below[name]} if name in below else below
+    none = Measured("", "not measured here", "", "", "", "")
+    lines = []
+    for key, r in itertools.islice((below or {name: none}).items(), 3):
+        said = meaning + (f": {key[len(name) + 1 :]}" if key != name else "")
+        source = f"`{r.source}`" if r.source else ""
+        lines.append(" | ".join((said, r.least, r.typical, r.most, r.unit, limit, source, command)))
+    return "\n".join(f"| {line} |" for line in lines)
 
 
 _COMMANDS = {
@@ -158,42 +103,24 @@ _COMMANDS = {
 }
 
 
-def pins_table() -> str:
-    """Return the pins of the core from the ports of rtl/dermis_top.v; SimulatorError if those are
-    not the pins of `PINS`.
+def datasheet(text: str, design: Design) -> str:
+    """Return the datasheet from its page, a template; SimulatorError if its pins are not those of
+    rtl/dermis_top.v.
     """
-    text = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
-    ports = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", text, re.M)
-    if {name for _, _, name in ports} != set(PINS):
-        raise SimulatorError("the pins of scripts/website.py differ from the ports of rtl/dermis_top.v")
-    rows = (
-        (f"`{name}`", direction, width.replace("-1:0", "") if width else "1", PINS[name])
-        for direction, width, name in ports
-    )
-    return markdown.table(("pin", "direction", "width", "meaning"), rows)
+    top = (ROOT / "rtl" / "dermis_top.v").read_text(encoding="utf-8")
+    found = re.findall(r"^  (input|output) +wire +(?:\[([^\]]+)\] +)?(\w+)", top, re.M)
+    ports = {name: f"{way} | {width.replace('-1:0', '') or 1}" for way, width, name in found}
+    told: list[str] = []
 
+    def pin(name: str, meaning: str) -> str:
+        told.append(name)
+        return f"| `{name}` | {ports.get(name)} | {meaning} |"
 
-def key_values(design: Design) -> str:
-    """Return the values on the first page of the datasheet."""
-    clock, timing = design.converter.f_clk_hz, design.timing
-    k_ohm = design.interface.v_bias_v / (design.interface.k * design.converter.i0_a)
-    rows = [
-        ("Array", f"{design.array.rows} x {design.array.cols} taxels, one converter a column"),
-        ("Clock", f"{clock / 1e6:g} MHz"),
-        ("Frame", f"{timing.frame_s * 1e3:g} ms, {1 / timing.frame_s:g} frames a second"),
-        (
-            "Row slot",
-            f"{timing.slot_clocks} clocks: {timing.settle_clocks} to settle, {timing.gate_clocks} to count",
-        ),
-        ("Code", f"{timing.code_bits} bits, 0 to {timing.code_max}; floor({timing.gate_clocks} x + 1/2)"),
-        ("Duty", f"x = {k_ohm:g} ohm / R with {design.interface.k}:1 in the mirror"),
-        ("Full scale", f"{design.sensor.force_max_n:g} N, {design.sensor.r_min_ohm:g} ohm"),
-        ("Step", f"{design.sensor.force_max_n / timing.code_max * 1e3:.3g} mN"),
-        ("Ranges", ", ".join(f"{k}:1" for k in design.interface.k_options)),
-        ("Bias of the driven row", f"{design.interface.v_bias_v:g} V"),
-        ("Supply", f"{design.supply.vdd_v - design.supply.vss_v:g} V"),
-    ]
-    return markdown.table(("", ""), rows)
+    table = generate.range_table(design, ROOT)
+    page = templates.rendered(text, design=design, row=partial(row, measured()), pin=pin, range=table)
+    if sorted(told) != sorted(ports):
+        raise SimulatorError("the pins of docs/datasheet.md differ from the ports of rtl/dermis_top.v")
+    return page
 
 
 def timing_diagram(design: Design, path: Path) -> None:
@@ -342,14 +269,8 @@ def write_source(source: Path | None = None) -> None:
     schematics.pictures(source / "schematics")
     shorten_tables(source)
     timing_diagram(design, source / "figures" / "timing.svg")
-    tables = {
-        "key values": key_values(design),
-        "pins": pins_table(),
-        "range": generate.range_table(design, ROOT),
-        **{name: rows_table(name) for name in MEASURED},
-    }
-    marked = {f"<!-- table: {name} -->": table for name, table in tables.items()}
-    _fill(source / "datasheet.md", marked)
+    page = source / "datasheet.md"
+    page.write_text(datasheet(page.read_text(encoding="utf-8"), design), encoding="utf-8")
 
 
 def build(write: Callable[[], None] = write_source) -> None:

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run tasks with a time limit in worker processes; a hang, a crash or a process left behind is an
-outcome.
-"""
+"""Run tasks with a time limit in worker processes; a hang or a crash is an outcome."""
 
 from __future__ import annotations
 
@@ -41,21 +39,11 @@ def busy() -> float:
 
 
 def run(tasks: Iterable[Task], workers: int, *, fresh: bool = False) -> Iterator[tuple[int, Outcome]]:
-    """Run tasks in worker processes and yield (number of the task, outcome) as they end, in any
-    order.
+    """Run tasks in worker processes and yield (number of the task, outcome) as they end.
 
-    Parameters
-    ----------
-    tasks : iterable of Task
-        Read as workers become free, so it may be endless.
-    workers : int
-        Processes at a time.
-    fresh : bool
-        A new process for each task: for libraries that keep state between tasks, as ngspice does.
-
-    Notes
-    -----
-    No process remains, however the iteration ends (its end, `close`, an exception, Ctrl-C, SIGTERM).
+    Tasks are read as workers become free, so they may be endless. `fresh` gives each a new process:
+    for libraries that keep state, as ngspice does. No process remains, however the iteration ends
+    (its end, `close`, an exception, Ctrl-C, SIGTERM).
     """
     numbered = enumerate(tasks)
     running: dict[Future[Any], tuple[int, Task]] = {}

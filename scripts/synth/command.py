@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
@@ -138,46 +137,45 @@ def equivalence_rows(technology: Technology, netlist: Netlist, size: Size, suffi
     return [verdict.judge(name, 0 if proof.proved else 1, note if proof.proved else f"{note}; {proof.said}")]
 
 
-@dataclass
-class Outcome:
-    """Result of one run: rows, and the netlists that were made."""
-
-    technology: Technology
-    rows: list[Row] = field(default_factory=list)
-    flat: Netlist | None = None
-    hierarchical: Netlist | None = None
+def block_rows(technology: Technology, size: Size, suffix: str) -> list[Row]:
+    """Report the area of each module, submodules and all instances included."""
+    made = map_design(technology, size.parameters, place(technology, size), hierarchical=True)
+    total = verdict.report(f"synth.area_by_blocks_um2.{suffix}", made.area_um2, "um2", "hierarchy kept")
+    return [total] + [
+        verdict.report(
+            f"synth.block_um2.{name}.{suffix}",
+            block["area_um2"],
+            "um2",
+            f"{block['instances']} instances: {block['cells']} cells, {block['flops']} flops",
+        )
+        for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"])
+    ]
 
 
 def synthesise(
     technology: Technology, size: Size, *, blocks: bool = True, equivalence: bool = True
-) -> Outcome:
-    """Map one size in one library and judge the result."""
-    suffix = f"{technology.name}.{size.name}"
-    outcome = Outcome(technology)
+) -> tuple[list[Row], Netlist | None]:
+    """Map one size in one library; return the rows that judge it, and the netlist if there is one."""
+    suffix, rows = f"{technology.name}.{size.name}", []
+    flat: Netlist | None = None
     start = time.perf_counter()
 
     def make() -> list[Row]:
-        outcome.flat = map_once(technology, size.parameters, place(technology, size), fresh=True)
-        return netlist_rows(outcome.flat, size, suffix)
+        nonlocal flat
+        flat = map_once(technology, size.parameters, place(technology, size), fresh=True)
+        return netlist_rows(flat, size, suffix)
 
-    def split() -> list[Row]:
-        directory = place(technology, size)
-        outcome.hierarchical = map_design(technology, size.parameters, directory, hierarchical=True)
-        total = outcome.hierarchical.area_um2
-        return [verdict.report(f"synth.area_by_blocks_um2.{suffix}", total, "um2", "hierarchy kept")]
-
-    rows = outcome.rows
     attempt(rows, f"synth.netlist.{suffix}", make)
-    if (flat := outcome.flat) is not None:
+    if flat is not None:
         attempt(rows, f"synth.timing.{suffix}", lambda: timing_rows(technology, flat, suffix))
         if equivalence:
             name = f"synth.not_equivalent.{suffix}"
             attempt(rows, name, lambda: equivalence_rows(technology, flat, size, suffix))
     if blocks:
-        attempt(rows, f"synth.blocks.{suffix}", split)
+        attempt(rows, f"synth.blocks.{suffix}", lambda: block_rows(technology, size, suffix))
     seconds = time.perf_counter() - start
     rows.append(verdict.report(f"synth.seconds.{suffix}", seconds, "s", "all of the above"))
-    return outcome
+    return rows, flat
 
 
 def constraint_rows() -> list[Row]:
@@ -237,61 +235,11 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
 # ---- docs -------------------------------------------------------------------------------------------------------
 
 
-def _number(value: float | None, digits: int = 0, scale: float = 1.0) -> str:
-    return "not measured" if value is None else f"{value * scale:.{digits}f}"
-
-
-def sizes_table(runs: Sequence[tuple[Technology, Size]], rows: Sequence[Row]) -> str:
-    """Return the table of sizes as Markdown, from the rows of `size_rows`."""
-    found = {row["name"]: row["value"] for row in rows}
-    lines = []
-    for technology, size in runs:
-        suffix = f"{technology.name}.{size.name}"
-        cells, flops, area = (
-            found.get(f"synth.{what}.{suffix}.no_memory") for what in ("cells", "flops", "area_um2")
-        )
-        memory = found.get(f"synth.memory_um2.{suffix}")
-        both = None if area is None or memory is None else area + memory
-        clk, sck = (found.get(f"synth.highest_mhz.{clock}.{suffix}") for clock in CLOCKS)
-        timed = "yes" if size.memory_bits <= MEMORY_LIMIT_BITS else "no"
-        cells_ = (technology.name, size.name, str(size.memory_bits), _number(cells), _number(flops))
-        mm2 = (_number(area, 4, 1e-6), _number(both, 4, 1e-6))
-        lines.append((*cells_, *mm2, _number(clk, 1), _number(sck, 1), timed))
-    head = "library|size|memory bits|cells|flops|area, mm2|with memory, mm2|clk, MHz|SCK, MHz|memory timed"
-    return markdown.table(head.split("|"), lines, "---|---|--:|--:|--:|--:|--:|--:|--:|---")
-
-
-def verdict_table(rows: Sequence[Row]) -> str:
-    """Return verdict rows as Markdown."""
-    lines = []
-    for row in rows:
-        bounds = (("≥", row["min"]), ("≤", row["max"]))
-        limit = ", ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
-        value = "" if row["value"] is None else f"{row['value']:.6g}"
-        note = row["note"].replace("|", "\\|")
-        lines.append((f"`{row['name']}`", value, row["unit"], limit, row["status"], note))
-    head = ("name", "value", "unit", "limit", "status", "note")
-    return markdown.table(head, lines, "---|--:|---|---|---|---")
-
-
-def blocks_table(outcomes: Sequence[Outcome]) -> str:
-    """Return cells, area, flops and latches of each module, submodules and all instances included."""
-    lines = []
-    for made in (outcome.hierarchical for outcome in outcomes if outcome.hierarchical):
-        for name, block in sorted(made.blocks.items(), key=lambda item: -item[1]["area_um2"]):
-            area = (f"{block['area_um2']:.0f}", f"{block['area_um2'] / made.area_um2:.1%}")
-            counts = (str(block[what]) for what in ("instances", "cells", "flops", "latches"))
-            instances, cells, *stored = counts
-            lines.append((made.technology.name, f"`{name}`", instances, cells, *area, *stored))
-    head = ("library", "module", "instances", "cells", "area, um2", "share", "flops", "latches")
-    return markdown.table(head, lines, "---|---|--:|--:|--:|--:|--:|--:")
-
-
-def write_docs(**tables: str) -> None:
-    """Write tables between their marks in docs/synthesis.md."""
-    for name, content in tables.items():
+def write_docs(**tables: Sequence[Row]) -> None:
+    """Write tables of rows between their marks in docs/synthesis.md."""
+    for name, rows in tables.items():
         begin, end = MARKS[name]
-        write_between(ROOT / DOCS, begin, end, content)
+        write_between(ROOT / DOCS, begin, end, markdown.rows_table(rows))
     click.echo(f"written: {DOCS}")
 
 
@@ -345,35 +293,23 @@ def synth_command(
     for technology in chosen:
         for corner in technology.corners:
             technology.liberty(corner)
-    if sizes:
-        return _sizes_command(chosen, docs)
     base = default_size()
+    judged: list[Row] = [] if sizes else constraint_rows()
     size = Size(rows or base.rows, cols or base.cols, code_bits or base.code_bits, sync_latch)
-    judged = constraint_rows()
-    outcomes = []
-    with progress.slots("synth", len(chosen), "libraries") as tell:
-        for done, technology in enumerate(chosen):
-            tell(done, f"{size.name} in {technology.name}")
-            outcomes.append(synthesise(technology, size, equivalence=not no_proof))
-            judged += outcomes[-1].rows
-    code = finish("synth", judged, f"Synthesis of {size.name}, before layout")
-    click.echo(blocks_table(outcomes))
-    if docs and code == 0:
-        write_docs(synth=verdict_table(judged), blocks=blocks_table(outcomes))
-    return code
-
-
-def _sizes_command(chosen: Sequence[Technology], docs: bool) -> int:
-    judged: list[Row] = []
-    bits = load_design().timing.code_bits
-    runs = [(technology, Size(*size, bits)) for technology in chosen for size in SIZES]
-    with progress.slots("synth", len(runs), "sizes") as tell:
-        for done, (technology, size) in enumerate(runs):
-            tell(done, f"{size.name} in {technology.name}")
-            judged += size_rows(technology, size)
-    code = finish("synth_sizes", judged, "Synthesis of sizes, before layout")
-    table = sizes_table(runs, judged)
-    click.echo(table)
-    if docs and code == 0:
-        write_docs(sizes=table)
+    wanted = [Size(*one, base.code_bits) for one in SIZES] if sizes else [size]
+    runs = [(technology, one) for technology in chosen for one in wanted]
+    with progress.slots("synth", len(runs), "runs") as tell:
+        for done, (technology, one) in enumerate(runs):
+            tell(done, f"{one.name} in {technology.name}")
+            if sizes:
+                judged += size_rows(technology, one)
+            else:
+                judged += synthesise(technology, one, equivalence=not no_proof)[0]
+    title = "Synthesis of sizes" if sizes else f"Synthesis of {size.name}"
+    code = finish("synth_sizes" if sizes else "synth", judged, f"{title}, before layout")
+    if docs and code == 0 and sizes:
+        write_docs(sizes=judged)
+    elif docs and code == 0:
+        blocks = [row for row in judged if row["name"].startswith("synth.block_um2.")]
+        write_docs(synth=[row for row in judged if row not in blocks], blocks=blocks)
     return code

@@ -31,6 +31,11 @@ def text(name: str, **given: object) -> str:
     return _JINJA.get_template(f"{name}.in").render(given, license=LICENSE)
 
 
+def rendered(page: str, **given: object) -> str:
+    """Return the text of a template that is given."""
+    return _JINJA.from_string(page).render(given)
+
+
 def filled(paths: Iterable[str], **given: object) -> dict[str, str]:
     """Return the text of each path, from the template of its name."""
     return {path: text(Path(path).name, **given) for path in paths}

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from dermis.errors import InputError
+from dermis.processes import children
 from dermis.scene.design import ROOT
 from scripts import formal
 
