@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,9 +60,7 @@ class Targets(BaseModel):
     force_max_n: float | None = _target("full force in N, k_force_n_ohm / r_min_ohm", gt=1e-9, lt=1e9)
     force_min_n: float | None = _target("lowest force to be read in N, instead of r_max_ohm", gt=1e-9, lt=1e9)
     k_force_n_ohm: float | None = _target("force times resistance in N.ohm", gt=1e-9, lt=1e15)
-    i_sensor_a: float | None = _target(
-        "largest current through a taxel in A; sets v_bias_v", gt=1e-12, lt=1e3
-    )
+    i_sensor_a: float | None = _target("largest taxel current in A; sets v_bias_v", gt=1e-12, lt=1e3)
     v_bias_v: float | None = _target("bias of the driven row in V, instead of i_sensor_a", gt=1e-9, lt=1e6)
     c_int_f: float | None = _target("integration capacitor in F", gt=1e-18, lt=1)
     packet_v: float | None = _target("largest step of the integrator per packet in V", gt=1e-9, lt=1e6)
@@ -70,9 +69,7 @@ class Targets(BaseModel):
     f_clk_hz: float | None = _target("clock in Hz; default: computed", gt=1, lt=1e12)
     gate_clocks: int | None = _target("gate in clocks; default: computed", ge=1, le=2**24)
     gain_dc: float | None = _target("open-loop gain of the integrator", gt=1, lt=1e12)
-    topology: (
-        Literal["direct", "conveyor_mirror", "conveyor_mirror_inverted", "multi_output_conveyor"] | None
-    ) = _target("interface between column and converter")
+    topology: Literal[design_module.TOPOLOGIES] | None = _target("interface between column and converter")
 
     def replace(self, changes: Mapping[str, Any]) -> Targets:
         """Return a checked copy with some targets changed; None removes a target."""
@@ -250,12 +247,7 @@ def _digits(value: Fraction | float, digits: int, up: bool | None) -> float:
     return float(whole / scale)
 
 
-def _at_least(value: Fraction | float) -> float:
-    return _digits(value, 6, up=True)
-
-
-def _at_most(value: Fraction | float) -> float:
-    return _digits(value, 6, up=False)
+_at_least, _at_most = (partial(_digits, digits=6, up=up) for up in (True, False))
 
 
 def solve(targets: Targets | None = None, base: Design | None = None) -> Answer:

@@ -235,24 +235,21 @@ def measure(place: Path, tests: Iterable[str | Path], log: Path) -> None:
 
 @click.command()
 @click.option("--docs", is_flag=True, help="Write the figures to docs/coverage.md.")
-@click.option("--uncovered", "show", is_flag=True, help="Also list the unreached places.")
 @click.option("--keep", is_flag=True, help="Sum the counts of the last run; run no tests.")
 @children.ending()
-def coverage_command(docs: bool, show: bool, keep: bool) -> int:
+def coverage_command(docs: bool, keep: bool) -> int:
     """Measure line and toggle coverage of rtl/ by the cocotb tests in Verilator, by module."""
     place = ROOT / "build" / "coverage" / "runs"
-    listed = exclusions()
     if not keep:
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
         measure(place, benches(), ROOT / "build" / "coverage" / "pytest.log")
-    result = add_up(place, listed)
+    result = add_up(place, exclusions())
     table = rows(result, [path.stem for path in rtl_sources()])
     code = finish("coverage", table, "Coverage of rtl/ by the cocotb tests, Verilator")
     if docs:
         write_between(ROOT / "docs" / "coverage.md", BEGIN, END, markdown.rows_table(table))
     missed = uncovered(result)
     (ROOT / "build" / "coverage" / "uncovered.txt").write_text("".join(f"{line}\n" for line in missed))
-    listing = "\n".join(missed)
-    click.echo(listing if show else f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")
+    click.echo(f"{len(missed)} places not reached; list in build/coverage/uncovered.txt")
     return code

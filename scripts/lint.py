@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -23,36 +24,12 @@ WAIVERS = "rtl/lint/verilator_waiver.vlt"
 # The slowest run, Yosys at 128 x 128, takes 10 s.
 TIME_LIMIT_S = 180.0
 
-# Width arithmetic fails at extremes: one row, column or bit, the shortest slot, no power of two,
-# the maximum.
-CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
-    "sync_ff": {"SYNC_LATCH": 0},
-    "sync_latch": {"SYNC_LATCH": 1},
-    "8x8": {"ROWS": 8, "COLS": 8, "SYNC_LATCH": 0},
-    "64x64_10bit": {"ROWS": 64, "COLS": 64, "CODE_BITS": 10, "GATE_CLOCKS": 2046, "SYNC_LATCH": 1},
-    "16x1": {"ROWS": 16, "COLS": 1, "SYNC_LATCH": 0},
-    "1x16_16bit": {"ROWS": 1, "COLS": 16, "CODE_BITS": 16, "BREAK_CLOCKS": 3, "SYNC_LATCH": 1},
-    "1x1": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 0},
-    "1x1_latch": {"ROWS": 1, "COLS": 1, "SYNC_LATCH": 1},
-    "shortest_slot": {
-        **{"ROWS": 3, "COLS": 5, "CODE_BITS": 1, "SYNC_LATCH": 0},
-        **{"GATE_CLOCKS": 1, "SETTLE_CLOCKS": 3, "BREAK_CLOCKS": 1},
-    },
-    "128x128_16bit": {"ROWS": 128, "COLS": 128, "CODE_BITS": 16, "SYNC_LATCH": 0},
-}
-
+_LISTED = tomllib.loads((ROOT / "rtl" / "lint" / "configurations.toml").read_text())
+CONFIGURATIONS: Mapping[str, Mapping[str, int]] = _LISTED["rtl"]
 WRAPPER = ("rtl/harden/dermis_analog_front_end.v", "rtl/harden/user_analog_project_wrapper.v")
 
-# Real-number models with the chip below them; values.vh defines the bits of EFFECTS.
 MODELS_FILE_LIST = "models/verilog/files.f"
 MODELS_WAIVERS = "models/verilog/verilator_waiver.vlt"
-MODELS_CONFIGURATIONS: Mapping[str, Mapping[str, int]] = {
-    "models_ideal": {"EFFECTS": 0},
-    "models_all_effects": {"EFFECTS": 0x4000_0FFF, "TERMS": 6, "DARK": 1},
-    "models_all_effects_latch": {"EFFECTS": 0xFFF, "TERMS": 6, "SYNC_LATCH": 1, "TOPOLOGY": 2},
-    "models_direct_1x1": {"ROWS": 1, "COLS": 1, "EFFECTS": 1 << 6, "TOPOLOGY": 0},
-    "models_multi_output": {"EFFECTS": 1 << 10, "TOPOLOGY": 3},
-}
 
 _VERILATOR_MESSAGE = re.compile(r"^%(?:Warning|Error)(?!: Exiting due to)\S*.*$", re.MULTILINE)
 _VERILATOR_DONE = re.compile(r"Verilator: Built from \S+ MB sources in [1-9]\d* modules")
@@ -204,7 +181,7 @@ def lint_models(root: Path = ROOT) -> list[Row]:
     lists = ("-f", FILE_LIST, "-f", MODELS_FILE_LIST)
     alone = ("-c", FILE_LIST, "-c", MODELS_FILE_LIST, "models/verilog/skin_alone.sv")
     rows = []
-    for name, values in MODELS_CONFIGURATIONS.items():
+    for name, values in _LISTED["models"].items():
         parameters = [f"-Pskin_alone.{key}={value}" for key, value in values.items()]
         rows.append(_icarus(name, root, "skin_alone", *parameters, *alone, standard="-g2012"))
         parameters = [f"-G{key}={value}" for key, value in values.items()]

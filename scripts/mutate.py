@@ -13,6 +13,7 @@ import re
 import shutil
 import sys
 import time
+import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -55,27 +56,8 @@ class Block:
 
 
 BLOCKS: Mapping[str, Block] = {
-    "dermis_tech_dff": Block(("sync_ff",), ("tech_sync",)),
-    "dermis_tech_latch": Block(("sync_latch",), ("synchronizer",), clocked=False),
-    "dermis_tech_ram": Block(("frame_buffer",), ("frame_buffer",), {"WORDS": 3}),
-    "dermis_tech_sync": Block(("register_port",), ("tech_sync",), tests_first=True),
-    "dermis_reset_sync": Block((), ("tech_sync",)),
-    "dermis_sync_ff": Block(("sync_ff",), ("synchronizer",)),
-    "dermis_sync_latch": Block(("sync_latch",), ("synchronizer",), multiclock=True),
-    "dermis_gated_counter": Block(("counter",), ("gated_counter",), {"CODE_BITS": 3}),
-    "dermis_row_scanner": Block(("scanner",), ("row_scanner",), {"ROWS": 2, "BREAK_CLOCKS": 2}),
-    "dermis_row_buffer": Block((), ("row_buffer",), {"COLS": 2}),
-    "dermis_reader": Block(
-        ("reader",), ("reader", "self_test"), {"ROWS": 1, "COLS": 2, "CODE_BITS": 2}, tests_first=True
-    ),
-    "dermis_packer": Block(("packer",), ("packer",), {"COLS": 2, "CODE_BITS": 3}, tests_first=True),
-    "dermis_crc16": Block(("packer",), ("packer",), clocked=False, tests_first=True),
-    "dermis_crc8": Block(("spi",), ("spi",), clocked=False, tests_first=True),
-    "dermis_self_test": Block(("self_test",), ("self_test",), {"ROWS": 2, "COLS": 3, "CODE_BITS": 3}),
-    "dermis_frame_buffer": Block(("frame_buffer",), ("frame_buffer",), {"BANK_BYTES": 3}),
-    "dermis_register_port": Block(("register_port",), ("register_port",)),
-    "dermis_registers": Block(("registers",), ("registers",), {"ROWS": 2, "COLS": 2, "CODE_BITS": 2}),
-    "dermis_spi": Block(("spi",), ("spi",), multiclock=True, tests_first=True),
+    name: Block(**entry)
+    for name, entry in tomllib.loads((ROOT / formal.PLACE / "mutants.toml").read_text()).items()
 }
 
 
@@ -207,6 +189,7 @@ def judges(module: str, rtl: Path) -> str:
     for test in block.tests:
         files += [path for path in (bench / test).rglob("*") if path.suffix in (".py", ".v", ".json")]
     proofs = [formal.proofs()[name] for name in block.proofs]
+    files += [place / "mutants.toml"]
     files += [place / file for proof in proofs for file in (f"{proof.name}.sby", f"{proof.check}.v")]
     files += place.glob("dermis_*.v") if proofs else []
     names = {module, *below(module, rtl), *(name for proof in proofs for name in proof.modules)}
@@ -223,13 +206,6 @@ def _empty(name: str) -> Path:
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     return work
-
-
-def _compiles(source: Path, rtl: Path, work: Path) -> bool | None:
-    command = ["iverilog", "-g2005", "-t", "null", "-s", source.stem, f"-I{rtl}", str(source)]
-    command += [str(rtl / f"{module}.v") for module in below(source.stem, rtl)]
-    code = children.run_child(command, work, work / "compile.log", COMPILE_LIMIT_S)
-    return None if code is None else code == 0
 
 
 def _overlay(rtl: Path, mutant: Mutant | None, work: Path) -> Path:
@@ -347,10 +323,12 @@ def try_mutant(mutant: Mutant, rtl: Path, by: Sequence[str], limit_s: float = TE
     try:
         tree = _overlay(rtl, mutant, work)
         end, killer = "stillborn", None
-        compiles = _compiles(tree / f"{mutant.module}.v", tree, work)
-        if compiles:
+        sources = [tree / f"{name}.v" for name in (mutant.module, *below(mutant.module, tree))]
+        command = ["iverilog", "-g2005", "-t", "null", "-s", mutant.module, f"-I{tree}", *map(str, sources)]
+        code = children.run_child(command, work, work / "compile.log", COMPILE_LIMIT_S)
+        if code == 0:
             end, killer = _judge(mutant, block, rtl, tree, work, by, limit_s)
-        elif compiles is None:
+        elif code is None:
             end, killer = "undecided", f"iverilog, which timed out after {COMPILE_LIMIT_S:g} s"
     finally:
         shutil.rmtree(work, ignore_errors=True)

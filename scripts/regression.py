@@ -61,12 +61,8 @@ FIGURES = {
 }
 """Figures of the documentation, copied from files of a run."""
 
-INDENTERS = {
-    "flat": "flat_indenter",
-    "triangular": "triangular_indenter",
-    "cylindrical": "cylindrical_indenter",
-}
-"""Cases of the paper's Fig. 10."""
+INDENTERS = ("flat", "triangular", "cylindrical")
+"""Shapes of the paper's Fig. 10."""
 
 
 def frame_file_case(
@@ -132,10 +128,11 @@ def run_case(case: Case, made: Plan, on_slots: Callable[[int], None]) -> list[Ro
 def draw_indenters() -> None:
     """Draw the paper's Fig. 10 from the middle row of three cases of this run."""
     lines = {}
-    for name, case in INDENTERS.items():
+    for shape in INDENTERS:
+        case = f"{shape}_indenter"
         made = plan.load(SCENES / f"{case}.toml", "cosim")
         assert made.force_n is not None
-        lines[name] = np.load(OUT / case / "codes.npy")[0, made.rows // 2], made.force_n[0, made.rows // 2]
+        lines[shape] = np.load(OUT / case / "codes.npy")[0, made.rows // 2], made.force_n[0, made.rows // 2]
     figures.indenter_figure(lines, OUT / "indenters.png")
 
 
@@ -194,7 +191,7 @@ def sim_command(
         raise InputError("command line", "--only", unknown[0], f"one of {', '.join(known)}")
     cases = [case for case in cases if not only or case.name in only]
     verdicts, failed = run(cases)
-    if not failed and set(INDENTERS.values()) <= {case.name for case in cases}:
+    if not failed and {f"{shape}_indenter" for shape in INDENTERS} <= {case.name for case in cases}:
         draw_indenters()
     title = "Full-array regression: Verilog and ngspice in lock-step against the exact count"
     code = finish("sim", verdicts, title)

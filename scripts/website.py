@@ -203,14 +203,9 @@ def demo_page(source: Path) -> None:
             '<iframe src="chip.html" title="The chip in this page: press the skin" '
             'style="width: 100%; height: 46rem; border: 1px solid #8888; border-radius: 10px"></iframe>'
         )
-    for name in ("index.md", "demo.md"):
-        _fill(source / name, {DEMO_MARK: shown})
-
-
-def _fill(page: Path, parts: Mapping[str, str]) -> None:
-    """Replace marks of a page, each of which must occur once."""
-    text = markdown.filled(page.read_text(encoding="utf-8"), parts, page.name)
-    page.write_text(text, encoding="utf-8")
+    for page in (source / "index.md", source / "demo.md"):
+        text = markdown.filled(page.read_text(encoding="utf-8"), {DEMO_MARK: shown}, page.name)
+        page.write_text(text, encoding="utf-8")
 
 
 SHORTENED = ("benchmarks", "characterise", "equivalence", "synthesis")

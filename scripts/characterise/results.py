@@ -13,7 +13,7 @@ from dermis.files import write_atomic
 from dermis.report import verdict
 from dermis.report.verdict import Row
 from dermis.scene import scene
-from dermis.scene.design import ROOT, Limit, spec
+from dermis.scene.design import ROOT, Limit
 from scripts.characterise import benches
 from scripts.characterise.benches import BENCHES, CODES_A_UNIT, SUMS, Condition
 from scripts.characterise.runs import CELSIUS, TYPICAL, Job, Outcome
@@ -42,10 +42,7 @@ class Series:
     @property
     def limit(self) -> Limit | None:
         """Its limit, if models/spec.toml has one."""
-        try:
-            return verdict.limit(f"{PREFIX}.{self.name}")
-        except KeyError:
-            return None
+        return limit_of(self.name)
 
     @property
     def worst(self) -> str:
@@ -104,10 +101,12 @@ def _measured(outcomes: Mapping[Job, Outcome]) -> dict[tuple[str, Condition], tu
     return found
 
 
-def _has_limit(name: str) -> bool:
-    """Return True if models/spec.toml limits this quantity or its group, `a.b` of `a.b.sink`."""
-    name = f"{PREFIX}.{name}"
-    return name in spec() or name.rpartition(".")[0] in spec()
+def limit_of(name: str) -> Limit | None:
+    """Return the limit of a quantity or of its group, `a.b` of `a.b.sink`, if there is one."""
+    try:
+        return verdict.limit(f"{PREFIX}.{name}")
+    except KeyError:
+        return None
 
 
 def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
@@ -131,13 +130,13 @@ def series(outcomes: Mapping[Job, Outcome]) -> list[Series]:
         names = [quantity]
         if condition.sample is not None:
             names = [f"mismatch.{quantity}"]
-        elif condition.corner in sky130.PASSIVE_CORNERS and _has_limit(f"passives.{quantity}"):
+        elif condition.corner in sky130.PASSIVE_CORNERS and limit_of(f"passives.{quantity}"):
             names = [f"passives.{quantity}"]
-        if condition == TYPICAL and _has_limit(f"typical.{quantity}"):
+        if condition == TYPICAL and limit_of(f"typical.{quantity}"):
             names.append(f"typical.{quantity}")
         for name in names:
             add(name, quantity, _where(condition), value, fault)
-        if condition.sample is None and value is not None and _has_limit(f"drift.{quantity}"):
+        if condition.sample is None and value is not None and limit_of(f"drift.{quantity}"):
             group = groups.setdefault((quantity, condition.corner, condition.supply), {})
             group[condition.celsius] = value
     for (quantity, corner, supply), values in groups.items():

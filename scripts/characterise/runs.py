@@ -206,11 +206,6 @@ class Outcome:
     measured: Measured | None = None
 
 
-def is_transient(bench: Bench) -> bool:
-    """Return True for a bench with time steps."""
-    return _TRAN.search(bench.body) is not None
-
-
 def conditions(at: str | None = None) -> list[Condition]:
     """Return all conditions with nominal passives, or those of a text: "ss,-40,0.9", "ss_low,*,1"."""
     corner, *numbers = (word.strip() for word in (at or "*,*,*").split(","))
@@ -264,7 +259,7 @@ def jobs_of(
             for way in filter(None, NUMERICS)
             for place in EXTREMES
             for name in names
-            if is_transient(BENCHES[name])
+            if _TRAN.search(BENCHES[name].body)
         ]
     drawn = [replace(begin, sample=n) for n in range(1, last + 1)]
     return [

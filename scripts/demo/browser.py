@@ -134,30 +134,6 @@ def speed(driver: Any, clocks: int = 15_000_000) -> float:
     return float(driver.execute_async_script(script, frames))
 
 
-def complaints(driver: Any, minimum_px: float = 12) -> list[str]:
-    """Return the violations that axe-core finds on the page, and text smaller than `minimum_px`."""
-    import importlib.resources
-
-    checker = importlib.resources.files("axe_playwright_python") / "axe.min.js"
-    driver.execute_script(checker.read_text())
-    # No preload: axe would fetch style sheets anew, which a browser refuses for files and reports
-    # on the console.
-    violations = driver.execute_async_script("""
-      const done = arguments[0];
-      axe.run(document, {resultTypes: ["violations"], preload: false}).then((found) => done(found.violations.flatMap(
-        (rule) => rule.nodes.map((node) => `${rule.id}: ${node.target} ${node.failureSummary}`))));""")
-    small = driver.execute_script(
-        """
-      return [...document.querySelectorAll("body *")].filter((e) => e.getClientRects().length
-        && !/SCRIPT|STYLE|OPTION/.test(e.tagName)
-        && [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim())
-        && parseFloat(getComputedStyle(e).fontSize) < arguments[0])
-        .map((e) => `size: ${getComputedStyle(e).fontSize} of "${e.textContent.trim().slice(0, 30)}"`);""",
-        minimum_px,
-    )
-    return [*violations, *small]
-
-
 def measure(page: Path) -> list[Row]:
     """Return the rows of the page in a browser, or one SKIP each with the reason."""
     names = ("demo.wrong_codes", "demo.frames_per_s", "demo.first_code_s")

@@ -115,20 +115,10 @@ def values(design: Design) -> dict[str, Any]:
     """Return the design values of the page, by their names in models/design.toml."""
     draw = np.random.default_rng(PATTERN_SEED)
     patterns = draw.standard_normal((2, design.array.cols)).round(3).tolist()
-    return {
-        "rows": design.array.rows,
-        "cols": design.array.cols,
-        "v_bias_v": design.interface.v_bias_v,
-        "k": design.interface.k,
-        "i0_a": design.converter.i0_a,
-        "f_clk_hz": design.converter.f_clk_hz,
-        "packet_v": design.converter.packet_v,
-        "gate_clocks": design.timing.gate_clocks,
-        "slot_clocks": design.timing.slot_clocks,
-        "code_max": design.timing.code_max,
+    found = {key.rpartition(".")[2]: value for key, value in (design.stored() | design.derived()).items()}
+    names = "rows cols v_bias_v k i0_a f_clk_hz packet_v gate_clocks slot_clocks code_max force_max_n"
+    return {name: found[name] for name in (*names.split(), "k_force_n_ohm")} | {
         "frames_per_s": round(1 / design.timing.frame_s),
-        "force_max_n": design.sensor.force_max_n,
-        "k_force_n_ohm": design.sensor.k_force_n_ohm,
         "offset_pattern": patterns[0],
         "mismatch_pattern": patterns[1],
         "sweeps": SWEEPS,

@@ -3,40 +3,249 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+from matplotlib.figure import Figure
 
+from dermis.converter import vfc
 from dermis.errors import InputError, SimulatorError
 from dermis.files import write_atomic
 from dermis.places import BUILD
+from dermis.report import figures as drawing
 from dermis.report import output
 from dermis.scene.design import TOPOLOGIES
+from dermis.scene.design import load as load_design
 from scripts.judged import SHOW, finish
-from scripts.sweep import curves, figures
+from scripts.sweep import curves
+from scripts.sweep.curves import Curve, Floats, Reading, straight_line, unlimited
+
+COLUMNS = (
+    "topology",
+    "r_ohm",
+    "x",
+    "pulses",
+    "code",
+    "f_count_hz",
+    "f_period_hz",
+    "f_line_hz",
+    "f_charge_balance_hz",
+    "pulses_charge_balance",
+    "f_eq3_hz",
+    "pulses_eq3",
+    "physical_pulses",
+    "physical_code",
+    "physical_f_count_hz",
+    "physical_f_period_hz",
+    "physical_f_line_hz",
+)
+
+
+def table(curves: Sequence[Curve]) -> str:
+    """Return the sweep as csv, one line per resistance and interface; empty if not measured."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for curve in curves:
+        where = {} if curve.physical_at is None else {int(p): i for i, p in enumerate(curve.physical_at)}
+        for i, ohm in enumerate(curve.resistance_ohm):
+            cells = [curve.topology, float(ohm), float(curve.x[i]), *_measured(curve, curve.ideal, i)]
+            cells += [curve.f_clk_hz * curve.x[i], int(curve.pulses_charge_balance[i])]
+            cells += [curve.f_clk_hz / curve.period_eq3_clocks[i], int(curve.pulses_eq3[i])]
+            cells += [math.nan] * 5 if i not in where else _measured(curve, curve.physical, where[i])
+            writer.writerow(map(_cell, cells))
+    return text.getvalue()
+
+
+def _measured(curve: Curve, reading: Reading, i: int) -> list[float]:
+    pulses, f_clk = int(reading.pulses[i]), curve.f_clk_hz
+    periods = [f_clk / reading.period_clocks[i], f_clk / reading.line_clocks[i]]
+    return [pulses, int(reading.code[i]), f_clk * pulses / curve.gate, *periods]
+
+
+def _cell(value: Any) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    return "" if math.isnan(value) else repr(round(float(value), 3) if value > 10_000 else float(value))
+
+
+LOOKS = {
+    "direct": ("direct (Fig. 3)", drawing.BLUE, "o"),
+    "conveyor_mirror": ("conveyor + mirror (Fig. 5a)", drawing.ORANGE, "s"),
+    "conveyor_mirror_inverted": ("conveyor + mirror, inverted (Fig. 5b)", drawing.GREEN, "^"),
+    "multi_output_conveyor": ("multiple-output conveyor (Fig. 6)", "#CC79A7", "D"),
+}
+"""Label, colour and marker of each interface."""
+BALANCE = {"color": "black", "lw": 1.3, "label": "charge balance: f = f_clk x"}
+EQ3 = {"color": drawing.RED, "lw": 1.3, "ls": (0, (5, 2)), "label": "eq. (3): f = f_clk / ceil(1/x)"}
+OHM, KHZ = "resistance of the taxel R / ohm", "pulse frequency f / kHz"
+FORCE = "force on the taxel F = K_f / R / N"
+
+Across = Callable[[Curve], Floats]
+
+
+def _laws(curve: Curve, low_ohm: float, high_ohm: float) -> tuple[Floats, Floats, Floats]:
+    """Return resistances, and frequencies of both laws in Hz, dense enough to show the steps."""
+    duty = float(curve.x[0] * curve.resistance_ohm[0]) / (ohm := np.geomspace(low_ohm, high_ohm, 20_001))
+    clocks = 1 << 40
+    return ohm, curve.f_clk_hz * duty, curve.f_clk_hz * vfc.count_restarting(duty, clocks) / clocks
+
+
+def _marks(
+    axes: Any,
+    curves: Sequence[Curve],
+    across: Across,
+    up: Across,
+    most: int | None = None,
+    scale: Callable[[Floats], Floats] = np.asarray,
+) -> None:
+    """Draw the points of each curve; with `most`, that number of all curves, each its share.
+
+    Curves that coincide would hide each other.
+    """
+    for number, curve in enumerate(curves):
+        x, y = across(curve), up(curve)
+        picks = np.arange(x.size)
+        if most is not None:
+            place = scale(x)
+            wanted = np.linspace(place.min(), place.max(), most)
+            picks = np.unique([np.argmin(np.abs(place - w)) for w in wanted])[number :: len(curves)]
+        label, colour, marker = LOOKS[curve.topology]
+        look = {"color": colour, "mfc": "none", "ms": 5.5, "mew": 1.2, "zorder": 3, "label": label}
+        axes.plot(x[picks], y[picks], marker, **look)
+
+
+def _finish(axes: Any, title: str, across: str, up: str, legend: str = "") -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set(xlabel=across, ylabel=up)
+    axes.grid(alpha=0.3, which="both")
+    if legend:
+        axes.legend(frameon=False, fontsize=8.5, loc=legend)
+
+
+def _log_scales(axes: Any, low: float, high: float) -> None:
+    """Set both axes to logarithmic with readable marks: ohm across, kHz up."""
+    axes.set(xscale="log", yscale="log")
+    ohm = [m * 10**e for e in range(8) for m in (1, 2, 5) if low <= m * 10**e <= high]
+    axes.set_xticks(ohm, [f"{m / 1000:g} k" if m >= 1000 else f"{m:g}" for m in ohm])
+    khz = [20, 50, 100, 200, 500, 1000, 2000]
+    axes.set_yticks(khz, [str(m) for m in khz])
+    axes.minorticks_off()
+
+
+def frequency_figure(curves: Sequence[Curve], path: Path) -> None:
+    """Draw frequency against resistance and, the paper's Fig. 8, against force, with both laws."""
+    figure = Figure(figsize=(10, 4.9), layout="constrained")
+    whole, forces = figure.subplots(1, 2)
+    low, high = (float(curves[0].resistance_ohm[end]) for end in (0, -1))
+    k_force = load_design().sensor.k_force_n_ohm
+    line, balance, eq3 = _laws(curves[0], low, high)
+    for axes, at_line, across, unit, scale in (
+        (whole, line, lambda c: c.resistance_ohm, 1e3, np.log),
+        (forces, k_force / line, lambda c: k_force / c.resistance_ohm, 1e6, np.asarray),
+    ):
+        axes.plot(at_line, balance / unit, **BALANCE)
+        axes.plot(at_line, eq3 / unit, **EQ3)
+        _marks(axes, curves, across, lambda c, u=unit: c.f_clk_hz / c.ideal.period_clocks / u, 40, scale)
+    _log_scales(whole, low, high)
+    _finish(whole, "Frequency against resistance", OHM, KHZ, "lower left")
+    _finish(forces, "Frequency against force", FORCE, "pulse frequency f / MHz")
+    drawing.save(figure, path)
+
+
+def code_figure(curves: Sequence[Curve], path: Path) -> None:
+    """Draw the paper's Fig. 9: code against force, its end enlarged, and residuals."""
+    figure = Figure(figsize=(10, 7.6), layout="constrained")
+    (whole, foot), (ideal, physical) = figure.subplots(2, 2, height_ratios=[1.25, 1])
+    first, k_force = curves[0], load_design().sensor.k_force_n_ohm
+    low, high = (float(first.resistance_ohm[end]) for end in (0, -1))
+    near, counts = min(1.55 * low, high), first.gate / first.f_clk_hz
+    for axes, end, at in ((whole, high, lambda ohm: k_force / ohm), (foot, near, np.asarray)):
+        line, balance, eq3 = _laws(first, low, end)
+        axes.plot(at(line), balance * counts, **BALANCE)
+        axes.plot(at(line), eq3 * counts, **EQ3)
+        _marks(
+            axes,
+            curves,
+            lambda c, at=at, end=end: at(c.resistance_ohm[c.resistance_ohm <= end]),
+            lambda c, end=end: c.ideal.code[c.resistance_ohm <= end],
+            48,
+        )
+    foot.set(xlim=(0.985 * low, near), ylim=(0.3 * first.gate, 0.52 * first.gate))
+    _finish(whole, "Code against force", FORCE, f"code (pulses in {first.gate} clocks)", "upper left")
+    gap = np.abs(first.ideal.pulses - first.pulses_eq3).max()
+    _finish(foot, f"The laws differ by up to {gap} counts just above {low:g} ohm", OHM, "code")
+
+    steps = f"charge balance, {first.gate} x / LSB"
+    _marks(ideal, curves, lambda c: c.gate * c.x, lambda c: c.ideal.code - c.gate * c.x, 120)
+    for limit in (-0.5, 0.5):
+        ideal.axhline(limit, color=drawing.GREY, lw=0.8, ls="--")
+    ideal.set_ylim(-1.1, 1.1)
+    _finish(ideal, "Ideal blocks: code less charge balance (dashed: rounding)", steps, "residual / LSB")
+
+    drawn = [curve for curve in curves if curve.physical is not None]
+
+    def duty(curve: Curve) -> Floats:
+        return curve.gate * curve.x[curve.physical_at]
+
+    _marks(physical, drawn, duty, lambda c: c.gate / c.physical.line_clocks - duty(c), 200)
+    for curve in drawn:
+        colour = LOOKS[curve.topology][1]
+        physical.plot(duty(curve), curve.gate * curve.physical_x - duty(curve), color=colour, lw=1)
+    title = "Physical blocks: f from all pulse times less charge balance"
+    _finish(physical, title, steps, "difference / LSB")
+    physical.text(0.03, 0.06, "lines: array solve and gains", transform=physical.transAxes, fontsize=8.5)
+    physical.set_visible(bool(drawn))
+    for axes in (ideal, physical):
+        axes.axhline(0.0, color="black", lw=0.8)
+    drawing.save(figure, path)
+
+
+def transistor_figure(curves: Sequence[Curve], path: Path) -> None:
+    """Draw frequency against resistance, and its residual to a straight line."""
+    figure = Figure(figsize=(10, 4.9), layout="constrained")
+    whole, rest = figure.subplots(1, 2)
+    low, high = (float(curves[0].resistance_ohm[end]) for end in (0, -1))
+    line, balance, _ = _laws(curves[0], low, high)
+    whole.plot(line, balance / 1e3, **BALANCE)
+    _marks(whole, curves, lambda c: c.resistance_ohm, lambda c: c.f_clk_hz / c.ideal.line_clocks / 1e3)
+    _log_scales(whole, low, high)
+    _finish(whole, "f against R, channels in transistors (tt, 27 C)", OHM, KHZ, "lower left")
+
+    def left(curve: Curve) -> Floats:
+        reading = unlimited(curve.ideal)
+        gain, offset, _ = straight_line(curve, reading) or (math.nan, math.nan, math.nan)
+        return curve.gate / reading.line_clocks - gain * curve.gate * curve.x - offset
+
+    _marks(rest, curves, lambda c: c.gate * c.x, left)
+    rest.set_xscale("log")
+    marks = (2, 5, 10, 20, 50, 100, 255)
+    rest.set_xticks(marks, [str(mark) for mark in marks])
+    rest.minorticks_off()
+    title = "f against 1/R less a straight line of its own"
+    _finish(rest, title, "charge balance, 510 x / LSB", "residual / LSB")
+    drawing.save(figure, path)
+
 
 POINTS_MAX = 4096
 FIGURES = {
-    "behavioural": {
-        "sweep_frequency.png": figures.frequency_figure,
-        "sweep_code.png": figures.code_figure,
-    },
-    "sky130": {"sweep_transistors.png": figures.transistor_figure},
+    "behavioural": {"sweep_frequency.png": frequency_figure, "sweep_code.png": code_figure},
+    "sky130": {"sweep_transistors.png": transistor_figure},
 }
 FILES = {"sweep.csv", *(name for named in FIGURES.values() for name in named)}
 
 
 @click.command("sweep", context_settings=SHOW)
 @click.option("--points", type=click.IntRange(8, POINTS_MAX), help="Number of resistances; 256, sky130 8.")
-@click.option(
-    "--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="Only this interface (repeatable)."
-)
-@click.option(
-    "--view",
-    type=click.Choice(list(FIGURES)),
-    default="behavioural",
-    help="SPICE blocks: models or transistors.",
-)
+@click.option("--topology", type=click.Choice(TOPOLOGIES), multiple=True, help="This interface (repeatable).")
+@click.option("--view", type=click.Choice(list(FIGURES)), default="behavioural", help="View of the blocks.")
 @click.option("--out", "directory", type=click.Path(), help="Directory for results; default below build/.")
 @click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 @click.option("--physical/--no-physical", default=True, help="Also sweep with the physical defaults.")
@@ -68,7 +277,7 @@ def sweep_command(
     for file in FILES:
         (out / file).unlink(missing_ok=True)  # no file of an earlier sweep stays
     if made:
-        write_atomic(out / "sweep.csv", figures.table(made))
+        write_atomic(out / "sweep.csv", table(made))
         for file, draw in FIGURES[view].items() if plot else ():
             draw(made, out / file)
     title = f"{points} resistances, {len(chosen)} interfaces: Verilog and ngspice ({view} blocks)"

@@ -320,13 +320,10 @@ def judge(curve: Curve) -> list[Row]:
         if curve.event_code is not None:
             worst = int(np.abs(reading.code - curve.event_code).max())
             last = [verdict.report(key, worst, "lsb", "ngspice and Verilog against the event engine")]
-    units = {"percent": "%"}
     return [
         *rows,
         *(
-            verdict.report(
-                f"sweep.{name}.{curve.topology}", value, units.get(name.split("_")[-1], "lsb"), note
-            )
+            verdict.report(f"sweep.{name}.{curve.topology}", value, "%" if "percent" in name else "lsb", note)
             for name, value, note in reports
         ),
         *last,

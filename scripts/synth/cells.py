@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +30,8 @@ class Technology:
     load_ff: float  # of every output in ABC: the input of a flop and its wire
     wire_ff: float  # of a net before layout, its first sink
     wire_ff_per_sink: float  # each further sink
-    ties: tuple[tuple[str, str], tuple[str, str]] | None  # cell and pin of constants 1 and 0
     dont_use: str  # cells that mapping must not use
+    ties: tuple[tuple[str, str], tuple[str, str]] | None = None  # cell and pin of constants 1 and 0
     fanout: int = 12
     late: float = 1.0  # derate of our own tables: setup at the slow corner
     early: float = 1.0  # hold at the fast one
@@ -67,43 +68,9 @@ def osu035(name: str) -> Path:
     return path
 
 
-# Wire capacitance: about 0.2 fF per um on thin metal, and 40 um (0.13 um rules) or 100 um (0.35 um
-# rules) to the next sink in a block of some thousand cells. An estimate until layout;
-# docs/synthesis.md shows its influence.
 TECHNOLOGIES: Mapping[str, Technology] = {
-    # SkyWater sky130_fd_sc_hd, 130 nm, 1.8 V.
-    "sky130": Technology(
-        name="sky130",
-        corners=("tt", "ss", "ff"),
-        slow="ss",
-        fast="ff",
-        latch="sky130_fd_sc_hd__dlrtn_1",
-        driver="sky130_fd_sc_hd__inv_2",
-        load_ff=10.0,
-        wire_ff=8.0,
-        wire_ff_per_sink=8.0,
-        ties=(("sky130_fd_sc_hd__conb_1", "HI"), ("sky130_fd_sc_hd__conb_1", "LO")),
-        # Delay cells, clock cells and latches are not for logic.
-        dont_use=r"sky130_fd_sc_hd__(dly|clk|dl[rx]|probe|lpflow)\w*",
-        # Our tables are up to 15 % faster at ss than those of the foundry, and 5 % slower at ff:
-        # docs/liberty.md.
-        late=1.15,
-        early=0.9,
-    ),
-    # OSU standard cells, 0.35 um, 3.3 V (Debian qflow-tech-osu035).
-    "osu035": Technology(
-        name="osu035",
-        corners=("typical",),
-        slow="typical",
-        fast="typical",
-        latch="LATCH",
-        driver="INVX2",
-        load_ff=35.0,
-        wire_ff=20.0,
-        wire_ff_per_sink=20.0,
-        ties=None,
-        dont_use=r"PAD\w*|TBUF\w*|CLKBUF\w*|[HF]AX1|LATCH|DFFNEGX1",
-    ),
+    name: Technology(name, **entry)
+    for name, entry in tomllib.loads((SYNTH / "technologies.toml").read_text()).items()
 }
 
 

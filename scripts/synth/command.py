@@ -121,7 +121,7 @@ def timing_rows(technology: Technology, netlist: Netlist, suffix: str) -> list[R
         rows.append(verdict.judge(row, path.slack_ns, said(slow, path)))
     for clock, one in slow.highest(periods).items():
         row = f"synth.highest_mhz.{clock}.{suffix}"
-        rows.append(verdict.measured(row, one.mhz, "MHz", said(slow, one.path)))
+        rows.append(verdict.measured(row, 1e3 / one.period_ns, "MHz", said(slow, one.path)))
     return rows
 
 
@@ -217,7 +217,9 @@ def size_rows(technology: Technology, size: Size) -> list[Row]:
         directory = made.directory / "sizes"
         at = Timing(technology, technology.slow, made.verilog, directory, black_boxes=not whole)
         return [
-            verdict.measured(f"synth.highest_mhz.{clock}.{suffix}", one.mhz, "MHz", _shown(one.path))
+            verdict.measured(
+                f"synth.highest_mhz.{clock}.{suffix}", 1e3 / one.period_ns, "MHz", _shown(one.path)
+            )
             for clock, one in at.highest(sdc_periods()).items()
         ]
 
@@ -244,11 +246,6 @@ def write_docs(**tables: Sequence[Row]) -> None:
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------
-
-
-def technologies(name: str) -> list[Technology]:
-    """Return the technologies of an option."""
-    return list(TECHNOLOGIES.values()) if name == "both" else [TECHNOLOGIES[name]]
 
 
 def size_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -284,7 +281,7 @@ def synth_command(
     docs: bool,
 ) -> int:
     """Map rtl/ to cells, prove equivalence, analyse timing; write build/synth.json."""
-    chosen = technologies(tech)
+    chosen = [TECHNOLOGIES[name] for name in (TECHNOLOGIES if tech == "both" else (tech,))]
     own = any(option is not None for option in (rows, cols, code_bits)) or sync_latch
     if docs and (tech != "both" or own or no_proof):
         raise InputError("command line", "--docs", "a partial run", "a run with all options at default")

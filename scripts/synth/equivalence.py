@@ -114,7 +114,7 @@ def _aliases(path: Path) -> dict[str, list[str]]:
     return {name: names for bit, names in groups.items() if isinstance(bit, int) for name in names}
 
 
-def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit_s: float) -> Proof:
+def compare(gold: Path, gate: Path, aliases: Path, directory: Path) -> Proof:
     """Prove two JSON netlists of $_AND_, $_NOT_ and cut_state equal, with networks and ABC's log in
     `directory`; SimulatorError if the ports differ or ABC failed.
 
@@ -124,7 +124,7 @@ def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit
     odd = (left.inputs.keys() ^ right.inputs.keys()) | (left.outputs.keys() ^ right.outputs.keys())
     if odd:
         raise SimulatorError(f"the ports of the netlist differ from those of the Verilog: {min(odd)}", gate)
-    further = _aliases(aliases) if aliases is not None else {}
+    further = _aliases(aliases)
     for place, name in enumerate(sorted(left.inputs)):
         left.nets[left.inputs[name]] = right.nets[right.inputs[name]] = f"in{place}"
     right.nets |= {q: f"q{q}" for q in right.states}
@@ -154,44 +154,38 @@ def compare(gold: Path, gate: Path, aliases: Path | None, directory: Path, limit
     inputs += [f"free{q}" for q, partner in partners.items() if partner is None]
     left.write(directory / "gold.blif", inputs, mine)
     right.write(directory / "gate.blif", inputs, theirs)
-    unpaired = list(partners.values()).count(None)
-    return _prove(directory, len(partners) - unpaired, unpaired, len(mine), limit_s)
-
-
-def _prove(directory: Path, states: int, unpaired: int, outputs: int, limit_s: float) -> Proof:
-    log = directory / "cec.log"
+    unpaired, log = list(partners.values()).count(None), directory / "cec.log"
     log.unlink(missing_ok=True)
     # AIGER keeps the order of inputs and outputs, which is equal on both sides, and has no names.
     # `&cec` takes 2 s where `cec` was not done in 10 minutes: 16x16 in sky130.
     made = [directory / name for name in ("gold", "gate")]
-    steps = [f"read_blif {path}.blif; strash; write_aiger {path}.aig" for path in made]
-    steps.append(f"&cec -C 100000 -T {int(limit_s)} {made[0]}.aig {made[1]}.aig")
     for path in made:
         path.with_suffix(".aig").unlink(missing_ok=True)
-    run_logged([tool("berkeley-abc"), "-q", "; ".join(steps)], ROOT, log, limit_s + 60.0, "ABC")
+    steps = [f"read_blif {path}.blif; strash; write_aiger {path}.aig" for path in made]
+    steps.append(f"&cec -C 100000 -T {int(PROOF_LIMIT_S)} {made[0]}.aig {made[1]}.aig")
+    run_logged([tool("berkeley-abc"), "-q", "; ".join(steps)], ROOT, log, PROOF_LIMIT_S + 60.0, "ABC")
     said = log.read_text(errors="replace")
     proved = False if "NOT EQUIVALENT" in said else True if "Networks are equivalent" in said else None
-    return Proof(proved, states, unpaired, outputs, re.sub(r"\s+", " ", said).strip()[-300:])
+    told = re.sub(r"\s+", " ", said).strip()[-300:]
+    return Proof(proved, len(partners) - unpaired, unpaired, len(mine), told)
 
 
 def prove(
     technology: Technology,
     parameters: Mapping[str, int],
     netlist: Path,
-    aliases: Path | None,
+    aliases: Path,
     directory: Path,
     *,
     top: str = TOP,
-    sources: Sequence[Path] | None = None,
-    limit_s: float = PROOF_LIMIT_S,
 ) -> Proof:
     """Prove a flat Verilog netlist equal to the Verilog it was made from; arguments as for mapping.
 
-    `aliases` is the JSON of the same netlist with all its names, None for none. SimulatorError if
+    `aliases` is the JSON of the same netlist with all its names. SimulatorError if
     Yosys or ABC failed.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    verilog = [read_rtl(None, sources), *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
+    verilog = [read_rtl(None), *elaborate(parameters, top), "flatten", "opt_clean", *WORDS_TO_FLOPS]
     mapped = [
         f"read_liberty -ignore_miss_func {technology.liberty(technology.corners[0])}",
         *(f"read_verilog -overwrite {model}" for model in technology.functions()),
@@ -200,5 +194,5 @@ def prove(
     ]
     sides = {"gold": verilog, "gate": mapped}
     for name, script in sides.items():
-        run_yosys([*script, *_CUT, f"write_json {directory / name}.json"], directory, name, limit_s)
-    return compare(directory / "gold.json", directory / "gate.json", aliases, directory, limit_s)
+        run_yosys([*script, *_CUT, f"write_json {directory / name}.json"], directory, name, PROOF_LIMIT_S)
+    return compare(directory / "gold.json", directory / "gate.json", aliases, directory)

@@ -149,7 +149,6 @@ def map_design(
     hierarchical: bool = False,
     sources: Sequence[Path] | None = None,
     black_box_memory: bool = False,
-    limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
     """Synthesise module `top` and map it; write the netlist and logs to `directory`.
 
@@ -184,7 +183,7 @@ def map_design(
         delay_ps=DELAY_PS,
         netlist=netlist,
     ).splitlines()
-    run_yosys(script, directory, name, limit_s)
+    run_yosys(script, directory, name)
     if not netlist.json.is_file() or not netlist.verilog.is_file() or not netlist.counts.is_file():
         raise SimulatorError("Yosys wrote no netlist", directory / f"{name}.log")
     read_netlist(netlist, top, library)
@@ -215,7 +214,6 @@ def map_once(
     directory: Path,
     *,
     fresh: bool = False,
-    limit_s: float = YOSYS_LIMIT_S,
 ) -> Netlist:
     """Return the netlist in `directory` if its inputs are unchanged and not `fresh`, else map it.
 
@@ -235,7 +233,7 @@ def map_once(
             read_netlist(netlist, TOP, cells(technology.liberty(technology.corners[0])))
             return netlist
         mark.unlink(missing_ok=True)
-        netlist = map_design(technology, parameters, directory, limit_s=limit_s)
+        netlist = map_design(technology, parameters, directory)
         mark.write_text(content())
         return netlist
 

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from dermis.errors import SimulatorError
 from dermis.processes.children import run_logged
@@ -195,13 +196,8 @@ class Timing:
         raise SimulatorError(f"the highest clock was not found in {_STEPS} runs of OpenSTA", self.directory)
 
 
-@dataclass(frozen=True)
-class Highest:
+class Highest(NamedTuple):
     """Shortest period of a clock without a setup violation, and its critical path."""
 
     period_ns: float
     path: Path_
-
-    @property
-    def mhz(self) -> float:
-        return 1e3 / self.period_ns

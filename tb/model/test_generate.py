@@ -48,7 +48,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 def test_the_tree_is_up_to_date() -> None:
-    assert generate.drift() == {}
+    assert not any(generate.drift().values())
     assert tuple(generate.generate_all()) == GENERATED
 
 
@@ -75,7 +75,7 @@ def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old:
     assert old in text
     (tree / path).write_text(text.replace(old, new, 1))
     found = generate.drift(tree)
-    assert list(found) == [path]
+    assert [name for name, said in found.items() if said] == [path]
     difference = found[path].splitlines()
     assert any(line.startswith("-") and new in line for line in difference)
     assert any(line.startswith("+") and old in line for line in difference)
@@ -86,7 +86,7 @@ def test_a_seeded_drift_is_caught_shown_and_repaired(tree: Path, path: str, old:
     assert verdict.exit_code(rows) == 1
     assert generate.write(tree) == [path]
     assert (tree / path).read_text() == text
-    assert generate.drift(tree) == {}
+    assert not any(generate.drift(tree).values())
 
 
 @pytest.mark.paper
@@ -101,7 +101,7 @@ def test_a_changed_value_makes_every_file_that_holds_it_drift(tree: Path) -> Non
     ):
         text = text.replace(old, new, 1)
     toml.write_text(text)
-    assert set(generate.drift(tree)) == set(GENERATED) - {
+    assert {name for name, said in generate.drift(tree).items() if said} == set(GENERATED) - {
         "docs/scenes.md",
         "rtl/dermis_registers.v",
     }

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from scripts.schematics import command
-from scripts.schematics.command import Subckt
-from scripts.schematics.drawing import SHEETS, draw
+from scripts.schematics.command import SHEETS, Subckt, draw
 
 pytestmark = pytest.mark.skipif(
     shutil.which("xschem") is None, reason="xschem (Debian package) is not installed; .ci/run needs it"

@@ -24,7 +24,7 @@ from dermis.errors import InputError, SimulatorError
 from dermis.report import verdict
 from dermis.scene import design
 from dermis.scene.design import TOPOLOGIES
-from scripts.sweep import command, figures
+from scripts.sweep import command
 from scripts.sweep import curves as sweep
 from scripts.sweep.curves import Curve, Reading
 
@@ -217,11 +217,11 @@ def test_physical_effects_are_all_those_with_a_default(tmp_path: Path, topology:
 
 @pytest.mark.paper
 def test_the_csv_is_complete(swept: Swept) -> None:
-    lines = list(csv.DictReader(io.StringIO(figures.table(swept.curves))))
-    assert tuple(lines[0]) == figures.COLUMNS
+    lines = list(csv.DictReader(io.StringIO(command.table(swept.curves))))
+    assert tuple(lines[0]) == command.COLUMNS
     assert [line["topology"] for line in lines] == [t for t in TOPOLOGIES for _ in range(POINTS)]
     for line in lines:
-        assert all((line[key] == "") == key.startswith("physical") for key in figures.COLUMNS)
+        assert all((line[key] == "") == key.startswith("physical") for key in command.COLUMNS)
         assert int(line["pulses_charge_balance"]) == formula(float(line["r_ohm"]))
         whole = math.ceil(float(line["r_ohm"]) / 250)
         # The table has seven digits.

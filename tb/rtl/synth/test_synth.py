@@ -323,9 +323,7 @@ def test_a_netlist_is_mapped_again_if_its_inputs_or_its_files_change(
 ) -> None:
     made: list[str] = []
 
-    def fake(
-        technology: synth_cells.Technology, parameters: object, directory: Path, limit_s: float
-    ) -> Netlist:
+    def fake(technology: synth_cells.Technology, parameters: object, directory: Path) -> Netlist:
         made.append(technology.name)
         for name in ("netlist.v", "netlist.json"):
             (directory / name).write_text("{}")
