@@ -300,12 +300,6 @@ def test_bad_files_are_refused_in_one_line(fresh: Any, tmp_path: Path, way: Call
         assert not by_id(fresh, "player").is_displayed()
 
 
-def test_a_bad_link_is_refused_and_leaves_the_page_alive(fresh: Any, page: Path) -> None:
-    browser.visit(fresh, page, "#b=cube,1,2&row_ohm=x")
-    assert "no scene" in by_id(fresh, "alert").text
-    assert fresh.execute_script("return demo.state().latest.good")
-
-
 def test_spi_bytes_are_shown_with_their_crc(fresh: Any) -> None:
     text = by_id(fresh, "bytes").text
     shown = [int(byte, 16) for byte in re.findall(r"\b[0-9A-F]{2}\b", re.sub(r"[a-z,:-]+\S*", " ", text))]
