@@ -256,6 +256,30 @@ def _by_source(network: Network, g_frames_s: ArrayLike | None, bounded: bool) ->
     return Currents(*(p if p is None or g_frames_s is not None else p[0] for p in parts))
 
 
+def between_columns(network: Network, g_frames_s: Floats) -> Floats:
+    """Return the conductance matrix between the sources of the columns, [frames, rows or 1, cols, cols] in siemens.
+
+    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are driven one after
+    the other (one matrix for all where driven and grounded rows have the same resistance).
+    """
+    # Sources that are not 0 V: what they send each other is asked for.
+    network = in_range(dataclasses.replace(network, v_column_offset_v=1.0))
+    g = np.minimum(g_frames_s, _G_TAXEL_SHORT_S)
+    driven, ground = (_conductance(float(r)) for r in (network.r_row_driven_ohm, network.r_row_grounded_ohm))
+    own = np.arange(network.cols)
+    out = np.empty((len(g), 1 if driven == ground else network.rows, network.cols, network.cols))
+    with _one_thread(network.cols):
+        lines = _RowLines(network, g)
+        for row in range(out.shape[1]):
+            grounded = np.full(network.rows, ground)
+            grounded[row] = driven
+            mesh = _respond(network, lines, grounded).mesh
+            assert mesh is not None
+            out[:, row] = -mesh.between
+            out[:, row, own, own] = mesh.between.sum(axis=2) + mesh.ground
+    return out
+
+
 # Columns from which products of matrices are large enough for BLAS to share among threads.
 _SHARED_COLS = 24
 

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from dermis.array.array import Network, in_range
+from dermis.array.array import Network, between_columns
 from dermis.converter.vfc import W_PRESET, Converter
 from dermis.errors import InputError, SimulatorError
 from dermis.records import Plan
@@ -50,76 +50,8 @@ COUPLING = frozenset(
 
 
 def seen_from_grounds(network: Network, g_frames_s: Floats) -> Floats:
-    """Conductance matrix between the virtual grounds of the columns, [frames, rows or 1, cols,
-    cols].
-
-    Element [c, d] is the current into the array at column c for 1 V at d, all else at 0 V; rows are
-    driven one after the other (one matrix for all where driven and grounded rows hang on the same
-    resistance). Trace resistance is counted as if each taxel were alone on its two lines.
-    """
-    network = in_range(network)
-    rows, cols = network.rows, network.cols
-    g = _behind_lines(network, np.minimum(g_frames_s, G_ACROSS_S))
-    resistance = np.full((1, rows), network.r_row_grounded_ohm)
-    if network.r_row_driven_ohm != network.r_row_grounded_ohm:
-        resistance = np.full((rows, rows), network.r_row_grounded_ohm)
-        np.fill_diagonal(resistance, network.r_row_driven_ohm)
-    # A row is a star: current from one column flows to the others and, through a driver, to ground.
-    total = g.sum(axis=2)[:, None, :]
-    floats = np.isinf(resistance)
-    tied = np.where(floats, 0.0, resistance)
-    onward = np.divide(
-        np.where(floats, 1.0, tied), np.where(floats, total, 1.0 + tied * total),
-        out=np.zeros(np.broadcast_shapes(total.shape, tied.shape)), where=~floats | (total > 0),
-    )  # fmt: skip
-    # [frames, driven, cols, cols], a product of its own each: the digits do not depend on their number.
-    link = np.matmul(g.transpose(0, 2, 1)[:, None] * onward[:, :, None, :], g[:, None])
-    ground = np.matmul(np.where(floats, 0.0, 1.0 / (1.0 + tied * total)), g)
-    beside = np.arange(cols - 1)
-    lateral = min(rows * network.g_lateral_row_s, G_ACROSS_S)
-    link[..., beside, beside + 1] += lateral
-    link[..., beside + 1, beside] += lateral
-    own = np.arange(cols)
-    link[..., own, own] = 0.0
-    if network.r_column_ohm.any():
-        link, ground = _behind_inputs(link, ground, network.r_column_ohm)
-    matrix = -link
-    matrix[..., own, own] = link.sum(axis=-1) + ground
-    return matrix
-
-
-# Conductance of a column input of no resistance: harder than any taxel here, and products of two stay finite.
-_G_HARD_S = 1e30
-
-
-def _behind_inputs(link: Floats, ground: Floats, r_column_ohm: Floats) -> tuple[Floats, Floats]:
-    """Conductances between the far ends of the column inputs, [..., cols, cols], and from them to
-    ground.
-
-    Every column line is taken out of the net by a star-mesh step: sums only, so shorts beside opens
-    cost no digit.
-    """
-    cols = link.shape[-1]
-    inputs = 1.0 / np.maximum(r_column_ohm, 1.0 / _G_HARD_S)
-    # From each line to the lines, to the far ends of the inputs, to ground.
-    work = np.concatenate([link, np.zeros_like(link), ground[..., None]], axis=-1)
-    own = np.arange(cols)
-    work[..., own, cols + own] = inputs
-    out = np.zeros((*link.shape[:-1], cols + 1))
-    for k in range(cols):
-        star = work[..., k, k + 1 :]
-        share = star / star.sum(axis=-1, keepdims=True)
-        work[..., k + 1 :, k + 1 :] += work[..., k + 1 :, k, None] * share[..., None, :]
-        out += star[..., cols - k - 1 : -1, None] * share[..., None, cols - k - 1 :]
-    link = out[..., :cols]
-    link[..., own, own] = 0.0
-    return link, out[..., cols]
-
-
-def _behind_lines(network: Network, g: Floats) -> Floats:
-    along = network.r_trace_row_ohm * np.arange(1, network.cols + 1)
-    down = network.r_trace_column_ohm * np.arange(network.rows, 0, -1)
-    return g / (1.0 + g * (along + down[:, None]))
+    """Return the conductance matrix between the virtual grounds, as `array.between_columns` defines it."""
+    return between_columns(network, np.minimum(g_frames_s, G_ACROSS_S))
 
 
 class DutyRange(NamedTuple):
@@ -290,7 +222,7 @@ class _Columns:
         """
         clocks, left = self.clocks, settled.left
         doubts = clocks * np.abs(settled.others - settled.before) + self._drift
-        doubts = doubts + self._in_traces() + self._on_the_way(np.minimum(low, left))
+        doubts = doubts + self._on_the_way(np.minimum(low, left))
         # How far means go with duties that are off by all that is allowed: near a simple ratio of whole numbers a
         # phase is constant for a gate, and so is the mean.
         least, most = left - _SETTLED / clocks, left + _SETTLED / clocks
@@ -304,19 +236,6 @@ class _Columns:
             ones = np.clip(clocks * left + 1.0, 1.0, self._most_ones)
             doubts = np.where(self._meets_range(left, doubts), doubts * (1.0 + ones), doubts)
         return doubts
-
-    def _in_traces(self) -> Floats | float:
-        """Return an estimate in LSB of what `seen_from_grounds` leaves out of the traces.
-
-        It takes one taxel at a time, at most its whole contribution. In 250 random arrays that were
-        taken, codes with the matrix of the array itself were at most 1 apart.
-        """
-        if not self._plan.active_fields() & {"r_trace_row_ohm", "r_trace_column_ohm"}:
-            return 0.0
-        alone = np.minimum(self._g, G_ACROSS_S)
-        in_line = _behind_lines(self._plan.network(0), alone)
-        off = in_line * (1.0 - np.divide(in_line, alone, out=np.ones_like(alone), where=alone > 0))
-        return 0.25 * self.clocks * off.sum(axis=1)[:, None, :] * self._per_clock
 
     def _on_the_way(self, slower: Floats) -> Floats:
         """Return the variation in LSB of the current through links about its mean over a gate.
