@@ -82,11 +82,11 @@ def start_run(out: Path, scene: str = "uniform_staircase") -> subprocess.Popen[s
 
 
 def job_of(parent: int) -> str | None:
-    """Return the job directory of a run's first child."""
-    for pid in processes_with("dermis.engines.cosim_hdl"):
+    """Return the job directory of a run's first simulator."""
+    for pid in processes_with("DERMIS_COSIM_JOB="):
         try:
             if int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
-                return Path(f"/proc/{pid}/cmdline").read_text().split("\0")[-2]
+                return str(Path(f"/proc/{pid}/cwd").readlink())
         # The process has ended meanwhile.
         except (OSError, ValueError):
             continue

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dermis.chip import spi_protocol
 from dermis.chip.sources import rtl_include_dirs, rtl_sources, verilator_root
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dermis.records import Plan
 
 SIMULATORS = ("icarus", "verilator")
+BUILD_LIMIT_S = 600.0
 
 
 MOST_LINES = 128
@@ -168,8 +169,6 @@ def build(
     SimulatorError
         The build failed; the message names its log.
     """
-    get_runner = optional("cocotb_tools.runner", "chip").get_runner
-
     sources = list(rtl_sources() if sources is None else sources)
     includes = rtl_include_dirs()
     tool = prepare(simulator)
@@ -182,10 +181,7 @@ def build(
             # In one piece: the wheel's makefile has no flag for the precompiled header that goes with several.
             arguments += ["--output-split", "0", "-CFLAGS", "-O2" if optimise else "-O0"]
         try:
-            runner = get_runner(simulator)
-            # cocotb's own call has no time limit and would leave compilers running; `runner.env` is its environment.
-            runner._execute = lambda cmds, cwd: _execute(cmds, Path(cwd), log, runner.env)
-            runner.build(
+            _runner(simulator, log).build(
                 sources=sources,
                 includes=includes,
                 parameters=dict(parameters),
@@ -207,16 +203,19 @@ def build(
     )
 
 
-def _execute(
-    commands: Sequence[Sequence[str]],
-    directory: Path,
-    log: Path,
-    environment: Mapping[str, str],
-    limit_s: float | None = None,
-) -> None:
-    for command in commands:
-        name = Path(command[0]).name
-        children.run_logged(command, directory, log, limit_s or BUILD_LIMIT_S, name, environment)
+def _runner(
+    simulator: str, log: Path, limit_s: float = BUILD_LIMIT_S, run: Callable[..., object] | None = None
+) -> Any:
+    """Return cocotb's runner; its own call has no time limit and would leave programs running."""
+    runner = optional("cocotb_tools.runner", "chip").get_runner(simulator)
+
+    def execute(commands: Sequence[Sequence[str]], cwd: str | Path) -> None:
+        for command in commands:
+            name = Path(command[0]).name
+            (run or children.run_logged)(command, Path(cwd), log, limit_s, name, runner.env)
+
+    runner._execute = execute
+    return runner
 
 
 def run_cocotb(
@@ -228,7 +227,8 @@ def run_cocotb(
     environment: Mapping[str, str],
     *,
     testcase: str | None = None,
-    limit_s: float | None = None,
+    limit_s: float = BUILD_LIMIT_S,
+    run: Callable[..., object] | None = None,
 ) -> Path:
     """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
 
@@ -239,22 +239,19 @@ def run_cocotb(
     work : directory of the run; hdl.log and results.xml are left there
     environment : what the test is told
     testcase : one test of the module instead of all
-    limit_s : time limit of the simulator; cocotb's own call has none
+    limit_s : time limit of the simulator
+    run : called in place of `children.run_logged`
 
     Raises
     ------
     RuntimeError, SystemExit
-        The simulator did not start or ended badly; cocotb's runner raises either.
+        Of cocotb's runner: the test failed.
     SimulatorError
-        The same with a limit, or it ran longer.
+        The simulator did not start, ended badly or ran longer.
     """
-    get_runner = optional("cocotb_tools.runner", "chip").get_runner
-
     prepare(simulator)
     results, log = work / "results.xml", work / "hdl.log"
-    runner = get_runner(simulator)
-    if limit_s is not None:
-        runner._execute = lambda commands, cwd: _execute(commands, Path(cwd), log, runner.env, limit_s)
+    runner = _runner(simulator, log, limit_s, run)
     runner.test(
         test_module=module,
         hdl_toplevel=toplevel,
@@ -265,7 +262,6 @@ def run_cocotb(
         results_xml=str(results),
         seed=1,
         timescale=("1ns", "1ps"),
-        log_file=log,
         # Without the last, cocotb has pytest rewrite every module that is imported: 1.3 s.
         extra_env={"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_REWRITE_ASSERTION_FILES": "", **environment},
     )
@@ -278,7 +274,6 @@ PROGRAM_FLAGS = ("-O3", "-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-fno-
 VERILATOR_ARGUMENTS = (
     "--x-assign fast --x-initial fast --no-assert --no-timing --threads 1 --converge-limit 10000000 -Wno-fatal -O3"
 ).split()
-BUILD_LIMIT_S = 600.0
 
 
 def program(

@@ -238,14 +238,14 @@ def _channel_parameters(plan: Plan, network: Network, column: int, k: float) -> 
         ideal["int_v_offset_v"] = (network.v_column_offset_v, 0.0)
     else:
         values["k"] = float(k)
-        ideal["conv_r_x_ohm"] = (np.maximum(network.r_column_ohm - network.r_pad_column_ohm, 0.0), 0.0)
-        ideal["conv_v_offset_v"] = (network.v_column_offset_v, 0.0)
-        ideal["out_inv_i_range_a"] = (converter.inv_i_range_a, 0.0)
-        ideal["out_q_lag_c"] = (converter.q_mirror_c, 0.0)
-        if plan.topology == "multi_output_conveyor":
-            ideal["conv_gain_error"] = (converter.gain - 1.0, 0.0)
-        else:
-            ideal["mir_ratio_error"] = (converter.gain - 1.0, 0.0)
+        copies = "conv_gain_error" if plan.topology == "multi_output_conveyor" else "mir_ratio_error"
+        ideal |= {
+            "conv_r_x_ohm": (np.maximum(network.r_column_ohm - network.r_pad_column_ohm, 0.0), 0.0),
+            "conv_v_offset_v": (network.v_column_offset_v, 0.0),
+            "out_inv_i_range_a": (converter.inv_i_range_a, 0.0),
+            "out_q_lag_c": (converter.q_mirror_c, 0.0),
+            copies: (converter.gain - 1.0, 0.0),
+        }
     values |= {name: float(v[column]) for name, (v, off) in ideal.items() if v[column] != off}
     if converter.inv_gain_dc[column]:
         values["int_gain_dc"] = 1.0 / float(converter.inv_gain_dc[column])
@@ -315,7 +315,8 @@ def frame_deck(
         views = dataclasses.replace(views, row_driver="behavioural")
     transistors = views.in_transistors(plan.topology)
     direct = plan.topology == "direct"
-    switched = plan.topology == "conveyor_mirror" and _channel_in_transistors(views, plan.topology)
+    in_transistors = _channel_in_transistors(views, plan.topology)
+    switched = plan.topology == "conveyor_mirror" and in_transistors
     supply = plan.scene.design.supply
     begin = first_row * plan.timing.slot_clocks + plan.timing.break_clocks
     supplies = sky130.supplies(supply.vdd_v, supply.vss_v, views.supply_scale)
@@ -332,44 +333,43 @@ def frame_deck(
     names = source_names(rows, cols, columns)
     row_sources = () if driven else tuple(f"v_row{r}" for r in range(rows))
     logic = names[len(row_sources) :]
-    # A dc value together with `external` crashes libngspice 39.
+
+    def element(name: str, ends: str, value: float) -> None:
+        """Write an element, unless it is none."""
+        if value:
+            lines.append(f"{name} {ends} {spice_number(float(value))}")
+
     biased = bool(transistors - {"row_driver"})
-    if biased:
-        lines += sky130.REFERENCE
-    else:
-        lines.append("vibias ibias 0 0")
+    lines += sky130.REFERENCE if biased else ["vibias ibias 0 0"]
+    # A dc value together with `external` crashes libngspice 39.
+    lines += [f"{name} {'logic' if transistors else 'd'}_{name[4:]} 0 external" for name in logic]
     if transistors:
-        lines += [f"{name} logic_{name[4:]} 0 external" for name in logic]
         lines += [sky130.logic(name[4:], views.supply_scale) for name in logic]
-    else:
-        lines += [f"{name} {name[2:]} 0 external" for name in logic]
     rails = "vdd vss vdd_d vss_d" if transistors else "vdd vss 0 0"
     if driven:
         lines += _row_drivers(plan, network, "row_driver" in transistors, rails)
-    else:
-        lines += [f"{name} {name[2:]} 0 external" for name in row_sources]
+    lines += [f"{name} {name[2:]} 0 external" for name in row_sources]
 
     # Of other columns nothing reaches a row that is a source, but for what they draw through its trace.
     there = range(cols) if driven or network.r_trace_row_ohm else columns
     lines += _array(plan, frame, network, begin, there)
-    if network.c_row_f:
-        lines += [f"crow{r} row{r} 0 {spice_number(float(network.c_row_f))}" for r in range(rows)]
-    if network.c_column_f:
-        lines += [f"ccolumn{c} col{c} 0 {spice_number(float(network.c_column_f))}" for c in columns]
+    for r in range(rows):
+        element(f"crow{r}", f"row{r} 0", network.c_row_f)
+    for c in columns:
+        element(f"ccolumn{c}", f"col{c} 0", network.c_column_f)
     pins = [f"row{r}" for r in range(rows)] + [f"col{c}" for c in there]
     lines.append(f"xarray {' '.join(pins)} array")
     lines += [line for c in there if c not in columns for line in _far_column(plan, network, c)]
 
     for c in columns:
-        node = f"col{c}"
-        if network.r_pad_column_ohm:
+        pad_ohm, node = float(network.r_pad_column_ohm), f"col{c}"
+        if pad_ohm:
             node = f"pad_col{c}"
-            lines.append(f"rpad_col{c} col{c} {node} {spice_number(float(network.r_pad_column_ohm))}")
-        if direct and (series_ohm := _without_pad(network.r_column_ohm[c], network.r_pad_column_ohm)):
-            lines.append(f"rcolumn{c} {node} vg{c} {spice_number(series_ohm)}")
+            element(f"rpad_col{c}", f"col{c} {node}", pad_ohm)
+        if direct and (series_ohm := _without_pad(network.r_column_ohm[c], pad_ohm)):
+            element(f"rcolumn{c}", f"{node} vg{c}", series_ohm)
             node = f"vg{c}"
-        if leak := float(network.i_leak_a[c]):
-            lines.append(f"ileak{c} 0 col{c} {spice_number(leak)}")
+        element(f"ileak{c}", f"0 col{c}", network.i_leak_a[c])
         subckt, pins = f"channel_{plan.topology}", f"d_charge{c} d_preset"
         if switched:
             subckt, pins, values = "channel_switched", f"{pins} d_range{2 * c} d_range{2 * c + 1}", ""
@@ -378,7 +378,7 @@ def frame_deck(
                 f"vd_range{2 * c + bit} d_range{2 * c + bit} vss_d {spice_number(level * (ranges[c] >> bit & 1))}"
                 for bit in (0, 1)
             ]
-        elif _channel_in_transistors(views, plan.topology):
+        elif in_transistors:
             values = _assignments({"k": plan.scene.table.interface.k if direct else k[c]})
         else:
             values = _assignments(_channel_parameters(plan, network, c, k[c]))
@@ -386,12 +386,10 @@ def frame_deck(
         if biased:
             references = f"vref agnd ibias{c}"
             lines.append(sky130.bias_current(f"ibias{c}"))
-            if not _channel_in_transistors(views, plan.topology):
-                lines.append(f"xline{c} ibias{c} vdd vss bias_line")
+            lines += [] if in_transistors else [f"xline{c} ibias{c} vdd vss bias_line"]
         lines.append(f"xch{c} {node} {pins} comp{c} {references} {rails} {subckt} {values}".rstrip())
-        if offset := float(plan.converter.i_offset_a[c]):
-            summing = node if direct else f"xch{c}.v_sum"
-            lines.append(f"ioffset{c} 0 {summing} {spice_number(-plan.converter.v_sign * offset)}")
+        summing = node if direct else f"xch{c}.v_sum"
+        element(f"ioffset{c}", f"0 {summing}", -plan.converter.v_sign * plan.converter.i_offset_a[c])
     # Beside transistors neither tolerances nor edges are those of a clamp: gates are driven by edges that a chip has,
     # and what 1 ns of ramp moves is below their own tolerances.
     bites = not transistors and plan.converter.range_clips()
@@ -402,8 +400,7 @@ def frame_deck(
         lines.append(options(has_pole(plan), clamp_i0_a=i0_a if bites else None))
     probes = [f"comp{c}" for c in columns] or [f"row{r}" for r in range(rows)]
     if record and columns:
-        whole = direct and _channel_in_transistors(views, "direct")
-        probes += [integrator_nodes(c)[whole] for c in columns]
+        probes += [integrator_nodes(c)[direct and in_transistors] for c in columns]
     abrupt = (driven,) * rows + (True,) + (False,) * len(columns)
     started = (*levels[: rows + 1], *(levels[rows + 1 + c] for c in columns))
     edge_s = _EDGE_CLAMP_CLOCKS / plan.timing.f_clk_hz if bites else math.inf

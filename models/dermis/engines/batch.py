@@ -18,7 +18,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,15 +54,9 @@ LOOK_S = 2.0
 _PACKAGE_FILES = ("**/*.py", "**/*.c")
 _DATA_FILES = (
     "models/design.toml",
-    "models/verilog/*.cpp",
-    "models/verilog/*.f",
-    "models/verilog/*.sv",
-    "models/verilog/*.vh",
-    "rtl/*.f",
-    "rtl/*.v",
-    "rtl/*.vh",
-    "spice/**/*.sp",
-    "spice/**/*.inc",
+    *(f"models/verilog/*.{end}" for end in ("cpp", "f", "sv", "vh")),
+    *(f"rtl/*.{end}" for end in ("f", "v", "vh")),
+    *(f"spice/**/*.{end}" for end in ("sp", "inc")),
 )
 """Files of the package and of its data that determine codes."""
 
@@ -190,14 +184,15 @@ def _joined(parts: list[Result], frames: list[int]) -> Result:
         return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
 
     info = {name: join([part.info.get(name) for part in parts]) for name in parts[0].info}
-    if any("array" in part.info for part in parts):
-        info["array"] = solve_error.merged([part.info.get("array", {}) for part in parts])
-    if all("filter" in part.info for part in parts):
-        info["filter"] = filter.merged([part.info["filter"] for part in parts])
-    if all("masked" in part.info for part in parts):
-        info["masked"] = masking.merged([part.info["masked"] for part in parts])
-    whole = {name: join([getattr(part, name) for part in parts]) for name in vars(parts[0]) if name != "info"}
-    return Result(**whole, info={name: value for name, value in info.items() if value is not None})
+    for name, merged in _MERGED.items():
+        if values := [part.info[name] for part in parts if name in part.info]:
+            info[name] = merged(values)
+    info = {name: value for name, value in info.items() if value is not None}
+    return Result(join([part.codes for part in parts]), info)
+
+
+_MERGED = {"array": solve_error.merged, "filter": filter.merged, "masked": masking.merged}
+"""Further results that are neither arrays by frame nor alike in all parts."""
 
 
 def _run_part(part: Plan, version: str, options: dict[str, Any]) -> Result:
@@ -232,19 +227,6 @@ def fingerprint(package: Path = PACKAGE, root: Path = ROOT) -> str:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the tracebacks that Dask logs for a lost cluster; the run reports it in one line.
-
-    The client is inside too, since it logs failed connections until it is closed.
-    """
-    logging.disable(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logging.disable(logging.NOTSET)
-
-
-@contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     """Connect to a Dask scheduler: yield its executor, the number of workers, and a check that some
     are alive.
@@ -258,30 +240,34 @@ def cluster(address: str) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
     try:
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(
-            "command line", "--scheduler", address, f"{allowed} ({type(error).__name__})"
-        ) from None
-    gone = SimulatorError(f"the scheduler {address} is gone")
-    with _quiet(), client:
+        allowed += f" ({type(error).__name__})"
+        raise InputError("command line", "--scheduler", address, allowed) from None
+
+    @contextmanager
+    def asked(silence: str) -> Iterator[None]:
         try:
+            yield
+        except TimeoutError:  # an OSError, too
+            raise SimulatorError(f"the scheduler {address} {silence}") from None
+        except (OSError, CommClosedError):  # it went while it was asked
+            raise SimulatorError(f"the scheduler {address} is gone") from None
+
+    # Dask logs tracebacks for a lost cluster, until the client is closed; the run reports it in one line.
+    logging.disable(logging.CRITICAL)
+    with ExitStack() as stack:
+        stack.callback(logging.disable, logging.NOTSET)
+        stack.enter_context(client)
+        with asked(f"has no worker after {WORKER_S} s"):
             client.wait_for_workers(1, timeout=WORKER_S)
             workers = sum(client.nthreads().values())
-        except TimeoutError:  # an OSError, too
-            raise SimulatorError(f"the scheduler {address} has no worker after {WORKER_S} s") from None
-        except (OSError, CommClosedError):
-            raise gone from None
         executor = client.get_executor(pure=False, retries=0)
         timeout = children.Timeout(WORKER_S)
 
         def look() -> None:
             if client.status != "running":
-                raise gone
-            try:  # the client itself only knows the last message
+                raise SimulatorError(f"the scheduler {address} is gone")
+            with asked(f"has not answered for {WORKER_S} s"):  # the client itself only knows the last message
                 client.sync(client.scheduler.identity, callback_timeout=WORKER_S)
-            except TimeoutError:
-                raise SimulatorError(f"the scheduler {address} has not answered for {WORKER_S} s") from None
-            except (OSError, CommClosedError):  # it went while it was asked
-                raise gone from None
             there = len(client.scheduler_info()["workers"])
             # A number that changes while there are workers, so that it counts only the time without any.
             if timeout.over(time.monotonic() if there else 0):

@@ -7,11 +7,11 @@ In a scene with auto the chip scans only the rows that engine event leaves open 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import pickle
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -41,6 +41,8 @@ FRAMES_A_PROCESS = 4
 """A process costs about a second to start and a frame about four: short enough to share out, long
 enough to pay.
 """
+
+JOB_VARIABLE = "DERMIS_COSIM_JOB"
 
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
@@ -239,11 +241,17 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
         on_slots(slots)
         return slots
 
-    command = [sys.executable, "-m", "dermis.engines.cosim_hdl", str(directory)]
-    log, alone = directory / "console.log", {"OPENBLAS_NUM_THREADS": "1"}
-    code = children.run_child(command, directory, log, factor * SLOT_LIMIT_S, alone, progress)
-    if code is None:
-        raise SimulatorError(f"the co-simulation stopped answering in {_place(job, slots)}", directory)
+    def simulate(command: list[str], work: Path, log: Path, limit_s: float, _: str, env: Any) -> None:
+        """Run the simulator; its exit code says nothing, the files that it leaves do."""
+        if children.run_child(command, work, log, limit_s, env, progress) is None:
+            raise SimulatorError(f"the co-simulation stopped answering in {_place(job, slots)}", directory)
+
+    told = {JOB_VARIABLE: str(directory), "OPENBLAS_NUM_THREADS": "1"}
+    module, limit_s = "dermis.engines.cosim_hdl", factor * SLOT_LIMIT_S
+    with contextlib.suppress(RuntimeError, SystemExit):  # of cocotb's runner, for a test that failed
+        hdl.run_cocotb(
+            job.simulator, job.build, "dermis_top", module, directory, told, limit_s=limit_s, run=simulate
+        )
     failure = directory / "error.json"
     if failure.exists():
         said = json.loads(failure.read_text())

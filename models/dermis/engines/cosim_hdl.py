@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The child process of the cosim engine: an HDL simulator with cocotb and, in the same process,
-ngspice.
+"""The cocotb test of engine cosim: an HDL simulator and, in the same process, ngspice.
 
-Started as `python -m dermis.engines.cosim_hdl JOB`, it runs the simulator, which loads this module
-again as the cocotb test. A job is a directory: job.pickle in; progress, result.npz or error.json,
-and logs out.
+Its job is a directory: job.pickle in; progress, result.npz or error.json, and logs out.
 """
 
 from __future__ import annotations
@@ -12,11 +9,10 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import sys
 import traceback
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,38 +20,15 @@ from dermis.chip import bridge, ladder, netlist
 from dermis.chip.analog import ExactHalf
 from dermis.chip.ngspice import NgspiceHalf
 from dermis.chip.split import SplitHalf, Workers
+from dermis.engines.cosim import JOB_VARIABLE, Job
+from dermis.engines.masking import Block
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
 from dermis.processes import cpu_time
 
-if TYPE_CHECKING:
-    from dermis.engines.cosim import Job
-    from dermis.engines.masking import Block
-
-JOB_VARIABLE = "DERMIS_COSIM_JOB"
-
-
-def main(job_dir: Path) -> int:
-    """Run the HDL simulator on a job; its exit code says nothing, the files it leaves do."""
-    from dermis.chip import hdl
-
-    job = load(job_dir)
-    module = __name__ if __name__ != "__main__" else "dermis.engines.cosim_hdl"
-    try:
-        hdl.run_cocotb(job.simulator, job.build, "dermis_top", module, job_dir, {JOB_VARIABLE: str(job_dir)})
-    except (RuntimeError, SystemExit) as error:
-        print(f"the HDL simulator: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-def load(job_dir: Path) -> Job:
-    """Read the job that this project's own parent process wrote."""
-    return pickle.loads((job_dir / "job.pickle").read_bytes())
-
 
 async def _frames(dut: Any, job_dir: Path) -> None:
-    job = load(job_dir)
+    job: Job = pickle.loads((job_dir / "job.pickle").read_bytes())
     plan = job.plan
     # Steps and waveforms of the circuits: of the running scan, and of the scans before it.
     kept: list[tuple[dict[str, int], Any]] = []
@@ -187,7 +160,3 @@ if JOB_VARIABLE in os.environ:
                 (job_dir / "traceback.log").write_text(traceback.format_exc())
             write_atomic(job_dir / "error.json", json.dumps(said))
             raise
-
-
-if __name__ == "__main__":
-    raise SystemExit(main(Path(sys.argv[1])))

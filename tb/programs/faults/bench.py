@@ -39,7 +39,6 @@ PARTS = ("models", "rtl", "spice", "scripts", "tb/programs", "tb/reference")
 
 ROLES = {
     "watchdog": r"watchdog\.py",
-    "cosim_child": r"dermis\.engines\.cosim_hdl",
     "hdl_simulator": r"(^|/)vvp\b|/Vdermis_top|/Vskin|/Vtop\b",
     "worker": r"-m dermis\.processes\.pool",
     "compiler": r"verilator_bin|cc1plus|g\+\+|/make |^make |iverilog|ivlpp|/ivl\b|collect2|/ld\b|/as\b",

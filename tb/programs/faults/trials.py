@@ -521,10 +521,9 @@ TRIALS = {
         "verilator": "hdl_simulator_kill*4 hdl_simulator_term*2 hdl_simulator_stop",
         "rtl_batch": "worker_kill*3 worker_term hdl_simulator_kill*3 hdl_simulator_term",
         "build": "parent_kill parent_term compiler_kill*2 compiler_stop",
-        "cosim": "parent_kill*5 parent_term*2 parent_stop cosim_child_kill*7 cosim_child_term*4 "
-        "cosim_child_stop hdl_simulator_kill*10 hdl_simulator_term*5 hdl_simulator_stop watchdog_kill watchdog_term",
-        "cosim_verilator": "parent_kill parent_term hdl_simulator_kill*3 hdl_simulator_term cosim_child_kill*2 "
-        "cosim_child_term",
+        "cosim": "parent_kill*5 parent_term*2 parent_stop hdl_simulator_kill*17 "
+        "hdl_simulator_term*9 hdl_simulator_stop*2 watchdog_kill watchdog_term",
+        "cosim_verilator": "parent_kill parent_term hdl_simulator_kill*5 hdl_simulator_term*2",
     },
     "ctrl_c": {
         "closed": "early*3 group",
