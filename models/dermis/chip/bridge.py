@@ -164,14 +164,8 @@ class Bridge:
         dut = self._dut
         # made once: a trigger may be awaited again and again
         self._edge, self._settled = FallingEdge(dut.clk_i), Timer(1, unit="ps")
-        for pin in (
-            dut.rst_ni,
-            dut.enable_i,
-            dut.comp_async_i,
-            dut.row_sense_i,
-            dut.spi_sck_i,
-            dut.spi_copi_i,
-        ):
+        pins = (dut.rst_ni, dut.enable_i, dut.comp_async_i, dut.row_sense_i, dut.spi_sck_i, dut.spi_copi_i)
+        for pin in pins:
             pin.value = 0
         dut.spi_cs_ni.value = 1
         clock = Clock(dut.clk_i, 2 * self._half_ps, unit="ps", impl="gpi")
@@ -233,7 +227,7 @@ class Bridge:
         return levels
 
     def _record(self) -> None:
-        """Keep a clock that no analog half sees, between two frames."""
+        """Keep a clock, from the first frame on; between two frames no analog half sees it."""
         if self.trace is not None and self.trace.begins:
             self.trace.comparator.append(_known(self._dut.comp_async_i, "comp_async_i"))
             self.trace.charge.append(_known(self._dut.charge_o, "charge_o"))
@@ -262,29 +256,24 @@ class Bridge:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
         from cocotb.handle import Immediate
 
-        dut, timing, trace = self._dut, self._timing, self.trace
+        dut, timing = self._dut, self._timing
         rows, cols = timing.rows, self._cols
         t_clk = 1.0 / timing.f_clk_hz
         charge_delay = self.charge_delay_clocks * t_clk
-        row_handle, preset_handle, charge_handle, comp_handle = (
-            dut.row_select_o,
-            dut.preset_o,
-            dut.charge_o,
-            dut.comp_async_i,
-        )
+        row_handle, preset_handle, charge_handle = dut.row_select_o, dut.preset_o, dut.charge_o
         row = sum(1 << r for r in range(rows) if levels[r])
         preset = int(levels[rows])
         charge = sum(1 << c for c in range(cols) if levels[rows + 1 + c])
         edges: list[Edge] = []
         sent = -1
-        if trace is not None:
-            trace.begins.append(len(trace.row_select))
+        if self.trace is not None:
+            self.trace.begins.append(len(self.trace.row_select))
         half.advance(0.0, [])
         for clock in range(1, len(self._rows) * (timing.slot_clocks + START_CLOCKS)):
             now = clock * t_clk
             bits = _bits(half.advance(now, edges)[:cols])
             if bits != sent:
-                comp_handle.set(Immediate(bits))
+                dut.comp_async_i.set(Immediate(bits))
                 sent = bits
             await self._next_clock()
             new_charge = _known(charge_handle, "charge_o")
@@ -293,11 +282,7 @@ class Bridge:
                 self._moved = False
                 new_preset = _known(preset_handle, "preset_o")
                 new_row = _known(row_handle, "row_select_o")
-            if trace is not None:
-                trace.comparator.append(bits)
-                trace.charge.append(new_charge)
-                trace.row_select.append(new_row)
-                trace.preset.append(new_preset)
+            self._record()
             edges = [(now + charge_delay, rows + 1 + c, level) for c, level in _changed(charge, new_charge)]
             if new_preset != preset:
                 edges.append((now, rows, float(new_preset)))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from dermis.errors import SimulatorError
 from dermis.scene.design import Design
 
 Floats = NDArray[np.float64]
+Result = TypeVar("Result")
 
 DARK_GATES = 16
 """The dark slot is counted over this many normal gates: 1/32 LSB."""
@@ -38,10 +39,8 @@ POLLS = 10_000
 """Reads of STATUS after which a self-test frame is overdue; each takes at least a clock."""
 
 
-class Step(NamedTuple):
-    """A transaction of the routine; its result is sent back into the generator."""
-
-    transaction: spi.Transaction[Any]
+Steps = Generator[spi.Transaction[Any], Any, Result]
+"""Yields SPI transactions; the result of each is sent back into it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ class Columns:
         return self.gate_clocks * self.dark
 
 
-def measure(design: Design, cols: int) -> Generator[Step, Any, Columns]:
+def measure(design: Design, cols: int) -> Steps[Columns]:
     """Measure all columns; yields transactions, takes their results, returns the calibration.
 
     The chip is left scanning with the normal gate. Raises SimulatorError if a self-test frame does
@@ -124,34 +123,34 @@ def duty(counts: Floats, gates: Sequence[int]) -> Floats:
     return 0.5 * (np.maximum(low, 0.0) + np.minimum(high, 1.0))
 
 
-def run(steps: Generator[Step, Any, Columns], transact: Callable[[spi.Transaction[Any]], Any]) -> Columns:
+def run(steps: Steps[Columns], transact: Callable[[spi.Transaction[Any]], Any]) -> Columns:
     """Run `measure` with a function that makes one transaction, chip select around it."""
     try:
         step = next(steps)
         while True:
-            step = steps.send(transact(step.transaction))
+            step = steps.send(transact(step))
     except StopIteration as done:
         return done.value
 
 
-def _write(address: int, value: int) -> Generator[Step, Any, None]:
-    yield Step(spi.write_register(address, value))
+def _write(address: int, value: int) -> Steps[None]:
+    yield spi.write_register(address, value)
 
 
-def _test_frame(gate_clocks: int) -> Generator[Step, Any, spi.Frame]:
+def _test_frame(gate_clocks: int) -> Steps[spi.Frame]:
     yield from _write(rm.GATE, gate_clocks)
     yield from _write(rm.CONTROL, rm.CONTROL_TEST_MASK)
     for _ in range(POLLS):
-        if (yield Step(spi.read_register(rm.STATUS))) & rm.STATUS_TEST_DONE_MASK:
-            return (yield Step(spi.read_frame()))
+        if (yield spi.read_register(rm.STATUS)) & rm.STATUS_TEST_DONE_MASK:
+            return (yield spi.read_frame())
     raise SimulatorError(
         f"calibration: no self-test frame after {POLLS} reads of STATUS; is the enable pin high?"
     )
 
 
-def _mask(first: int, cols: int) -> Generator[Step, Any, NDArray[np.bool_]]:
+def _mask(first: int, cols: int) -> Steps[NDArray[np.bool_]]:
     bits: list[bool] = []
     for word in range((cols + 15) // 16):
-        value = yield Step(spi.read_register(first + word))
+        value = yield spi.read_register(first + word)
         bits += [bool(value >> n & 1) for n in range(16)]
     return np.array(bits[:cols])

@@ -316,6 +316,22 @@ def _leave_when_asked(number: int, _: FrameType | None) -> None:
 
 
 @contextlib.contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Handle signals that end a command in the block.
+
+    An ignored signal stays ignored: nohup ignores SIGHUP, a shell ignores SIGINT in background jobs.
+    """
+    before = {number: was for number in SIGNALS if (was := signal.getsignal(number)) is not signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, was in before.items():
+            signal.signal(number, was)
+
+
+@contextlib.contextmanager
 def ending() -> Iterator[None]:
     """Turn signals that end a command into an exception in the block, so that its children are
     ended.
@@ -329,15 +345,10 @@ def ending() -> Iterator[None]:
     if inner or threading.current_thread() is not threading.main_thread():
         yield
         return
-    # An ignored signal stays ignored: nohup ignores SIGHUP, a shell ignores SIGINT in background jobs.
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    for number in (number for number, was in before.items() if was is not signal.SIG_IGN):
-        signal.signal(number, _leave_when_asked)
     try:
-        yield
+        with _handled(_leave_when_asked):
+            yield
     finally:
-        for number, was in before.items():
-            signal.signal(number, was)
         _asked_at = None
 
 
@@ -348,15 +359,10 @@ def held() -> Iterator[None]:
         yield  # the exception is raised in the main thread
         return
     came: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in SIGNALS}
-    try:
+    with _handled(lambda number, _: came.append(number)):
         yield
-    finally:
-        for number, was in before.items():
-            signal.signal(number, was)
     for number in came[:1]:
-        if before[signal.Signals(number)] is not signal.SIG_IGN:
-            signal.raise_signal(number)
+        signal.raise_signal(number)
 
 
 @contextlib.contextmanager

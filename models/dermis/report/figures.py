@@ -108,14 +108,16 @@ def frame_figure(
     code_max = made.timing.code_max
     steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
     pressed = "force" if with_force else "conductance"
-    for name, values, title in (
-        ("press", np.minimum(steps, code_max), f"Stimulus: {pressed} on the taxel{which}"),
-        ("codes", codes[frame], f"Code that the chip reports{which}"),
+    titles = {
+        "press": f"Stimulus: {pressed} on the taxel{which}",
+        "codes": f"Code that the chip reports{which}",
+    }
+    for (name, title), values in zip(
+        titles.items(), (np.minimum(steps, code_max), codes[frame]), strict=True
     ):
         image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=code_max)
+        axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
-        axes[name].set_xlabel("column")
-        axes[name].set_ylabel("row")
         axes[name].locator_params(integer=True)
     ticks, words = _scale(made, code_max)
     bar = figure.colorbar(

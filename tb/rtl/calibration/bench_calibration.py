@@ -70,7 +70,7 @@ async def calibrate(dut: Any) -> None:
     while made is None:
         try:
             count += 1
-            step = steps.send(await host.run(step.transaction))
+            step = steps.send(await host.run(step))
         except StopIteration as done:
             made = done.value
     while not int(dut.frame_ready_o.value):
