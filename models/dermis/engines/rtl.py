@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -145,13 +145,8 @@ def build(
     simulator: str,
     sync_latch: bool,
     models: Path = MODELS,
-    instead: Sequence[Path] = (),
 ) -> list[str]:
-    """Command that runs the reader of a plan, built only if it is not there yet.
-
-    Files of `instead` take the place of the modules of rtl/ that they define: the traps of the
-    converter.
-    """
+    """Command that runs the reader of a plan, built only if it is not there yet."""
     parameters = {
         **hdl.reader_parameters(plan, sync_latch),
         "TOPOLOGY": TOPOLOGIES.index(plan.topology),
@@ -161,8 +156,7 @@ def build(
     }
     main = models / ("skin_main.cpp" if simulator == "verilator" else "skin_alone.sv")
     # Listed by their paths from the root; a copy has them elsewhere.
-    own = [models / path.name for path in listed(models / "files.f")]
-    sources = [*hdl.with_modules(rtl_sources(), instead), *own]
+    sources = [*rtl_sources(), *(models / path.name for path in listed(models / "files.f"))]
     return hdl.program(simulator, "skin", parameters, sources, [*rtl_include_dirs(), models], main)
 
 
