@@ -53,13 +53,8 @@ def continuous() -> Path:
 
 def switches(mismatch: bool = False) -> list[str]:
     """The parameters that every model needs; `mismatch` draws a threshold for every transistor."""
-    values = {
-        "mc_mm_switch": int(mismatch),
-        "mc_pr_switch": 0,
-        "corner_factor": 1,
-        "process_mc_factor": 1,
-        "mismatch_factor": 1,
-    }
+    values = {"mc_mm_switch": int(mismatch), "mc_pr_switch": 0, "corner_factor": 1}
+    values |= {"process_mc_factor": 1, "mismatch_factor": 1}
     return [f".param {name}={value}" for name, value in values.items()]
 
 
@@ -142,13 +137,10 @@ def _models(corner: str, mismatch: bool) -> str:
     base = continuous()
     transistors, _, end = corner.partition("_")
     passives = end or "nom"
-    names = (
-        f"parameters_fet_{transistors}",
-        f"parameters_res_{passives}",
-        f"parameters_cap_{passives}",
-        "models_global",
-    )
-    parts = switches(mismatch) + [text_of(base / f"{name}.spice", WANTED) for name in names]
+    names = [f"parameters_fet_{transistors}", f"parameters_res_{passives}", f"parameters_cap_{passives}"]
+    parts = switches(mismatch) + [
+        text_of(base / f"{name}.spice", WANTED) for name in (*names, "models_global")
+    ]
     file = base / "models_fet.spice"
     text = text_of(file, WANTED)
     for name, oxide in TRANSISTORS.items():
@@ -250,16 +242,8 @@ def deck_head(
 
 def front_end_pins(rows: int, cols: int) -> list[str]:
     """Return the pins of the analog front end: rows, columns, inputs, outputs, references, supplies."""
-    bits = {
-        "row": rows,
-        "col": cols,
-        "d_row": rows,
-        "d_charge": cols,
-        "d_range": 2 * cols,
-        "d_test": cols,
-        "d_sense": rows,
-        "comp": cols,
-    }
+    bits = {"row": rows, "col": cols, "d_row": rows, "d_charge": cols, "d_range": 2 * cols, "d_test": cols}
+    bits |= {"d_sense": rows, "comp": cols}
     buses = [f"{name}{n}" for name, count in bits.items() for n in range(count)]
     return [*buses, "d_preset", "d_enable", *"vbias vref r_ref agnd vdd vss vdd_d vss_d".split()]
 

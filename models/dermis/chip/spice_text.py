@@ -108,44 +108,36 @@ def array_subckt(
     else:
         slope = np.zeros((rows, cols)) if slope_s_per_s is None else np.asarray(slope_s_per_s, dtype=float)
         if slope.shape != (rows, cols) or not np.isfinite(slope).all():
-            raise InputError(
-                "array", "slope_s_per_s", f"shape {slope.shape}", f"finite, shape {(rows, cols)}"
-            )
+            allowed = f"finite, shape {(rows, cols)}"
+            raise InputError("array", "slope_s_per_s", f"shape {slope.shape}", allowed)
         for (r, c), ohm in _resistances("resistance_ohm", resistance_ohm, (rows, cols)):
-            ends = f"{row_node(r, c)} {inner(r, c)}"
+            ends = row_node(r, c), inner(r, c)
             if slope[r, c]:
                 start, rate = spice_number(1.0 / max(ohm, floor)), spice_number(float(slope[r, c]))
-                across = ends.replace(" ", ",")
-                elements.append(f"btaxel_r{r}c{c} {ends} i = v({across})*({start} + ({rate})*time)")
+                law = f"v({','.join(ends)})*({start} + ({rate})*time)"
+                elements.append(f"btaxel_r{r}c{c} {' '.join(ends)} i = {law}")
             elif math.isfinite(ohm):
-                elements.append(f"rtaxel_r{r}c{c} {ends} {spice_number(max(ohm, floor))}")
+                elements.append(f"rtaxel_r{r}c{c} {' '.join(ends)} {spice_number(max(ohm, floor))}")
     if taxel_f:
-        elements += [
-            f"ctaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {spice_number(float(taxel_f))}" for r, c in cells
-        ]
+        farad = spice_number(float(taxel_f))
+        elements += [f"ctaxel_r{r}c{c} {row_node(r, c)} {inner(r, c)} {farad}" for r, c in cells]
 
     if isinstance(lateral_ohm, str):
         if lateral_ohm != "parameter":
             raise InputError("array", "lateral_ohm", repr(lateral_ohm), 'a number, None or "parameter"')
         params.append(f"r_lateral_ohm={spice_number(design.array.r_lateral_ohm)}")
-        for r in range(rows):
-            elements += [
-                f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {{r_lateral_ohm}}" for c in range(cols - 1)
-            ]
+        pairs = [(r, c) for r, c in cells if c < cols - 1]
+        elements += [f"rlat_r{r}c{c} {inner(r, c)} {inner(r, c + 1)} {{r_lateral_ohm}}" for r, c in pairs]
     elif lateral_ohm is not None:
         resistors("rlat", "lateral_ohm", lateral_ohm, (0, 1))
     if trace_column_ohm and lateral_column_ohm is not None:
         resistors("rlat_col", "lateral_column_ohm", lateral_column_ohm, (1, 0))
-    if trace_row_ohm:
-        segment = spice_number(float(trace_row_ohm))
-        for r, c in cells:
-            before = row_node(r, c - 1) if c else f"r{r}"
-            elements.append(f"rtrace_row_r{r}c{c} {before} {row_node(r, c)} {segment}")
-    if trace_column_ohm:
-        segment = spice_number(float(trace_column_ohm))
-        for r, c in cells:
-            after = inner(r + 1, c) if r + 1 < rows else f"c{c}"
-            elements.append(f"rtrace_col_r{r}c{c} {inner(r, c)} {after} {segment}")
+    for r, c in cells if trace_row_ohm else ():
+        ends = f"{row_node(r, c - 1) if c else f'r{r}'} {row_node(r, c)}"
+        elements.append(f"rtrace_row_r{r}c{c} {ends} {spice_number(float(trace_row_ohm))}")
+    for r, c in cells if trace_column_ohm else ():
+        ends = f"{inner(r, c)} {inner(r + 1, c) if r + 1 < rows else f'c{c}'}"
+        elements.append(f"rtrace_col_r{r}c{c} {ends} {spice_number(float(trace_column_ohm))}")
 
     head = [f".subckt {name}"]
     head += _folded([f"r{r}" for r in range(rows)] + [f"c{c}" for c in range(cols)], 16)
