@@ -13,7 +13,6 @@ import ctypes
 import hashlib
 import math
 import os
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from dermis.chip import ladder
 from dermis.chip.analog import Edge
 from dermis.errors import SimulatorError, tool_path
 from dermis.places import BUILD
+from dermis.processes.children import run_child
 
 SOURCE = Path(__file__).with_name("lockstep.c")
 COMPILE_LIMIT_S = 60
@@ -72,25 +72,13 @@ def library() -> Path:
     compiler = tool_path(os.environ.get("CC", "cc"), "a C compiler")
     target.parent.mkdir(parents=True, exist_ok=True)
     scratch = target.with_suffix(f".{os.getpid()}.tmp")
-    command = [
-        compiler,
-        "-O2",
-        "-shared",
-        "-fPIC",
-        "-D_GNU_SOURCE",
-        "-o",
-        str(scratch),
-        str(SOURCE),
-        "-lngspice",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
-    if done.returncode:
+    flags = "-O2 -shared -fPIC -D_GNU_SOURCE".split()
+    command = [compiler, *flags, "-o", str(scratch), str(SOURCE), "-lngspice"]
+    log = target.with_suffix(".log")
+    if run_child(command, target.parent, log, COMPILE_LIMIT_S) != 0:
         scratch.unlink(missing_ok=True)
-        log = target.with_suffix(".log")
-        log.write_text(done.stderr)
-        raise SimulatorError(
-            "lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)", log
-        )
+        said = "lockstep.c does not compile: is libngspice0-dev installed? (`make setup` does it)"
+        raise SimulatorError(said, log)
     scratch.replace(target)
     return target
 
@@ -302,15 +290,12 @@ class NgspiceHalf:
             return np.zeros(0), {p: np.zeros(0) for p in self._probes}
         table = np.ctypeslib.as_array(_lib.lockstep_record(), (rows, width)).copy()
         solved = table[:, 0]
-        if not self._late:
-            return solved, {p: table[:, i + 1] for i, p in enumerate(self._probes)}
         late_s = dict.fromkeys(self._probes, 0.0)
         late_s |= {self._probes[i]: late for late, probes in self._late for i in probes}
         time = np.unique(np.concatenate([solved + late for late in {0.0, *late_s.values()}]))
         time = time[time <= solved[-1]]
-        return time, {
-            p: np.interp(time - late_s[p], solved, table[:, i + 1]) for i, p in enumerate(self._probes)
-        }
+        voltages = zip(self._probes, table.T[1:], strict=True)
+        return time, {p: np.interp(time - late_s[p], solved, volts) for p, volts in voltages}
 
     @property
     def statistics(self) -> dict[str, int]:

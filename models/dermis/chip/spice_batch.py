@@ -32,7 +32,6 @@ _ERROR = re.compile(
     r"^.*(?:\berror\b|fatal|singular matrix|unknown subckt|no such|undefined|out of interval).*$",
     re.MULTILINE | re.IGNORECASE,
 )
-_FAILED = re.compile(r"(?:\bmeas\w*\s+tran\s+(\w+)\s.*|^\s*(\w+)\s*=\s*)failed", re.MULTILINE | re.IGNORECASE)
 _TIME = re.compile(rf"time\s*=\s*({_NUMBER})", re.IGNORECASE)
 # ngspice takes two OpenMP threads for transistors and ignores OMP_NUM_THREADS. On a busy machine they spin
 # while they wait for each other, and a deck takes ten times as long.
@@ -68,9 +67,7 @@ def version() -> str:
     return found[1] if found else "unknown"
 
 
-def run(
-    deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN, *, partial: bool = False
-) -> Measured:
+def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -> Measured:
     """Run a deck and return each `.meas`, and each `print name` of its control section.
 
     Parameters
@@ -81,8 +78,6 @@ def run(
         Wall-clock limit of every attempt.
     level : ladder.Level
         First rung of the ladder: higher where the lower rungs are known to fail.
-    partial : bool
-        A measurement that ngspice reports as failed is left out and is no error.
 
     Raises
     ------
@@ -93,11 +88,11 @@ def run(
     """
     tool = find()
     rungs = ladder.Climb(deck.stem, level)
-    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level, partial), rungs)
+    values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), rungs)
     return Measured(values, tuple(rungs.retries))
 
 
-def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level, partial: bool) -> dict[str, float]:
+def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict[str, float]:
     log = deck.with_suffix(".log")
     text = deck.read_text()
     wanted = [name.lower() for _, name in _MEAS.findall(text)]
@@ -122,9 +117,6 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level, partial
     values = {name.lower(): float(value) for name, value in _RESULT.findall(said)}
     missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
     missing += [n for n in printed if not math.isfinite(values.get(n, math.nan))]
-    if partial:
-        failed = {(a or b).lower() for a, b in _FAILED.findall(said)}
-        missing, wanted = [n for n in missing if n not in failed], [n for n in wanted if n not in failed]
     if missing:
         error = _ERROR.search(said)
         why = f": {error[0].strip()}" if error else ""

@@ -59,27 +59,23 @@ def _reference(made: Plan) -> str | None:
 def _compare_transistors(made: Plan, codes: NDArray[Any], name: str) -> list[Row]:
     """Return rows for transistors against ideal blocks, as read and after calibration."""
     ideal = replace(made, views=BEHAVIOURAL)
-    reference = _reference(ideal)
-    if reference is None:
-        return [verdict.skip(f"frame.transistor_error_lsb.{name}", "no other engine takes its effects")]
+    key = f"frame.transistor_error_lsb.{name}"
+    if (reference := _reference(ideal)) is None:
+        return [verdict.skip(key, "no other engine takes its effects")]
     exact = engines.run(replace(ideal, engine=reference)).codes.astype(float)
     inside = (exact > 0) & (exact < made.timing.code_max) & (codes < made.timing.code_max)
-    error = np.abs(codes - exact)
     note = f"{codes.size} codes against engine {reference}, as read: gain and offset of the channels"
-    rows = [verdict.report(f"frame.transistor_error_lsb.{name}", float(error.max()), "lsb", note)]
+    rows = [verdict.report(key, float(np.abs(codes - exact).max()), "lsb", note)]
     rest = []
     for column in range(made.cols):
         x, y = (some[:, :, column][inside[:, :, column]] for some in (exact, codes))
         if np.unique(x).size >= 3:
-            gain, offset = np.polyfit(x, y, 1)
-            rest.append(np.abs(y - gain * x - offset).max())
+            rest.append(np.abs(y - np.polyval(np.polyfit(x, y, 1), x)).max())
     key = f"frame.transistor_residual_lsb.{name}"
-    if rest:
-        note = f"{len(rest)} columns, gain and offset of each taken away; both codes are whole numbers"
-        rows.append(verdict.judge(key, float(max(rest)), note))
-    else:
-        rows.append(verdict.skip(key, "no column has three codes to fit a line to", "lsb"))
-    return rows
+    if not rest:
+        return [*rows, verdict.skip(key, "no column has three codes to fit a line to", "lsb")]
+    note = f"{len(rest)} columns, gain and offset of each taken away; both codes are whole numbers"
+    return [*rows, verdict.judge(key, float(max(rest)), note)]
 
 
 def first_frames(made: Plan, result: Result, name: str, taxels: int) -> list[Row]:

