@@ -186,10 +186,10 @@ class Bridge:
                 if _known(dut.frame_start_o, "frame_start_o"):
                     break
             for frame in range(frames):
-                levels = await self._first_row(frame)
-                half = make_half(frame, levels)
+                pins = await self._first_row(frame)
+                half = make_half(frame, self._levels(*pins))
                 try:
-                    await self._frame(frame, half, levels)
+                    await self._frame(frame, half, *pins)
                 finally:
                     half.close()
                 if frame:
@@ -211,28 +211,31 @@ class Bridge:
             await handle.value_change
             self._moved = True
 
-    async def _first_row(self, frame: int) -> list[float]:
-        """Wait until the first row is driven; return the levels there."""
-        dut, rows = self._dut, self._timing.rows
+    async def _first_row(self, frame: int) -> tuple[int, int, int]:
+        """Wait until the first row is driven; return rows, preset and charge switches there."""
         for _ in range(START_CLOCKS + self._timing.break_clocks):
-            levels = self._levels()
-            if any(levels[:rows]):
+            if (pins := self._pins())[0]:
                 break
             await self._next_clock()
             self._record()
         first = self._rows[0]
-        if levels[:rows] != [float(row == first) for row in range(rows)] or levels[rows] != 1.0:
+        if pins[:2] != (1 << first, 1):
             raise SimulatorError(f"frame {frame} does not begin with row {first} driven and the preset on")
-        dut.row_sense_i.value = 1 << first
-        return levels
+        self._dut.row_sense_i.value = 1 << first
+        return pins
+
+    def _pins(self) -> tuple[int, int, int]:
+        dut = self._dut
+        row, preset = _known(dut.row_select_o, "row_select_o"), _known(dut.preset_o, "preset_o")
+        return row, preset, _known(dut.charge_o, "charge_o")
 
     def _record(self) -> None:
         """Keep a clock, from the first frame on; between two frames no analog half sees it."""
-        if self.trace is not None and self.trace.begins:
-            self.trace.comparator.append(_known(self._dut.comp_async_i, "comp_async_i"))
-            self.trace.charge.append(_known(self._dut.charge_o, "charge_o"))
-            self.trace.row_select.append(_known(self._dut.row_select_o, "row_select_o"))
-            self.trace.preset.append(_known(self._dut.preset_o, "preset_o"))
+        if (trace := self.trace) is not None and trace.begins:
+            kept = trace.row_select, trace.preset, trace.charge, trace.comparator
+            values = *self._pins(), _known(self._dut.comp_async_i, "comp_async_i")
+            for net, value in zip(kept, values, strict=True):
+                net.append(value)
 
     async def _next_clock(self) -> None:
         await self._edge
@@ -244,26 +247,18 @@ class Bridge:
         word = _known(self._dut.range_o, "range_o")
         return [word >> 2 * c & 3 for c in range(self._cols)]
 
-    def _levels(self) -> list[float]:
-        t = self._timing
-        row = _known(self._dut.row_select_o, "row_select_o")
-        charge = _known(self._dut.charge_o, "charge_o")
-        levels = [float(row >> r & 1) for r in range(t.rows)]
-        levels.append(float(_known(self._dut.preset_o, "preset_o")))
-        return levels + [float(charge >> c & 1) for c in range(self._cols)]
+    def _levels(self, row: int, preset: int, charge: int) -> list[float]:
+        rows = [float(row >> r & 1) for r in range(self._timing.rows)]
+        return [*rows, float(preset), *(float(charge >> c & 1) for c in range(self._cols))]
 
-    async def _frame(self, frame: int, half: AnalogHalf, levels: list[float]) -> None:
+    async def _frame(self, frame: int, half: AnalogHalf, row: int, preset: int, charge: int) -> None:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
         from cocotb.handle import Immediate
 
         dut, timing = self._dut, self._timing
-        rows, cols = timing.rows, self._cols
+        rows, cols, charge_pin = timing.rows, self._cols, dut.charge_o
         t_clk = 1.0 / timing.f_clk_hz
         charge_delay = self.charge_delay_clocks * t_clk
-        row_handle, preset_handle, charge_handle = dut.row_select_o, dut.preset_o, dut.charge_o
-        row = sum(1 << r for r in range(rows) if levels[r])
-        preset = int(levels[rows])
-        charge = sum(1 << c for c in range(cols) if levels[rows + 1 + c])
         edges: list[Edge] = []
         sent = -1
         if self.trace is not None:
@@ -276,12 +271,12 @@ class Bridge:
                 dut.comp_async_i.set(Immediate(bits))
                 sent = bits
             await self._next_clock()
-            new_charge = _known(charge_handle, "charge_o")
+            new_charge = _known(charge_pin, "charge_o")
             new_preset, new_row = preset, row
             if self._moved:
                 self._moved = False
-                new_preset = _known(preset_handle, "preset_o")
-                new_row = _known(row_handle, "row_select_o")
+                new_preset = _known(dut.preset_o, "preset_o")
+                new_row = _known(dut.row_select_o, "row_select_o")
             self._record()
             edges = [(now + charge_delay, rows + 1 + c, level) for c, level in _changed(charge, new_charge)]
             if new_preset != preset:
