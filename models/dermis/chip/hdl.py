@@ -60,13 +60,7 @@ def beyond_the_chip(plan: Plan) -> InputError | None:
 
 
 def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
-    """Parameters of dermis_top for a plan.
-
-    Raises
-    ------
-    InputError
-        The chip is not made for it.
-    """
+    """Parameters of dermis_top for a plan; InputError if the chip is not made for it."""
     if error := beyond_the_chip(plan):
         raise error
     return {

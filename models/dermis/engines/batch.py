@@ -100,9 +100,8 @@ def run(
         with cluster(scheduler) as (executor, workers, look):
             return _run_parts(plan, executor, workers, progress, options, look)
     if processes > 1 and plan.engine == "cosim":
-        raise InputError(
-            "command line", "--processes", processes, "1 for engine cosim, which takes all cores by itself"
-        )
+        allowed = "1 for engine cosim, which takes all cores by itself"
+        raise InputError("command line", "--processes", processes, allowed)
     if processes <= 1 or plan.frames == 1:
         return engines.run(plan, progress, **options)
     with pool.workers(min(processes, plan.frames), pool.ONE_THREAD) as executor:
@@ -177,9 +176,8 @@ def _run_parts(
 
 def _joined(parts: list[Result], frames: list[int]) -> Result:
     def join(values: list[Any]) -> Any:
-        if all(
-            isinstance(v, np.ndarray) and v.ndim and len(v) == n for v, n in zip(values, frames, strict=True)
-        ):
+        sizes = [len(v) if isinstance(v, np.ndarray) and v.ndim else None for v in values]
+        if sizes == frames:
             return np.concatenate(values)
         return values[0] if all(np.array_equal(values[0], v) for v in values[1:]) else None
 
@@ -202,17 +200,10 @@ def _run_part(part: Plan, version: str, options: dict[str, Any]) -> Result:
 
 
 def same_version(version: str) -> None:
-    """Refuse work from another version of dermis.
-
-    Raises
-    ------
-    SimulatorError
-        The fingerprint is not that of this machine.
-    """
+    """Refuse work from another version of dermis with a SimulatorError."""
     if fingerprint() != version:
-        raise SimulatorError(
-            f"a worker on {os.uname().nodename} has another version of dermis than this machine"
-        )
+        node = os.uname().nodename
+        raise SimulatorError(f"a worker on {node} has another version of dermis than this machine")
 
 
 @functools.cache

@@ -31,6 +31,7 @@ from dermis.records import Plan
 
 HONOURS = netlist.HONOURS
 """Of a plan in behavioural views; see `honours`."""
+honours = netlist.honours
 
 HONOURS_EXACT = frozenset({"g_lateral_row_s", "g_lateral_column_s"})
 """Fields of the exact analog half: its converters are ideal, and laterals between ideal lines carry
@@ -55,13 +56,6 @@ EFFECTS_LIMIT_FACTOR = 5.0
 VIEWS_LIMIT_FACTOR = 10.0
 """With transistors: a row of 16 columns at 29 ms a clock (docs/views.md) is 290 s of one core, and
 four runs may share it."""
-
-
-def honours(plan: Plan) -> frozenset[str]:
-    """Return the record fields that the decks of a plan can express; blocks of transistors take no
-    parameters.
-    """
-    return netlist.honours(plan)
 
 
 def refuses(plan: Plan) -> InputError | None:

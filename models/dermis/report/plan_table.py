@@ -13,7 +13,7 @@ from dermis import auto, engines, records
 from dermis import plan as planning
 from dermis.converter import injection
 from dermis.engines import event, masking
-from dermis.errors import DermisError, InputError
+from dermis.errors import DermisError
 from dermis.processes.cpu_time import cpu_seconds
 from dermis.report import ablate, progress, verdict
 from dermis.scene import scene as scenes
@@ -109,16 +109,14 @@ def print_rows(found: dict[str, Any]) -> None:
 
 
 @click.command("plan")
-@click.argument("scene", required=False)
+@click.argument("scene")
 @click.option(
     "--engine",
     help="closed, event, rtl or cosim; default: the scene's, or the cheapest with all its effects.",
 )
 @click.option("--auto", "chosen", is_flag=True, help="Let the plan choose effects: [effects] auto = {}.")
-def plan_command(scene: str | None, engine: str | None, chosen: bool) -> int:
+def plan_command(scene: str, engine: str | None, chosen: bool) -> int:
     """Show the effects of a scene and the verdicts of the filter for a sample, without a run."""
-    if scene is None:
-        raise InputError("command line", "SCENE", "nothing", "a scene")
     world = scenes.load(scenes.find(scene))
     if chosen and world.table.effects.auto is None:
         world = auto.with_auto(world)
