@@ -13,8 +13,7 @@ import datetime
 import json
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,24 +40,6 @@ ORDER = ("ERROR", "FAIL", "SKIP", "PASS")
 """Missed limits come first."""
 
 
-@dataclass
-class Part:
-    """One part of a page: heading, line of text with a command, table and plots; see page.html."""
-
-    heading: str
-    level: int = 2
-    text: str = ""
-    code: str = ""
-    counts: Sequence[tuple[str, int]] = ()
-    heads: Sequence[str] = ()
-    rows: Sequence[Sequence[Any]] = ()
-    numbers: Sequence[int] = ()
-    """Places of the columns that hold numbers."""
-    plots: Sequence[Any] = ()
-    images: Sequence[Path] = ()
-    """PNG files."""
-
-
 def _bokeh(module: str) -> Any:
     return optional(f"bokeh.{module}", "report")
 
@@ -83,42 +64,45 @@ def write(
     command : the command that repeats it; that of this process by default
     """
     command = ["dermis", *sys.argv[1:]] if command is None else command
-    parts = [Part(title, 1, f"{_utc()}. Repeat with:", shlex.join(command))]
-    parts += [_verdicts("Verdicts" if len(tables) == 1 else name, rows) for name, rows in tables.items()]
-    for directory in runs[:RUNS_DRAWN]:
-        parts += _run(directory)
-    if runs[RUNS_DRAWN:]:
-        parts.append(Part("Further runs", heads=("directory",), rows=[(str(d),) for d in runs[RUNS_DRAWN:]]))
-    parts += [Part("Figures", images=images)] if images else []
-    parts.append(Part("Versions", heads=("package", "version"), rows=list(output.versions().items())))
-    write_atomic(path, _page(title, parts))
+    page = _page(
+        title=title,
+        text=f"{_utc()}. Repeat with:",
+        command=shlex.join(command),
+        tables={
+            name: sorted(rows, key=lambda row: ORDER.index(row["status"])) for name, rows in tables.items()
+        },
+        runs=[_run(directory) for directory in runs[:RUNS_DRAWN]],
+        more=runs[RUNS_DRAWN:],
+        images=images,
+        versions=output.versions(),
+    )
+    write_atomic(path, page)
 
 
-def _page(title: str, parts: Sequence[Part]) -> str:
+def _page(*, runs: Sequence[Mapping[str, Any]] = (), **said: Any) -> str:
     """Return the HTML of a page; bokeh renders all plots together."""
     markup = optional("markupsafe", "report").Markup
     script, places = "", {}
-    if plots := {plot.id: plot for part in parts for plot in part.plots}:
+    if plots := {plot.id: plot for run in runs for plot in run["plots"]}:
         script, places = _bokeh("embed").components(plots)
         script = _bokeh("resources").Resources(mode="inline", components=["bokeh"]).render() + script
-    jinja = optional("jinja2", "report")
     # Every text becomes one line, and is escaped.
-    environment = jinja.Environment(
+    environment = optional("jinja2", "report").Environment(
         autoescape=True,
         trim_blocks=True,
         finalize=lambda said: said if isinstance(said, markup) else one_line(str(said), 2000),
     )
-    return str(
-        environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-            title=title,
-            parts=parts,
-            places={name: markup(place) for name, place in places.items()},
-            script=markup(script),
-            png=lambda path: markup(base64.b64encode(path.read_bytes()).decode()),
-            style=markup(STYLE.read_text(encoding="utf-8")),
-            marks=(*ORDER, "on"),
-        )
+    page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        runs=runs,
+        places={name: markup(place) for name, place in places.items()},
+        script=markup(script),
+        png=lambda path: markup(base64.b64encode(path.read_bytes()).decode()),
+        style=markup(STYLE.read_text(encoding="utf-8")),
+        marks=(*ORDER, "on"),
+        counts=_counts,
+        **{"tables": {}, **said},
     )
+    return str(page)
 
 
 def _utc(seconds: float | None = None) -> str:
@@ -128,56 +112,30 @@ def _utc(seconds: float | None = None) -> str:
     return when.strftime("%Y-%m-%d %H:%M UTC")
 
 
-def _number(value: Any) -> str:
-    return "" if value is None else f"{value:.6g}"
-
-
-# ---- verdicts ---------------------------------------------------------------------------------------------------
-
-
-def _counts(rows: Sequence[Row], statuses: Sequence[str] = tuple(verdict.COLOURS)) -> list[tuple[str, int]]:
-    return [(status, sum(row["status"] == status for row in rows)) for status in statuses]
-
-
-def _verdicts(heading: str, rows: Sequence[Row]) -> Part:
-    heads = ("name", "value", "min", "max", "unit", "status", "note")
-    lines = [
-        [_number(row[key]) if key in ("value", "min", "max") else row[key] for key in heads]
-        for row in sorted(rows, key=lambda row: ORDER.index(row["status"]))
-    ]
-    return Part(
-        heading,
-        text="" if rows else "no rows",
-        counts=[(status, number) for status, number in _counts(rows) if number],
-        heads=heads,
-        rows=lines,
-        numbers=(1, 2, 3),
-    )
+def _counts(rows: Sequence[Row]) -> dict[str, int]:
+    return {status: sum(row["status"] == status for row in rows) for status in verdict.COLOURS}
 
 
 # ---- a run --------------------------------------------------------------------------------------------------------
 
 
-def _run(directory: Path) -> Iterator[Part]:
+def _run(directory: Path) -> dict[str, Any]:
+    """Return what page.html shows of a run."""
     summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     engine, scene = summary["engine"], directory / "resolved.toml"
-    frames = "1 frame" if summary["frames"] == 1 else f"{summary['frames']} frames"
-    size = f"{frames} of {summary['rows']} x {summary['cols']}"
-    again = shlex.join(["dermis", "run", str(scene), "--engine", engine])
-    heading = summary["title"] or directory.name
-    text = f"{size}, engine {engine}, seed {summary['seed']}. Repeat with:"
     codes = np.load(directory / "codes.npy")
+    found = {
+        "summary": summary,
+        "name": summary["title"] or directory.name,
+        "command": shlex.join(["dermis", "run", str(scene), "--engine", engine]),
+        "images": [path for name in ("frame.png", "transient.png") if (path := directory / name).is_file()],
+    }
     try:
         made = plan.load(scene, engine)
     except DermisError as error:  # a file of the scene is gone: the codes are there all the same
-        yield Part(heading, text=text, code=again, plots=[_map("Codes", codes[0].astype(float), "code")])
-        yield Part("Worst taxels", 3, f"unknown, because the scene cannot be read any more: {error}")
-    else:
-        yield Part(heading, text=text, code=again, plots=_maps(made, codes))
-        yield _worst(made, codes)
-    images = [path for name in ("frame.png", "transient.png") if (path := directory / name).is_file()]
-    yield Part("Figures", 3, images=images)
-    yield _effects(summary["effects"])
+        return found | {"plots": [_map("Codes", codes[0].astype(float), "code")], "unread": error}
+    heads, worst = _worst(made, codes)
+    return found | {"plots": _maps(made, codes), "heads": heads, "worst": worst}
 
 
 def _ideal(made: Plan) -> NDArray[np.int64]:
@@ -224,29 +182,17 @@ def _map(
     return figure
 
 
-def _worst(made: Plan, codes: NDArray[Any]) -> Part:
-    """Return the table of the codes that are farthest from those of an ideal read-out."""
+def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
+    """Return the heads and lines of a table of the codes that are farthest from those of an ideal read-out."""
     ideal = _ideal(made)
     off = codes.astype(int) - ideal
-    if not off.any():
-        return Part("Worst taxels", 3, f"None: each of {off.size} codes is that of an ideal read-out.")
-    kinds = ["code", "ideal code"] + ["force / N"] * (made.force_n is not None) + ["resistance / ohm"]
-    tables = [codes, ideal, *([] if made.force_n is None else [made.force_n]), made.resistance_ohm]
-    heads = ("frame", "row", "column", *kinds, "difference / LSB")
-    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST]
-    lines = [
-        (*place, *(_number(float(table[place])) for table in tables), f"{off[place]:+d}")
-        for place in zip(*np.unravel_index(worst, off.shape), strict=True)
-    ]
-    return Part("Worst taxels", 3, heads=heads, rows=lines, numbers=range(len(heads)))
-
-
-def _effects(states: Sequence[Mapping[str, Any]]) -> Part:
-    unnamed = [state["name"] for state in states if not state["on"] and state["reason"] == "not named"]
-    lines = [(s["name"], "on" if s["on"] else "off", s["reason"]) for s in states if s["name"] not in unnamed]
-    rest = f"Off, because the scene does not name them: {', '.join(unnamed)}." if unnamed else ""
-    heads = ("effect", "state", "reason")
-    return Part("Effects", 3, rest, heads=heads, rows=sorted(lines, key=lambda line: line[1] == "off"))
+    columns = {"code": codes, "ideal code": ideal, "resistance / ohm": made.resistance_ohm}
+    columns |= {} if made.force_n is None else {"force / N": made.force_n}
+    columns["difference / LSB"] = off
+    worst = np.argsort(-np.abs(off).ravel(), kind="stable")[:WORST] if off.any() else []
+    places = zip(*np.unravel_index(worst, off.shape), strict=True) if off.any() else ()
+    lines = [[*map(int, place), *(values[place].item() for values in columns.values())] for place in places]
+    return ["frame", "row", "column", *columns], lines
 
 
 # ---- commands -----------------------------------------------------------------------------------------------------
@@ -296,7 +242,7 @@ def report_command(out: Path | None) -> int:
         runs = sorted(path.parent for path in (BUILD / name).glob("*/summary.json"))
         images = [] if runs else _images(name)
         write(out / f"{name}.html", name, {name: rows}, runs, images, ["dermis", name])
-        counts = dict(_counts(rows))
+        counts = _counts(rows)
         worst = next((status for status in ("ERROR", "FAIL") if counts[status]), "PASS")
         link = {"href": f"{name}.html", "text": name}
         lines.append((link, worst, *counts.values(), _utc(table.stat().st_mtime)))
@@ -307,8 +253,7 @@ def report_command(out: Path | None) -> int:
     lines.sort(key=lambda line: ORDER.index(line[1]))
     heads = ("target", "", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."
-    index = Part("dermis", 1, text, heads=heads, rows=lines, numbers=(2, 3, 4, 5))
-    write_atomic(out / "index.html", _page("dermis: report", [index]))
+    write_atomic(out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines))
     click.echo(f"{len(lines)} pages, listed in {out / 'index.html'}")
     return 0
 
