@@ -19,6 +19,7 @@ from dermis.chip import ladder
 from dermis.errors import SimulatorError, tool_path
 from dermis.processes.children import output_of, run_child
 
+_TOOL = "ngspice", "ngspice 39 or later"
 _MEAS = re.compile(r"^\.meas\s+(\w+)\s+(\w+)\s.*$", re.MULTILINE | re.IGNORECASE)
 _PRINT = re.compile(r"^print\s+(\w+)\s*$", re.MULTILINE | re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
@@ -48,21 +49,10 @@ class Measured:
     retries: tuple[ladder.Retry, ...]
 
 
-def find() -> str:
-    """Return the path of ngspice.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
-    return tool_path("ngspice", "ngspice 39 or later")
-
-
 @functools.cache
 def version() -> str:
     """Return the version of ngspice, "unknown" if it prints none."""
-    said = output_of([find(), "--version"], 20.0)[1]
+    said = output_of([tool_path(*_TOOL), "--version"], 20.0)[1]
     found = re.search(r"ngspice-([\w.]+)", said)
     return found[1] if found else "unknown"
 
@@ -86,7 +76,7 @@ def run(deck: Path, limit_s: float = 60.0, level: ladder.Level = ladder.PLAIN) -
     SimulatorError
         ngspice stopped on every rung, took too long, or a measurement is missing.
     """
-    tool = find()
+    tool = tool_path(*_TOOL)
     rungs = ladder.Climb(deck.stem, level)
     values = ladder.climb(lambda level: _attempt(tool, deck, limit_s, level), rungs)
     return Measured(values, tuple(rungs.retries))
@@ -107,13 +97,8 @@ def _attempt(tool: str, deck: Path, limit_s: float, level: ladder.Level) -> dict
     if found := _ABORT.search(said):
         time = _TIME.search(said)
         steps = time is not None or "initial timepoint" in said
-        raise ladder.Abort(
-            "steps" if steps else "start",
-            _trouble(said, found[0]),
-            float(time[1]) if time else 0.0,
-            ladder.node_of(said),
-            log,
-        )
+        at, phase = float(time[1]) if time else 0.0, "steps" if steps else "start"
+        raise ladder.Abort(phase, _trouble(said, found[0]), at, ladder.node_of(said), log)
     values = {name.lower(): float(value) for name, value in _RESULT.findall(said)}
     missing = [n for n in wanted if not (math.isfinite(values.get(n, math.nan)) and f"full_{n}" in values)]
     missing += [n for n in printed if not math.isfinite(values.get(n, math.nan))]

@@ -15,6 +15,7 @@ import secrets
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -248,8 +249,6 @@ def output_of(
     SimulatorError
         It cannot be started, or there is no room for its output.
     """
-    import tempfile
-
     try:
         # A file in place of a pipe: a grandchild that holds a pipe open would be waited for.
         with tempfile.TemporaryFile() as out:

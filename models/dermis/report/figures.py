@@ -100,29 +100,23 @@ def frame_figure(
     if not with_force:
         places, size = [["press", "codes"]], (11, 4.4) if size[1] > 7 else size
     figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplot_mosaic(
-        places, height_ratios=[1.3, 1] if places[0] == ["press", "codes"] and with_force else None
-    )
+    ratios = [1.3, 1] if places[0] == ["press", "codes"] and with_force else None
+    axes = figure.subplot_mosaic(places, height_ratios=ratios)
     frame = int(np.argmax(codes.reshape(codes.shape[0], -1).sum(axis=1, dtype=float)))
     which = f", frame {frame} of {made.frames}" if made.frames > 1 else ""
     code_max = made.timing.code_max
     steps = made.timing.gate_clocks * made.part(frame, frame + 1).duty_ideal()[0]
     pressed = "force" if with_force else "conductance"
-    titles = {
-        "press": f"Stimulus: {pressed} on the taxel{which}",
-        "codes": f"Code that the chip reports{which}",
-    }
-    for (name, title), values in zip(
-        titles.items(), (np.minimum(steps, code_max), codes[frame]), strict=True
-    ):
+    maps = {"press": np.minimum(steps, code_max), "codes": codes[frame]}
+    titles = f"Stimulus: {pressed} on the taxel{which}", f"Code that the chip reports{which}"
+    for (name, values), title in zip(maps.items(), titles, strict=True):
         image = axes[name].imshow(values, cmap="viridis", interpolation="nearest", vmin=0, vmax=code_max)
         axes[name].set(xlabel="column", ylabel="row")
         axes[name].set_title(title, fontsize=10)
         axes[name].locator_params(integer=True)
     ticks, words = _scale(made, code_max)
-    bar = figure.colorbar(
-        image, ax=[axes["press"], axes["codes"]], ticks=ticks, label=f"code (ideal {pressed})"
-    )
+    both = [axes["press"], axes["codes"]]
+    bar = figure.colorbar(image, ax=both, ticks=ticks, label=f"code (ideal {pressed})")
     bar.ax.set_yticklabels(words, fontsize=8)
     if with_force:
         _curves(made, codes, fit, axes["curve"], axes["rest"])
@@ -146,10 +140,8 @@ def _curves(
     if shown.any():
         cloud(curve, force[shown], codes.ravel()[shown], f"{int(shown.sum())} codes")
     if fit is not None:
-        line = np.array([0.0, (code_max - fit[1]) / fit[0]])
-        curve.plot(
-            line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
-        )
+        line, label = np.array([0.0, (code_max - fit[1]) / fit[0]]), f"{fit[0]:.3f} codes/N {fit[1]:+.3f}"
+        curve.plot(line, fit[0] * line + fit[1], color=ORANGE, lw=1, label=label)
     curve.set_ylim(-8, code_max + 13)
     curve.set_ylabel("code")
     curve.set_title("Code against force", fontsize=10)
@@ -191,6 +183,7 @@ def transient_figure(made: Plan, result: Result, path: Path, clocks: int = 40) -
     columns = _spread(duty[row])
     preset = waves.trace(record, "preset")
     start = [n + 1 for n in range(1, len(preset)) if preset[n - 1] and not preset[n]][row]
+    clocks = min(clocks, len(charge) - start)  # a short gate in the last row
     first, last = (start - 3) * t_clk, (start + clocks) * t_clk
     figure = Figure(figsize=(11, 1.2 + 1.45 * len(columns)), layout="constrained")
     rows = figure.subplots(len(columns), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
