@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages: the verdict tables, figures and runs of a command as one HTML file; maps of a run
-can be zoomed.
-
-Bokeh draws those. Its wheel carries the JavaScript, 1.27 MB for plots alone, which goes into the page, so
-a page needs no network. Plotly's has 4.5 MB, and that of Vega-Altair is not in its wheel.
+"""Report pages: the verdict tables, figures and runs of a command as one HTML file without
+JavaScript; a pointer on a taxel of a map shows its value.
 """
 
 from __future__ import annotations
@@ -19,6 +16,8 @@ from typing import Any
 
 import click
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from dermis import plan
@@ -38,10 +37,6 @@ RUNS_DRAWN = 8
 TEMPLATE, STYLE = Path(__file__).with_name("page.html"), Path(__file__).with_name("page.css")
 ORDER = ("ERROR", "FAIL", "SKIP", "PASS")
 """Missed limits come first."""
-
-
-def _bokeh(module: str) -> Any:
-    return optional(f"bokeh.{module}", "report")
 
 
 def write(
@@ -79,13 +74,9 @@ def write(
     write_atomic(path, page)
 
 
-def _page(*, runs: Sequence[Mapping[str, Any]] = (), **said: Any) -> str:
-    """Return the HTML of a page; bokeh renders all plots together."""
+def _page(**said: Any) -> str:
+    """Return the HTML of a page."""
     markup = optional("markupsafe", "report").Markup
-    script, places = "", {}
-    if plots := {plot.id: plot for run in runs for plot in run["plots"]}:
-        script, places = _bokeh("embed").components(plots)
-        script = _bokeh("resources").Resources(mode="inline", components=["bokeh"]).render() + script
     # Every text becomes one line, and is escaped.
     environment = optional("jinja2", "report").Environment(
         autoescape=True,
@@ -93,14 +84,11 @@ def _page(*, runs: Sequence[Mapping[str, Any]] = (), **said: Any) -> str:
         finalize=lambda said: said if isinstance(said, markup) else one_line(str(said), 2000),
     )
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        runs=runs,
-        places={name: markup(place) for name, place in places.items()},
-        script=markup(script),
         png=lambda path: markup(base64.b64encode(path.read_bytes()).decode()),
         style=markup(STYLE.read_text(encoding="utf-8")),
         marks=(*ORDER, "on"),
         counts=_counts,
-        **{"tables": {}, **said},
+        **said,
     )
     return str(page)
 
@@ -133,9 +121,9 @@ def _run(directory: Path) -> dict[str, Any]:
     try:
         made = plan.load(scene, engine)
     except DermisError as error:  # a file of the scene is gone: the codes are there all the same
-        return found | {"plots": [_map("Codes", codes[0].astype(float), "code")], "unread": error}
+        return found | {"maps": [_map("Codes", codes[0].astype(float), "code")], "unread": error}
     heads, worst = _worst(made, codes)
-    return found | {"plots": _maps(made, codes), "heads": heads, "worst": worst}
+    return found | {"maps": _maps(made, codes), "heads": heads, "worst": worst}
 
 
 def _ideal(made: Plan) -> NDArray[np.int64]:
@@ -152,8 +140,8 @@ def _maps(made: Plan, codes: NDArray[Any]) -> list[Any]:
     most = max(1.0, float(np.abs(off).max()))
     return [
         _map(f"Code{which}", codes[frame].astype(float), "code"),
-        _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "force / N"),
-        _map(f"Code less the ideal code{which}", off, "LSB", "RdBu11", (-most, most)),
+        _map(f"Force read{which}", np.where(np.isfinite(read), read, np.nan), "N"),
+        _map(f"Code less the ideal code{which}", off, "LSB", "RdBu", (-most, most)),
     ]
 
 
@@ -161,25 +149,19 @@ def _map(
     title: str,
     values: NDArray[Any],
     label: str,
-    palette: str = "Viridis256",
+    palette: str = "viridis",
     limits: tuple[float, float] | None = None,
-) -> Any:
-    rows, cols = values.shape
-    models = _bokeh("models")
+) -> dict[str, Any]:
+    """Return what page.html shows of a map: a colour and words for each taxel."""
     finite = values[np.isfinite(values)]
     low, high = limits or (0.0, float(finite.max()) if finite.size else 1.0)
-    figure = _bokeh("plotting").figure(
-        title=title, x_axis_label="column", y_axis_label="row", width=480, height=400,
-        x_range=(-0.5, cols - 0.5), y_range=(rows - 0.5, -0.5),
-        tools="pan,box_zoom,wheel_zoom,reset,save,hover", tooltips=[("row, column", "$y{0}, $x{0}"), (label, "@image")]
-    )  # fmt: skip
-    figure.toolbar.logo = None
-    mapper = models.LinearColorMapper(palette=palette, low=low, high=high if high > low else low + 1)
-    # From the first row down: the axis runs the other way.
-    figure.image([values.astype(np.float32)], x=-0.5, y=-0.5, dw=cols, dh=rows, color_mapper=mapper)
-    figure.add_layout(models.ColorBar(color_mapper=mapper), "right")
-    figure.grid.visible = False
-    return figure
+    shares = (values - low) / (high - low if high > low else 1.0)
+    colours = [[to_hex(colour) for colour in row] for row in colormaps[palette](shares)]
+    words = [
+        [f"row {r}, column {c}: {v:.4g} {label}" for c, v in enumerate(row)] for r, row in enumerate(values)
+    ]
+    cells = [list(zip(*row, strict=True)) for row in zip(colours, words, strict=True)]
+    return {"title": f"{title}, {low:.3g} to {high:.3g} {label}", "cells": cells}
 
 
 def _worst(made: Plan, codes: NDArray[Any]) -> tuple[list[str], list[list[Any]]]:
@@ -205,9 +187,9 @@ def reporting(name: str, path: Path, call: Callable[[], Any]) -> Any:
     Raises
     ------
     InputError
-        bokeh is missing, or the page cannot be written; known before the command runs.
+        jinja2 is missing, or the page cannot be written; known before the command runs.
     """
-    optional("bokeh", "report")
+    optional("jinja2", "report")
     if path.is_dir() or not path.parent.is_dir():
         raise InputError("command line", "--html", str(path), "a file in a directory that is there")
     tables, runs = len(verdict.WRITTEN), len(output.WRITTEN)
@@ -231,7 +213,7 @@ def _images(target: str) -> list[Path]:
 )
 def report_command(out: Path | None) -> int:
     """Collect the tables and runs of build/ into pages, with an index of their verdicts."""
-    optional("bokeh", "report")
+    optional("jinja2", "report")
     out = BUILD / "report" if out is None else out
     out.mkdir(parents=True, exist_ok=True)
     lines = []
@@ -253,7 +235,9 @@ def report_command(out: Path | None) -> int:
     lines.sort(key=lambda line: ORDER.index(line[1]))
     heads = ("target", "", *verdict.COLOURS, "measured")
     text = "Every verdict table of this checkout; those that missed come first."
-    write_atomic(out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines))
+    write_atomic(
+        out / "index.html", _page(title="dermis: report", text=text, heads=heads, index=lines, tables={})
+    )
     click.echo(f"{len(lines)} pages, listed in {out / 'index.html'}")
     return 0
 
