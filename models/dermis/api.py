@@ -186,7 +186,9 @@ def simulate(
     SimulatorError
         A simulator failed; the line says where its log is.
     """
-    world = _scene(scene, _given(force_n, resistance_ohm), design, engine, effects, seed, tables)
+    world = _scene(
+        scene, _given(force_n=force_n, resistance_ohm=resistance_ohm), design, engine, effects, seed, tables
+    )
     options: dict[str, Any] = {} if simulator is None else {"simulator": simulator}
     made = plan.make(world)
     if options and made.engine not in ("rtl", "cosim"):
@@ -235,20 +237,19 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in scenes.SCENES.glob("*.toml"))
 
 
-def _given(force_n: ArrayLike | None, resistance_ohm: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
+def _given(**arrays: ArrayLike | None) -> tuple[str, NDArray[Any]] | None:
     """Return the one array of a stimulus that was given, with its name."""
-    arrays = {"force_n": force_n, "resistance_ohm": resistance_ohm}
-    names = [name for name, values in arrays.items() if values is not None]
-    if len(names) > 1:
-        raise InputError(_HERE, " and ".join(names), "both", "one of the two")
-    if not names:
-        return None
-    if np.ma.is_masked(arrays[names[0]]):
-        raise InputError(_HERE, names[0], "masked values", "numbers; fill them, or leave these frames out")
-    try:
-        return names[0], np.asarray(arrays[names[0]])
-    except ValueError as error:  # lists of unequal lengths
-        raise InputError(_HERE, names[0], "(an array)", f"numbers [frames, rows, cols] ({error})") from None
+    given = {name: values for name, values in arrays.items() if values is not None}
+    if len(given) > 1:
+        raise InputError(_HERE, " and ".join(given), "both", "one of the two")
+    for name, values in given.items():
+        if np.ma.is_masked(values):
+            raise InputError(_HERE, name, "masked values", "numbers; fill them, or leave these frames out")
+        try:
+            return name, np.asarray(values)
+        except ValueError as error:  # lists of unequal lengths
+            raise InputError(_HERE, name, "(an array)", f"numbers [frames, rows, cols] ({error})") from None
+    return None
 
 
 def _scene(

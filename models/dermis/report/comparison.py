@@ -98,30 +98,27 @@ def compare(made: Plan, result: Result, name: str, expected: NDArray[Any] | None
     codes = result.codes.astype(int)
     if made.views.in_transistors(made.topology):
         return _compare_transistors(made, codes, name)
-    rows = []
-    reference = _reference(made)
-    if reference is None:
-        rows.append(verdict.skip(f"frame.code_error_lsb.{name}", "no other engine takes its effects"))
-    else:
+    rows: list[Row] = []
+    refused, reference = "no other engine takes its effects", _reference(made)
+    if reference is not None:
         try:
             error = np.abs(codes - engines.run(replace(made, engine=reference)).codes)
+            refused = ""
         except InputError as refusal:  # it honours the fields, but not these values
-            rows.append(verdict.skip(f"frame.code_error_lsb.{name}", str(refusal)))
-            kinds = {}
-        else:
-            kinds = {"frame.code_error_exact_lsb": on_code(made), "frame.code_error_lsb": ~on_code(made)}
-            if made.active_fields():
-                kinds = {"frame.code_error_lsb": np.ones(codes.shape, bool)}
-        for row, where in kinds.items():
+            refused = str(refusal)
+    if refused:
+        rows.append(verdict.skip(f"frame.code_error_lsb.{name}", refused))
+    else:
+        exact = np.zeros(codes.shape, bool) if made.active_fields() else on_code(made)
+        for kind, where in (("code_error_exact_lsb", exact), ("code_error_lsb", ~exact)):
             if where.any():
                 note = f"{int(where.sum())} codes against engine {reference}"
-                rows.append(verdict.judge(f"{row}.{name}", int(error[where].max()), note))
+                rows.append(verdict.judge(f"frame.{kind}.{name}", int(error[where].max()), note))
     if not made.active_fields() and (fit := fit_residual(made, codes)) is not None:
         note = f"code = {fit[0]:.4f} / N x force {fit[1]:+.3f}"
         rows.append(verdict.judge(f"frame.fit_residual_lsb.{name}", float(np.abs(fit[2]).max()), note))
     if expected is not None:
         worst = int(np.abs(codes - expected).max())
-        rows.append(
-            verdict.judge(f"frame.readback_error_lsb.{name}", worst, f"{made.frames} frames of the file")
-        )
+        note = f"{made.frames} frames of the file"
+        rows.append(verdict.judge(f"frame.readback_error_lsb.{name}", worst, note))
     return rows

@@ -75,8 +75,7 @@ def _refuse_directories(out: Path) -> None:
     """Refuse directories in place of files before the first file is moved."""
     for name in (*ALWAYS, *SOMETIMES):
         if (out / name).is_dir() and not (out / name).is_symlink():
-            allowed = f"a directory in which {name} is a file, or is not there"
-            raise InputError("command line", "out", str(out), allowed)
+            raise InputError("command line", "out", str(out), f"a directory in which {name} is no directory")
 
 
 @contextmanager
