@@ -31,9 +31,8 @@ STARTED_S = 10.0
 """Longest wait for the end of the watchdog, in seconds."""
 
 LOOK_S = 0.05
-"""Seconds between two looks at the progress of a program."""
+"""Seconds between two looks at a program."""
 
-_running: set[Child] = set()
 _stopped = threading.Event()
 _lock = threading.Lock()
 _numbers = itertools.count(1)
@@ -73,7 +72,6 @@ def _forked() -> None:
     """Forget the parent's watchdog in a forked copy, which must not keep the pipe open."""
     global _watchdog, _lock
     _lock = threading.Lock()
-    _running.clear()
     if _watchdog is not None and _watchdog.stdin is not None:
         os.close(_watchdog.stdin.fileno())
         _watchdog.returncode = 0  # not ours to wait for
@@ -178,27 +176,21 @@ def _run(
     progress: Callable[[], Any] | None = None,
     **options: Any,
 ) -> int | None:
-    with _lock:
-        if _stopped.is_set():
-            raise SimulatorError("interrupted", log)
+    if _stopped.is_set():
+        raise SimulatorError("interrupted", log)
     try:
         child = Child(command, environment, stdin=subprocess.DEVNULL, stderr=subprocess.STDOUT, **options)
     except OSError as error:
         said = error.strerror or str(error)
         raise SimulatorError(f"{Path(command[0]).name} cannot be started: {said}", log) from None
-    with _lock:
-        _running.add(child)
-        late = _stopped.is_set()
-    code, timeout = None, Timeout(limit_s)
+    code, late, until, timeout = None, False, time.monotonic() + limit_s, Timeout(limit_s)
     try:
-        while not late and code is None:
+        while code is None and not late and not _stopped.is_set():
             with contextlib.suppress(subprocess.TimeoutExpired):  # at its limit, the answer is None
-                code = child.wait(LOOK_S if progress else limit_s)
-            late = timeout.over(progress()) if progress else True
+                code = child.wait(LOOK_S)
+            late = timeout.over(progress()) if progress else time.monotonic() > until
     finally:
         child.end()
-        with _lock:
-            _running.discard(child)
     if _stopped.is_set():
         raise SimulatorError("interrupted", log)
     return code
@@ -372,12 +364,8 @@ def threads(workers: int) -> Iterator[ThreadPoolExecutor]:
         try:
             yield pool
         except BaseException:
-            _stopped.set()
+            _stopped.set()  # each ends its child at its next look
             pool.shutdown(wait=False, cancel_futures=True)
-            with _lock:
-                running = list(_running)
-            for child in running:
-                child.end()
             raise
         finally:
             pool.shutdown()
