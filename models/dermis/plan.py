@@ -42,14 +42,14 @@ def load(scene_path: str | Path, engine: str | None = None, design: Design | Non
     return make(scene.load(scene_path, design), engine)
 
 
-def make(world: Scene, engine: str | None = None, auto: effects.AutoTable | None = None) -> Plan:
+def make(world: Scene, engine: str | None = None) -> Plan:
     """Plan a resolved scene.
 
     Where neither `engine` nor the scene names an engine it is the cheapest that can do all of it.
     With `auto` every effect with defaults is on, and engine event walks only the cells that its
     bounds leave open.
     """
-    auto = world.table.effects.auto if auto is None else auto
+    auto = world.table.effects.auto
     engine = world.table.run.engine if engine is None else engine
     if auto is None:
         made = whole(world, engine or "closed")
@@ -81,15 +81,9 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
     if engine not in ENGINES:
         raise InputError("command line", "engine", engine, "one of " + ", ".join(ENGINES))
     rows, cols, interface = table.array.rows, table.array.cols, table.interface
-    timing = Timing(
-        f_clk_hz=design.converter.f_clk_hz,
-        slot_clocks=design.timing.slot_clocks,
-        settle_clocks=design.timing.settle_clocks,
-        gate_clocks=design.timing.gate_clocks,
-        code_max=design.timing.code_max,
-        rows=rows,
-        break_clocks=design.timing.break_clocks,
-    )
+    t, f_clk_hz = design.timing, design.converter.f_clk_hz
+    clocks = t.slot_clocks, t.settle_clocks, t.gate_clocks
+    timing = Timing(f_clk_hz, *clocks, t.code_max, rows, break_clocks=t.break_clocks)
     contribution = effects.gather(world.effects, setting_of(world))
     sensor = make_sensor(table.sensor)
     unit_ohm = interface.v_bias_v / (interface.k * interface.i0_a)
@@ -100,15 +94,8 @@ def whole(world: Scene, engine: str, auto: effects.AutoTable | None = None) -> P
 
     about = Surroundings(world.path, rows, cols, sensor, ohm_of_code, timing.frame_s)
     made = make_frames(table.stimulus, about)
-    state = SensorState(**contribution.sensor)
-    resistance_ohm = age(
-        sensor,
-        made.resistance_ohm,
-        made.t_frame_s,
-        state,
-        design.sensor.creep_start_s,
-        setting_of(world).rng,
-    )
+    aging = SensorState(**contribution.sensor), design.sensor.creep_start_s, setting_of(world).rng
+    resistance_ohm = age(sensor, made.resistance_ohm, made.t_frame_s, *aging)
     for array in (resistance_ohm, made.force_n):
         if array is not None:
             array.flags.writeable = False
