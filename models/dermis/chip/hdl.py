@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import shutil
 import sys
@@ -198,7 +199,7 @@ def run_cocotb(
     environment: Mapping[str, str],
     *,
     testcase: str | None = None,
-    limit_s: float = BUILD_LIMIT_S,
+    limit_s: float = math.inf,
     run: Callable[..., object] | None = None,
 ) -> Path:
     """Run a cocotb test on a build, in this process' simulator; return the XML with its results.
