@@ -29,12 +29,6 @@ if TYPE_CHECKING:
 SIMULATORS = ("icarus", "verilator")
 BUILD_LIMIT_S = 600.0
 
-MOST_LINES = 128
-"""Rows, and columns, that dermis_top scans at most: the register map has room for no more."""
-
-MOST_CLOCKS = 2**16 - 1
-"""Settle and gate are registers of 16 bits."""
-
 PACK_MARGIN_CLOCKS = 15
 """Clocks to pack a row, in addition to one per byte (PACK_CLOCKS in dermis_row_scanner)."""
 
@@ -42,15 +36,20 @@ PACK_MARGIN_CLOCKS = 15
 def beyond_the_chip(plan: Plan) -> InputError | None:
     """Return the error for a plan outside the limits of dermis_top, or None."""
     timing = plan.timing
-    shortest = 2 + timing.break_clocks
-    bits = timing.code_max.bit_length()
+    bits, words = timing.code_max.bit_length(), 2**16 - 1  # settle and gate are registers of 16 bits
     # A shorter gate makes the chip wait for the row before to be packed, so that its slots get longer than planned.
     packing = spi_protocol.slot_bytes(plan.cols, bits) + PACK_MARGIN_CLOCKS
     limits = [
-        ("array.rows", plan.rows, 1, MOST_LINES, "rows"),
-        ("array.cols", plan.cols, 1, MOST_LINES, "columns"),
-        ("timing.gate_clocks", timing.gate_clocks, packing, MOST_CLOCKS, "clocks of a gate"),
-        ("timing.settle_clocks", timing.settle_clocks, shortest, MOST_CLOCKS, "clocks from row to gate"),
+        ("array.rows", plan.rows, 1, 128, "rows"),  # the register map has room for no more
+        ("array.cols", plan.cols, 1, 128, "columns"),
+        ("timing.gate_clocks", timing.gate_clocks, packing, words, "clocks of a gate"),
+        (
+            "timing.settle_clocks",
+            timing.settle_clocks,
+            2 + timing.break_clocks,
+            words,
+            "clocks from row to gate",
+        ),
         ("timing.code_bits", bits, 1, 16, "bits of a code"),
     ]
     for key, value, least, most, what in limits:
@@ -64,13 +63,14 @@ def reader_parameters(plan: Plan, sync_latch: bool) -> dict[str, int]:
     """Parameters of dermis_top for a plan; InputError if the chip is not made for it."""
     if error := beyond_the_chip(plan):
         raise error
+    timing = plan.timing
     return {
         "ROWS": plan.rows,
         "COLS": plan.cols,
-        "CODE_BITS": plan.timing.code_max.bit_length(),
-        "GATE_CLOCKS": plan.timing.gate_clocks,
-        "SETTLE_CLOCKS": plan.timing.settle_clocks,
-        "BREAK_CLOCKS": plan.timing.break_clocks,
+        "CODE_BITS": timing.code_max.bit_length(),
+        "GATE_CLOCKS": timing.gate_clocks,
+        "SETTLE_CLOCKS": timing.settle_clocks,
+        "BREAK_CLOCKS": timing.break_clocks,
         "SYNC_LATCH": int(sync_latch),
     }
 
