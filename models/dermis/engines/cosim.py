@@ -44,6 +44,8 @@ enough to pay.
 """
 
 JOB_VARIABLE = "DERMIS_COSIM_JOB"
+STATISTICS = ("accepted", "rejected", "loads")
+"""Counts of ngspice's time points, and of its evaluations of sources."""
 
 _cores = threading.BoundedSemaphore(os.cpu_count() or 1)  # over every run of this process, not each
 
@@ -137,13 +139,9 @@ def run(
         Either simulator failed, stopped answering or left no result.
     """
     if analog == "exact" and (lost := plan.active_fields() - HONOURS_EXACT):
-        names = sorted({name for field in lost for name in plan.effects_of_field(field)})
-        raise InputError(
-            plan.scene.path,
-            f"effects.{names[0]}" if names else min(lost),
-            "not possible with the exact analog half",
-            "ideal converters, or analog ngspice",
-        )
+        names = sorted({f"effects.{name}" for field in lost for name in plan.effects_of_field(field)})
+        what, allowed = "not possible with the exact analog half", "ideal converters, or analog ngspice"
+        raise InputError(plan.scene.path, names[0] if names else min(lost), what, allowed)
     start = time.perf_counter()
     build = hdl.build(simulator, "dermis_top", hdl.reader_parameters(plan, sync_latch))
     ended = threading.Event()
@@ -191,9 +189,7 @@ def run(
         "seconds": time.perf_counter() - start,
         "processor_s": float(sum(part["processor_s"] for part in parts)),
         "simulator": simulator,
-        "steps": {
-            n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in ("accepted", "rejected", "loads")
-        },
+        "steps": {n: int(sum(p[f"statistics_{n}"] for p in parts)) for n in STATISTICS},
         "retries": {name: said for part in parts for name, said in _retries(part).items()},
     }
     if plan.filtered:
@@ -213,13 +209,6 @@ def _retries(part: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _slots_done(path: Path) -> int:
-    try:
-        return int(path.read_text() or 0)
-    except (FileNotFoundError, ValueError):
-        return 0
-
-
 def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict[str, Any]:
     directory.mkdir(parents=True)
     directory = directory.resolve()  # ngspice leaves its check of transistors, bsim4v5.out, where it runs
@@ -231,7 +220,8 @@ def _run_job(job: Job, directory: Path, on_slots: Callable[[int], None]) -> dict
 
     def progress() -> int:
         nonlocal slots
-        slots = _slots_done(directory / "progress")
+        with contextlib.suppress(FileNotFoundError, ValueError):  # not there yet, or being written
+            slots = int((directory / "progress").read_text() or 0)
         on_slots(slots)
         return slots
 

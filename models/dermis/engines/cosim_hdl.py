@@ -20,7 +20,7 @@ from dermis.chip import bridge, ladder, netlist
 from dermis.chip.analog import ExactHalf
 from dermis.chip.ngspice import NgspiceHalf
 from dermis.chip.split import SplitHalf, Workers
-from dermis.engines.cosim import JOB_VARIABLE, Job
+from dermis.engines.cosim import JOB_VARIABLE, STATISTICS, Job
 from dermis.engines.masking import Block
 from dermis.errors import SimulatorError
 from dermis.files import write_atomic
@@ -123,7 +123,7 @@ async def _frames(dut: Any, job_dir: Path) -> None:
         kept.clear()
     workers.close()
     arrays: dict[str, Any] = {"codes": np.concatenate(scanned)}
-    for name in ("accepted", "rejected", "loads"):
+    for name in STATISTICS:
         arrays[f"statistics_{name}"] = sum(statistics[name] for statistics, _ in ended)
     arrays["processor_s"] = cpu_time.cpu_used_s()
     arrays["retries"] = json.dumps(
