@@ -108,7 +108,7 @@ def test_a_part_that_fails_ends_the_run_with_its_error(make_plan, monkeypatch: p
 
 def test_another_version_of_the_package_is_refused(make_plan) -> None:
     with pytest.raises(SimulatorError, match="another version"):
-        batch._run_part(make_plan().part(0, 1), "an old one", False, {})
+        batch._run_part(make_plan().part(0, 1), "an old one", {})
 
 
 DECIDE = (
