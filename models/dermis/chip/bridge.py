@@ -15,7 +15,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import cocotb
 import numpy as np
+from cocotb.clock import Clock
+from cocotb.handle import Immediate
+from cocotb.triggers import FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 from numpy.typing import NDArray
 
 from dermis.chip import read_out, register_map, spi_protocol
@@ -157,10 +161,6 @@ class Bridge:
             The analog half stopped, the Verilog drives an X or loses its row scan, or the host read anything but
             every frame once and whole.
         """
-        import cocotb
-        from cocotb.clock import Clock
-        from cocotb.triggers import FallingEdge, SimTimeoutError, Timer, with_timeout
-
         dut = self._dut
         # made once: a trigger may be awaited again and again
         self._edge, self._settled = FallingEdge(dut.clk_i), Timer(1, unit="ps")
@@ -253,8 +253,6 @@ class Bridge:
 
     async def _frame(self, frame: int, half: AnalogHalf, row: int, preset: int, charge: int) -> None:
         """Run one frame, from the edge of its first row (already passed) to that of the next."""
-        from cocotb.handle import Immediate
-
         dut, timing = self._dut, self._timing
         rows, cols, charge_pin = timing.rows, self._cols, dut.charge_o
         t_clk = 1.0 / timing.f_clk_hz
@@ -313,9 +311,8 @@ class _Host:
         if self._failure is not None:
             raise self._failure
         if len(self._frames) < frames:
-            raise SimulatorError(
-                f"read-out {len(self._frames) + 1} through SPI: the chip never reports a frame as ready"
-            )
+            said = f"read-out {len(self._frames) + 1} through SPI"
+            raise SimulatorError(f"{said}: the chip never reports a frame as ready")
 
     def codes(self, frames: int) -> NDArray[np.uint16]:
         """Return the codes [frames, rows, cols] of the frames read."""
@@ -324,37 +321,26 @@ class _Host:
 
     async def read(self, frames: int) -> None:
         """Read `frames` frames; stop at the first one that is not right."""
-        from cocotb.triggers import RisingEdge, Timer
-
         dut = self._dut
         try:
             for frame in range(frames):
                 if not _known(dut.frame_ready_o, "frame_ready_o"):
                     await RisingEdge(dut.frame_ready_o)
                 data = await self._transact(spi_protocol.read_frame_bytes(WAIT_BYTES))
-                self._frames.append(
-                    read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
-                )
-                # CS stays high longer than the chip takes to see it.
-                await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
+                codes = read_out.codes_of_frame(data, frame, self._timing, self._cols, self._rows)
+                self._frames.append(codes)
         except (SimulatorError, spi_protocol.SpiError) as error:
             self._failure = SimulatorError(f"read-out {frame + 1} of {frames} through SPI: {error}")
 
     async def write(self, address: int, value: int) -> None:
         """Write a register."""
-        from cocotb.triggers import Timer
-
         try:
             await self._transact(spi_protocol.write_register(address, value, WAIT_BYTES))
         except spi_protocol.SpiError as error:
             raise SimulatorError(f"write to register 0x{address:02X} through SPI: {error}") from None
-        await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
 
     async def _transact(self, transaction: spi_protocol.Transaction[Any]) -> Any:
         """Run a transaction with CS around it; return its result."""
-        from cocotb.clock import Clock
-        from cocotb.triggers import FallingEdge
-
         dut, ended = self._dut, False
         dut.spi_cs_ni.value = 0
         sck = Clock(dut.spi_sck_i, self._period_ps, unit="ps", impl="gpi")
@@ -373,11 +359,11 @@ class _Host:
                 await FallingEdge(dut.spi_sck_i)
             sck.stop()
             dut.spi_cs_ni.value = 1
+            if not ended:  # CS stays high longer than the chip takes to see it
+                await Timer(round(4e12 / self._timing.f_clk_hz), unit="ps")
 
     async def _exchange(self, send: bytes) -> bytes:
         """Send bytes and return those received; COPI is constant if all bytes sent are 0."""
-        from cocotb.triggers import FallingEdge, RisingEdge
-
         dut, cipo = self._dut, self._dut.spi_cipo_o
         rise, fall = RisingEdge(dut.spi_sck_i), FallingEdge(dut.spi_sck_i)
         word, got = int.from_bytes(send, "big"), 0
