@@ -94,15 +94,6 @@ class Result(engines.Result):
         """Start of each frame in seconds, [frames]."""
         return (self.plan.first_frame + np.arange(self.plan.frames)) * self.plan.drive.t_frame_s
 
-    def _columns(self) -> dict[str, tuple[NDArray[Any], str]]:
-        """Arrays of a table by name, with their units."""
-        found: dict[str, tuple[NDArray[Any] | None, str]] = {
-            "code": (self.codes, "1"),
-            "force_n": (self.force_n, "N"),
-            "applied_force_n": (self.applied_force_n, "N"),
-        }
-        return {name: (values, unit) for name, (values, unit) in found.items() if values is not None}
-
     def to_xarray(self) -> xarray.Dataset:
         """Return an xarray dataset with dimensions frame, row, col and the coordinate time_s.
 
@@ -113,7 +104,9 @@ class Result(engines.Result):
         """
         module = optional("xarray", "tables")
         names = ("frame", "row", "col")
-        data = {name: (names, values, {"units": unit}) for name, (values, unit) in self._columns().items()}
+        force = {"force_n": self.force_n, "applied_force_n": self.applied_force_n}
+        data = {name: (names, values, {"units": "N"}) for name, values in force.items() if values is not None}
+        data = {"code": (names, self.codes, {"units": "1"}), **data}
         coords = {name: np.arange(size) for name, size in zip(names, self.codes.shape, strict=True)}
         attributes = {"title": self.plan.scene.title, "engine": self.plan.engine, "seed": self.plan.seed}
         time = ("frame", self.time_s, {"units": "s"})
@@ -127,12 +120,8 @@ class Result(engines.Result):
         InputError
             pandas is not installed.
         """
-        module = optional("pandas", "tables")
-        ranges = [range(size) for size in self.codes.shape]
-        index = module.MultiIndex.from_product(ranges, names=["frame", "row", "col"])
-        return module.DataFrame(
-            {name: values.reshape(-1) for name, (values, _) in self._columns().items()}, index
-        )
+        optional("pandas", "tables")
+        return self.to_xarray().drop_vars("time_s").to_dataframe()
 
 
 def simulate(
