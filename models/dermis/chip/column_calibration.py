@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from dermis.errors import SimulatorError
 from dermis.scene.design import Design
 
 Floats = NDArray[np.float64]
-Result = TypeVar("Result")
 
 DARK_GATES = 16
 """The dark slot is counted over this many normal gates: 1/32 LSB."""
@@ -39,7 +38,7 @@ POLLS = 10_000
 """Reads of STATUS after which a self-test frame is overdue; each takes at least a clock."""
 
 
-Steps = Generator[spi.Transaction[Any], Any, Result]
+Steps = Generator[spi.Transaction[Any], Any, spi.Result]
 """Yields SPI transactions; the result of each is sent back into it."""
 
 

@@ -46,6 +46,9 @@ LOOK_S = 2.0
 """Seconds between two checks of a worker."""
 
 
+_Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+
+
 class WorkerLost(SimulatorError):
     """A worker ended, or was ended, in the middle of a call.
 
@@ -129,9 +132,7 @@ class Workers(Executor):
             self._own.worker = None
         return left
 
-    def _call(
-        self, call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]], limit_s: float = math.inf
-    ) -> Any:
+    def _call(self, call: _Call, limit_s: float = math.inf) -> Any:
         data, worker = pickle.dumps(call, pickle.HIGHEST_PROTOCOL), self._worker()
         try:
             self._watched(worker, lambda: _send(worker.stdin, data))
@@ -146,11 +147,8 @@ class Workers(Executor):
             raise value
         return value
 
-    def _limited(
-        self, call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]], limit_s: float, fresh: bool
-    ) -> tuple[Any, list[str]]:
-        value = self._call(call, limit_s)
-        worker = self._worker()
+    def _limited(self, call: _Call, limit_s: float, fresh: bool) -> tuple[Any, list[str]]:
+        value, worker = self._call(call, limit_s), self._worker()
         return value, self._drop(worker) if fresh else worker.end_others()
 
     def _watched(self, worker: Child, work: Callable[[], Any], limit_s: float = math.inf) -> Any:

@@ -70,7 +70,7 @@ def end(find: Callable[[], set[Process]]) -> None:
         _send(new, signal.SIGSTOP)
     last = time.monotonic() + END_LIMIT_S
     # One that was becoming another program has no environment for an instant: looked for again.
-    while (found := find()) and time.monotonic() < last:
+    while stopped and (found := find()) and time.monotonic() < last:
         _send(found, signal.SIGKILL)
         time.sleep(0.002)
 

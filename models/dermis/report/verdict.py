@@ -144,10 +144,10 @@ def _said(value: Any) -> str:
     return "" if value is None else f"{value:.6g}"
 
 
-def console(width: int = 150) -> Console:
+def console() -> Console:
     """Return a console as wide as the terminal, or of a fixed width elsewhere."""
     found = Console()
-    return found if found.is_terminal else Console(width=width)
+    return found if found.is_terminal else Console(width=150)
 
 
 def print_table(
