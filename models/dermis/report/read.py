@@ -63,12 +63,10 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
     InputError
         Values that the unit does not have, or no area for kPa.
     """
+    spread = f"{values.min():g} .. {values.max():g}"
     if unit == "codes":
-        code_max = plan.timing.code_max
-        if not ((values >= 0) & (values <= code_max)).all():
-            raise InputError(
-                "recording", "values", f"{values.min():g} .. {values.max():g}", f"codes 0..{code_max}"
-            )
+        if not ((values >= 0) & (values <= plan.timing.code_max)).all():
+            raise InputError("recording", "values", spread, f"codes 0..{plan.timing.code_max}")
         force = plan.force_of_duty(values / plan.timing.gate_clocks)
     elif unit == "ohm":
         force = plan.sensor.force_n(values)
@@ -81,7 +79,7 @@ def forces_of(values: Floats, unit: str, plan: Plan, area_mm2: float | None, sca
     force = force * scale
     if not ((force >= 0).all() and np.isfinite(force).all()):
         allowed = "finite forces from 0; --clip-negative takes smaller ones as 0"
-        raise InputError("recording", "values", f"{values.min():g} .. {values.max():g} {unit}", allowed)
+        raise InputError("recording", "values", f"{spread} {unit}", allowed)
     return force + 0.0
 
 
@@ -102,15 +100,12 @@ def error_figures(
     apart = np.zeros(1)
     if loaded.any():
         centres = [
-            np.stack(
-                [(f[loaded] * axis).sum(axis=(1, 2)) / f[loaded].sum(axis=(1, 2)) for axis in (rows, cols)]
-            )
-            for f in (force, found)
+            np.stack([(f * axis).sum(axis=(1, 2)) for axis in (rows, cols)]) / f.sum(axis=(1, 2))
+            for f in (force[loaded], found[loaded])
         ]
         apart = np.hypot(*(centres[0] - centres[1]))
-    onset = [
-        float(time_s[np.argmax(t > level)]) if (t > level).any() else np.nan for t in (total, total_found)
-    ]
+    passed = [t > level for t in (total, total_found)]
+    onset = [float(time_s[np.argmax(above)]) if above.any() else np.nan for above in passed]
     return {
         "rms_error_n": (float(np.sqrt(np.mean(error**2))) if error.size else 0.0, "N"),
         "largest_error_n": (float(np.abs(error).max(initial=0.0)), "N"),
@@ -209,10 +204,8 @@ def read_command(
         for said in caught:
             click.echo(f"warning: {one_line(str(said.message), 400)}", err=True)
         if unit is None:
-            spread = f"{rec.values.min():g} .. {rec.values.max():g}"
-            raise InputError(
-                file, "unit", f"unknown for values {spread}", "--unit " + ", ".join(recording.UNITS)
-            )
+            said = f"unknown for values {rec.values.min():g} .. {rec.values.max():g}"
+            raise InputError(file, "unit", said, "--unit " + ", ".join(recording.UNITS))
         if mask is not None:
             rec = _masked(rec, mask)
         if clip_negative:
