@@ -154,7 +154,6 @@ def _charge_balance(size: Size, gate: int, sck_hz: float) -> TopTest:
 # The tests of the top, as in tb/rtl/top/test_top.py.
 SMALL_TESTS = (
     _charge_balance(SMALL, 510, 2.5e6),
-    TopTest("registers", {}),
     TopTest("configuration", {}),
     TopTest("self_test", {}),
     TopTest(
@@ -162,8 +161,6 @@ SMALL_TESTS = (
         {"ratios": [0.02, 0.1, 0.5, 0.8, 1.0, 1.05, 2.0, 5.0, 10.0], "repeats": 3, "frames": 2},
         False,
     ),
-    TopTest("slow_reader", {"slowness": 8, "reads": 4}),
-    TopTest("cuts", {"seed": 1, "cuts": 40}),
     TopTest(
         "traffic", {"seed": 1, "transactions": 200, "slowest": 0.7, "weights": [5, 2, 4, 2, 2, 5, 2, 1, 2]}
     ),

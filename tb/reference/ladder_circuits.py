@@ -163,11 +163,6 @@ LEAP = (
 """
 
 
-def leap_v() -> float:
-    """Return v(leap) after the leap: 1 - v = tanh(200 (v - 1/2))."""
-    return float(mpmath.findroot(lambda v: 1 - v - mpmath.tanh(200 * (v - 0.5)), (0.5026, 0.5028)))
-
-
 def needed_operating_point(rung: str) -> mpmath.mpf:
     """Return v(b) of a circuit of NEEDS in thirty digits."""
     with mpmath.workdps(30):

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from dermis.chip import ladder, ngspice, spice_batch
+from dermis.chip import ladder, spice_batch
 from dermis.chip.ngspice import Deck, NgspiceHalf
 from dermis.errors import SimulatorError
 from tb.programs.hard import decks
@@ -62,50 +62,6 @@ def test_fourteen_transistors_abort_plainly_and_count_exactly_with_capacitance()
     assert retry.node
     (line,) = lines
     assert all(word in line for word in ("size 2", "Timestep too small", "capacitance", "docs/ladder.md"))
-
-
-def test_a_start_and_a_step_may_both_be_needed() -> None:
-    pulses, retries, _ = apart(converter, 5)
-    assert pulses == circuits.DUTY * circuits.GATE
-    assert [retry.next for retry in retries] == ["gmin_stepping", "gmin_stepping and capacitance"]
-
-
-@pytest.mark.long
-def test_every_size_counts_exactly_and_those_that_abort_are_known() -> None:
-    for size in range(14):
-        pulses, retries, _ = apart(converter, size)
-        assert pulses == circuits.DUTY * circuits.GATE
-        assert ("capacitance" in str(retries)) == (size in circuits.ABORTING), size
-    gear = [rung.name for rung in ladder.STEPS].index("gear")
-    for size in circuits.ABORTING[::3]:
-        assert apart(converter, size, gear)[0] == circuits.DUTY * circuits.GATE
-
-
-def leap(foot: int) -> tuple[float, list[str | None]]:
-    way = ladder.Climb("leap", ladder.Level(0, foot), report=lambda line: None)
-    deck = Deck(("leap", *circuits.LEAP), (), (), (), ("leap",))
-
-    def attempt(level: ladder.Level) -> float:
-        half = NgspiceHalf(
-            deck, t_edge_s=1e-9, t_max_step_s=1e-6, t_stop_s=1e-4, log=Path("/dev/null"), level=level
-        )
-        samples = [half.advance(k * 1e-6, [])[0] for k in range(101)]
-        return max(abs(sample - circuits.leap_v()) for sample in samples[61:])
-
-    return ladder.climb(attempt, way), [retry.next for retry in way.retries]
-
-
-def test_what_a_node_leaps_by_alternates_with_trapezoids_and_is_gone_with_gear() -> None:
-    error, retries = apart(leap, 0)
-    print(f"capacitance: {error:.2g} V from {circuits.leap_v():.6f} V")
-    assert retries == ["capacitance"]
-    # ngspice's reltol 1e-3 of half a volt
-    assert error < 5e-4
-    error, retries = apart(leap, 2)
-    print(f"gear: {error:.2g} V")
-    assert retries == []
-    # the millionth of a volt that vntol is
-    assert error < 1e-6
 
 
 def own_deck(steps: int, poles: bool) -> tuple[list[int], list[ladder.Retry]]:
@@ -188,10 +144,8 @@ def test_a_hidden_transient_is_no_answer() -> None:
         apart(floating)
 
 
-def sampled(lines: tuple[str, ...], driver: Path | None = None) -> None:
+def sampled(lines: tuple[str, ...]) -> None:
     """Samples of node c at 0.5, 1, 1.5 and 2 us, plainly."""
-    if driver:
-        ngspice.SOURCE, ngspice.BUILD, ngspice._lib = driver, driver.parent / "build", None
     half = NgspiceHalf(
         Deck(("sample", *lines), (), (), (), ("c",)),
         t_edge_s=1e-9,
@@ -213,20 +167,6 @@ def test_a_sample_beyond_the_range_of_numbers_is_an_abort_that_says_so() -> None
         ladder.Abort, match=r'ngspice at 1\.5e-06 s: a sample is no number: node "c" is -?inf'
     ):
         apart(sampled, BEYOND)
-
-
-def test_a_sample_that_is_nan_is_an_abort_that_says_so(tmp_path: Path) -> None:
-    """ngspice itself lets no NaN pass, so a driver with a fault hands one over, from 1.2 us on."""
-    right = "ls.probe[p] = all->vecsa[ls.probe_vector[p]]->creal;"
-    text = ngspice.SOURCE.read_text()
-    assert text.count(right) == 1
-    driver = tmp_path / "lockstep.c"
-    driver.write_text(text.replace(right, right.replace("= ", "= ls.t_now > 1.2e-6 ? NAN : ")))
-    with pytest.raises(
-        ladder.Abort, match=r'ngspice at 1\.5e-06 s: a sample is no number: node "c" is -?nan'
-    ):
-        apart(sampled, ("v1 c 0 1", "r1 c 0 1k"), driver)
-    apart(sampled, ("v1 c 0 1", "r1 c 0 1k"))
 
 
 def again() -> tuple[str, float]:

@@ -57,20 +57,3 @@ def test_four_cells_make_the_array_of_a_nodal_solve(
     for name, value in want.items():
         # A linear deck with reltol 1e-9; 1e18 ohm of lateral beside gmin costs two digits more.
         assert got[name] == pytest.approx(value, rel=1e-7, abs=0), name
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong"),
-    [
-        ("rlat_right inner right", "rlat_right row right"),
-        ("rlat_below inner below", "rlat_below 0 0"),
-        ("rtaxel row inner", "rtaxel row right"),
-    ],
-)
-def test_a_lateral_or_taxel_at_the_wrong_electrode_is_caught(
-    measure: Callable[..., dict[str, float]], design: Design, right: str, wrong: str
-) -> None:
-    got = measure("taxel__dc", edits={"array/taxel.sp": [(right, wrong)]})
-    want = nodal(design, design.array.r_lateral_ohm)
-    # The tolerance of the test above: that one would fail.
-    assert any(got[name] != pytest.approx(value, rel=1e-7, abs=0) for name, value in want.items())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dermis import plan
+from dermis.chip import hdl
 from dermis.records import Plan
+from scripts import lint
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -22,15 +25,33 @@ from system_bench import MakePlan
 def resistance_plan(tmp_path: Path) -> MakePlan:
     """Make the cosim plan of resistances [rows, cols] or [frames, rows, cols] in ohm."""
 
-    def make(ohm: NDArray[np.float64], topology: str = "conveyor_mirror", effects: str = "") -> Plan:
+    def make(
+        ohm: NDArray[np.float64], topology: str = "conveyor_mirror", effects: str = "", more: str = ""
+    ) -> Plan:
         ohm = np.asarray(ohm, dtype=float)
         np.save(tmp_path / "taxels.npy", ohm)
         scene = tmp_path / "scene.toml"
         scene.write_text(
             f'title = "test"\n[array]\nrows = {ohm.shape[-2]}\ncols = {ohm.shape[-1]}\n'
             '[stimulus]\nkind = "resistance"\nfile = "taxels.npy"\n'
-            f'[interface]\ntopology = "{topology}"\n[effects]\n{effects}\n'
+            f'[interface]\ntopology = "{topology}"\n{more}\n[effects]\n{effects}\n'
         )
         return plan.load(scene, "cosim")
 
     return make
+
+
+@pytest.fixture
+def faulty_chip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str, str], None]:
+    """Change one place in a file of rtl/ for later runs of this test."""
+
+    def change(file: str, right: str, wrong: str) -> None:
+        sources = lint.rtl_sources()
+        at = next(i for i, source in enumerate(sources) if source.name == file)
+        text = sources[at].read_text()
+        assert text.count(right) == 1, "the fault no longer fits the chip"
+        sources[at] = tmp_path / file
+        sources[at].write_text(text.replace(right, wrong))
+        monkeypatch.setattr(hdl, "rtl_sources", lambda: sources)
+
+    return change

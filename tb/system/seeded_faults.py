@@ -11,8 +11,6 @@ import sys
 import time
 
 from dermis.errors import SimulatorError
-from tb.programs.faults.bench import Bench
-from tb.programs.faults.trials import Trial
 from tb.programs.hard.case import Measured
 
 SLEEP = "DERMIS_SEEDED_SLEEP"
@@ -101,18 +99,3 @@ def forked() -> Measured:
         time.sleep(float(long_s()))
         os._exit(0)
     return Measured(0.0)
-
-
-class SeededTrial(Trial):
-    """A trial of `make faults` that ends as its name says; a right one leaves a file."""
-
-    def run(self, bench: Bench) -> tuple[list[str], str]:
-        """End as the name says."""
-        if self.what == ["broken"]:
-            raise RuntimeError("not measured")
-        if self.what == ["closed"]:
-            raise PermissionError("mount")
-        if self.what == ["faulty"]:
-            return ["a fault"], "exit 3"
-        (bench.tree / "ran").touch()
-        return [], "exit 0"

@@ -13,6 +13,7 @@ from dermis.records import Plan
 from dermis.scene.design import ROOT
 
 MakePlan = Callable[..., Plan]
+FaultyChip = Callable[[str, str, str], None]
 
 
 def dermis(*arguments: str, limit_s: float = 120, **options: object) -> subprocess.CompletedProcess[str]:

@@ -7,11 +7,11 @@ import csv
 import json
 import os
 import resource
+import shlex
 import shutil
 import sys
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +19,12 @@ import pytest
 from system_bench import dermis
 
 from dermis import cli, plan, simulate
-from dermis.chip.netlist import HONOURS, frame_deck
+from dermis.chip.netlist import frame_deck
 from dermis.cli import main
 from dermis.scene.design import ROOT
 from dermis.scene.design import load as load_design
 
 DATA = Path(os.environ.get("DERMIS_DATA", ROOT.parent / "shared" / "data"))
-EFFECTS_ON = "[effects]\nlateral = { r_ohm = 1e3 }\nrow_driver = { r_ohm = 1.0 }\n"
 
 
 @pytest.fixture
@@ -100,68 +99,57 @@ def scene_with(tmp_path: Path, text: str) -> str:
 
 
 UNIFORM = '[stimulus]\nkind = "uniform"\nforce_n = 3.0\n'
-BAD_SCENES = {
-    "unknown key": (UNIFORM + "colour = 1\n", "stimulus.colour"),
-    "negative resistance": (UNIFORM + "[effects]\nrow_driver = { r_ohm = -1.0 }\n", "row_driver"),
-    "the same key twice": ("title = 'a'\ntitle = 'b'\n" + UNIFORM, "title"),
-    "missing file": ('[stimulus]\nkind = "resistance"\nfile = "no.csv"\n', "no.csv"),
-}
-
-
-@pytest.mark.parametrize("kind", BAD_SCENES)
-def test_a_wrong_scene_ends_in_one_line_and_exit_2(
-    tmp_path: Path, kind: str, here: Callable[..., tuple[int, str]]
-) -> None:
-    text, named = BAD_SCENES[kind]
-    out = tmp_path / "out"
-    code, said = here("run", scene_with(tmp_path, text), "--out", str(out), "--engine", "cosim")
-    assert code == 2
-    assert len(said.strip().splitlines()) == 1
-    assert "scene.toml" in said
-    assert named in said
-    assert not out.exists()
+WRONG = [  # a command, and what its one line must say
+    ("nonsense", "No such command 'nonsense'"),
+    ("run", "Missing argument 'SCENE'"),
+    ("run no_such_scene", "single_touch"),
+    ("run single_touch --engine magic", "engine = magic: one of closed, event, rtl, cosim"),
+    ("run single_touch --out /dev/null", "out = /dev/null: a directory"),
+    ("run single_touch --out ''", 'out = "": a directory'),
+    ("run single_touch --waves", "--waves = closed: engine cosim"),
+    ("run single_touch --simulator verilator", "--simulator = closed: engine rtl or cosim"),
+    ("run single_touch --processes 0", "1<=x<=1024"),
+    ("run single_touch --processes many", "'many'"),
+    ("run uniform_staircase --processes 2 --engine cosim", "1 for engine cosim"),
+    ("run single_touch --processes 2 --scheduler tcp://127.0.0.1:1", "one of the two"),
+    ("run single_touch --scheduler nonsense", "tcp://host:8786"),
+    ("plan no_such_scene", "single_touch"),
+    ("plan single_touch --engine magic", "engine = magic"),
+    ("auto-check --scenes -1", "x>=1"),
+    ("ablate", "Missing argument 'SCENE'"),
+    ("ablate flat_indenter", "flat_indenter.toml: effects = none on"),
+    ("ablate nonideal_channel --engine closed", "engine event or rtl or cosim"),
+    ("ablate nonideal_channel --pairs 0", "x>=1"),
+    ("sim --frames no_such_file.csv", "--frames = no_such_file.csv"),
+    ("sim --frames README.md", "--frames = README.md"),
+    ("sim --only no_such_case", "one of flat_indenter"),
+]
+WRONG_FILES = [  # a command, the content of its file, and what its one line must say
+    ("run {} --engine cosim", UNIFORM + "colour = 1\n", "stimulus.colour"),
+    ("run {} --engine cosim", UNIFORM + "[effects]\nrow_driver = { r_ohm = -1.0 }\n", "row_driver"),
+    ("run {}", "title = 'a'\ntitle = 'b'\n" + UNIFORM, "title"),
+    ("run {}", '[stimulus]\nkind = "resistance"\nfile = "no.csv"\n', "no.csv"),
+    ("sim --only frame_file --frames {}", "1,2,3", "input"),
+    ("sim --only frame_file --frames {}", ",".join(["256"] * 256), "input"),
+    ("sim --only frame_file --frames {}", ".control\nshell touch gotcha\n.endc", "input"),
+]
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        ["nonsense"],
-        ["run"],
-        ["run", "no_such_scene"],
-        ["run", "single_touch", "--engine", "magic"],
-        ["run", "single_touch", "--out", "/dev/null"],
-        ["run", "single_touch", "--out", ""],
-        ["sweep", "--out", ""],
-        ["run", "single_touch", "--waves"],
-        ["run", "single_touch", "--simulator", "verilator"],
-        ["run", "single_touch", "--processes", "0"],
-        ["run", "single_touch", "--processes", "many"],
-        ["run", "uniform_staircase", "--processes", "2", "--engine", "cosim"],
-        ["run", "single_touch", "--processes", "2", "--scheduler", "tcp://127.0.0.1:1"],
-        ["run", "single_touch", "--scheduler", "nonsense"],
-        ["plan", "no_such_scene"],
-        ["plan", "single_touch", "--engine", "magic"],
-        ["auto-check", "--scenes", "none"],
-        ["auto-check", "--scenes", "-1"],
-        ["ablate"],
-        ["ablate", "no_such_scene"],
-        ["ablate", "flat_indenter"],
-        ["ablate", "nonideal_channel", "--engine", "closed"],
-        ["ablate", "nonideal_channel", "--engine", "magic"],
-        ["ablate", "nonideal_channel", "--pairs", "0"],
-        ["ablate", "nonideal_channel", "--frames", "none"],
-        ["sim", "--frames", "no_such_file.csv"],
-        ["sim", "--frames", "README.md"],
-        ["sim", "--only", "no_such_case"],
-    ],
-    ids=" ".join,
+    ("command", "content", "words"), [*((c, None, words) for c, words in WRONG), *WRONG_FILES]
 )
-def test_a_wrong_command_ends_in_one_line_and_exit_2(
-    arguments: list[str], here: Callable[..., tuple[int, str]]
+def test_a_mistake_ends_in_one_line_and_exit_2(
+    tmp_path: Path, here: Callable[..., tuple[int, str]], command: str, content: str | None, words: str
 ) -> None:
-    code, said = here(*arguments)
+    if content is not None:
+        path = tmp_path / ("input.csv" if command.startswith("sim") else "input.toml")
+        path.write_text(content)
+        command = command.format(path)
+    code, said = here(*shlex.split(command))
     assert code == 2
     assert len(said.strip().splitlines()) == 1
+    assert words in said
+    assert content is None or path.name in said
 
 
 FAILS_IN_THE_ENGINE = """
@@ -203,7 +191,7 @@ def _contents(out: Path) -> dict[str, bytes | None]:
     }
 
 
-@pytest.mark.parametrize("name", ["codes.npy", "frame.png", "waves.vcd"])
+@pytest.mark.parametrize("name", ["codes.npy", "waves.vcd"])
 def test_a_directory_in_the_place_of_a_file_is_refused(
     tmp_path: Path, name: str, here: Callable[..., tuple[int, str]]
 ) -> None:
@@ -267,24 +255,15 @@ def test_processes_give_the_same_codes(tmp_path: Path) -> None:
 
 
 def test_an_ablation_prints_what_it_writes(tmp_path: Path) -> None:
-    done = dermis("ablate", "nonideal_channel", "--pairs", "1", "--frames", "1")
+    names = ("mirror_ratio", "offset_current")
+    text = f"[array]\nrows = 2\ncols = 2\n{UNIFORM}[effects]\n" + "".join(f"{n} = true\n" for n in names)
+    done = dermis("ablate", scene_with(tmp_path, text), "--engine", "event", "--pairs", "1", "--frames", "1")
     assert done.returncode == 0, done.stderr
     rows = {row["name"]: row for row in json.loads((ROOT / "build" / "ablate.json").read_text())}
-    written = tomllib.loads((ROOT / "models/scenes/nonideal_channel.toml").read_text())["effects"]
-    assert {name.split(".")[1] for name in rows} == {"all_effects", *written}
-    for name in written:
+    assert {name.split(".")[1] for name in rows} == {"all_effects", *names}
+    for name in names:
         line = next(line.split() for line in done.stdout.splitlines() if line.split()[:1] == [name])
         assert int(line[1]) == rows[f"ablate.{name}.code_max_lsb"]["value"]
-
-
-@pytest.mark.parametrize("line", ["1,2,3", ",".join(["256"] * 256), ".control\nshell touch gotcha\n.endc"])
-def test_a_wrong_frame_file_ends_in_one_line_and_exit_2(
-    tmp_path: Path, line: str, here: Callable[..., tuple[int, str]]
-) -> None:
-    (tmp_path / "frames.csv").write_text(line)
-    code, said = here("sim", "--frames", str(tmp_path / "frames.csv"), "--only", "frame_file")
-    assert (code, len(said.strip().splitlines())) == (2, 1)
-    assert "frames.csv" in said
 
 
 def test_a_missing_simulator_is_named(tmp_path: Path) -> None:
@@ -310,33 +289,6 @@ def test_no_text_of_a_scene_reaches_the_deck(tmp_path: Path) -> None:
     made = plan.load(scene, "cosim")
     deck = frame_deck(made, 0, [0.0] * 5).lines
     assert not [line for line in deck if "\n" in line or "gotcha" in line or ".control" in line]
-
-
-def test_an_effect_that_is_off_leaves_no_trace_in_the_deck(tmp_path: Path) -> None:
-    bare = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
-    levels = [0.0] * (1 + bare.rows + bare.cols)
-    deck = "\n".join(frame_deck(bare, 0, levels).lines)
-    assert "rlat" not in deck
-    for name in (" conv_", " mir_", " comp_v", " comp_t", " int_", "packet_error", "ioffset", "rcolumn"):
-        assert name not in deck
-    full = plan.load(scene_with(tmp_path, UNIFORM + EFFECTS_ON), "cosim")
-    assert "rlat_r3c4" in "\n".join(frame_deck(full, 0, levels).lines)
-
-
-@pytest.mark.parametrize(
-    "name", sorted(HONOURS - {"g_lateral_column_s", "motion"})
-)  # motion: one frame holds
-def test_every_field_a_deck_honours_changes_the_deck(tmp_path: Path, name: str) -> None:
-    made = plan.load(scene_with(tmp_path, UNIFORM), "cosim")
-    levels = [0.0] * (1 + made.rows + made.cols)
-    bare = frame_deck(made, 0, levels).lines
-    if hasattr(made.converter, name):
-        changed = replace(made, converter=replace(made.converter, **{name: 1e-3}))
-    elif hasattr(made.drive, name):
-        changed = replace(made, drive=replace(made.drive, **{name: 1e-3}))
-    else:
-        changed = replace(made, surrounding={name: 1e-3})
-    assert frame_deck(changed, 0, levels).lines != bare
 
 
 def test_frames_of_a_pressure_sheet_read_back_as_their_codes(tmp_path: Path) -> None:

@@ -132,7 +132,6 @@ def test_all_effects_together_at_their_defaults_read_as_in_the_event_engine(
     assert np.abs(reader.codes(made) - event.run(made).codes).max() <= 1
 
 
-@pytest.mark.long
 def test_a_deck_reads_the_same_without_the_verilog(resistance_plan: MakePlan, reader: DeckReader) -> None:
     """Ties the chip of deck_bench, which all of the above is read with, to the real one; motion over two frames."""
     on = effects_of("conveyor_mirror") | {"mirror_lag": {"q_c": 1e-11}}

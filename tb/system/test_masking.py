@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from deck_bench import DeckReader
-from system_bench import MakePlan
+from system_bench import FaultyChip, MakePlan
 
-from dermis.chip import hdl
 from dermis.effects import EFFECTS
 from dermis.engines import closed, cosim, event, masking
 from dermis.errors import SimulatorError
 from dermis.records import Plan
-from scripts import lint
 
 NO_NOISE = "".join(f"{e.name} = false\n" for e in EFFECTS.values() if e.random)
 """Engine cosim takes no random effect."""
@@ -63,15 +61,9 @@ def test_no_open_cell_starts_no_simulator(resistance_plan: MakePlan, monkeypatch
 )
 @pytest.mark.paper
 def test_a_chip_that_scans_other_rows_is_found(
-    resistance_plan: MakePlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mask: str, said: str
+    resistance_plan: MakePlan, tmp_path: Path, faulty_chip: FaultyChip, mask: str, said: str
 ) -> None:
-    sources = lint.rtl_sources()
-    at = next(i for i, source in enumerate(sources) if source.name == "dermis_row_scanner.v")
-    text, right = sources[at].read_text(), "list       = {row_mask_i,"
-    assert text.count(right) == 1, "the fault no longer fits the chip"
-    sources[at] = tmp_path / "dermis_row_scanner.v"
-    sources[at].write_text(text.replace(right, right.replace("row_mask_i", mask)))
-    monkeypatch.setattr(hdl, "rtl_sources", lambda: sources)
+    faulty_chip("dermis_row_scanner.v", "list       = {row_mask_i,", f"list       = {{{mask},")
     with pytest.raises(SimulatorError, match=said):
         cosim.run(filtered(resistance_plan(OHM[:1])), analog="exact", work=tmp_path / "work")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -303,84 +302,3 @@ def test_columns_apart_are_as_columns_together(
         netlist, "_far_column", lambda plan, network, column: [f"rfar{column} col{column} 0 1e12"]
     )
     assert error_lsb(charge(apart(made, parts), made, CLOCKS, workers), whole) > SPLIT_LSB
-
-
-ROW_CLOCKS = 70
-
-
-def in_the_second_row(decks: dict[tuple[int, ...], Deck], made: Plan, workers: Workers) -> float:
-    """Voltage of the integrator five clocks after the preset of the second row, without a packet."""
-    t_clk = 1.0 / made.timing.f_clk_hz
-    options = {"t_max_step_s": 1e-6, "t_stop_s": ROW_CLOCKS * t_clk, "record": True}
-    level = ladder.Level(start=1)
-    half = SplitHalf(decks, made.rows, workers, t_edge_s=1e-9, level=level, **options)
-    todo = {10: [(2, 1.0), (0, 0.0)], 12: [(1, 1.0)], 65: [(2, 0.0)]}
-    for clock in range(ROW_CLOCKS):
-        half.advance((clock + 1) * t_clk, [(clock * t_clk, *edge) for edge in todo.get(clock, [])])
-    _, waves = half.waveform()
-    half.close()
-    workers.close()
-    return float(waves["xch0.xvfc.v_int"][-1])
-
-
-@pytest.mark.long
-def test_rows_reach_a_column_whose_drivers_are_apart(
-    tmp_path: Path, workers: Workers, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = make([[8e3], [2e3]], "sky130", tmp_path)
-    whole = in_the_second_row(together(made), made, workers)
-    # Of 0.625 V. Steps of a clock make either uncertain by 2 mV, which does not grow with the gate: 0.002 LSB.
-    limit_v = 0.004
-    parts = netlist.parts(made)
-    assert parts == ((), (0,))
-    assert abs(in_the_second_row(apart(made, parts), made, workers) - whole) <= limit_v
-    monkeypatch.setattr("dermis.chip.split.STILL_V", 1.0)
-    assert abs(in_the_second_row(apart(made, parts), made, workers) - whole) > 0.1
-
-
-AWAY = {"default": "sky130", "temperature_c": -40.0, "supply_scale": 0.9}
-
-
-def moved_lsb(views: object, options: str, growth: float, folder: Path, workers: Workers) -> float:
-    """Return by how much other options and another growth of steps move a code, in LSB."""
-    made = make([[1e3]], views, folder)
-    decks = together(made)
-    # Of an option given twice ngspice takes the last.
-    other = {
-        part: replace(deck, lines=(*deck.lines, f".options {options}"), step_growth=growth)
-        for part, deck in decks.items()
-    }
-    plain = charge(decks, made, CLOCKS, workers)
-    workers.close()
-    moved = error_lsb(charge(other, made, CLOCKS, workers), plain)
-    print(f"{options}, growth {growth:g}: {moved:.3f} LSB")
-    return moved
-
-
-GROWTH = netlist.STEP_GROWTH_TRANSISTORS
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("views", ["sky130", AWAY], ids=["typical", "away"])
-@pytest.mark.parametrize(
-    ("options", "growth"),
-    [
-        # Truncation is of third order in the step: an eighth of what is allowed for it, 7, halves every step.
-        pytest.param("trtol=0.875", GROWTH, id="half_the_step"),
-        pytest.param("method=gear maxord=2", GROWTH, id="gear"),
-        # a tenth and a hundredth of the deck's
-        pytest.param("reltol=1e-4 abstol=1e-11 vntol=1e-7", GROWTH, id="tolerances"),
-        # ngspice's own: nothing but the growth differs.
-        pytest.param("trtol=7", GROWTH / 2.5, id="growth"),
-    ],
-)
-def test_the_steps_do_not_make_the_code(
-    views: object, options: str, growth: float, tmp_path: Path, workers: Workers
-) -> None:
-    assert 0.0 < moved_lsb(views, options, growth, tmp_path, workers) <= 0.1
-
-
-@pytest.mark.long
-def test_steps_without_a_limit_behind_an_edge_make_the_code(tmp_path: Path, workers: Workers) -> None:
-    # A third of the truncation error that ngspice allows does not help.
-    assert moved_lsb(AWAY, "trtol=2", 0.0, tmp_path, workers) > 0.1

@@ -50,36 +50,6 @@ async def frames(dut: Any) -> None:
 
 
 @cocotb.test(timeout_time=1, timeout_unit="sec")
-async def enable_dropped(dut: Any) -> None:
-    """Drop enable before each edge of a frame in turn, for one or more clocks, and report what was delivered."""
-    s = scenario()
-    outcomes = []
-    for on_clocks in range(1, s["longest"] + 1):
-        for off_clocks in s["off_clocks"]:
-            bench = ReaderBench(dut, s["x"], settings=s["settings"])
-            await bench.reset()
-            dut.enable_i.value = 1
-            await bench.run(on_clocks)
-            dut.enable_i.value = 0
-            await bench.run(1)
-            row_select, preset = bench.row_select, bench.preset
-            await bench.run(off_clocks - 1)
-            dut.enable_i.value = 1
-            again = bench.edge + 1
-            await bench.run(s["then_clocks"])
-            outcomes.append(
-                {
-                    "on_clocks": on_clocks,
-                    "again": again,
-                    "row_select": row_select,
-                    "preset": preset,
-                    "slots": bench.slots,
-                }
-            )
-    report(outcomes)
-
-
-@cocotb.test(timeout_time=1, timeout_unit="sec")
 async def power_up(dut: Any) -> None:
     """Reset alone, with the clock standing, must leave no row driven, preset on and every charge switch off."""
     s = scenario()

@@ -201,24 +201,6 @@ def test_every_sample_of_the_gate_counts_and_no_other(simulator: str, sync_latch
     assert counts(result) == [[1, 1, 0, 1, 1]] * 3
 
 
-@SYNCHRONIZERS
-def test_a_dark_slot_counts_what_flows_without_a_row(simulator: str, sync_latch: int) -> None:
-    """A preset above zero acts as an offset: one count in every slot, with or without a row."""
-    p = SMALL | {"gate": 30, "settle": 10, "SYNC_LATCH": sync_latch}
-    x: list[list[Duty]] = [
-        [(10, 62), (0, 1), (0, 1), (0, 1), (0, 1)],
-        [(0, 1), (15, 31), (0, 1), (1, 3), (0, 1)],
-    ] * 2
-    settings = {"dark_i": 1, "row_mask_i": 0b11}
-    w_preset = [(-1, 2), (1, 4), (-1, 2), (-1, 2), (0, 1)]
-    result = read(simulator, x[:3], p, slots=4, settings=settings, w_preset=w_preset)
-    assert [(s["slot"], s["dark"]) for s in result["slots"]] == [(DARK, 1), (0, 1), (1, 1), (DARK, 1)]
-    # (0, 1) with w >= 0 at t0 pulses once at the first sample.
-    dark = [0, 1, 0, 0, 1]
-    rows = [[count(d, 30, 9, w) for d, w in zip(x[r], w_preset, strict=True)] for r in (0, 1)]
-    assert counts(result) == [dark, *rows, dark]
-
-
 @pytest.mark.long
 @SYNCHRONIZERS
 @pytest.mark.parametrize("rate", [0, 0x4000, 0x5555, 0x8000, 0xFFFF])
@@ -258,42 +240,6 @@ def test_settings_change_with_the_next_frame_and_not_within_one(simulator: str) 
     assert counts(result)[3:6] == [[0] * 5, *([count(d, 50, 9) for d in x[r]] for r in (0, 2))]
     edges = [s["edge"] for s in slots]
     assert [b - a for a, b in pairwise(edges)] == [60, 60, *[59] * 6]
-
-
-@pytest.mark.long
-@pytest.mark.paper
-@SYNCHRONIZERS
-def test_dropped_enable_ends_the_slot_at_once_and_starts_again_at_row_0(
-    simulator: str, sync_latch: int
-) -> None:
-    p = SMALL | {"SYNC_LATCH": sync_latch}
-    gate, settle = 22, 4  # from COLS + 1 + 16 on, nothing waits for the taker
-    slot = gate + settle
-    x: list[list[Duty]] = [[(1, 2), (1, 6), SHORT, (0, 1), (1, 22)], [(1, 3)] * 5, [SHORT, *[(2, 6)] * 4]]
-    wanted = expected(x, DEFAULT | p | {"gate": gate})
-    played = {
-        "x": x,
-        "longest": 3 * slot + 2,
-        "off_clocks": [1, 5],
-        "then_clocks": 4 * slot + 8,
-        "settings": {"gate_i": gate, "settle_i": settle},
-    }
-    outcomes = simulate(simulator, "bench_reader", "dermis_reader", "enable_dropped", p, played)
-    assert len(outcomes) == 2 * (3 * slot + 2)
-    delay = 2 if sync_latch else 3
-    for o in outcomes:
-        when = f"after {o['on_clocks']} clocks"
-        assert (o["row_select"], o["preset"]) == (0, 1), when
-        # A slot is whole when its last sample was taken, even by the very edge that saw enable low.
-        whole = o["on_clocks"] // slot
-        rows = [s % 3 for s in range(whole)] + [0, 1, 2, 0]
-        assert [s["slot"] for s in o["slots"]] == rows, when
-        assert [s["counts"] for s in o["slots"]] == [wanted[r] for r in rows], when
-        assert [s["edge"] - o["again"] for s in o["slots"][whole:]] == [
-            n * slot + delay for n in (1, 2, 3, 4)
-        ], when
-        firsts = [r == 0 for r in rows[:whole]] + [True, False, False, True]
-        assert [bool(s["first"]) for s in o["slots"]] == firsts, when
 
 
 @SYNCHRONIZERS

@@ -57,10 +57,6 @@ def test_a_short_reads_full_scale_with_its_overflow_bit(simulator: str) -> None:
     assert got["overflow"][0] == [True, True, False, False, False]
 
 
-def test_every_register_reads_what_was_written_and_no_other_address_answers(simulator: str) -> None:
-    run(simulator, "registers")
-
-
 def test_configuration_changes_frames_and_their_rate(simulator: str) -> None:
     run(simulator, "configuration")
 
@@ -117,16 +113,6 @@ def test_any_ratio_of_sck_to_clk(simulator: str) -> None:
             assert max(row["write"][1], row["read"][1], row["frame"][1]) <= 1, row
 
 
-@pytest.mark.long
-def test_a_slow_reader_sees_whole_frames_and_is_told_what_it_missed(simulator: str) -> None:
-    # A frame of 4 slots is 38 bytes: at 8 clocks a bit a read lasts 2700 clocks, ten frames.
-    run(simulator, "slow_reader", slowness=8, reads=4)
-
-
-def test_cut_transactions_write_nothing(simulator: str) -> None:
-    run(simulator, "cuts", seed=1, cuts=40)
-
-
 def test_random_traffic_hangs_nothing_and_corrupts_nothing(simulator: str) -> None:
     transactions = 5000 if simulator == "verilator" else 150
     trap = SYNC_RANDOM if simulator == "icarus" else None
@@ -141,20 +127,6 @@ FAULTS: dict[str, tuple[str, str, str, str, dict[str, Any]]] = {
         "assign crc_good     = 1'b1;",
         "traffic",
         {"seed": 1, "transactions": 60, "slowest": 0.0, "weights": WEIGHTS},
-    ),
-    "the rest of a command behind a reset": (
-        "dermis_spi",
-        "if (!begun_q) ",
-        "if (1'b0) ",
-        "cuts",
-        {"seed": 1, "cuts": 10},
-    ),
-    "a bank that is swapped under its reader": (
-        "dermis_frame_buffer",
-        "assign free  = ~held_q | grant | deselected;",
-        "assign free  = 1'b1;",
-        "slow_reader",
-        {"slowness": 8, "reads": 2},
     ),
     "a gate one clock too long": (
         "dermis_register_port",
