@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import functools
-import http.server
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -62,33 +59,11 @@ def site() -> Path:
     return BUILD / "site"
 
 
-@pytest.fixture
-def served(site: Path) -> Iterator[str]:
-    """The address of the site on a server of this machine."""
-    handler = functools.partial(QuietHandler, directory=str(site))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}"
-        finally:
-            server.shutdown()
-            thread.join()
-
-
-class QuietHandler(http.server.SimpleHTTPRequestHandler):
-    """Files of a folder, without a line for each request."""
-
-    def log_message(self, format: str, *args: Any) -> None:
-        pass
-
-
-def run_the_chip(driver: Any, address: str) -> None:
-    """Open the first page and wait for a good frame of the chip in it."""
+def test_the_first_page_of_the_site_runs_the_chip(driver: Any, site: Path) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
 
     browser.screen(driver, 1440, 1000, False)
-    driver.get(address)
+    driver.get((site / "index.html").as_uri())
     driver.switch_to.frame(driver.find_element("tag name", "iframe"))
     WebDriverWait(driver, browser.LIMIT_S).until(
         lambda d: d.execute_script("return !!(window.demo && demo.firstCode)")
@@ -96,16 +71,7 @@ def run_the_chip(driver: Any, address: str) -> None:
     assert driver.execute_script("return demo.state().latest.good")
     driver.switch_to.default_content()
     assert errors(driver) == []
-
-
-def test_the_first_page_of_the_site_runs_the_chip_from_the_disk(driver: Any, site: Path) -> None:
-    run_the_chip(driver, (site / "index.html").as_uri())
     assert browser.complaints(driver, SITE_PX) == []
-
-
-def test_the_first_page_of_the_site_runs_the_chip_from_a_server(driver: Any, served: str) -> None:
-    run_the_chip(driver, f"{served}/index.html")
-    assert driver.find_elements("css selector", "[data-md-component=search]")
 
 
 def test_no_page_of_the_site_has_an_error_on_the_console(driver: Any, site: Path) -> None:

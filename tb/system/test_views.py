@@ -71,17 +71,16 @@ def test_a_block_comes_from_the_folder_of_its_view(block: str, tmp_path: Path) -
     assert got["vfc"] == "behavioural"
 
 
-def test_all_blocks_are_transistors_or_none(tmp_path: Path) -> None:
+MODELS = {"blocks": "behavioural"}
+
+
+def test_views_of_all_blocks_and_of_some_columns(tmp_path: Path) -> None:
     assert set(folders(make([[500.0]], "sky130", tmp_path)).values()) == {"sky130"}
-    assert folders(make([[500.0]], "behavioural", tmp_path)) == {"blocks": "behavioural"}
-    assert folders(make([[500.0]], {"default": "behavioural"}, tmp_path)) == {"blocks": "behavioural"}
-
-
-def test_a_list_of_columns_leaves_the_others_to_models(tmp_path: Path) -> None:
+    assert folders(make([[500.0]], "behavioural", tmp_path)) == MODELS
     made = make([[500.0] * 4], {"columns": [2]}, tmp_path)
     assert netlist.parts(made) == ((), (2,), (0, 1, 3))
     assert folders(made, (2,))["integrator"] == "sky130"
-    assert folders(made, (0, 1, 3)) == {"blocks": "behavioural"}
+    assert folders(made, (0, 1, 3)) == MODELS
     got = folders(made, ())
     assert (got["row_driver"], got["integrator"], got["conveyor"]) == ("sky130", "behavioural", "behavioural")
 

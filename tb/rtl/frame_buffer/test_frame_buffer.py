@@ -25,10 +25,6 @@ def test_a_read_sees_one_whole_frame_whatever_the_clocks(simulator: str) -> None
     assert got["lost"] > 0
 
 
-def test_ready_waiting_and_lost(simulator: str) -> None:
-    simulate(simulator, "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE)
-
-
 # CS always seen a clock late: the worst that a metastable flop may do to the order of CS and claim.
 LATE = """
 module late_sync (input wire clk_i, input wire rst_ni, input wire d_i, output wire q_o);
@@ -47,9 +43,6 @@ FAULTS = {
         ("if (grant)           held_q <= 1'b1;", "if (deselected)     held_q <= 1'b0;"),
         ("else if (deselected) held_q <= 1'b0;", "else if (grant) held_q <= 1'b1;"),
     ],
-    "a frame that waits is lost when the reader lets go": [
-        ("waiting_q <= ~free & (end_i | (waiting_q & ~begin_i));", "waiting_q <= ~free & end_i;")
-    ],
 }
 
 
@@ -59,13 +52,8 @@ def test_a_cs_that_is_seen_late_lets_go_of_nothing(tmp_path: Path) -> None:
     assert whole_frames("icarus", trap)["different"] > 20
 
 
-def both(trap: Path) -> None:
-    simulate("icarus", "bench_frame_buffer", "dermis_frame_buffer", "bookkeeping", SIZE, trap=trap)
-    whole_frames("icarus", trap)
-
-
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_checks_see(fault: str, tmp_path: Path) -> None:
     trap = changed(tmp_path, "dermis_frame_buffer", *FAULTS[fault], more=LATE)
     with pytest.raises(AssertionError, match=r"0 ran|1 failed"):
-        both(trap)
+        whole_frames("icarus", trap)

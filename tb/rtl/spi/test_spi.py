@@ -17,10 +17,6 @@ def test_mode_3_works_as_well() -> None:
     simulate("icarus", "bench_spi", "dermis_spi", "commands", {}, {"seed": 2, "rounds": 4, "mode": 3})
 
 
-def test_a_request_that_never_comes_back_blocks_nothing(simulator: str) -> None:
-    simulate(simulator, "bench_spi", "dermis_spi", "busy")
-
-
 def test_no_part_of_a_command_is_one(simulator: str) -> None:
     simulate(simulator, "bench_spi", "dermis_spi", "bits_and_resets")
 
@@ -30,12 +26,6 @@ FAULTS = {
         "commands",
         "assign crc_good     = (byte_in == crc_q);",
         "assign crc_good     = 1'b1;",
-    ),
-    "the payload of a busy command": ("busy", "if (state_q == OPCODE) busy_q <= ~request_idle;", ""),
-    "another's grant is taken": (
-        "busy",
-        "state_d = hold_idle ? FRAME_CLAIMED : FRAME_CLAIM;",
-        "state_d = FRAME_CLAIMED;",
     ),
     "the rest of a command behind a reset": ("bits_and_resets", "if (!begun_q) ", "if (1'b0) "),
     "CIPO with the rising edge": ("commands", "always @(negedge sck_i", "always @(posedge sck_i"),

