@@ -134,6 +134,14 @@ def test_mirror_divides_by_each_k_of_its_pins(
     assert got["g_out_s"] == pytest.approx(1 / p.r_out_ohm, rel=1e-6, abs=0)
 
 
+def test_mirror_of_a_channel_has_the_lag_that_a_deck_asks_for(measure: Measure, design: Design) -> None:
+    got = measure("mirror__tran", dut={"q_lag_c": 1e-13})
+    settled_a = 1e-3 * (1 + design.mirror.ratio_error) / design.interface.k
+    # 2 ns after a step from nothing it still gives nothing.
+    assert got["i_end_fixed"] == pytest.approx(settled_a, rel=1e-3, abs=0)
+    assert abs(got["i_fixed"]) < 1e-3 * settled_a
+
+
 def logistic(settled: float, start: float, charge: float, t_s: float) -> float:
     """Current of a slow mirror t_s after its settled value became `settled`."""
     if settled == 0:
