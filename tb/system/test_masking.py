@@ -98,7 +98,7 @@ SCENES = {
     "mirror": ("conveyor_mirror", "", (5, 3), 99, 2),
     "inverted": ("conveyor_mirror_inverted", "", (5, 3), 99, 2),
     "multi_output": ("multi_output_conveyor", "", (5, 3), 99, 2),
-    "time": ("conveyor_mirror", RIPPLE, (2, 4, 2), 20, 3),
+    "time": ("conveyor_mirror", RIPPLE, (2, 4, 2), 4, 3),
     "lag": ("conveyor_mirror", "mirror_lag = { q_c = 4e-12 }\n", (5, 2), 59, 3),
 }
 

@@ -135,10 +135,10 @@ def test_an_effect_alone_equals_the_event_engine(resistance_plan: MakePlan, name
 @pytest.mark.parametrize(
     ("topology", "simulator"),
     [
-        ("conveyor_mirror", "verilator"),
-        pytest.param("conveyor_mirror", "icarus", marks=pytest.mark.long),
+        ("conveyor_mirror", "icarus"),
+        pytest.param("conveyor_mirror", "verilator", marks=pytest.mark.long),
         pytest.param("direct", "verilator", marks=pytest.mark.long),
-        ("direct", "icarus"),
+        pytest.param("direct", "icarus", marks=pytest.mark.long),
     ],
 )
 @pytest.mark.paper
