@@ -41,7 +41,7 @@ def test_every_module_but_the_top_is_a_block_with_tests_and_proofs_that_exist() 
     found = {path.stem for path in (ROOT / "rtl").glob("dermis_*.v")}
     assert set(mutate.BLOCKS) == found - {"dermis_top"}
     for block in mutate.BLOCKS.values():
-        assert block.tests
+        assert block.tests or block.proofs
         assert all((ROOT / "tb" / "rtl" / test).is_dir() for test in block.tests)
         assert set(block.proofs) <= set(mutate.formal.proofs())
 
